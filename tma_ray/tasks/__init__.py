@@ -1,0 +1,33 @@
+"""The language all parts share: task spaces, test sets, expert knowledge, episodes."""
+
+from tma_ray.tasks.episode import (
+    MASTERY_RETURN,
+    Episode,
+    Query,
+    QueryKind,
+    ScoredBox,
+    TeacherUpdate,
+    WeightedGaussian,
+)
+from tma_ray.tasks.knowledge import ExpertKnowledge, Gaussian, KnowledgeLevel, expert_knowledge
+from tma_ray.tasks.space import Dimension, Task, TaskSpace, check_task
+from tma_ray.tasks.test_set import TestSet
+
+__all__ = [
+    "MASTERY_RETURN",
+    "Dimension",
+    "Episode",
+    "ExpertKnowledge",
+    "Gaussian",
+    "KnowledgeLevel",
+    "Query",
+    "QueryKind",
+    "ScoredBox",
+    "Task",
+    "TaskSpace",
+    "TeacherUpdate",
+    "TestSet",
+    "WeightedGaussian",
+    "check_task",
+    "expert_knowledge",
+]

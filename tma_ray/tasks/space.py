@@ -1,0 +1,161 @@
+"""The box of tasks a teacher chooses from."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import TypeAlias
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+Task: TypeAlias = NDArray[np.float32]
+"""One task (d,) or several (n, d), float32 as every environment receives them."""
+
+
+@dataclass(frozen=True)
+class Dimension:
+    """One parameter of the procedural generation.
+
+    Attributes:
+        name: the parameter, as it is called in test sets and tables.
+        low: smallest value, in `unit`.
+        high: largest value, in `unit`; equal to `low` for a constant dimension.
+        unit: unit of the values ("m", "terrain steps"), empty for a pure number.
+    """
+
+    name: str
+    low: float
+    high: float
+    unit: str = ""
+
+    def __post_init__(self) -> None:
+        if not (np.isfinite(self.low) and np.isfinite(self.high)):
+            raise ValueError(f"dimension {self.name!r}: bounds {self.low}, {self.high} must be finite")
+        if self.low > self.high:
+            raise ValueError(f"dimension {self.name!r}: low {self.low} is over high {self.high}; swap them")
+
+
+@dataclass(frozen=True)
+class TaskSpace:
+    """A box of tasks with named, bounded dimensions, some of which may have no width.
+
+    Examples:
+        >>> space = TaskSpace((Dimension("height", 0, 3), Dimension("spacing", 0, 6, "m")))
+        >>> space.contains([1.5, 7.0])
+        False
+        >>> space.clip([1.5, 7.0]).tolist()
+        [1.5, 6.0]
+        >>> space.normalise([1.5, 3.0]).tolist()
+        [0.5, 0.5]
+    """
+
+    dimensions: tuple[Dimension, ...]
+
+    def __post_init__(self) -> None:
+        if not self.dimensions:
+            raise ValueError("a task space needs at least one dimension")
+        if len(set(self.names)) != len(self.names):
+            raise ValueError(f"dimension names must differ, got {list(self.names)}")
+
+    @classmethod
+    def from_bounds(
+        cls, bounds: dict[str, tuple[float, float]], units: dict[str, str] | None = None
+    ) -> TaskSpace:
+        """Returns the box with `bounds` (name to low and high) and optional `units` by name."""
+        units = units or {}
+        return cls(tuple(Dimension(n, low, high, units.get(n, "")) for n, (low, high) in bounds.items()))
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the dimensions, in task order."""
+        return tuple(dimension.name for dimension in self.dimensions)
+
+    @property
+    def size(self) -> int:
+        """Number of dimensions d, constant ones included."""
+        return len(self.dimensions)
+
+    @cached_property
+    def low(self) -> Task:
+        """Lower bounds (d,)."""
+        return np.array([dimension.low for dimension in self.dimensions], dtype=np.float32)
+
+    @cached_property
+    def high(self) -> Task:
+        """Upper bounds (d,)."""
+        return np.array([dimension.high for dimension in self.dimensions], dtype=np.float32)
+
+    @cached_property
+    def width(self) -> NDArray[np.float64]:
+        """Ranges (d,), 0 for constant dimensions."""
+        return self.high.astype(np.float64) - self.low.astype(np.float64)
+
+    @property
+    def centre(self) -> NDArray[np.float64]:
+        """Middle of the box (d,)."""
+        return self.low + self.width / 2
+
+    def sample(self, rng: np.random.Generator, count: int | None = None) -> Task:
+        """Returns one uniform task (d,), or `count` of them (count, d)."""
+        shape = self.size if count is None else (count, self.size)
+        return self.clip(self.low + rng.random(shape) * self.width)
+
+    def clip(self, tasks: ArrayLike) -> Task:
+        """Returns `tasks` (..., d) moved to the nearest point of the box, as float32."""
+        return np.clip(self._checked(tasks).astype(np.float32), self.low, self.high)
+
+    def contains(self, tasks: ArrayLike) -> bool:
+        """Tells whether every one of `tasks` (..., d) lies in the closed box; NaN never does."""
+        values = self._checked(tasks).astype(np.float32)
+        return bool(np.all((values >= self.low) & (values <= self.high)))
+
+    def normalise(self, tasks: ArrayLike) -> NDArray[np.float64]:
+        """Returns `tasks` (..., d) mapped from the box to [0, 1]; 0.5 in constant dimensions."""
+        offset = self._checked(tasks) - self.low.astype(np.float64)
+        free = self.width > 0
+        return np.where(free, offset / np.where(free, self.width, 1.0), 0.5)
+
+    def denormalise(self, points: ArrayLike) -> Task:
+        """Returns `points` (..., d) of the unit box mapped to tasks, clipped to the box."""
+        return self.clip(self.low + self._checked(points) * self.width)
+
+    def with_bounds(self, name: str, low: float, high: float) -> TaskSpace:
+        """Returns the same space with other bounds for the dimension called `name`."""
+        if name not in self.names:
+            raise ValueError(f"no dimension {name!r}; the space has {', '.join(self.names)}")
+        return TaskSpace(
+            tuple(Dimension(d.name, low, high, d.unit) if d.name == name else d for d in self.dimensions)
+        )
+
+    def _checked(self, tasks: ArrayLike) -> NDArray[np.float64]:
+        values = np.asarray(tasks, dtype=np.float64)
+        if values.ndim == 0 or values.shape[-1] != self.size:
+            raise ValueError(
+                f"tasks of shape {values.shape} do not fit a space of {self.size} dimensions "
+                f"({', '.join(self.names)}); expected (..., {self.size})"
+            )
+        return values
+
+
+def check_task(task: ArrayLike, domain: TaskSpace) -> Task:
+    """Returns `task` as float32 (d,) if an environment with this valid domain can build it.
+
+    Raises:
+        ValueError: wrong shape, not finite, or outside `domain`; the message names the dimension.
+    """
+    values = np.asarray(task, dtype=np.float32)
+    if values.shape != (domain.size,):
+        raise ValueError(f"a task has shape ({domain.size},) ({', '.join(domain.names)}), got {values.shape}")
+    for value, dimension in zip(values, domain.dimensions, strict=True):
+        if not np.float32(dimension.low) <= value <= np.float32(dimension.high):
+            raise ValueError(
+                f"task {_rounded(values)}: {dimension.name} = {value:g} is outside its valid domain "
+                f"[{dimension.low:g}, {dimension.high:g}]"
+            )
+    return values
+
+
+def _rounded(values: Sequence[float] | Task) -> list[float]:
+    return [round(float(value), 4) for value in values]
