@@ -48,7 +48,7 @@ class TestSet:
 
     @classmethod
     def grid(cls, name: str, space: TaskSpace, points: int) -> TestSet:
-        """Returns the grid with `points` values per dimension, both bounds included, first dimension slowest."""
+        """Returns the grid of `points` values per dimension, bounds included, first dimension slowest."""
         axes = [np.linspace(d.low, d.high, points) for d in space.dimensions]
         return cls(name, space.names, np.array(list(itertools.product(*axes)), dtype=np.float32))
 
