@@ -1,1 +1,19 @@
-"""Under construction."""
+"""Automatic curriculum learning algorithms. They know tasks only."""
+
+from tma_ray.teachers.base import Teacher
+from tma_ray.teachers.catalogue import (
+    TEACHERS,
+    effective_level,
+    hyperparameters_of,
+    make_teacher,
+    register_teacher,
+)
+
+__all__ = [
+    "TEACHERS",
+    "Teacher",
+    "effective_level",
+    "hyperparameters_of",
+    "make_teacher",
+    "register_teacher",
+]

@@ -1,0 +1,93 @@
+"""The protocol of a teacher: it proposes tasks, hears of episodes, and may ask questions."""
+
+from __future__ import annotations
+
+import copy
+from abc import ABC, abstractmethod
+from dataclasses import dataclass, field
+from typing import Any, ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tma_ray.tasks import Episode, ExpertKnowledge, KnowledgeLevel, Query, Task, TaskSpace, TeacherUpdate
+
+
+@dataclass
+class Teacher(ABC):
+    """An automatic curriculum learning algorithm.
+
+    Subclasses are dataclasses whose fields are hyper-parameters. What they learn goes into attributes
+    whose names end in an underscore: these, and the generator, are the teacher's complete state.
+
+    The run calls `start` once, then in turn `sample`, `observe` and, if that returned a query,
+    `answer`. Between episodes it may call `probe`.
+
+    Attributes:
+        knowledge_levels: the levels of expert knowledge that make a difference to the teacher, in
+            rising order. It needs at least the first; at a level that is not listed it behaves as at
+            the next lower one that is, so that such runs are shared instead of repeated.
+        space: the box to choose tasks from.
+        knowledge: what the expert tells.
+        rng: the only source of randomness.
+    """
+
+    knowledge_levels: ClassVar[tuple[KnowledgeLevel, ...]] = (KnowledgeLevel.NONE,)
+
+    space: TaskSpace = field(init=False, repr=False)
+    knowledge: ExpertKnowledge = field(init=False, repr=False)
+    rng: np.random.Generator = field(init=False, repr=False)
+
+    def start(self, space: TaskSpace, knowledge: ExpertKnowledge, rng: np.random.Generator) -> None:
+        """Prepares for a new run; overriding methods call this one first."""
+        self.space, self.knowledge, self.rng = space, knowledge, rng
+        self._updates: list[TeacherUpdate] = []
+
+    @abstractmethod
+    def sample(self) -> Task:
+        """Returns the next task, float32 (d,) inside the space."""
+
+    def observe(self, episode: Episode) -> Query | None:  # noqa: B027 - hearing nothing is a fair default
+        """Learns from a finished episode; returns a query if it needs more to do so."""
+
+    def answer(self, values: NDArray[np.float64]) -> None:
+        """Receives one value per row of the query that `observe` returned."""
+        raise TypeError(
+            f"{type(self).__name__} asked a query and was given {len(values)} values, "
+            f"but does not define answer(values)"
+        )
+
+    def probe(self, count: int) -> Task:
+        """Returns `count` tasks (count, d) without exploration, and leaves no trace.
+
+        By default these are samples of a copy of the teacher.
+        """
+        twin = copy.deepcopy(self)
+        twin.rng = self.probe_rng()
+        return np.stack([twin.sample() for _ in range(count)])
+
+    def probe_rng(self) -> np.random.Generator:
+        """Returns a generator for probes, derived from the state of `rng` without changing it."""
+        bit_generator = copy.deepcopy(self.rng.bit_generator)
+        assert isinstance(bit_generator, np.random.PCG64)
+        return np.random.Generator(bit_generator.jumped())
+
+    def log(self, update: TeacherUpdate) -> None:
+        """Records an update of the task distribution for the table `teacher_log`."""
+        self._updates.append(update)
+
+    def drain_updates(self) -> list[TeacherUpdate]:
+        """Returns what was logged since the last call."""
+        updates, self._updates = self._updates, []
+        return updates
+
+    def state(self) -> dict[str, Any]:
+        """Returns everything learned, to be continued exactly by `load_state` in another process."""
+        learned = {name: value for name, value in vars(self).items() if name.endswith("_")}
+        return copy.deepcopy({"learned": learned, "rng": self.rng.bit_generator.state})
+
+    def load_state(self, state: dict[str, Any]) -> None:
+        """Takes up a state given by `state`, after `start` with the same space and knowledge."""
+        state = copy.deepcopy(state)
+        vars(self).update(state["learned"])
+        self.rng.bit_generator.state = state["rng"]

@@ -1,0 +1,67 @@
+"""Teachers by name."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import fields
+from typing import Any, TypeVar
+
+from tma_ray.registry import Registry
+from tma_ray.tasks import KnowledgeLevel
+from tma_ray.teachers.base import Teacher
+
+TEACHERS: Registry[type[Teacher]] = Registry(
+    "teacher",
+    "tma_ray.teachers",
+    {
+        "random": "tma_ray.teachers.random:Random",
+        "alp_gmm": "tma_ray.teachers.alp_gmm:ALPGMM",
+    },
+)
+
+T = TypeVar("T", bound=type[Teacher])
+
+
+def register_teacher(name: str) -> Callable[[T], T]:
+    """Returns a decorator that makes a `Teacher` known under `name`."""
+    return TEACHERS.register(name)
+
+
+def make_teacher(name: str, hyperparameters: Mapping[str, Any] | None = None) -> Teacher:
+    """Returns the teacher called `name`, not yet started.
+
+    Raises:
+        UnknownNameError: no such teacher.
+        ValueError: a hyper-parameter that it does not have, or a value that it refuses.
+    """
+    teacher = TEACHERS.get(name)
+    hyperparameters = hyperparameters or {}
+    known = [field.name for field in fields(teacher) if field.init]
+    unknown = sorted(set(hyperparameters) - set(known))
+    if unknown:
+        raise ValueError(
+            f"teacher {name!r} has no hyper-parameter {', '.join(unknown)}; "
+            f"it has {', '.join(known) or 'none'}"
+        )
+    return teacher(**hyperparameters)
+
+
+def hyperparameters_of(teacher: Teacher) -> dict[str, Any]:
+    """Returns the hyper-parameters of `teacher` by name, defaults included."""
+    return {field.name: getattr(teacher, field.name) for field in fields(teacher) if field.init}
+
+
+def effective_level(teacher: type[Teacher], name: str, level: KnowledgeLevel) -> KnowledgeLevel:
+    """Returns the level at which `teacher` really runs when it is given `level`.
+
+    Raises:
+        ValueError: `teacher` cannot run with so little knowledge.
+    """
+    usable = [known for known in teacher.knowledge_levels if known.rank <= level.rank]
+    if not usable:
+        needed = teacher.knowledge_levels[0]
+        raise ValueError(
+            f"teacher {name!r} cannot run with expert knowledge {level.value!r}: "
+            f"it needs at least {needed.value!r}"
+        )
+    return max(usable, key=lambda known: known.rank)
