@@ -1,0 +1,90 @@
+"""The named settings of the benchmark: which tasks a teacher may choose, and what is tested."""
+
+from __future__ import annotations
+
+import difflib
+from dataclasses import dataclass
+from pathlib import Path
+
+from tma_ray.tasks import TaskSpace, TestSet
+
+TEST_SETS = Path(__file__).parent / "test_sets"
+
+STUMP_TRACKS_UNITS = {"stump_height": "terrain steps of 0.4667 m", "obstacle_spacing": "m"}
+
+
+@dataclass(frozen=True)
+class Challenge:
+    """One variant of an environment that isolates a difficulty for teachers.
+
+    Attributes:
+        environment: name in the environment registry.
+        name: name of the challenge; with the seed it places what is random for all teachers alike.
+        title: how tables and figures call it.
+        task_space: what the teacher may choose from.
+        test_set: name of a CSV shipped with the package, without its ending.
+        easy_task: a task easy for an untrained student, the initial mean at high expert
+            knowledge; None where nobody knows one.
+    """
+
+    environment: str
+    name: str
+    title: str
+    task_space: TaskSpace
+    test_set: str
+    easy_task: tuple[float, ...] | None
+
+
+CHALLENGES: tuple[Challenge, ...] = (
+    Challenge(
+        environment="stump_tracks",
+        name="original",
+        title="Original task space",
+        task_space=TaskSpace.from_bounds(
+            {"stump_height": (0, 3), "obstacle_spacing": (0, 6)}, STUMP_TRACKS_UNITS
+        ),
+        test_set="stump_tracks",
+        easy_task=(0, 6),
+    ),
+)
+"""Paper, appendix C: the space that the challenges vary, with the task [0, 6] as the easy one."""
+
+
+def challenges_of(environment: str) -> dict[str, Challenge]:
+    """Returns the challenges of `environment` by name; empty for one that the benchmark does not know."""
+    return {challenge.name: challenge for challenge in CHALLENGES if challenge.environment == environment}
+
+
+def find_challenge(environment: str, name: str) -> Challenge:
+    """Returns the challenge called `name`.
+
+    Raises:
+        ValueError: `environment` has no such challenge; the message holds the nearest match.
+    """
+    known = challenges_of(environment)
+    if name not in known:
+        near = difflib.get_close_matches(name, known, n=1)
+        hint = f"did you mean {near[0]!r}? " if near else ""
+        raise ValueError(f"{environment} has no challenge {name!r}: {hint}known: {', '.join(known) or 'none'}")
+    return known[name]
+
+
+def shipped_test_sets() -> list[str]:
+    """Returns the names of the test sets shipped with the package."""
+    return sorted(path.stem for path in TEST_SETS.glob("*.csv"))
+
+
+def load_test_set(name_or_path: str) -> TestSet:
+    """Returns a shipped test set by name, or any other from the path of a CSV file.
+
+    Raises:
+        ValueError: neither a known name nor a readable file.
+    """
+    if name_or_path in shipped_test_sets():
+        return TestSet.from_csv(TEST_SETS / f"{name_or_path}.csv")
+    path = Path(name_or_path)
+    if not path.is_file():
+        raise ValueError(
+            f"no test set {name_or_path!r}: known are {', '.join(shipped_test_sets())}, or give a path to a CSV file"
+        )
+    return TestSet.from_csv(path)
