@@ -1,0 +1,44 @@
+"""Results as Parquet tables: written by runs, published by one committer, read by anyone."""
+
+from tma_ray.results.committer import AttemptOutcome, AttemptRecord, Committer, StaleAttemptError
+from tma_ray.results.layout import (
+    CHECKPOINTS,
+    POLICIES,
+    ResultsRootError,
+    check_id,
+    check_root,
+    create_root,
+)
+from tma_ray.results.manifest import DamagedFileError, Manifest, PartFile, RunRecord, RunStatus
+from tma_ray.results.reader import DamagedFileWarning, Results
+from tma_ray.results.rows import teacher_log_row
+from tma_ray.results.schema import DATA_TABLES, SCHEMA_VERSION, SCHEMAS, Table
+from tma_ray.results.store import Store
+from tma_ray.results.writer import RunWriter
+
+__all__ = [
+    "CHECKPOINTS",
+    "DATA_TABLES",
+    "POLICIES",
+    "SCHEMAS",
+    "SCHEMA_VERSION",
+    "AttemptOutcome",
+    "AttemptRecord",
+    "Committer",
+    "DamagedFileError",
+    "DamagedFileWarning",
+    "Manifest",
+    "PartFile",
+    "Results",
+    "ResultsRootError",
+    "RunRecord",
+    "RunStatus",
+    "RunWriter",
+    "StaleAttemptError",
+    "Store",
+    "Table",
+    "check_id",
+    "check_root",
+    "create_root",
+    "teacher_log_row",
+]

@@ -1,0 +1,220 @@
+"""The one publisher of a results root: it decides which attempt counts and what readers see."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass
+from datetime import datetime
+from enum import StrEnum
+from pathlib import Path, PurePosixPath
+from typing import Any, Self
+
+from tma_ray.results.layout import STAGING, create_root, manifest_path, staging_folder, table_path
+from tma_ray.results.manifest import Manifest, PartFile, RunRecord, RunStatus
+from tma_ray.results.parquet import decode, encode
+from tma_ray.results.rows import to_arrow
+from tma_ray.results.schema import DATA_TABLES, SCHEMAS, Table
+from tma_ray.results.store import Store
+
+
+class StaleAttemptError(RuntimeError):
+    """An attempt that no longer counts tried to publish; its process should end."""
+
+
+class AttemptOutcome(StrEnum):
+    """How an attempt at a run ended."""
+
+    DONE = "done"
+    STOPPED = "stopped"
+    """It was asked to stop, and left a checkpoint."""
+    FAILED = "failed"
+    """An exception of its own."""
+    LOST = "lost"
+    """Its process or machine died."""
+
+
+@dataclass(frozen=True)
+class AttemptRecord:
+    """One attempt at a run.
+
+    Attributes:
+        run_id: of the run.
+        attempt: its number, from 0.
+        started_at: when it began, with a time zone.
+        wall_seconds: how long it took, s.
+        env_steps_per_second: environment steps of this attempt over `wall_seconds`, 1/s.
+        host: where it ran.
+        fingerprint: of the CPU model, thread count and library versions, JSON.
+        outcome: how it ended.
+    """
+
+    run_id: str
+    attempt: int
+    started_at: datetime
+    wall_seconds: float
+    env_steps_per_second: float
+    host: str
+    fingerprint: str
+    outcome: AttemptOutcome
+
+
+class Committer:
+    """Publishes runs. A results root has one committer at a time; its readers need none.
+
+    Every method may be called again after a kill in the middle of it, and then leads to the same
+    files. Between any two file operations readers see each evaluation once and whole: data becomes
+    visible, and changes place, by the replacement of the run's manifest alone.
+
+    Args:
+        store: where the root is, or is to be made.
+
+    Raises:
+        ResultsRootError: other files are there, or a root of another version.
+    """
+
+    def __init__(self, store: Store) -> None:
+        create_root(store)
+        self.store = store
+
+    @classmethod
+    def open(cls, uri: str | Path) -> Self:
+        """Returns the committer of the root at a folder or URI, which is made if it is empty."""
+        return cls(Store.open(uri))
+
+    def manifest(self, run_id: str) -> Manifest | None:
+        """Returns what a run has published, None if nothing.
+
+        Raises:
+            DamagedFileError: the manifest cannot be read.
+        """
+        try:
+            return Manifest.from_bytes(self.store.read_bytes(manifest_path(run_id)))
+        except FileNotFoundError:
+            return None
+
+    def start(self, run: RunRecord, attempt: int) -> None:
+        """Accepts an attempt before it begins: from here on older ones publish nothing.
+
+        What the run has published stays visible until the attempt publishes more.
+
+        Raises:
+            StaleAttemptError: a later attempt is accepted, or the run is done.
+        """
+        published = self._accept(run.run_id, attempt)
+        self._replace(
+            published, Manifest(run, RunStatus.RUNNING, attempt, published.files if published else ())
+        )
+
+    def publish(self, run: RunRecord, attempt: int, parts: Sequence[PartFile]) -> None:
+        """Makes the parts of a committed checkpoint the visible rows of the run.
+
+        Args:
+            run: what the run is.
+            attempt: which attempt reports.
+            parts: all parts of the run so far, in order.
+
+        Raises:
+            StaleAttemptError: a later attempt is accepted, or the run is done.
+            FileNotFoundError: a part is not there.
+        """
+        published = self._accept(run.run_id, attempt)
+        known = set(published.files) if published else set()
+        for part in parts:
+            if part not in known and not self.store.exists(part.path):
+                raise FileNotFoundError(f"{self.store.where(part.path)} is not there; nothing was published")
+        self._replace(published, Manifest(run, RunStatus.RUNNING, attempt, tuple(parts)))
+
+    def finish(self, run: RunRecord, attempt: int, final: Sequence[PartFile]) -> None:
+        """Publishes the canonical files of a run that has ended, then removes its staging folder.
+
+        Args:
+            run: what the run is.
+            attempt: which attempt reports.
+            final: what `RunWriter.finish` returned, one file per data table.
+
+        Raises:
+            StaleAttemptError: a later attempt is accepted, or another one has finished the run.
+            FileNotFoundError: a file is neither staged nor published.
+            DamagedFileError: a file is not what was written.
+        """
+        if sorted(file.table for file in final) != sorted(DATA_TABLES):
+            raise ValueError(f"a run ends with one file for each of {', '.join(DATA_TABLES)}; got {final}")
+        moved = tuple(file.at(table_path(file.table, run.run_id)) for file in final)
+        done = Manifest(run, RunStatus.DONE, attempt, moved)
+        published = self.manifest(run.run_id)
+        if published != done:
+            published = self._accept(run.run_id, attempt)
+            for source, destination in zip(final, moved, strict=True):
+                if self.store.exists(source.path):
+                    source.read(self.store)
+                    self.store.move(source.path, destination.path)
+                else:
+                    destination.read(self.store)  # moved before a kill
+            self._replace(published, done)
+        self.store.delete(staging_folder(run.run_id))
+
+    def fail(self, run: RunRecord, attempt: int, error: str) -> None:
+        """Marks a run as failed; what it has published stays, and a later attempt may take it up again.
+
+        Raises:
+            StaleAttemptError: a later attempt is accepted, or the run is done.
+        """
+        published = self._accept(run.run_id, attempt)
+        files = published.files if published else ()
+        self._replace(published, Manifest(run, RunStatus.FAILED, attempt, files, error))
+
+    def record_attempt(self, record: AttemptRecord) -> None:
+        """Writes the row of an attempt, replacing an earlier one of the same number."""
+        row = {**asdict(record), "outcome": record.outcome.value}
+        self._merge(Table.ATTEMPTS, record.run_id, [row], key=("attempt",))
+
+    def write_cells(self, campaign: str, rows: Sequence[Mapping[str, Any]]) -> None:
+        """Writes the cells of a campaign and their runs.
+
+        Cells that the campaign has written before and that are not among `rows` stay: a campaign
+        may be run teacher by teacher.
+
+        Args:
+            campaign: name of the campaign.
+            rows: columns of the table but campaign.
+        """
+        key = tuple(name for name in SCHEMAS[Table.CELLS].names if name != "run_id")
+        self._merge(Table.CELLS, campaign, [{"campaign": campaign, **row} for row in rows], key)
+
+    def sweep(self) -> None:
+        """Removes staged files of runs that are done, left by a kill or by a stale attempt."""
+        staged = {PurePosixPath(path).parts[1] for path in self.store.files(STAGING)}
+        for run_id in sorted(staged):
+            published = self.manifest(run_id)
+            if published is not None and published.status is RunStatus.DONE:
+                self.store.delete(staging_folder(run_id))
+
+    def _accept(self, run_id: str, attempt: int) -> Manifest | None:
+        published = self.manifest(run_id)
+        if published is None:
+            return None
+        if published.status is RunStatus.DONE:
+            raise StaleAttemptError(f"run {run_id} is done; attempt {attempt} may not publish")
+        if published.attempt > attempt:
+            raise StaleAttemptError(
+                f"run {run_id}: attempt {attempt} is stale, {published.attempt} is accepted"
+            )
+        return published
+
+    def _replace(self, published: Manifest | None, new: Manifest) -> None:
+        """Writes the run's row, then its manifest, so that a manifest never stands without its row."""
+        if published is None or published.row() != new.row():
+            row = to_arrow(Table.RUNS, SCHEMAS[Table.RUNS], [new.row()])
+            self.store.write_bytes(table_path(Table.RUNS, new.run.run_id), encode(Table.RUNS, row))
+        if published != new:
+            self.store.write_bytes(manifest_path(new.run.run_id), new.to_bytes())
+
+    def _merge(
+        self, table: Table, name: str, rows: Sequence[Mapping[str, Any]], key: tuple[str, ...]
+    ) -> None:
+        path = table_path(table, name)
+        before = decode(self.store.read_bytes(path)).to_pylist() if self.store.exists(path) else []
+        to_arrow(table, SCHEMAS[table], rows)  # refuses wrong columns before they are merged
+        merged = {tuple(row[column] for column in key): row for row in [*before, *rows]}
+        ordered = [merged[identity] for identity in sorted(merged)]
+        self.store.write_bytes(path, encode(table, to_arrow(table, SCHEMAS[table], ordered)))

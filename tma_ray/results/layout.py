@@ -1,0 +1,103 @@
+"""Where the files of a results root lie, and the file that says that it is one."""
+
+from __future__ import annotations
+
+import json
+import re
+from pathlib import PurePosixPath
+from typing import Final
+
+from tma_ray.results.schema import SCHEMA_VERSION, Table
+from tma_ray.results.store import TEMPORARY, Store
+
+FORMAT: Final = "tma_ray results"
+ROOT_FILE: Final = "root.json"
+MANIFESTS: Final = "manifests"
+STAGING: Final = "staging"
+TABLES: Final = "tables"
+CHECKPOINTS: Final = "checkpoints"
+POLICIES: Final = "policies"
+
+
+class ResultsRootError(ValueError):
+    """A place that cannot be used as a results root; the message says why and what to do."""
+
+
+def create_root(store: Store) -> None:
+    """Makes an empty place a results root; leaves one of this version as it is.
+
+    Raises:
+        ResultsRootError: other files are there, or a root of another version.
+    """
+    if not store.exists(ROOT_FILE):
+        foreign = [path for path in store.files() if not path.startswith(f"{TEMPORARY}/")]
+        if foreign:
+            raise ResultsRootError(
+                f"{store} is not empty ({foreign[0]}) and is no results root; choose a new or empty folder"
+            )
+        content = {"format": FORMAT, "schema_version": SCHEMA_VERSION}
+        store.write_bytes(ROOT_FILE, json.dumps(content, indent=1).encode())
+    check_root(store)
+
+
+def check_root(store: Store) -> None:
+    """Refuses what is not a results root of this version.
+
+    Raises:
+        ResultsRootError: no results root, or one written by another version.
+    """
+    try:
+        content = json.loads(store.read_bytes(ROOT_FILE))
+        known, version = content["format"], content["schema_version"]
+    except FileNotFoundError:
+        raise ResultsRootError(f"{store} is no results root: it has no {ROOT_FILE}") from None
+    except (ValueError, KeyError, TypeError) as error:
+        raise ResultsRootError(f"{store.where(ROOT_FILE)} is damaged: {error}") from error
+    if known != FORMAT:
+        raise ResultsRootError(f"{store.where(ROOT_FILE)} is of format {known!r}, not {FORMAT!r}")
+    if version != SCHEMA_VERSION:
+        raise ResultsRootError(
+            f"{store} has schema version {version}; this tma_ray reads and writes version {SCHEMA_VERSION}. "
+            f"Use the tma_ray that wrote it, or another root"
+        )
+
+
+def check_id(name: str) -> str:
+    """Returns `name` if it can be part of a path.
+
+    Raises:
+        ValueError: anything but letters, digits, "_" and "-".
+    """
+    if not re.fullmatch(r"[0-9a-zA-Z_-]+", name):
+        raise ValueError(f"id {name!r} is part of file names: use letters, digits, '_' and '-' only")
+    return name
+
+
+def manifest_path(run_id: str) -> str:
+    """Path of the file that makes a run's parts visible."""
+    return f"{MANIFESTS}/{check_id(run_id)}.json"
+
+
+def staging_folder(run_id: str) -> str:
+    """Folder of the parts of all attempts at a run."""
+    return f"{STAGING}/{check_id(run_id)}"
+
+
+def part_path(run_id: str, attempt: int, part: int, table: Table) -> str:
+    """Path of one part: no two attempts ever write to the same one."""
+    return f"{staging_folder(run_id)}/attempt-{attempt:03d}/part-{part:05d}/{table}.parquet"
+
+
+def part_number(path: str) -> int:
+    """Number of the part that lies at `path`."""
+    return int(PurePosixPath(path).parent.name.removeprefix("part-"))
+
+
+def final_path(run_id: str, attempt: int, table: Table) -> str:
+    """Path of a canonical file before its publication."""
+    return f"{staging_folder(run_id)}/attempt-{attempt:03d}/final/{table}.parquet"
+
+
+def table_path(table: Table, name: str) -> str:
+    """Path of a published file; `name` is a run id, or a campaign for cells."""
+    return f"{TABLES}/{table}/{check_id(name)}.parquet"

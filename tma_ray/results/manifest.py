@@ -1,0 +1,152 @@
+"""What a run has published: the one file that readers trust."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, replace
+from enum import StrEnum
+from typing import Any, Self
+
+from tma_ray.results.schema import Table
+from tma_ray.results.store import Store
+
+
+class DamagedFileError(ValueError):
+    """A file whose content is not what was written; the message names it."""
+
+
+class RunStatus(StrEnum):
+    """How far a run is, to readers."""
+
+    RUNNING = "running"
+    DONE = "done"
+    FAILED = "failed"
+
+
+@dataclass(frozen=True)
+class PartFile:
+    """One Parquet file of a run.
+
+    Attributes:
+        table: whose rows it holds.
+        path: where it lies, from the results root.
+        rows: how many.
+        sha256: of its bytes, hexadecimal.
+    """
+
+    table: Table
+    path: str
+    rows: int
+    sha256: str
+
+    @classmethod
+    def write(cls, store: Store, path: str, table: Table, rows: int, data: bytes) -> Self:
+        """Writes `data`, the encoded `rows` of `table`, and returns the file that it became."""
+        store.write_bytes(path, data)
+        return cls(table, path, rows, hashlib.sha256(data).hexdigest())
+
+    def read(self, store: Store) -> bytes:
+        """Returns the content.
+
+        Raises:
+            FileNotFoundError: the file is not there.
+            DamagedFileError: its content is not what was written.
+        """
+        data = store.read_bytes(self.path)
+        if hashlib.sha256(data).hexdigest() != self.sha256:
+            raise DamagedFileError(f"{store.where(self.path)} is damaged: its sha256 is not the recorded one")
+        return data
+
+    def at(self, path: str) -> Self:
+        """Returns the same content at another path."""
+        return replace(self, path=path)
+
+    def to_json(self) -> dict[str, Any]:
+        """Returns the fields as JSON values."""
+        return asdict(self)
+
+    @classmethod
+    def from_json(cls, value: Mapping[str, Any]) -> Self:
+        """Returns what `to_json` was called on."""
+        return cls(Table(value["table"]), value["path"], value["rows"], value["sha256"])
+
+
+@dataclass(frozen=True)
+class RunRecord:
+    """What a run is: its row of the table of runs.
+
+    Attributes:
+        run_id: hash of the effective spec and seed.
+        spec: the whole effective spec, JSON.
+        environment: name of the environment.
+        challenge: name of the variant of the environment.
+        embodiment: name of the body.
+        student: name of the deep-RL algorithm.
+        teacher: name of the ACL algorithm.
+        expert_knowledge: level of what the teacher was told and used.
+        test_set: name of the test set of its evaluations.
+        steps: budget, environment steps.
+        seed: seed of the run.
+        physics_version: version of the physics.
+    """
+
+    run_id: str
+    spec: str
+    environment: str
+    challenge: str
+    embodiment: str
+    student: str
+    teacher: str
+    expert_knowledge: str
+    test_set: str
+    steps: int
+    seed: int
+    physics_version: int
+
+
+@dataclass(frozen=True)
+class Manifest:
+    """What a run has published.
+
+    Attributes:
+        run: what the run is.
+        status: how far it is.
+        attempt: the accepted attempt; older ones may publish nothing any more.
+        files: parts in order while it runs, one canonical file per data table when it is done.
+        error: why it failed.
+    """
+
+    run: RunRecord
+    status: RunStatus
+    attempt: int
+    files: tuple[PartFile, ...] = ()
+    error: str | None = None
+
+    def to_bytes(self) -> bytes:
+        """Returns the content of the manifest file."""
+        return json.dumps(asdict(self), indent=1).encode()
+
+    @classmethod
+    def from_bytes(cls, data: bytes) -> Self:
+        """Returns what `to_bytes` was called on.
+
+        Raises:
+            DamagedFileError: `data` is no manifest.
+        """
+        try:
+            content = json.loads(data)
+            return cls(
+                run=RunRecord(**content["run"]),
+                status=RunStatus(content["status"]),
+                attempt=content["attempt"],
+                files=tuple(PartFile.from_json(file) for file in content["files"]),
+                error=content["error"],
+            )
+        except (ValueError, KeyError, TypeError) as error:
+            raise DamagedFileError(f"not a manifest: {error!r}") from error
+
+    def row(self) -> dict[str, Any]:
+        """Returns the row of the table of runs."""
+        return {**asdict(self.run), "status": self.status.value, "error": self.error}

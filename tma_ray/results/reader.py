@@ -1,0 +1,143 @@
+"""Reading a results root: what its manifests list, and nothing else."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Callable, Collection, Iterable, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path, PurePosixPath
+from typing import Final, Self, TypeVar
+
+import pyarrow as pa
+import pyarrow.compute as pc
+
+from tma_ray.results.layout import MANIFESTS, TABLES, check_root, manifest_path
+from tma_ray.results.manifest import DamagedFileError, Manifest
+from tma_ray.results.parquet import decode
+from tma_ray.results.rows import to_arrow
+from tma_ray.results.schema import DATA_TABLES, SCHEMAS, Table
+from tma_ray.results.store import Store
+
+S = TypeVar("S")
+T = TypeVar("T")
+
+_UNREADABLE: Final = (OSError, pa.ArrowException, DamagedFileError)
+
+_THREADS: Final = 16  # more than cores: they wait for disks and object stores
+
+
+class DamagedFileWarning(UserWarning):
+    """A file of a results root could not be read; the rest was."""
+
+
+class Results:
+    """The runs of a results root as they stood when it was opened.
+
+    A file that cannot be read, or is not what was written, is left out: a `DamagedFileWarning`
+    names it and `problems` keeps the message.
+
+    Args:
+        store: the results root.
+
+    Raises:
+        ResultsRootError: there is none, or one of another version.
+
+    Attributes:
+        problems: a message for each file that was left out.
+    """
+
+    def __init__(self, store: Store) -> None:
+        check_root(store)
+        self.store = store
+        self.problems: list[str] = []
+        found = self._map(self._load, [PurePosixPath(path).stem for path in store.files(MANIFESTS)])
+        self._manifests = tuple(manifest for manifest in found if manifest is not None)
+
+    @classmethod
+    def open(cls, uri: str | Path) -> Self:
+        """Returns the results at a folder or URI."""
+        return cls(Store.open(uri))
+
+    def runs(self) -> tuple[Manifest, ...]:
+        """Returns what each run has published, with its status and error, by run id."""
+        return self._manifests
+
+    def table(
+        self, table: Table, run_ids: Collection[str] | None = None, columns: Sequence[str] | None = None
+    ) -> pa.Table:
+        """Returns the rows of a table: run after run by id, each run's in the order they were written.
+
+        Args:
+            table: which one.
+            run_ids: only these runs, those of them that are there; all by default.
+            columns: only these columns, in this order; all by default.
+
+        Raises:
+            ValueError: a column that the table does not have.
+        """
+        names = SCHEMAS[table].names if columns is None else list(columns)
+        unknown = [name for name in names if name not in SCHEMAS[table].names]
+        if unknown:
+            raise ValueError(
+                f"{table} has no column {unknown[0]!r}; it has {', '.join(SCHEMAS[table].names)}"
+            )
+        if table not in DATA_TABLES:
+            return self._about_runs(table, run_ids).select(names)
+        chosen = [manifest for manifest in self.runs() if run_ids is None or manifest.run.run_id in run_ids]
+        per_run = self._map(lambda manifest: self._run_rows(manifest, table, names), chosen)
+        return _joined(table, names, [rows for found in per_run for rows in found])
+
+    def _about_runs(self, table: Table, run_ids: Collection[str] | None) -> pa.Table:
+        if table is Table.RUNS:
+            rows = to_arrow(table, SCHEMAS[table], [manifest.row() for manifest in self.runs()])
+        else:
+            paths = self.store.files(f"{TABLES}/{table}")
+            found = self._map(self._file_rows, paths)
+            rows = _joined(table, SCHEMAS[table].names, [part for part in found if part is not None])
+        if run_ids is None:
+            return rows
+        return rows.filter(pc.is_in(rows["run_id"].cast(pa.string()), pa.array(run_ids, pa.string())))
+
+    def _file_rows(self, path: str) -> pa.Table | None:
+        return self._tried(path, lambda: decode(self.store.read_bytes(path)))
+
+    def _run_rows(self, manifest: Manifest, table: Table, columns: Sequence[str]) -> list[pa.Table]:
+        files = [file for file in manifest.files if file.table is table]
+        found = []
+        for file in files:
+            try:
+                found.append(decode(file.read(self.store), columns))
+            except _UNREADABLE as error:
+                fresh = self._load(manifest.run.run_id) if isinstance(error, FileNotFoundError) else None
+                if fresh is not None and fresh.files != manifest.files:  # parts go when a run ends
+                    return self._run_rows(fresh, table, columns)
+                self._report(file.path, error)
+        return found
+
+    def _load(self, run_id: str) -> Manifest | None:
+        path = manifest_path(run_id)
+        return self._tried(path, lambda: Manifest.from_bytes(self.store.read_bytes(path)))
+
+    def _tried(self, path: str, read: Callable[[], T]) -> T | None:
+        try:
+            return read()
+        except _UNREADABLE as error:
+            self._report(path, error)
+            return None
+
+    def _report(self, path: str, error: Exception) -> None:
+        self.problems.append(f"{self.store.where(path)} was left out: {error}")
+
+    def _map(self, function: Callable[[S], T], items: Iterable[S]) -> list[T]:
+        """Returns the results in the order of `items`, computed in threads; warns of new problems."""
+        known = len(self.problems)
+        with ThreadPoolExecutor(_THREADS) as executor:
+            found = list(executor.map(function, items))
+        for problem in self.problems[known:]:
+            warnings.warn(problem, DamagedFileWarning, stacklevel=4)
+        return found
+
+
+def _joined(table: Table, columns: Sequence[str], found: Sequence[pa.Table]) -> pa.Table:
+    empty = SCHEMAS[table].empty_table().select(columns)
+    return pa.concat_tables([empty, *found]).unify_dictionaries()

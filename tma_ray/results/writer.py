@@ -1,0 +1,97 @@
+"""A run's own side: rows in order, parts at checkpoints, one canonical file per table at the end."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any, Final
+
+import pyarrow as pa
+
+from tma_ray.results.layout import final_path, part_number, part_path, staging_folder
+from tma_ray.results.manifest import PartFile
+from tma_ray.results.parquet import decode, encode
+from tma_ray.results.rows import to_arrow
+from tma_ray.results.schema import DATA_TABLES, SCHEMAS, Table
+from tma_ray.results.store import Store
+
+_ROW_SCHEMAS: Final = {table: SCHEMAS[table].remove(0) for table in DATA_TABLES}  # run_id is ours
+
+
+class RunWriter:
+    """Writes the rows of one attempt at a run, outside of readers' view.
+
+    Rows are committed by a checkpoint that holds what `flush` returned; an attempt that resumes
+    from it hands them back as `committed`, and later parts of the attempt before are never read.
+
+    Args:
+        store: the results root.
+        run_id: of the run.
+        attempt: number of this attempt; no two processes may share one.
+        committed: parts that belong to the run so far, of whatever attempt.
+
+    Raises:
+        ValueError: a committed part of another run.
+    """
+
+    def __init__(self, store: Store, run_id: str, attempt: int, committed: Sequence[PartFile] = ()) -> None:
+        foreign = [part.path for part in committed if not part.path.startswith(staging_folder(run_id) + "/")]
+        if foreign:
+            raise ValueError(f"{foreign[0]} is no part of run {run_id}; was the checkpoint taken by another?")
+        self.store = store
+        self.run_id = run_id
+        self.attempt = attempt
+        self._parts = tuple(committed)
+        self._next = 1 + max((part_number(part.path) for part in committed), default=-1)
+        self._buffer: dict[Table, list[pa.Table]] = {table: [] for table in DATA_TABLES}
+
+    def add(self, table: Table, rows: Sequence[Mapping[str, Any]]) -> None:
+        """Appends rows; those of one evaluation belong in one call, so that no part holds half of it.
+
+        Args:
+            table: one of `DATA_TABLES`.
+            rows: by column name, without run_id; a nullable column may be left out.
+
+        Raises:
+            ValueError: a column missing, unknown, or of a wrong type; the message names it.
+        """
+        if table not in _ROW_SCHEMAS:
+            raise ValueError(f"a run writes {', '.join(DATA_TABLES)}; {table} is written by the committer")
+        self._buffer[table].append(to_arrow(table, _ROW_SCHEMAS[table], rows))
+
+    def flush(self) -> tuple[PartFile, ...]:
+        """Writes the rows added since the last call as the next part; returns all parts of the run so far."""
+        written = []
+        for table, buffered in self._buffer.items():
+            rows = pa.concat_tables(buffered) if buffered else None
+            if rows is None or not len(rows):
+                continue
+            path = part_path(self.run_id, self.attempt, self._next, table)
+            written.append(self._write(path, table, _with_run_id(self.run_id, rows)))
+        if written:
+            self._parts += tuple(written)
+            self._next += 1
+            self._buffer = {table: [] for table in DATA_TABLES}
+        return self._parts
+
+    def finish(self) -> tuple[PartFile, ...]:
+        """Writes and returns the canonical files, one per data table, also for tables without rows.
+
+        Their bytes depend on the rows only, not on how these were split over parts and attempts.
+
+        Raises:
+            FileNotFoundError: a part is gone.
+            DamagedFileError: a part is not what was written.
+        """
+        parts = self.flush()
+        return tuple(self._merge(table, [p for p in parts if p.table is table]) for table in DATA_TABLES)
+
+    def _merge(self, table: Table, parts: Sequence[PartFile]) -> PartFile:
+        rows = [SCHEMAS[table].empty_table(), *(decode(part.read(self.store)) for part in parts)]
+        return self._write(final_path(self.run_id, self.attempt, table), table, pa.concat_tables(rows))
+
+    def _write(self, path: str, table: Table, rows: pa.Table) -> PartFile:
+        return PartFile.write(self.store, path, table, len(rows), encode(table, rows))
+
+
+def _with_run_id(run_id: str, rows: pa.Table) -> pa.Table:
+    return rows.add_column(0, "run_id", pa.array([run_id] * len(rows)))
