@@ -7,7 +7,7 @@ from dataclasses import asdict, dataclass
 from datetime import datetime
 from enum import StrEnum
 from pathlib import Path, PurePosixPath
-from typing import Any, Self
+from typing import Any, Final, Self
 
 from tma_ray.results.layout import STAGING, create_root, manifest_path, staging_folder, table_path
 from tma_ray.results.manifest import Manifest, PartFile, RunRecord, RunStatus
@@ -15,6 +15,9 @@ from tma_ray.results.parquet import decode, encode
 from tma_ray.results.rows import to_arrow
 from tma_ray.results.schema import DATA_TABLES, SCHEMAS, Table
 from tma_ray.results.store import Store
+
+TEMPORARY_SECONDS: Final = 3600.0
+"""Age over which a half-made file is taken to be left by a killed process, s."""
 
 
 class StaleAttemptError(RuntimeError):
@@ -57,6 +60,10 @@ class AttemptRecord:
     fingerprint: str
     outcome: AttemptOutcome
 
+    def __post_init__(self) -> None:
+        if self.started_at.tzinfo is None:
+            raise ValueError(f"started_at {self.started_at} has no time zone; use datetime.now(UTC)")
+
 
 class Committer:
     """Publishes runs. A results root has one committer at a time; its readers need none.
@@ -88,22 +95,24 @@ class Committer:
             DamagedFileError: the manifest cannot be read.
         """
         try:
-            return Manifest.from_bytes(self.store.read_bytes(manifest_path(run_id)))
+            return Manifest.load(self.store, run_id)
         except FileNotFoundError:
             return None
 
-    def start(self, run: RunRecord, attempt: int) -> None:
-        """Accepts an attempt before it begins: from here on older ones publish nothing.
+    def start(self, run: RunRecord) -> int:
+        """Returns the number of a new attempt at a run; from here on older ones publish nothing.
 
-        What the run has published stays visible until the attempt publishes more.
+        What the run has published stays visible until the attempt publishes.
 
         Raises:
-            StaleAttemptError: a later attempt is accepted, or the run is done.
+            StaleAttemptError: the run is done.
         """
-        published = self._accept(run.run_id, attempt)
-        self._replace(
-            published, Manifest(run, RunStatus.RUNNING, attempt, published.files if published else ())
-        )
+        published = self.manifest(run.run_id)
+        attempt = published.attempt + 1 if published else 0
+        self._accept(run.run_id, attempt)
+        files = published.files if published else ()
+        self._replace(published, Manifest(run, RunStatus.RUNNING, attempt, files))
+        return attempt
 
     def publish(self, run: RunRecord, attempt: int, parts: Sequence[PartFile]) -> None:
         """Makes the parts of a committed checkpoint the visible rows of the run.
@@ -182,7 +191,8 @@ class Committer:
         self._merge(Table.CELLS, campaign, [{"campaign": campaign, **row} for row in rows], key)
 
     def sweep(self) -> None:
-        """Removes staged files of runs that are done, left by a kill or by a stale attempt."""
+        """Removes half-made files and staged ones of runs that are done: left by kills and stale attempts."""
+        self.store.clear_temporaries(TEMPORARY_SECONDS)
         staged = {PurePosixPath(path).parts[1] for path in self.store.files(STAGING)}
         for run_id in sorted(staged):
             published = self.manifest(run_id)

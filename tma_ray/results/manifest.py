@@ -9,6 +9,7 @@ from dataclasses import asdict, dataclass, replace
 from enum import StrEnum
 from typing import Any, Self
 
+from tma_ray.results.layout import manifest_path
 from tma_ray.results.schema import Table
 from tma_ray.results.store import Store
 
@@ -146,6 +147,20 @@ class Manifest:
             )
         except (ValueError, KeyError, TypeError) as error:
             raise DamagedFileError(f"not a manifest: {error!r}") from error
+
+    @classmethod
+    def load(cls, store: Store, run_id: str) -> Self:
+        """Returns the manifest of a run.
+
+        Raises:
+            FileNotFoundError: the run has published nothing.
+            DamagedFileError: the file is no manifest.
+        """
+        path = manifest_path(run_id)
+        try:
+            return cls.from_bytes(store.read_bytes(path))
+        except DamagedFileError as error:
+            raise DamagedFileError(f"{store.where(path)} is damaged: {error}") from error
 
     def row(self) -> dict[str, Any]:
         """Returns the row of the table of runs."""

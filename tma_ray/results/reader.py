@@ -83,7 +83,8 @@ class Results:
             )
         if table not in DATA_TABLES:
             return self._about_runs(table, run_ids).select(names)
-        chosen = [manifest for manifest in self.runs() if run_ids is None or manifest.run.run_id in run_ids]
+        wanted = None if run_ids is None else set(run_ids)
+        chosen = [manifest for manifest in self.runs() if wanted is None or manifest.run.run_id in wanted]
         per_run = self._map(lambda manifest: self._run_rows(manifest, table, names), chosen)
         return _joined(table, names, [rows for found in per_run for rows in found])
 
@@ -115,8 +116,7 @@ class Results:
         return found
 
     def _load(self, run_id: str) -> Manifest | None:
-        path = manifest_path(run_id)
-        return self._tried(path, lambda: Manifest.from_bytes(self.store.read_bytes(path)))
+        return self._tried(manifest_path(run_id), lambda: Manifest.load(self.store, run_id))
 
     def _tried(self, path: str, read: Callable[[], T]) -> T | None:
         try:

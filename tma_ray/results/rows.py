@@ -51,6 +51,8 @@ def _check_names(table: Table, schema: pa.Schema, row: Mapping[str, Any]) -> Non
 
 def _column(table: Table, field: pa.Field, values: list[Any]) -> pa.Array:
     try:
+        if pa.types.is_integer(field.type):
+            return pa.array(values).cast(field.type)  # refuses 1.5, which pa.array would cut to 1
         return pa.array(values, type=field.type)
     except (pa.ArrowInvalid, pa.ArrowTypeError) as error:
         raise ValueError(f"{table}.{field.name} holds values of type {field.type}: {error}") from error

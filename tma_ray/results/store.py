@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import os
 import shutil
+import time
+from contextlib import suppress
 from pathlib import Path, PurePosixPath
 from typing import Any, Final, Self, cast
 from uuid import uuid4
@@ -104,9 +106,23 @@ class Store:
         elif kind == fs.FileType.Directory and self._local:
             aside = self._temporary()
             Path(full).replace(aside)
-            shutil.rmtree(aside)
+            shutil.rmtree(aside, ignore_errors=True)  # out of sight already; the rest is swept later
         elif kind == fs.FileType.Directory:
             self.filesystem.delete_dir(full)
+
+    def clear_temporaries(self, older_than: float) -> None:
+        """Deletes what killed processes left half made on a disk.
+
+        Args:
+            older_than: age of what goes, s; younger files may be in the making.
+        """
+        folder = Path(self.base, TEMPORARY)
+        if not self._local or not folder.exists():
+            return
+        for entry in folder.iterdir():
+            with suppress(FileNotFoundError):  # finished meanwhile
+                if time.time() - entry.stat().st_mtime > older_than:
+                    shutil.rmtree(entry) if entry.is_dir() else entry.unlink()
 
     def full_path(self, path: str) -> str:
         """Returns `path` as the file system knows it.
