@@ -1,0 +1,115 @@
+"""The contract between a student and the run that drives it."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Callable
+from pathlib import Path
+from typing import NamedTuple, TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+Observations: TypeAlias = NDArray[np.float32]
+"""One observation (o,) or several (n, o), as the environment gave them: never normalised."""
+
+Actions: TypeAlias = NDArray[np.float32]
+"""One action (a,) or several (n, a), inside the action space."""
+
+Policy: TypeAlias = Callable[[Observations], Actions]
+"""What remains of a trained student: observations (n, o) to deterministic actions (n, a)."""
+
+
+class Transition(NamedTuple):
+    """One step of training.
+
+    Attributes:
+        observation: what the student acted on (o,).
+        action: what it did (a,).
+        reward: the environment's own reward.
+        next_observation: what followed (o,); the last one of the episode if it ended.
+        terminated: the episode ended by itself; nothing follows.
+        truncated: the episode was cut (time limit): the value of `next_observation` still counts.
+    """
+
+    observation: Observations
+    action: Actions
+    reward: float
+    next_observation: Observations
+    terminated: bool
+    truncated: bool
+
+
+class Student(ABC):
+    """A deep-RL algorithm with its networks and its buffer, stepped by the run.
+
+    For every step the run calls `act`, steps the environment, and calls `observe`; the transitions of
+    an episode arrive in order. A student registered by someone else is constructed as
+    ``Student(observation_space, action_space, hyperparameters, seed, device, threads)`` and names the
+    frozen dataclass of its hyper-parameters in `hyperparameters_type`.
+
+    Attributes:
+        hyperparameters_type: frozen dataclass that the constructor takes.
+        gamma: discount factor.
+    """
+
+    hyperparameters_type: type
+    gamma: float
+
+    @abstractmethod
+    def act(self, observation: Observations) -> Actions:
+        """Returns an exploring action (a,) for `observation` (o,)."""
+
+    @abstractmethod
+    def observe(self, transition: Transition) -> None:
+        """Stores the step that followed the last `act`, and updates the networks when that is due."""
+
+    @abstractmethod
+    def act_greedily(self, observations: Observations) -> Actions:
+        """Returns the policy's deterministic actions (n, a) for `observations` (n, o); changes no state."""
+
+    @abstractmethod
+    def state_values(self, observations: Observations) -> NDArray[np.float64]:
+        """Returns V(s) (n,) of `observations` (n, o) under the exploring policy.
+
+        The unit is the discounted return of the environment's own rewards, whatever the student
+        normalises. Training goes on as if it had not been asked.
+        """
+
+    @abstractmethod
+    def reset(self) -> None:
+        """Forgets everything learned: networks, optimisers and stored experience start anew.
+
+        Called between `observe` and `act`, also within an episode, which goes on. What is fitted to
+        the environment rather than learned stays: statistics that normalise observations and rewards;
+        and the initial exploration is not repeated (both as in the original release).
+        """
+
+    @abstractmethod
+    def save(self, folder: Path) -> None:
+        """Writes the complete state into `folder`, so that training resumes bit for bit.
+
+        Args:
+            folder: an existing folder of the student's own; called at the end of an episode.
+        """
+
+    @abstractmethod
+    def load(self, folder: Path) -> None:
+        """Takes over the state that `save` wrote, from a student with the same construction.
+
+        Raises:
+            ValueError: the state belongs to a student of another kind or with other hyper-parameters.
+        """
+
+    @abstractmethod
+    def save_policy(self, folder: Path) -> None:
+        """Writes what is needed to play the greedy policy into the existing `folder`."""
+
+    @classmethod
+    @abstractmethod
+    def load_policy(cls, folder: Path, device: str = "cpu") -> Policy:
+        """Returns the greedy policy that `save_policy` wrote."""
+
+    def scalars(self) -> dict[str, float]:
+        """Returns figures about the last update for logging (losses, ...), by name."""
+        return {}

@@ -1,0 +1,78 @@
+"""Students by name. Names and hyper-parameters are checked without importing torch."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from gymnasium import Space
+
+from tma_ray.registry import Registry
+from tma_ray.students.base import Policy, Student
+from tma_ray.students.hyperparameters import (
+    PPOHyperparameters,
+    SACHyperparameters,
+    as_plain_values,
+    parse_hyperparameters,
+)
+
+STUDENTS: Registry[type[Student]] = Registry(
+    "student",
+    "tma_ray.students",
+    {"ppo": "tma_ray.students.ppo:PPO", "sac": "tma_ray.students.sac:SAC"},
+)
+
+_BUILTIN_HYPERPARAMETERS: dict[str, type] = {"ppo": PPOHyperparameters, "sac": SACHyperparameters}
+
+
+def make_student(
+    name: str,
+    observation_space: Space[Any],
+    action_space: Space[Any],
+    seed: np.random.SeedSequence,
+    hyperparameters: Mapping[str, Any] | None = None,
+    device: str = "cpu",
+    threads: int = 1,
+) -> Student:
+    """Returns a new student.
+
+    Args:
+        name: "ppo", "sac", or any other registered student.
+        observation_space: a one-dimensional box, of size o.
+        action_space: a bounded one-dimensional box, of size a.
+        seed: source of all its randomness; not changed, so that the same seed gives the same student.
+        hyperparameters: values that differ from `default_hyperparameters`.
+        device: torch's name of where networks live.
+        threads: torch's threads, for the whole process; results are repeatable for one number of them.
+
+    Raises:
+        UnknownNameError: no student answers to `name`.
+        ValueError: unknown or unfit hyper-parameters, or spaces that the student cannot use.
+    """
+    parsed = check_hyperparameters(name, hyperparameters)
+    constructor: Any = STUDENTS.get(name)
+    student: Student = constructor(observation_space, action_space, parsed, seed, device, threads)
+    return student
+
+
+def default_hyperparameters(name: str) -> dict[str, Any]:
+    """Returns all hyper-parameters of the student called `name` at their defaults, fit for JSON."""
+    return as_plain_values(check_hyperparameters(name))
+
+
+def check_hyperparameters(name: str, given: Mapping[str, Any] | None = None) -> Any:
+    """Returns the frozen hyper-parameters of the student called `name` with the values `given`.
+
+    Raises:
+        UnknownNameError: no student answers to `name`.
+        ValueError: an unknown key, a wrong type or a value outside its range.
+    """
+    kind = _BUILTIN_HYPERPARAMETERS.get(name) or STUDENTS.get(name).hyperparameters_type
+    return parse_hyperparameters(kind, given)
+
+
+def load_policy(name: str, folder: Path, device: str = "cpu") -> Policy:
+    """Returns the greedy policy that a student called `name` saved in `folder`."""
+    return STUDENTS.get(name).load_policy(folder, device)

@@ -1,0 +1,167 @@
+"""Hyper-parameters of the students, checked before anything is computed. Imports no torch."""
+
+from __future__ import annotations
+
+import dataclasses
+import difflib
+import math
+import types
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any, TypeVar, Union, get_args, get_origin, get_type_hints
+
+H = TypeVar("H")
+
+
+@dataclass(frozen=True)
+class PPOHyperparameters:
+    """Proximal policy optimisation (paper, appendix on DRL students).
+
+    Attributes:
+        hidden_units: units per hidden layer of the trunk that policy and value share; ReLU as the paper
+            says (the original release: tanh).
+        learning_rate: Adam's step size, constant; its epsilon is 1e-5 (the release).
+        steps_per_update: environment steps between two updates (the release's launch files: 20,000).
+        epochs: passes over those steps in one update.
+        batch_size: steps per mini-batch.
+        gamma: discount factor, also of the returns whose variance scales the rewards.
+        gae_lambda: lambda of the generalised advantage estimator.
+        clip_range: largest change of the probability ratio that is still rewarded.
+        value_clip_range: largest change of the value per update, in units of the normalised return
+            (the release clips, the paper does not say); None turns it off.
+        value_coefficient: weight of the value's mean squared error in the loss.
+        entropy_coefficient: weight of the policy's entropy in the loss.
+        max_gradient_norm: norm to which the gradient is clipped.
+        observation_clip: normalised observations are clipped to [-x, x].
+        reward_clip: normalised rewards are clipped to [-x, x].
+    """
+
+    hidden_units: tuple[int, ...] = (400, 300)
+    learning_rate: float = 3e-4
+    steps_per_update: int = 2_000
+    epochs: int = 5
+    batch_size: int = 1_000
+    gamma: float = 0.99
+    gae_lambda: float = 0.95
+    clip_range: float = 0.2
+    value_clip_range: float | None = 0.2
+    value_coefficient: float = 0.5
+    entropy_coefficient: float = 0.0
+    max_gradient_norm: float = 0.5
+    observation_clip: float = 10.0
+    reward_clip: float = 10.0
+
+    def __post_init__(self) -> None:
+        _check_positive(
+            self,
+            *("learning_rate", "epochs", "clip_range", "value_clip_range", "max_gradient_norm"),
+            *("observation_clip", "reward_clip"),
+        )
+        _check_shares(self, "gamma", "gae_lambda")
+        _check_hidden_units(self.hidden_units)
+        if not 1 < self.batch_size <= self.steps_per_update or self.steps_per_update % self.batch_size:
+            raise ValueError(
+                f"batch_size = {self.batch_size}: expected more than 1 and a divisor of "
+                f"steps_per_update = {self.steps_per_update}"
+            )
+
+
+@dataclass(frozen=True)
+class SACHyperparameters:
+    """Soft actor-critic with a fixed entropy coefficient (paper, appendix on DRL students).
+
+    Attributes:
+        hidden_units: units per hidden layer of the actor and of each critic, ReLU.
+        learning_rate: Adam's step size of actor and critics.
+        buffer_size: transitions kept for replay.
+        batch_size: transitions per update.
+        exploration_steps: environment steps of uniform actions at the start of the run, without
+            updates; happens once, not again after a reset (the release).
+        steps_per_update: environment steps per update (the release makes them all at the episode's end).
+        gamma: discount factor.
+        target_rate: share of the critics that the target critics take over at each update.
+        entropy_coefficient: weight alpha of the policy's entropy in the return.
+        value_samples: actions per state that V(s) = E[min Q - alpha log pi] averages over.
+    """
+
+    hidden_units: tuple[int, ...] = (400, 300)
+    learning_rate: float = 1e-3
+    buffer_size: int = 2_000_000
+    batch_size: int = 1_000
+    exploration_steps: int = 10_000
+    steps_per_update: int = 10
+    gamma: float = 0.99
+    target_rate: float = 0.005
+    entropy_coefficient: float = 0.005
+    value_samples: int = 16
+
+    def __post_init__(self) -> None:
+        _check_positive(
+            self, "learning_rate", "buffer_size", "batch_size", "steps_per_update", "value_samples"
+        )
+        _check_shares(self, "gamma", "target_rate")
+        _check_hidden_units(self.hidden_units)
+        if self.exploration_steps < 0 or self.entropy_coefficient < 0:
+            raise ValueError(
+                f"exploration_steps = {self.exploration_steps} and "
+                f"entropy_coefficient = {self.entropy_coefficient}: expected neither under 0"
+            )
+
+
+def parse_hyperparameters(kind: type[H], given: Mapping[str, Any] | None = None) -> H:
+    """Returns the frozen dataclass `kind` with the values `given`, all others at their defaults.
+
+    Lists count as tuples and whole numbers as floats, so that values may come from JSON.
+
+    Raises:
+        ValueError: an unknown key (the message has the nearest known one), or a value of another type
+            or outside its range.
+    """
+    annotations = get_type_hints(kind)
+    for key in given or {}:
+        if key not in annotations:
+            near = difflib.get_close_matches(key, annotations, n=1)
+            hint = f"did you mean {near[0]!r}? " if near else ""
+            raise ValueError(f"unknown hyper-parameter {key!r}: {hint}known: {', '.join(annotations)}")
+    return kind(**{key: _converted(key, value, annotations[key]) for key, value in (given or {}).items()})
+
+
+def as_plain_values(hyperparameters: Any) -> dict[str, Any]:
+    """Returns `hyperparameters` as a dict that survives JSON unchanged."""
+    values = dataclasses.asdict(hyperparameters)
+    return {key: list(value) if isinstance(value, tuple) else value for key, value in values.items()}
+
+
+def _converted(key: str, value: Any, annotation: Any) -> Any:
+    if get_origin(annotation) in (Union, types.UnionType):
+        if value is None and type(None) in get_args(annotation):
+            return None
+        annotation = next(choice for choice in get_args(annotation) if choice is not type(None))
+    if get_origin(annotation) is tuple and isinstance(value, (list, tuple)):
+        return tuple(_converted(key, item, get_args(annotation)[0]) for item in value)
+    is_number = isinstance(value, (int, float)) and not isinstance(value, bool)
+    if annotation is float and is_number and math.isfinite(value):
+        return float(value)
+    if isinstance(annotation, type) and type(value) is annotation and annotation is not float:
+        return value
+    expected = getattr(annotation, "__name__", str(annotation)).replace("float", "finite float")
+    raise ValueError(f"hyper-parameter {key} = {value!r}: expected {expected}")
+
+
+def _check_positive(hyperparameters: object, *names: str) -> None:
+    for name in names:
+        value = getattr(hyperparameters, name)
+        if value is not None and value <= 0:
+            raise ValueError(f"hyper-parameter {name} = {value!r}: expected more than 0")
+
+
+def _check_shares(hyperparameters: object, *names: str) -> None:
+    for name in names:
+        value = getattr(hyperparameters, name)
+        if not 0 <= value <= 1:
+            raise ValueError(f"hyper-parameter {name} = {value!r}: expected a share in [0, 1]")
+
+
+def _check_hidden_units(units: tuple[int, ...]) -> None:
+    if not units or min(units) < 1:
+        raise ValueError(f"hyper-parameter hidden_units = {units}: expected at least one layer of 1 or more")

@@ -1,0 +1,164 @@
+"""PPO over stable-baselines3, with the paper's hyper-parameters and normalisation."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import stable_baselines3
+import torch
+from numpy.typing import NDArray
+from torch import nn
+
+from tma_ray.students.base import Actions, Observations, Policy, Transition
+from tma_ray.students.hyperparameters import PPOHyperparameters
+from tma_ray.students.networks import Pass, Trunk, as_batch
+from tma_ray.students.normaliser import Normaliser
+from tma_ray.students.rollout import Rollout
+from tma_ray.students.stable_baselines import POLICY_FILE, StableBaselinesStudent
+
+NORMALISER_FILE = "normaliser.json"
+
+
+class PPO(StableBaselinesStudent[PPOHyperparameters, stable_baselines3.PPO]):
+    """Proximal policy optimisation: 2,000 steps, then 5 epochs over them.
+
+    Observations and rewards are normalised with running statistics, which evaluation uses without
+    changing them and which a reset keeps. The greedy action is the mean, clipped to the action space
+    (the original release evaluates with sampled actions). A time limit adds the value of the last
+    observation to the last reward (the release bootstraps from the next episode's first).
+    """
+
+    hyperparameters_type = PPOHyperparameters
+
+    def _make_model(self) -> stable_baselines3.PPO:
+        hyper = self.hyperparameters
+        return stable_baselines3.PPO(
+            "MlpPolicy",
+            env=None,  # type: ignore[arg-type]  # stepped by the run, not by the model
+            learning_rate=hyper.learning_rate,
+            n_steps=hyper.steps_per_update,
+            batch_size=hyper.batch_size,
+            n_epochs=hyper.epochs,
+            gamma=hyper.gamma,
+            gae_lambda=hyper.gae_lambda,
+            clip_range=hyper.clip_range,
+            clip_range_vf=hyper.value_clip_range,
+            ent_coef=hyper.entropy_coefficient,
+            vf_coef=hyper.value_coefficient,
+            max_grad_norm=hyper.max_gradient_norm,
+            policy_kwargs={
+                "net_arch": [],
+                "activation_fn": nn.ReLU,
+                "features_extractor_class": Trunk,
+                "features_extractor_kwargs": {"hidden_units": hyper.hidden_units},
+            },
+            device=self.device,
+            _init_setup_model=False,
+        )
+
+    def _start(self) -> None:
+        hyper = self.hyperparameters
+        size, action_size = self.observation_space.shape[0], self.action_space.shape[0]
+        self.normaliser = Normaliser(size, hyper.gamma, hyper.observation_clip, hyper.reward_clip)
+        self._rollout = Rollout(hyper.steps_per_update, size, action_size, self._batches, self.device)
+        self._episode_starts = True
+
+    def _connect(self) -> None:
+        policy = self.model.policy
+        self.model.rollout_buffer = self._rollout  # type: ignore[assignment]
+        self._rollout.clear()
+        self._trunk = Pass(policy.features_extractor, relu=True)
+        self._mean_head = Pass(policy.action_net, relu=False)
+        self._value_head = Pass(policy.value_net, relu=False)
+        self._log_std = policy.log_std.detach()
+
+    def act(self, observation: Observations) -> Actions:  # noqa: D102
+        if self._episode_starts:
+            self.normaliser.update(observation)
+        self._normalised = self.normaliser.normalise(observation)
+        features = self._trunk(as_batch(self._normalised, self.device))
+        noise = self._noise()
+        draw = torch.from_numpy(noise).to(self.device)
+        sampled = torch.addcmul(self._mean_head(features), self._log_std.exp(), draw)
+        self._sampled: Actions = sampled.numpy(force=True)[0]
+        self._value = self._value_head(features).item()
+        self._log_probability = self._gaussian_log_probability(noise)
+        return np.minimum(np.maximum(self._sampled, self._low), self._high)
+
+    def observe(self, transition: Transition) -> None:  # noqa: D102
+        ended = transition.terminated or transition.truncated
+        if not ended:
+            self.normaliser.update(transition.next_observation)
+        self.normaliser.update_reward(transition.reward)
+        reward = self.normaliser.normalise_reward(transition.reward)
+        if ended:
+            self.normaliser.end_episode()
+        if transition.truncated and not transition.terminated:
+            reward += self.gamma * self._normalised_values(transition.next_observation)[0]
+        self._rollout.add(self._normalised, self._sampled, self._value, self._log_probability, reward, ended)
+        self._episode_starts = ended
+        if self._rollout.is_full:
+            self._update(transition.next_observation)
+
+    def act_greedily(self, observations: Observations) -> Actions:  # noqa: D102
+        features = self._trunk(as_batch(self.normaliser.normalise(observations), self.device))
+        mean: Actions = self._mean_head(features).numpy(force=True)
+        return np.minimum(np.maximum(mean, self._low), self._high)
+
+    def state_values(self, observations: Observations) -> NDArray[np.float64]:
+        """Returns V(s) (n,) of `observations` (n, o), rescaled from normalised to raw rewards.
+
+        The original release asks the value head about raw observations, which it was not trained on.
+        """
+        return self._normalised_values(observations) * self.normaliser.reward_scale
+
+    def save_policy(self, folder: Path) -> None:
+        """Writes ``policy.zip`` for ``stable_baselines3.PPO.load`` and ``normaliser.json``.
+
+        The loaded model takes observations normalised as `Normaliser.save` describes; `load_policy`
+        does both.
+        """
+        super().save_policy(folder)
+        self.normaliser.save(folder / NORMALISER_FILE)
+
+    @classmethod
+    def load_policy(cls, folder: Path, device: str = "cpu") -> Policy:  # noqa: D102
+        model = stable_baselines3.PPO.load(folder / POLICY_FILE, device=device)
+        normaliser = Normaliser.load(folder / NORMALISER_FILE)
+
+        def act(observations: Observations) -> Actions:
+            actions: Actions = model.predict(normaliser.normalise(observations), deterministic=True)[0]
+            return actions
+
+        return act
+
+    def _save_experience(self, folder: Path) -> dict[str, Any]:
+        self.normaliser.save(folder / NORMALISER_FILE)
+        np.savez(folder / "rollout.npz", **self._rollout.state())
+        return {"episode_starts": self._episode_starts}
+
+    def _load_experience(self, folder: Path, counters: dict[str, Any]) -> None:
+        self.normaliser = Normaliser.load(folder / NORMALISER_FILE)
+        with np.load(folder / "rollout.npz") as state:
+            self._rollout.restore(dict(state))
+        self._episode_starts = counters["episode_starts"]
+
+    def _update(self, next_observation: Observations) -> None:
+        last_value = self._normalised_values(next_observation)[0]
+        self._rollout.finish(last_value, self.gamma, self.hyperparameters.gae_lambda)
+        with self._torch_stream.active():
+            self.model.train()
+        self._rollout.clear()
+
+    def _normalised_values(self, observations: Observations) -> NDArray[np.float64]:
+        features = self._trunk(as_batch(self.normaliser.normalise(observations), self.device))
+        values: NDArray[np.float32] = self._value_head(features).numpy(force=True)
+        return values[:, 0].astype(np.float64)
+
+    def _gaussian_log_probability(self, noise: NDArray[np.float32]) -> float:
+        squares = float((noise * noise).sum())
+        log_normaliser = float(self._log_std.sum()) + 0.5 * noise.size * math.log(2 * math.pi)
+        return -0.5 * squares - log_normaliser

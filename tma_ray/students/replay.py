@@ -1,0 +1,154 @@
+"""Replay storage that keeps every observation once, and the last ones of truncated episodes too."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from stable_baselines3.common.type_aliases import ReplayBufferSamples
+
+from tma_ray.students.base import Observations, Transition
+
+
+class ReplayBuffer:
+    """A ring of transitions whose next observation is the following row's observation.
+
+    Where the following transition does not start from it (an episode ended, however), the next
+    observation is kept in a second, small ring. Nothing is lost, so truncated episodes bootstrap from
+    the observation that they were cut at; stable-baselines3's own buffer refuses that together with
+    storing observations once. Memory is touched only as it fills.
+
+    It stands in for stable-baselines3's buffer: its update calls nothing but `sample`.
+
+    Args:
+        capacity: transitions kept.
+        observation_size: length o of an observation.
+        action_size: length a of an action.
+        generator: draws the batches.
+        device: where batches go.
+    """
+
+    def __init__(
+        self,
+        capacity: int,
+        observation_size: int,
+        action_size: int,
+        generator: np.random.Generator,
+        device: torch.device,
+    ) -> None:
+        self._rows = capacity + 1  # the newest transition's next observation takes a row of its own
+        self._generator = generator
+        self._device = device
+        self._observations = np.empty((self._rows, observation_size), dtype=np.float32)
+        self._actions = np.empty((self._rows, action_size), dtype=np.float32)
+        self._rewards = np.empty(self._rows, dtype=np.float32)
+        self._terminated = np.empty(self._rows, dtype=np.bool_)
+        self._ending = np.zeros(self._rows, dtype=np.int32)  # number of the stored ending, 0 if none
+        self.clear()
+
+    def __len__(self) -> int:
+        return self._size
+
+    def clear(self) -> None:
+        """Forgets all transitions."""
+        self._row = 0  # where the next transition goes
+        self._size = 0
+        self._filled = 0  # rows ever written, all of them after a wrap
+        self._endings = np.empty((1, self._observations.shape[1]), dtype=np.float32)
+        self._first_ending, self._next_ending = 1, 1  # numbers of the endings kept: [first, next)
+
+    def add(self, transition: Transition, action: NDArray[np.float32]) -> None:
+        """Stores `transition`, and forgets the oldest if there is no room.
+
+        Args:
+            transition: what happened; its own action is not read.
+            action: the action (a,) in the network's range [-1, 1].
+        """
+        row = self._row
+        following = row + 1 if row + 1 < self._rows else 0
+        if self._size == self._rows - 1:  # the oldest transition lies where the next observation goes
+            self._first_ending += bool(self._ending[following])
+            self._size -= 1
+        if self._size and not (self._observations[row] == transition.observation).all():
+            self._keep_ending(row)
+        self._observations[row] = transition.observation
+        self._actions[row] = action
+        self._rewards[row] = transition.reward
+        self._terminated[row] = transition.terminated
+        self._ending[row] = 0
+        self._observations[following] = transition.next_observation
+        self._row = following
+        self._size += 1
+        self._filled = max(self._filled, row + 1)
+
+    def sample(self, batch_size: int, env: None = None) -> ReplayBufferSamples:
+        """Returns `batch_size` transitions drawn uniformly with replacement, as float32 tensors.
+
+        Args:
+            batch_size: number of transitions n.
+            env: stable-baselines3 passes its normalising environment here; there is none.
+        """
+        assert env is None
+        ages = self._generator.integers(1, self._size + 1, size=batch_size)
+        rows = (self._row - ages) % self._rows
+        batch = (
+            self._observations[rows],
+            self._actions[rows],
+            self._next_observations(rows),
+            self._terminated[rows, None].astype(np.float32),
+            self._rewards[rows, None],
+        )
+        return ReplayBufferSamples(*(torch.from_numpy(part).to(self._device) for part in batch))
+
+    def state(self) -> dict[str, Any]:
+        """Returns the filled part of everything stored: arrays by name."""
+        kept = np.arange(self._first_ending, self._next_ending)
+        return {
+            "observations": self._observations[: min(self._filled + 1, self._rows)],
+            "actions": self._actions[: self._filled],
+            "rewards": self._rewards[: self._filled],
+            "terminated": self._terminated[: self._filled],
+            "ending": self._ending[: self._filled],
+            "endings": self._endings[kept % len(self._endings)],
+            "counters": np.array(
+                [self._row, self._size, self._filled, self._first_ending, self._next_ending]
+            ),
+        }
+
+    def save(self, path: Path) -> None:
+        """Writes the filled part, every observation once."""
+        with path.open("wb") as file:
+            np.savez(file, **self.state())
+
+    def load(self, path: Path) -> None:
+        """Takes over what a buffer of the same sizes saved."""
+        with np.load(path) as state:
+            for name in ("observations", "actions", "rewards", "terminated", "ending"):
+                values = state[name]
+                getattr(self, f"_{name}")[: len(values)] = values
+            counters = state["counters"].tolist()
+            endings: Observations = state["endings"]
+        self._row, self._size, self._filled, self._first_ending, self._next_ending = counters
+        self._endings = np.empty((max(1, len(endings)), self._observations.shape[1]), dtype=np.float32)
+        self._endings[np.arange(self._first_ending, self._next_ending) % len(self._endings)] = endings
+
+    def _next_observations(self, rows: NDArray[np.int64]) -> Observations:
+        following = self._observations[(rows + 1) % self._rows]
+        endings = self._ending[rows]
+        ended = endings.nonzero()[0]
+        following[ended] = self._endings[endings[ended] % len(self._endings)]
+        return following
+
+    def _keep_ending(self, row: int) -> None:
+        """Moves the next observation of the newest transition from `row` to the ring of endings."""
+        if self._next_ending - self._first_ending == len(self._endings):
+            kept = np.arange(self._first_ending, self._next_ending)
+            grown = np.empty((2 * len(self._endings), self._endings.shape[1]), dtype=np.float32)
+            grown[kept % len(grown)] = self._endings[kept % len(self._endings)]
+            self._endings = grown
+        self._endings[self._next_ending % len(self._endings)] = self._observations[row]
+        self._ending[row - 1] = self._next_ending  # row - 1 is -1, the last row, at the seam
+        self._next_ending += 1

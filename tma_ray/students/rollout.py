@@ -1,0 +1,128 @@
+"""The steps between two PPO updates, with their returns and advantages."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from stable_baselines3.common.type_aliases import RolloutBufferSamples
+
+from tma_ray.students.base import Actions, Observations
+
+
+class Rollout:
+    """A fixed number of consecutive steps and what the networks said at each.
+
+    It stands in for stable-baselines3's rollout buffer, whose update reads `values`, `returns` and the
+    batches of `get`. Returns and advantages equal its own to the last bit; shuffling draws from the
+    generator given here instead of numpy's global one.
+
+    Args:
+        steps: number of steps n.
+        observation_size: length o of an observation.
+        action_size: length a of an action.
+        generator: shuffles the mini-batches.
+        device: where mini-batches go.
+    """
+
+    def __init__(
+        self,
+        steps: int,
+        observation_size: int,
+        action_size: int,
+        generator: np.random.Generator,
+        device: torch.device,
+    ) -> None:
+        self._generator = generator
+        self._device = device
+        self.observations = np.zeros((steps, observation_size), dtype=np.float32)
+        self.actions = np.zeros((steps, action_size), dtype=np.float32)
+        self.rewards = np.zeros(steps, dtype=np.float32)
+        self.ended = np.zeros(steps, dtype=np.bool_)
+        self.values = np.zeros(steps, dtype=np.float32)
+        self.log_probabilities = np.zeros(steps, dtype=np.float32)
+        self.advantages = np.zeros(steps, dtype=np.float32)
+        self.returns = np.zeros(steps, dtype=np.float32)
+        self._size = 0
+
+    @property
+    def is_full(self) -> bool:
+        """Whether an update is due."""
+        return self._size == len(self.rewards)
+
+    def clear(self) -> None:
+        """Forgets all steps."""
+        self._size = 0
+
+    def add(
+        self,
+        observation: Observations,
+        action: Actions,
+        value: float,
+        log_probability: float,
+        reward: float,
+        ended: bool,
+    ) -> None:
+        """Appends a step.
+
+        Args:
+            observation: as the networks saw it, normalised (o,).
+            action: as sampled, not clipped to the action space (a,).
+            value: of the observation, in normalised reward.
+            log_probability: of the action.
+            reward: normalised; the value of what a time limit cut off is part of it.
+            ended: the episode ended with this step, by itself or by a time limit.
+        """
+        index = self._size
+        self.observations[index] = observation
+        self.actions[index] = action
+        self.values[index] = value
+        self.log_probabilities[index] = log_probability
+        self.rewards[index] = reward
+        self.ended[index] = ended
+        self._size = index + 1
+
+    def finish(self, last_value: float, gamma: float, gae_lambda: float) -> None:
+        """Computes returns and advantages (generalised advantage estimation, arXiv:1506.02438).
+
+        Args:
+            last_value: value of the observation after the last step.
+            gamma: discount factor.
+            gae_lambda: lambda of the estimator.
+        """
+        goes_on = 1 - self.ended.astype(np.float32)
+        next_values = np.append(self.values[1:], np.float32(last_value))
+        errors = self.rewards + gamma * next_values * goes_on - self.values
+        decays = gamma * gae_lambda * goes_on
+        advantage = np.float32(0)
+        for index in range(len(errors) - 1, -1, -1):
+            advantage = errors[index] + decays[index] * advantage
+            self.advantages[index] = advantage
+        self.returns = self.advantages + self.values
+
+    def get(self, batch_size: int) -> Iterator[RolloutBufferSamples]:
+        """Yields all steps once, shuffled, in mini-batches of tensors."""
+        order = self._generator.permutation(len(self.rewards))
+        columns = (
+            *(self.observations, self.actions, self.values),
+            *(self.log_probabilities, self.advantages, self.returns),
+        )
+        for start in range(0, len(order), batch_size):
+            rows = order[start : start + batch_size]
+            yield RolloutBufferSamples(*(torch.from_numpy(c[rows]).to(self._device) for c in columns))
+
+    def state(self) -> dict[str, Any]:
+        """Returns the steps so far, by name of the column."""
+        return {name: getattr(self, name)[: self._size] for name in _STORED}
+
+    def restore(self, state: dict[str, NDArray[Any]]) -> None:
+        """Takes over the steps of another rollout's `state`."""
+        self._size = len(state["rewards"])
+        for name in _STORED:
+            getattr(self, name)[: self._size] = state[name]
+
+
+_STORED = ("observations", "actions", "values", "log_probabilities", "rewards", "ended")

@@ -1,0 +1,137 @@
+"""SAC over stable-baselines3, with the paper's hyper-parameters."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import stable_baselines3
+import torch
+from numpy.typing import NDArray
+from stable_baselines3.sac.policies import LOG_STD_MAX, LOG_STD_MIN
+from torch import nn
+
+from tma_ray.students.base import Actions, Observations, Policy, Transition
+from tma_ray.students.hyperparameters import SACHyperparameters
+from tma_ray.students.networks import Pass, as_batch
+from tma_ray.students.replay import ReplayBuffer
+from tma_ray.students.stable_baselines import POLICY_FILE, StableBaselinesStudent
+
+SQUASH_EPSILON = 1e-6
+"""Keeps the logarithm of the squashing's derivative finite, as in stable-baselines3."""
+
+
+class SAC(StableBaselinesStudent[SACHyperparameters, stable_baselines3.SAC]):
+    """Soft actor-critic with a fixed entropy coefficient: one update every 10 steps.
+
+    The first 10,000 actions of the run are uniform, without updates. Time limits bootstrap. The greedy
+    action is the squashed mean. stable-baselines3 has no V network (the original release has one):
+    V(s) = E[min Q(s, a) - alpha log pi(a|s)] is averaged over sampled actions.
+    """
+
+    hyperparameters_type = SACHyperparameters
+
+    def _make_model(self) -> stable_baselines3.SAC:
+        hyper = self.hyperparameters
+        model = stable_baselines3.SAC(
+            "MlpPolicy",
+            env=None,  # type: ignore[arg-type]  # stepped by the run, not by the model
+            learning_rate=hyper.learning_rate,
+            buffer_size=hyper.buffer_size,
+            learning_starts=hyper.exploration_steps,
+            batch_size=hyper.batch_size,
+            tau=hyper.target_rate,
+            gamma=hyper.gamma,
+            train_freq=hyper.steps_per_update,
+            gradient_steps=1,
+            ent_coef=hyper.entropy_coefficient,
+            target_entropy=0.0,  # only a learned coefficient has a target
+            policy_kwargs={"net_arch": list(hyper.hidden_units), "activation_fn": nn.ReLU},
+            device=self.device,
+            _init_setup_model=False,
+        )
+        model.replay_buffer = self._replay  # type: ignore[assignment]
+        return model
+
+    def _start(self) -> None:
+        sizes = self.observation_space.shape[0], self.action_space.shape[0]
+        self._replay = ReplayBuffer(self.hyperparameters.buffer_size, *sizes, self._batches, self.device)
+        self._steps = 0
+
+    def _connect(self) -> None:
+        actor = self.model.actor
+        self._replay.clear()
+        self._hidden = Pass(actor.latent_pi, relu=True)
+        self._mean_head = Pass(actor.mu, relu=False)
+        self._log_std_head = Pass(actor.log_std, relu=False)  # type: ignore[arg-type]
+
+    def act(self, observation: Observations) -> Actions:  # noqa: D102
+        if self._steps < self.hyperparameters.exploration_steps:
+            return self._exploration.uniform(self._low, self._high).astype(np.float32)
+        hidden = self._hidden(as_batch(observation, self.device))
+        mean, std = self._mean_head(hidden), self._std(hidden)
+        noise = torch.from_numpy(self._noise()).to(self.device)
+        return self._unscale(torch.addcmul(mean, std, noise).tanh_().numpy(force=True)[0])
+
+    def observe(self, transition: Transition) -> None:  # noqa: D102
+        self._replay.add(transition, self._scale(transition.action))
+        self._steps += 1
+        hyper = self.hyperparameters
+        if self._steps > hyper.exploration_steps and self._steps % hyper.steps_per_update == 0:
+            with self._torch_stream.active():
+                self.model.train(gradient_steps=1, batch_size=hyper.batch_size)
+
+    def act_greedily(self, observations: Observations) -> Actions:  # noqa: D102
+        hidden = self._hidden(as_batch(observations, self.device))
+        return self._unscale(self._mean_head(hidden).tanh_().numpy(force=True))
+
+    def state_values(self, observations: Observations) -> NDArray[np.float64]:
+        """Returns V(s) (n,) of `observations` (n, o), entropy bonus included."""
+        inputs = as_batch(observations, self.device)
+        hidden = self._hidden(inputs)
+        mean, std = self._mean_head(hidden), self._std(hidden)
+        total = torch.zeros(len(inputs), dtype=torch.float64, device=self.device)
+        with torch.inference_mode():
+            for _ in range(self.hyperparameters.value_samples):
+                draw = self._values.standard_normal(tuple(mean.shape), dtype=np.float32)
+                noise = torch.from_numpy(draw).to(self.device)
+                total += self._soft_values(inputs, mean, std, noise)
+        values: NDArray[np.float64] = (total / self.hyperparameters.value_samples).numpy(force=True)
+        return values
+
+    @classmethod
+    def load_policy(cls, folder: Path, device: str = "cpu") -> Policy:  # noqa: D102
+        model = stable_baselines3.SAC.load(folder / POLICY_FILE, device=device)
+        return lambda observations: model.predict(observations, deterministic=True)[0]
+
+    def _save_experience(self, folder: Path) -> dict[str, Any]:
+        self._replay.save(folder / "replay.npz")
+        return {"steps": self._steps}
+
+    def _load_experience(self, folder: Path, counters: dict[str, Any]) -> None:
+        self._replay.load(folder / "replay.npz")
+        self._steps = counters["steps"]
+
+    def _std(self, hidden: torch.Tensor) -> torch.Tensor:
+        std: torch.Tensor = self._log_std_head(hidden).clamp_(LOG_STD_MIN, LOG_STD_MAX).exp_()
+        return std
+
+    def _soft_values(
+        self, inputs: torch.Tensor, mean: torch.Tensor, std: torch.Tensor, noise: torch.Tensor
+    ) -> torch.Tensor:
+        """Returns min Q - alpha log pi (n,) of one action per state."""
+        actions = torch.addcmul(mean, std, noise).tanh_()
+        log_density = -0.5 * noise.square() - std.log() - 0.5 * math.log(2 * math.pi)
+        log_probability = log_density - torch.log(1 - actions.square() + SQUASH_EPSILON)
+        q = torch.cat(self.model.critic(inputs, actions), dim=1).min(dim=1).values
+        return q - self.hyperparameters.entropy_coefficient * log_probability.sum(dim=1)
+
+    def _scale(self, actions: Actions) -> Actions:
+        """Returns `actions` mapped from the action space to [-1, 1]."""
+        return 2 * ((actions - self._low) / (self._high - self._low)) - 1
+
+    def _unscale(self, actions: Actions) -> Actions:
+        """Returns `actions` mapped from [-1, 1] to the action space."""
+        return self._low + np.float32(0.5) * (actions + 1) * (self._high - self._low)

@@ -1,0 +1,153 @@
+"""What PPO and SAC share: a stable-baselines3 model whose environment loop, randomness and files are ours."""
+
+from __future__ import annotations
+
+import json
+from abc import abstractmethod
+from pathlib import Path
+from typing import Any, Generic, TypeVar
+
+import numpy as np
+import torch
+from gymnasium import Space, spaces
+from numpy.typing import NDArray
+from stable_baselines3.common.base_class import BaseAlgorithm
+from stable_baselines3.common.logger import Logger
+
+from tma_ray.students.base import Actions, Student
+from tma_ray.students.hyperparameters import PPOHyperparameters, SACHyperparameters, as_plain_values
+from tma_ray.students.randomness import TorchStream, streams
+
+H = TypeVar("H", bound=PPOHyperparameters | SACHyperparameters)
+M = TypeVar("M", bound=BaseAlgorithm)
+
+POLICY_FILE = "policy.zip"
+
+
+class StableBaselinesStudent(Student, Generic[H, M]):
+    """A student whose policy, update and saved policies are stable-baselines3's.
+
+    The seed's children are, in this order: torch's stream (weights, actions sampled in updates),
+    exploration, mini-batches, state values.
+
+    Args:
+        observation_space: a one-dimensional box, of size o.
+        action_space: a bounded one-dimensional box, of size a.
+        hyperparameters: of the algorithm.
+        seed: source of all randomness; not changed.
+        device: torch's name of where networks live.
+        threads: torch's threads. They are the process's, so all students in it get the last number.
+
+    Raises:
+        ValueError: a space that is not such a box.
+    """
+
+    def __init__(
+        self,
+        observation_space: Space[Any],
+        action_space: Space[Any],
+        hyperparameters: H,
+        seed: np.random.SeedSequence,
+        device: str = "cpu",
+        threads: int = 1,
+    ) -> None:
+        self.observation_space = _checked_box(observation_space, "observation")
+        self.action_space = _checked_box(action_space, "action")
+        if not self.action_space.is_bounded():
+            raise ValueError(f"action space {self.action_space}: expected finite bounds")
+        self._low: Actions = self.action_space.low
+        self._high: Actions = self.action_space.high
+        self.hyperparameters = hyperparameters
+        self.gamma = hyperparameters.gamma
+        self.device = torch.device(device)
+        torch.set_num_threads(threads)
+        networks, exploration, batches, values = streams(seed, 4)
+        self._torch_stream = TorchStream(networks, self.device)
+        self._exploration = np.random.default_rng(exploration)
+        self._batches = np.random.default_rng(batches)
+        self._values = np.random.default_rng(values)
+        self._start()
+        self._build()
+
+    @abstractmethod
+    def _start(self) -> None:
+        """Makes what lives as long as the student: statistics, counters and empty buffers."""
+
+    @abstractmethod
+    def _make_model(self) -> M:
+        """Returns a new model whose networks are not yet built."""
+
+    @abstractmethod
+    def _connect(self) -> None:
+        """Empties the buffer and joins it and the fast passes to `self.model`, which is new."""
+
+    @abstractmethod
+    def _save_experience(self, folder: Path) -> dict[str, Any]:
+        """Writes buffers and statistics into `folder`; returns counters for JSON."""
+
+    @abstractmethod
+    def _load_experience(self, folder: Path, counters: dict[str, Any]) -> None:
+        """Takes over what `_save_experience` wrote and returned."""
+
+    def save(self, folder: Path) -> None:  # noqa: D102
+        state = {
+            "hyperparameters": as_plain_values(self.hyperparameters),
+            "generators": [generator.bit_generator.state for generator in self._generators],
+            "updates": self.model._n_updates,
+            "counters": self._save_experience(folder),
+        }
+        (folder / "student.json").write_text(json.dumps(state, indent=1))
+        networks = {"parameters": self.model.get_parameters(), "torch_stream": self._torch_stream.state}
+        torch.save(networks, folder / "networks.pt")
+
+    def load(self, folder: Path) -> None:  # noqa: D102
+        state = json.loads((folder / "student.json").read_text())
+        ours = as_plain_values(self.hyperparameters)
+        if state["hyperparameters"] != ours:
+            raise ValueError(
+                f"{folder}: saved by a student with hyper-parameters {state['hyperparameters']}; "
+                f"this one has {ours}"
+            )
+        networks = torch.load(folder / "networks.pt", map_location="cpu", weights_only=True)
+        self.model.set_parameters(networks["parameters"], device=self.device)
+        self._torch_stream.state = networks["torch_stream"]
+        for generator, saved in zip(self._generators, state["generators"], strict=True):
+            generator.bit_generator.state = saved
+        self.model._n_updates = state["updates"]
+        self._load_experience(folder, state["counters"])
+
+    def reset(self) -> None:  # noqa: D102
+        self._build()
+
+    def save_policy(self, folder: Path) -> None:
+        """Writes ``policy.zip``, which stable-baselines3 loads."""
+        self.model.save(folder / POLICY_FILE)
+
+    def scalars(self) -> dict[str, float]:  # noqa: D102
+        recorded = self.model.logger.name_to_value
+        return {name.removeprefix("train/"): float(value) for name, value in recorded.items()}
+
+    @property
+    def _generators(self) -> list[np.random.Generator]:
+        return [self._exploration, self._batches, self._values]
+
+    def _noise(self) -> NDArray[np.float32]:
+        """Draws the standard normal noise (1, a) of one exploring action."""
+        return self._exploration.standard_normal((1, self.action_space.shape[0]), dtype=np.float32)
+
+    def _build(self) -> None:
+        """Makes model, networks and optimisers anew."""
+        self.model = self._make_model()
+        self.model.observation_space = self.observation_space
+        self.model.action_space = self.action_space
+        self.model.n_envs = 1
+        with self._torch_stream.active():
+            self.model._setup_model()
+        self.model.set_logger(Logger(folder=None, output_formats=[]))
+        self._connect()
+
+
+def _checked_box(space: Space[Any], kind: str) -> spaces.Box:
+    if not isinstance(space, spaces.Box) or len(space.shape) != 1 or space.dtype != np.float32:
+        raise ValueError(f"{kind} space {space}: expected a one-dimensional float32 Box")
+    return space
