@@ -65,7 +65,9 @@ def find_challenge(environment: str, name: str) -> Challenge:
     if name not in known:
         near = difflib.get_close_matches(name, known, n=1)
         hint = f"did you mean {near[0]!r}? " if near else ""
-        raise ValueError(f"{environment} has no challenge {name!r}: {hint}known: {', '.join(known) or 'none'}")
+        raise ValueError(
+            f"{environment} has no challenge {name!r}: {hint}known: {', '.join(known) or 'none'}"
+        )
     return known[name]
 
 
@@ -85,6 +87,7 @@ def load_test_set(name_or_path: str) -> TestSet:
     path = Path(name_or_path)
     if not path.is_file():
         raise ValueError(
-            f"no test set {name_or_path!r}: known are {', '.join(shipped_test_sets())}, or give a path to a CSV file"
+            f"no test set {name_or_path!r}: known are {', '.join(shipped_test_sets())}, "
+            f"or give a path to a CSV file"
         )
     return TestSet.from_csv(path)

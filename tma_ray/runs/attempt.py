@@ -1,0 +1,154 @@
+"""One attempt at a run: resume, train, commit at checkpoints, finish."""
+
+from __future__ import annotations
+
+import json
+import logging
+import tempfile
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from tma_ray.results import POLICIES, PartFile, RunWriter, Store
+from tma_ray.runs.checkpoints import Checkpoints
+from tma_ray.runs.fingerprint import fingerprint
+from tma_ray.runs.run import Run
+from tma_ray.runs.spec import RunSpec
+from tma_ray.runs.teaching import TeacherLink
+
+RECENT_EPISODES = 100
+
+logger = logging.getLogger(__name__)
+
+
+@dataclass(frozen=True)
+class Placement:
+    """How a run is executed, which is no part of what it computes.
+
+    Attributes:
+        device: torch's name of where networks live.
+        threads: torch's threads of the run.
+        checkpoint_seconds: longest time between two checkpoints, s; taken at episode ends.
+    """
+
+    device: str = "cpu"
+    threads: int = 1
+    checkpoint_seconds: float = 600.0
+
+
+@dataclass(frozen=True)
+class Status:
+    """What a running attempt says of itself.
+
+    Attributes:
+        step: environment steps of the run.
+        steps_per_second: environment steps of this attempt over its wall time, 1/s.
+        recent_return: mean episodic return of the latest training episodes, NaN before the first.
+    """
+
+    step: int
+    steps_per_second: float
+    recent_return: float
+
+
+class Attempt:
+    """Executes a run from its newest checkpoint, or from the start.
+
+    Args:
+        spec: what to run.
+        store: the results root.
+        number: of this attempt; no two processes may share one.
+        teacher: the link to the teacher of `spec`.
+        placement: device, threads, time between checkpoints.
+    """
+
+    def __init__(
+        self,
+        spec: RunSpec,
+        store: Store,
+        number: int,
+        teacher: TeacherLink,
+        placement: Placement | None = None,
+    ) -> None:
+        self.spec = spec
+        self._store = store
+        self._number = number
+        self._placement = placement or Placement()
+        self.fingerprint = fingerprint(self._placement.threads, self._placement.device)
+        self._checkpoints = Checkpoints(store, spec.run_id, number)
+        writer = RunWriter(store, spec.run_id, number)
+        self._run = Run(spec, teacher, writer, self._placement.device, self._placement.threads)
+        self._resume()
+        self._started, self._first_step = time.monotonic(), self._run.progress.step
+        self._saved_at, self._saved_evaluations = self._started, self._run.progress.evaluations
+        self._returns: list[float] = []
+
+    def execute(
+        self, should_stop: Callable[[], bool], publish: Callable[[Sequence[PartFile]], None]
+    ) -> tuple[PartFile, ...] | None:
+        """Trains until the budget is spent or a stop is asked for.
+
+        Args:
+            should_stop: asked after every episode.
+            publish: told the parts of the run after every checkpoint.
+
+        Returns:
+            The canonical result files, or None after a stop, which leaves a checkpoint.
+        """
+        run = self._run
+        while True:
+            episode = run.advance()
+            if episode is not None:
+                self._returns = [*self._returns[1 - RECENT_EPISODES :], episode.episodic_return]
+            if run.finished:
+                break
+            stopping = should_stop()
+            if stopping or self._checkpoint_due():
+                self._checkpoint(publish)
+            if stopping:
+                return None
+        self._save_policy()
+        return run.writer.finish()
+
+    def status(self) -> Status:
+        """Returns where the run stands; safe to call from another thread."""
+        step, seconds = self._run.progress.step, time.monotonic() - self._started
+        recent = float(np.mean(self._returns)) if self._returns else float("nan")
+        return Status(step, (step - self._first_step) / max(seconds, 1e-9), recent)
+
+    def close(self) -> None:
+        """Closes the run's environments."""
+        self._run.close()
+
+    def _resume(self) -> None:
+        checkpoint = self._checkpoints.restore(self._run)
+        if checkpoint is None:
+            return
+        self._run.writer = RunWriter(self._store, self.spec.run_id, self._number, checkpoint.parts)
+        if checkpoint.fingerprint != self.fingerprint:
+            logger.warning(
+                "run %s resumes on another machine or with other libraries: its results will be sound, "
+                "but not bit-identical to an uninterrupted run",
+                self.spec.run_id,
+            )
+
+    def _checkpoint_due(self) -> bool:
+        evaluated = self._run.progress.evaluations > self._saved_evaluations
+        return evaluated or time.monotonic() - self._saved_at > self._placement.checkpoint_seconds
+
+    def _checkpoint(self, publish: Callable[[Sequence[PartFile]], None]) -> None:
+        parts = self._run.writer.flush()
+        self._checkpoints.save(self._run, parts, self.fingerprint)
+        self._saved_at, self._saved_evaluations = time.monotonic(), self._run.progress.evaluations
+        publish(parts)
+
+    def _save_policy(self) -> None:
+        folder = f"{POLICIES}/{self.spec.run_id}"
+        with tempfile.TemporaryDirectory() as place:
+            self._run.student.save_policy(Path(place))
+            for path in sorted(Path(place).iterdir()):
+                self._store.write_bytes(f"{folder}/{path.name}", path.read_bytes())
+        self._store.write_bytes(f"{folder}/spec.json", json.dumps(self.spec.to_dict(), indent=1).encode())

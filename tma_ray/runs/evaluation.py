@@ -1,0 +1,78 @@
+"""A student on the test set: all tasks in lock-step, one forward pass for those still running."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any, Protocol
+
+import gymnasium
+import numpy as np
+from numpy.typing import NDArray
+
+from tma_ray.envs import make_environment
+from tma_ray.runs.spec import RunSpec
+from tma_ray.runs.streams import evaluation_seeds
+
+Environment = gymnasium.Env[Any, Any]
+
+
+class GreedyPolicy(Protocol):
+    """Something that acts without exploration."""
+
+    def act_greedily(self, observations: NDArray[np.float32]) -> NDArray[np.float32]:
+        """Returns deterministic actions (n, a) for observations (n, o)."""
+
+
+class Evaluation:
+    """The worlds of a run's test set, built once and reset for every evaluation.
+
+    Each world's randomness depends on the test set and the task's index alone (unlike the original
+    release, whose test worlds differ from one evaluation to the next).
+    """
+
+    def __init__(self, spec: RunSpec, make: Callable[..., Environment] = make_environment) -> None:
+        self.test_set = spec.test_set
+        self._seeds = evaluation_seeds(spec.test_set)
+        self._environments = [
+            make(spec.environment, **spec.environment_options) for _ in range(len(spec.test_set))
+        ]
+
+    def __call__(self, policy: GreedyPolicy) -> list[dict[str, Any]]:
+        """Plays one episode of every test task.
+
+        Returns:
+            Rows of the table of evaluations, without run and step.
+        """
+        observations = np.stack([self._reset(index) for index in range(len(self.test_set))])
+        returns, lengths = np.zeros(len(observations)), np.zeros(len(observations), dtype=int)
+        running = np.arange(len(observations))
+        while len(running):
+            actions = policy.act_greedily(observations[running])
+            over = np.zeros(len(running), dtype=bool)
+            for row, index in enumerate(running):
+                observation, reward, terminated, truncated, _ = self._environments[index].step(actions[row])
+                observations[index] = observation
+                returns[index] += float(reward)
+                over[row] = terminated or truncated
+            lengths[running] += 1
+            running = running[~over]
+        return [self._row(index, returns[index], lengths[index]) for index in range(len(observations))]
+
+    def close(self) -> None:
+        """Closes all worlds."""
+        for environment in self._environments:
+            environment.close()
+
+    def _reset(self, index: int) -> NDArray[np.float32]:
+        options = {"task": self.test_set.tasks[index]}
+        observation, _ = self._environments[index].reset(seed=self._seeds[index], options=options)
+        return np.asarray(observation, dtype=np.float32)
+
+    def _row(self, index: int, episodic_return: float, length: int) -> dict[str, Any]:
+        return {
+            "test_set": self.test_set.name,
+            "task_index": index,
+            "task": self.test_set.tasks[index],
+            "episodic_return": float(episodic_return),
+            "length": int(length),
+        }

@@ -1,0 +1,213 @@
+"""One training run, without Ray: student x teacher x environment, an episode at a time."""
+
+from __future__ import annotations
+
+import pickle
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+
+import numpy as np
+
+from tma_ray.envs import make_environment
+from tma_ray.results import RunWriter, Table, teacher_log_row
+from tma_ray.runs.evaluation import Evaluation
+from tma_ray.runs.spec import RunSpec
+from tma_ray.runs.streams import Streams
+from tma_ray.runs.teaching import Reply, TeacherLink
+from tma_ray.students import Transition, make_student
+from tma_ray.tasks import Episode, Task, TeacherUpdate
+
+
+@dataclass
+class Progress:
+    """Where a run stands; part of every checkpoint.
+
+    Attributes:
+        step: environment steps played.
+        episodes: training episodes finished.
+        evaluations: evaluations done.
+        window: (return, length, success) of the episodes of the running training window.
+        next_task: what the teacher chose for the next episode.
+    """
+
+    step: int = 0
+    episodes: int = 0
+    evaluations: int = 0
+    window: list[tuple[float, int, bool]] = field(default_factory=list)
+    next_task: Task | None = None
+
+
+class Run:
+    """A student trained by a teacher, from its first step to its budget.
+
+    `advance` plays one episode; between two calls the run can be saved, and a run of the same spec
+    that loads what was saved continues bit for bit. Rows go to the writer as they arise.
+
+    Args:
+        spec: what to run.
+        teacher: the link to the teacher of `spec`.
+        writer: takes the rows of the result tables.
+        device: torch's name of where the student's networks live.
+        threads: torch's threads.
+    """
+
+    def __init__(
+        self, spec: RunSpec, teacher: TeacherLink, writer: RunWriter, device: str = "cpu", threads: int = 1
+    ) -> None:
+        self.spec = spec
+        self.teacher = teacher
+        self.writer = writer
+        self.progress = Progress()
+        self.environment = make_environment(spec.environment, **spec.environment_options)
+        streams = Streams.of(spec)
+        self._episode_seeds = np.random.default_rng(streams.environment)
+        self.student = make_student(
+            spec.student,
+            self.environment.observation_space,
+            self.environment.action_space,
+            streams.student,
+            spec.student_hyperparameters,
+            device,
+            threads,
+        )
+        self._evaluation = Evaluation(spec)
+        self._next_event = 0
+
+    @property
+    def finished(self) -> bool:
+        """Whether the budget is spent and the last evaluation done."""
+        return self.progress.step >= self.spec.schedule.steps
+
+    def advance(self) -> Episode | None:
+        """Plays one episode, with what the schedule asks for on the way.
+
+        Returns:
+            The episode; None if the budget ended before it did.
+        """
+        if self.progress.next_task is None:
+            self._begin()
+        episode = self._play()
+        if self.finished:
+            self._record_window()
+        return episode
+
+    def save(self, folder: Path) -> None:
+        """Writes the complete state into an existing, empty folder; call it between two episodes."""
+        (folder / "student").mkdir()
+        self.student.save(folder / "student")
+        state = {
+            "progress": asdict(self.progress),
+            "episode_seeds": self._episode_seeds.bit_generator.state,
+            "teacher": self.teacher.save(),
+        }
+        (folder / "run.pickle").write_bytes(pickle.dumps(state))
+
+    def load(self, folder: Path) -> None:
+        """Takes up the state that `save` wrote for the same spec."""
+        state = pickle.loads((folder / "run.pickle").read_bytes())
+        self.progress = Progress(**state["progress"])
+        self._episode_seeds.bit_generator.state = state["episode_seeds"]
+        self.teacher.load(state["teacher"])
+        self.student.load(folder / "student")
+        self._next_event = self._event_after(self.progress.step)
+
+    def close(self) -> None:
+        """Closes all environments."""
+        self.environment.close()
+        self._evaluation.close()
+
+    def _begin(self) -> None:
+        self._events(0)
+        self._receive(self.teacher.exchange(None))
+
+    def _play(self) -> Episode | None:
+        task, student, environment = self.progress.next_task, self.student, self.environment
+        assert task is not None, "a run that has begun has a next task"
+        seed = int(self._episode_seeds.integers(2**31))
+        initial, _ = environment.reset(seed=seed, options={"task": task})
+        observation = initial
+        episodic_return, discounted_return, discount, length = 0.0, 0.0, 1.0, 0
+        while self.progress.step < self.spec.schedule.steps:
+            action = student.act(observation)
+            next_observation, reward, terminated, truncated, _ = environment.step(action)
+            reward = float(reward)
+            student.observe(Transition(observation, action, reward, next_observation, terminated, truncated))
+            observation = next_observation
+            episodic_return += reward
+            discounted_return += discount * reward
+            discount *= student.gamma
+            length += 1
+            self.progress.step += 1
+            episode = None
+            if terminated or truncated:
+                success = episodic_return > self.spec.mastery_threshold
+                episode = Episode(
+                    task, episodic_return, success, length, initial, discounted_return, self.progress.step
+                )
+                self._end(episode)
+            if self.progress.step >= self._next_event:
+                self._events(self.progress.step)
+            if episode is not None:
+                return episode
+        return None
+
+    def _end(self, episode: Episode) -> None:
+        self.progress.window.append((episode.episodic_return, episode.length, episode.success))
+        row = {
+            "step": episode.step,
+            "episode": self.progress.episodes,
+            "task": episode.task,
+            "episodic_return": episode.episodic_return,
+            "length": episode.length,
+            "success": episode.success,
+        }
+        self.writer.add(Table.EPISODES, [row])
+        self.progress.episodes += 1
+        self._receive(self.teacher.exchange(episode))
+
+    def _receive(self, reply: Reply) -> None:
+        self._log(reply.updates)
+        while reply.query is not None:
+            reply = self.teacher.answer(self.student.state_values(reply.query.observations))
+            self._log(reply.updates)
+        assert reply.task is not None, "a reply without a query holds a task"
+        self.progress.next_task = reply.task
+
+    def _events(self, step: int) -> None:
+        """Does what is due at `step`: evaluation, probe, training statistics."""
+        schedule = self.spec.schedule
+        if step % schedule.evaluation_interval == 0 or step == schedule.steps:
+            rows = [{"step": step, **row} for row in self._evaluation(self.student)]
+            self.writer.add(Table.EVALUATIONS, rows)
+            self.progress.evaluations += 1
+        if step % schedule.probe_interval == 0:
+            probe = self.teacher.probe(schedule.probe_size)
+            rows = [{"step": step, "sample": index, "task": task} for index, task in enumerate(probe)]
+            self.writer.add(Table.CURRICULUM, rows)
+        if step and step % schedule.training_window == 0:
+            self._record_window()
+        self._next_event = self._event_after(step)
+
+    def _event_after(self, step: int) -> int:
+        schedule = self.spec.schedule
+        intervals = (schedule.evaluation_interval, schedule.probe_interval, schedule.training_window)
+        return min(schedule.steps, *(step - step % interval + interval for interval in intervals))
+
+    def _record_window(self) -> None:
+        if not self.progress.window:
+            return
+        returns, lengths, successes = np.array(self.progress.window, dtype=float).T
+        row = {
+            "step": self.progress.step,
+            "episodes": len(returns),
+            "mean_return": float(returns.mean()),
+            "std_return": float(returns.std()),
+            "mean_length": float(lengths.mean()),
+            "success_share": float(successes.mean()),
+        }
+        self.writer.add(Table.TRAINING, [row])
+        self.progress.window = []
+
+    def _log(self, updates: tuple[TeacherUpdate, ...]) -> None:
+        position = self.progress.step, self.progress.episodes
+        self.writer.add(Table.TEACHER_LOG, [teacher_log_row(*position, update) for update in updates])

@@ -1,0 +1,168 @@
+"""What determines the result of a run, and only that."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import re
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, field
+from functools import cached_property
+from typing import Any, Self
+
+import numpy as np
+
+from tma_ray.results import RunRecord
+from tma_ray.tasks import Dimension, KnowledgeLevel, Task, TaskSpace, TestSet
+
+
+@dataclass(frozen=True)
+class Schedule:
+    """How long a run trains and when it is looked at (paper, appendix C), in environment steps.
+
+    Attributes:
+        steps: training budget.
+        evaluation_interval: between evaluations on the test set; there is one before the first step
+            and one after the last, too.
+        probe_interval: between probes of the curriculum.
+        probe_size: tasks a probe asks for.
+        training_window: length of the windows of training statistics.
+    """
+
+    steps: int = 20_000_000
+    evaluation_interval: int = 500_000
+    probe_interval: int = 250_000
+    probe_size: int = 100
+    training_window: int = 500_000
+
+    def __post_init__(self) -> None:
+        for name, value in asdict(self).items():
+            if not isinstance(value, int) or value < 1:
+                raise ValueError(f"{name} = {value!r}: expected a whole number of at least 1")
+
+
+@dataclass(frozen=True, eq=False)
+class RunSpec:
+    """The effective spec and seed of one run: equal specs give equal results, bit for bit.
+
+    It holds no placement and no campaign name. Knowledge that the teacher does not use is dropped
+    beforehand (`expert_knowledge` is the level that makes a difference to it), so that cells which
+    would repeat a run share it.
+
+    Attributes:
+        environment: name in the environment registry.
+        environment_options: keyword arguments of its constructor, the embodiment among them.
+        challenge: name of the challenge; with the seed it places what is random for all teachers alike.
+        task_space: what the teacher chooses from.
+        easy_task: initial mean at high expert knowledge (d,).
+        mastery_threshold: episodic return over which a task is mastered.
+        test_set: the evaluation tasks.
+        student: name in the student registry.
+        student_hyperparameters: all of them, defaults included.
+        teacher: name in the teacher registry.
+        teacher_hyperparameters: all of them, defaults included.
+        expert_knowledge: effective level.
+        schedule: budget and intervals.
+        seed: any whole number of at least 0.
+        repeat: mixed into the seeds, for independent repeats of cells that would share a run.
+        physics_version: version of the physics the run is simulated with.
+        plugins: source hashes of third-party parts by name.
+    """
+
+    environment: str
+    environment_options: Mapping[str, Any]
+    challenge: str
+    task_space: TaskSpace
+    easy_task: tuple[float, ...] | None
+    mastery_threshold: float
+    test_set: TestSet
+    student: str
+    student_hyperparameters: Mapping[str, Any]
+    teacher: str
+    teacher_hyperparameters: Mapping[str, Any]
+    expert_knowledge: KnowledgeLevel
+    schedule: Schedule
+    seed: int
+    repeat: str = ""
+    physics_version: int = 1
+    plugins: Mapping[str, str] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        if self.seed < 0:
+            raise ValueError(f"seed {self.seed}: expected a whole number of at least 0")
+
+    @property
+    def embodiment(self) -> str:
+        """Name of the body, empty for environments without one."""
+        return str(self.environment_options.get("embodiment", ""))
+
+    @cached_property
+    def run_id(self) -> str:
+        """Readable prefix and hash of everything in the spec; part of file names."""
+        readable = re.sub(r"[^0-9a-zA-Z]+", "_", f"{self.student}-{self.teacher}").strip("_")
+        return f"{readable}-s{self.seed}-{_digest(self.to_dict())[:12]}"
+
+    @cached_property
+    def entropy(self) -> int:
+        """Seed of the run's random streams: a hash of what training depends on.
+
+        Budget, intervals and test set do not enter, so that a shorter run is a prefix of a longer one.
+        """
+        content = self.to_dict()
+        for name in ("schedule", "test_set"):
+            del content[name]
+        return int(_digest(content)[:32], 16)
+
+    def record(self) -> RunRecord:
+        """Returns the run's row of the table of runs."""
+        return RunRecord(
+            run_id=self.run_id,
+            spec=json.dumps(self.to_dict(), sort_keys=True),
+            environment=self.environment,
+            challenge=self.challenge,
+            embodiment=self.embodiment,
+            student=self.student,
+            teacher=self.teacher,
+            expert_knowledge=self.expert_knowledge.value,
+            test_set=self.test_set.name,
+            steps=self.schedule.steps,
+            seed=self.seed,
+            physics_version=self.physics_version,
+        )
+
+    def to_dict(self) -> dict[str, Any]:
+        """Returns the spec as JSON values."""
+        content = {name: value for name, value in vars(self).items() if name in self.__dataclass_fields__}
+        content["task_space"] = [asdict(dimension) for dimension in self.task_space.dimensions]
+        content["test_set"] = {
+            "name": self.test_set.name,
+            "dimensions": list(self.test_set.dimensions),
+            "tasks": self.test_set.tasks.tolist(),
+        }
+        content["expert_knowledge"] = self.expert_knowledge.value
+        content["schedule"] = asdict(self.schedule)
+        content["easy_task"] = None if self.easy_task is None else list(self.easy_task)
+        return content
+
+    @classmethod
+    def from_dict(cls, content: Mapping[str, Any]) -> Self:
+        """Returns the spec that `to_dict` was called on."""
+        tests = content["test_set"]
+        return cls(
+            **{
+                **content,
+                "task_space": TaskSpace(tuple(Dimension(**d) for d in content["task_space"])),
+                "test_set": TestSet(tests["name"], tuple(tests["dimensions"]), _float32(tests["tasks"])),
+                "expert_knowledge": KnowledgeLevel(content["expert_knowledge"]),
+                "schedule": Schedule(**content["schedule"]),
+                "easy_task": None if content["easy_task"] is None else tuple(content["easy_task"]),
+            }
+        )
+
+
+def _float32(rows: list[list[float]]) -> Task:
+    return np.array(rows, dtype=np.float32)
+
+
+def _digest(content: Mapping[str, Any]) -> str:
+    return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()

@@ -1,0 +1,115 @@
+"""The teacher's side of a run, wherever it lives: one message an episode each way."""
+
+from __future__ import annotations
+
+import pickle
+from dataclasses import dataclass
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tma_ray.runs.spec import RunSpec
+from tma_ray.runs.streams import Streams, placement_generator
+from tma_ray.tasks import Episode, Query, Task, TeacherUpdate, expert_knowledge
+from tma_ray.teachers import make_teacher
+
+
+@dataclass(frozen=True)
+class Reply:
+    """What a teacher answers to an episode: the next task, or a question that comes before it.
+
+    Attributes:
+        task: the next task float32 (d,), None while `query` waits for its answer.
+        query: what the teacher wants to know first.
+        updates: what it logged since its last reply.
+    """
+
+    task: Task | None
+    query: Query | None
+    updates: tuple[TeacherUpdate, ...]
+
+
+class TeacherLink(Protocol):
+    """How a run talks to its teacher, in this process or another."""
+
+    def exchange(self, episode: Episode | None) -> Reply:
+        """Reports a finished episode (none before the first) and asks for the next task."""
+
+    def answer(self, values: NDArray[np.float64]) -> Reply:
+        """Answers the query of the last reply."""
+
+    def probe(self, count: int) -> Task:
+        """Returns tasks (count, d) without exploration; leaves no trace."""
+
+    def save(self) -> bytes:
+        """Returns the teacher's complete state."""
+
+    def load(self, state: bytes) -> None:
+        """Takes up a state that `save` returned."""
+
+
+class InlineTeacher:
+    """The teacher of `spec`, in this process.
+
+    Raises:
+        ValueError: a hyper-parameter that the teacher refuses.
+    """
+
+    def __init__(self, spec: RunSpec) -> None:
+        self._space = spec.task_space
+        self._name = spec.teacher
+        self._teacher = make_teacher(spec.teacher, spec.teacher_hyperparameters)
+        knowledge = expert_knowledge(
+            spec.expert_knowledge,
+            spec.task_space,
+            placement_generator(spec),
+            spec.easy_task,
+            spec.mastery_threshold,
+        )
+        self._teacher.start(spec.task_space, knowledge, np.random.default_rng(Streams.of(spec).teacher))
+
+    def exchange(self, episode: Episode | None) -> Reply:
+        """Reports a finished episode (none before the first) and asks for the next task.
+
+        Raises:
+            ValueError: the teacher proposes something that is no task of its space.
+        """
+        query = None if episode is None else self._teacher.observe(episode)
+        return self._reply(query)
+
+    def answer(self, values: NDArray[np.float64]) -> Reply:
+        """Answers the query of the last reply."""
+        self._teacher.answer(values)
+        return self._reply(None)
+
+    def probe(self, count: int) -> Task:
+        """Returns tasks (count, d) without exploration; leaves no trace."""
+        tasks = self._teacher.probe(count)
+        self._check(tasks, (count, self._space.size))
+        return tasks
+
+    def save(self) -> bytes:
+        """Returns the teacher's complete state."""
+        return pickle.dumps(self._teacher.state())
+
+    def load(self, state: bytes) -> None:
+        """Takes up a state that `save` returned."""
+        self._teacher.load_state(pickle.loads(state))
+
+    def _reply(self, query: Query | None) -> Reply:
+        task = None
+        if query is None:
+            task = self._teacher.sample()
+            self._check(task, (self._space.size,))
+        return Reply(task, query, tuple(self._teacher.drain_updates()))
+
+    def _check(self, tasks: Any, shape: tuple[int, ...]) -> None:
+        if not isinstance(tasks, np.ndarray) or tasks.shape != shape or tasks.dtype != np.float32:
+            got = f"{tasks.dtype} {tasks.shape}" if isinstance(tasks, np.ndarray) else repr(tasks)
+            raise ValueError(f"teacher {self._name!r} gave {got}; expected float32 tasks of shape {shape}")
+        if not self._space.contains(tasks):
+            raise ValueError(
+                f"teacher {self._name!r} left its task space with {tasks.tolist()}: bounds are "
+                f"{self._space.low.tolist()} to {self._space.high.tolist()}; clip with space.clip"
+            )
