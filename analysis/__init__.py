@@ -1,1 +1,1 @@
-"""Reads results."""
+"""Reads results: measures, statistics, figures, and a report in one page."""

@@ -1,0 +1,197 @@
+"""Learning curves, bars and heat maps: one function each, data in, figure out."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import matplotlib as mpl
+import numpy as np
+import pandas as pd
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.ticker import FuncFormatter, MaxNLocator, PercentFormatter
+
+from analysis.measures import aggregate
+from analysis.style import INK, MUTED, RULE, STYLE, label, look, teacher_order
+
+SHARE_COLOURS = "YlGnBu"
+"""From paper white for nobody to dark for every seed; readable with any colour vision."""
+
+
+class Axis(NamedTuple):
+    """One dimension of the task plane: how it is called, with its unit, and its bounds."""
+
+    name: str
+    low: float
+    high: float
+
+
+@mpl.rc_context(STYLE)
+def learning_curve(curves: pd.DataFrame, value: str, ylabel: str) -> Figure:
+    """Draws the mean of `value` over seeds against steps, one line per teacher, ± one standard error.
+
+    Where fewer runs than elsewhere have reached a step the line is thin: its runs are still on their way.
+
+    Args:
+        curves: teacher, run_id, step and `value`, of one comparison.
+        value: column to draw.
+        ylabel: what it is, with its unit.
+    """
+    figure = Figure(figsize=(5.2, 3.5), layout="constrained")
+    axes = figure.subplots()
+    axes.grid(axis="y")
+    table = aggregate(curves, value)
+    for teacher in sorted(table["teacher"].unique(), key=teacher_order):
+        _curve(axes, teacher, table[table["teacher"] == teacher])
+    _step_axis(axes)
+    axes.set_ylabel(ylabel)
+    if value == "mastered_percent":
+        axes.set_ylim(bottom=0)
+        axes.set_ylim(top=max(axes.get_ylim()[1], 1.0))
+    _legend(figure, axes)
+    return figure
+
+
+def _curve(axes: Axes, teacher: str, rows: pd.DataFrame) -> None:
+    style = look(teacher)
+    steps, mean = rows["step"].to_numpy(float), rows["mean"].to_numpy(float)
+    error = rows["standard_error"].fillna(0.0).to_numpy(float)
+    complete = rows["n"].to_numpy() == rows["n"].max()
+    end = int(np.flatnonzero(complete)[-1])  # later steps were reached by some of the runs only
+    axes.fill_between(steps, mean - error, mean + error, color=style.colour, alpha=0.18, linewidth=0)
+    axes.plot(steps[end:], mean[end:], color=style.colour, linewidth=0.7)
+    axes.plot(
+        steps[: end + 1],
+        mean[: end + 1],
+        color=style.colour,
+        linestyle=style.dashes,
+        marker=style.marker,
+        markevery=max(1, (end + 1) // 8),
+        markeredgecolor="white",
+        markeredgewidth=0.5,
+        clip_on=False,
+        zorder=3,
+        label=label(teacher),
+    )
+
+
+def _step_axis(axes: Axes) -> None:
+    high = max(axes.dataLim.x1, 1.0)
+    unit, word = next(
+        ((size, name) for size, name in ((1e6, "millions"), (1e3, "thousands")) if high >= 2 * size), (1.0, "")
+    )
+    axes.set_xlim(0, high)
+    axes.xaxis.set_major_locator(MaxNLocator(6))
+    axes.xaxis.set_major_formatter(FuncFormatter(lambda step, _: f"{step / unit:g}"))
+    axes.set_xlabel(f"Training steps ({word})" if word else "Training steps")
+
+
+def _legend(figure: Figure, axes: Axes) -> None:
+    handles, labels = axes.get_legend_handles_labels()
+    if handles:
+        figure.legend(handles, labels, loc="outside upper left", ncols=4, handlelength=2.4, columnspacing=1.4)
+
+
+@mpl.rc_context(STYLE)
+def final_bars(reading: pd.DataFrame) -> Figure:
+    """Draws mean ± standard deviation of final mastered %, one bar per teacher and one dot per seed.
+
+    Args:
+        reading: teacher, run_id and mastered_percent, of one comparison.
+    """
+    means = reading.groupby("teacher")["mastered_percent"].agg(["mean", "std"])
+    order = sorted(means.index, key=lambda teacher: (means.loc[teacher, "mean"], label(teacher).lower()))
+    figure = Figure(figsize=(5.2, 0.9 + 0.42 * len(order)), layout="constrained")
+    axes = figure.subplots()
+    axes.grid(axis="x")
+    for row, teacher in enumerate(order):
+        mean, std = means.loc[teacher]
+        colour = look(teacher).colour
+        seeds = reading.loc[reading["teacher"] == teacher, "mastered_percent"].sort_values().to_numpy()
+        axes.barh(row, mean, height=0.62, color=colour, alpha=0.35)
+        if np.isfinite(std):
+            axes.errorbar(mean, row, xerr=std, color=INK, capsize=3, linewidth=1.0, capthick=1.0)
+        spread = 0.4 * (np.arange(len(seeds)) / max(1, len(seeds) - 1) - 0.5) if len(seeds) > 1 else [0.0]
+        axes.scatter(seeds, row + spread, s=11, color=colour, edgecolor="white", linewidth=0.4, zorder=3)
+    axes.set_yticks(range(len(order)), [label(teacher) for teacher in order])
+    axes.tick_params(axis="y", length=0)
+    axes.set_xlim(0, max(1.0, axes.get_xlim()[1]))
+    axes.set_xlabel("Mastered test tasks (%)")
+    return figure
+
+
+@mpl.rc_context(STYLE)
+def mastery_map(shares: pd.DataFrame, tasks: pd.DataFrame, plane: tuple[Axis, Axis]) -> Figure:
+    """Draws which test tasks are mastered by which share of seeds, one panel per teacher.
+
+    On the task plane if the tasks form a grid on it, else one row per teacher and one column per task.
+
+    Args:
+        shares: teacher, task_index and share, of one comparison and one test set.
+        tasks: task_index and task (float32 (d,)) of the test set.
+        plane: the two dimensions of the tasks; ignored when they have more.
+    """
+    teachers = sorted(shares["teacher"].unique(), key=teacher_order)
+    grid = _grid(tasks)
+    if grid is None:
+        return _mastery_rows(shares, teachers)
+    xs, ys, columns, rows = grid
+    figure, panels = _panels(len(teachers))
+    for axes, teacher in zip(panels, teachers, strict=True):
+        mine = shares[shares["teacher"] == teacher].set_index("task_index")["share"]
+        image = np.full((len(ys), len(xs)), np.nan)
+        image[rows, columns] = mine.reindex(tasks["task_index"]).to_numpy()
+        mesh = axes.pcolormesh(
+            xs, ys, image, cmap=SHARE_COLOURS, vmin=0, vmax=1, shading="nearest", edgecolor=RULE, linewidth=0.4
+        )
+        axes.set_title(f"{label(teacher)}   {100 * np.nanmean(image):.1f} %")
+        for spine in axes.spines.values():
+            spine.set_visible(False)
+    figure.supxlabel(plane[0].name, fontsize=8.5)
+    figure.supylabel(plane[1].name, fontsize=8.5)
+    _share_bar(figure, mesh, panels)
+    return figure
+
+
+def _panels(count: int) -> tuple[Figure, list[Axes]]:
+    """Returns a figure with `count` square panels that share their axes, at most four in a row."""
+    columns = min(count, 4)
+    lines = -(-count // columns)
+    figure = Figure(figsize=(max(4.2, 2.05 * columns + 1.1), 2.15 * lines + 0.55), layout="constrained")
+    panels = figure.subplots(lines, columns, sharex=True, sharey=True, squeeze=False).ravel().tolist()
+    for spare in panels[count:]:
+        spare.remove()
+    return figure, panels[:count]
+
+
+def _mastery_rows(shares: pd.DataFrame, teachers: list[str]) -> Figure:
+    """Draws one row per teacher; tasks from the most to the least mastered over all teachers."""
+    table = shares.pivot_table(index="teacher", columns="task_index", values="share").loc[teachers]
+    order = table.mean().sort_values(ascending=False, kind="stable").index
+    figure = Figure(figsize=(7.2, 1.0 + 0.3 * len(teachers)), layout="constrained")
+    axes = figure.subplots()
+    mesh = axes.pcolormesh(table[order].to_numpy(), cmap=SHARE_COLOURS, vmin=0, vmax=1)
+    axes.set_yticks(np.arange(len(teachers)) + 0.5, [label(teacher) for teacher in teachers])
+    axes.invert_yaxis()
+    axes.tick_params(axis="y", length=0)
+    axes.set_xlabel("Test tasks, from the most to the least often mastered")
+    _share_bar(figure, mesh, [axes])
+    return figure
+
+
+def _share_bar(figure: Figure, mesh: mpl.cm.ScalarMappable, panels: list[Axes]) -> None:
+    bar = figure.colorbar(mesh, ax=panels, format=PercentFormatter(1.0), fraction=0.05, pad=0.02, aspect=22)
+    bar.set_label("Seeds that master the task")
+    bar.outline.set_visible(False)
+    bar.ax.tick_params(color=MUTED)
+
+
+def _grid(tasks: pd.DataFrame) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray] | None:
+    """Returns axes and cell indices if the tasks are a full two-dimensional grid, else None."""
+    points = np.stack(tasks["task"].to_list()) if len(tasks) else np.empty((0, 0))
+    if points.shape[1] != 2:
+        return None
+    xs, columns = np.unique(points[:, 0], return_inverse=True)
+    ys, rows = np.unique(points[:, 1], return_inverse=True)
+    full = len(xs) * len(ys) == len(np.unique(points, axis=0)) == len(points)
+    return (xs, ys, columns, rows) if full and min(len(xs), len(ys)) > 1 else None

@@ -1,0 +1,150 @@
+"""Result tables as pandas frames, ready to group by cell."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import pandas as pd
+import pyarrow as pa
+
+from tma_ray.results import Results, Table
+
+COMPARISON = ["experiment", "environment", "challenge", "embodiment", "student", "expert_knowledge"]
+"""Columns that teachers must have in common to be compared."""
+
+GROUP = [*COMPARISON, "teacher"]
+"""Columns that seeds must have in common to be averaged."""
+
+STATUSES = ("done", "running", "failed", "waiting")
+"""What a run of a cell may be; waiting is a cell whose run has not started."""
+
+
+@dataclass(frozen=True)
+class Frames:
+    """The results of one root. Long tables that hold tasks are read run by run, when asked for.
+
+    Attributes:
+        cells: one row per cell and run: `GROUP`, campaign, seed, run_id, status, error, steps, test_set
+            and physics_version.
+        attempts: as stored.
+        evaluations: run_id, step, test_set, task_index, episodic_return.
+        training: as stored.
+        test_tasks: test_set, task_index, task (float32 (d,)).
+        warnings: what a reader must know before trusting a comparison.
+        results: where the long tables are read from.
+    """
+
+    cells: pd.DataFrame
+    attempts: pd.DataFrame
+    evaluations: pd.DataFrame
+    training: pd.DataFrame
+    test_tasks: pd.DataFrame
+    results: Results = field(repr=False)
+    warnings: tuple[str, ...] = ()
+
+    def episode_returns(self, run_ids: Sequence[str]) -> pd.DataFrame:
+        """Returns run_id, step and episodic_return of every training episode of `run_ids`."""
+        return _frame(self.results, Table.EPISODES, ["run_id", "step", "episodic_return"], run_ids)
+
+    def episodes(self, run_id: str) -> pd.DataFrame:
+        """Returns the training episodes of one run, tasks as float32 (d,)."""
+        columns = ["step", "episode", "task", "world_task", "episodic_return"]
+        return _frame(self.results, Table.EPISODES, columns, [run_id])
+
+    def curriculum(self, run_id: str) -> pd.DataFrame:
+        """Returns the probed tasks of one run, tasks as float32 (d,)."""
+        return _frame(self.results, Table.CURRICULUM, ["step", "sample", "task"], [run_id])
+
+    def teacher_log(self, run_id: str) -> pd.DataFrame:
+        """Returns step, gaussians and boxes of every update of the teacher of one run."""
+        return _frame(self.results, Table.TEACHER_LOG, ["step", "gaussians", "boxes"], [run_id])
+
+
+def load(root: str | Path) -> Frames:
+    """Reads a root, finished or not; what is missing becomes an empty frame and a warning.
+
+    Args:
+        root: a folder, or an ``s3://`` or ``gs://`` address.
+
+    Raises:
+        FileNotFoundError: there is no such root.
+    """
+    results = Results.open(root)
+    runs = _frame(results, Table.RUNS)
+    cells = _join(_frame(results, Table.CELLS), runs)
+    columns = ["run_id", "step", "test_set", "task_index", "episodic_return"]
+    evaluations = _frame(results, Table.EVALUATIONS, columns)
+    return Frames(
+        cells=cells,
+        attempts=_frame(results, Table.ATTEMPTS),
+        evaluations=evaluations,
+        training=_frame(results, Table.TRAINING),
+        test_tasks=_test_tasks(results, evaluations),
+        results=results,
+        warnings=tuple(_warnings(cells, evaluations)),
+    )
+
+
+def parsed(text: object) -> dict[str, Any]:
+    """Returns the JSON object in `text`, or an empty one if it holds something else."""
+    try:
+        value = json.loads(text) if isinstance(text, str) else None
+    except ValueError:
+        return {}
+    return value if isinstance(value, dict) else {}
+
+
+def _frame(
+    results: Results, table: Table, columns: list[str] | None = None, run_ids: Sequence[str] | None = None
+) -> pd.DataFrame:
+    """Reads a table with its strings as categories: run ids repeat millions of times."""
+    content: pa.Table = results.table(table, run_ids=run_ids, columns=columns)
+    return content.to_pandas(strings_to_categorical=True)
+
+
+def _join(cells: pd.DataFrame, runs: pd.DataFrame) -> pd.DataFrame:
+    """Joins cells with the state of their runs; runs outside any campaign are cells of their own."""
+    cells, runs = _plain(cells), _plain(runs)
+    alone = runs[~runs["run_id"].isin(cells["run_id"])]
+    single = alone.reindex(columns=cells.columns).assign(campaign="", experiment="single runs")
+    cells = pd.concat([cells, single], ignore_index=True) if len(single) else cells
+    state = runs[["run_id", "status", "error", "steps", "test_set", "physics_version"]]
+    joined = cells.merge(state, on="run_id", how="left")
+    joined["status"] = joined["status"].fillna("waiting")
+    joined["error"] = joined["error"].fillna("")
+    # Two campaigns on one root may list the same cell: its runs count once.
+    return joined.drop_duplicates([*GROUP, "run_id"]).reset_index(drop=True)
+
+
+def _plain(frame: pd.DataFrame) -> pd.DataFrame:
+    """Turns categories back into strings: few rows, and merging unequal categories is fragile."""
+    categories = frame.select_dtypes("category").columns
+    return frame.astype(dict.fromkeys(categories, object))
+
+
+def _test_tasks(results: Results, evaluations: pd.DataFrame) -> pd.DataFrame:
+    """Reads the tasks of each test set from one run that met it: they are the same in all."""
+    columns = ["test_set", "task_index", "task"]
+    witnesses = evaluations.drop_duplicates("test_set")["run_id"].astype(str).tolist()
+    tasks = _plain(_frame(results, Table.EVALUATIONS, columns, witnesses))
+    return tasks.drop_duplicates(["test_set", "task_index"]).reset_index(drop=True)
+
+
+def _warnings(cells: pd.DataFrame, evaluations: pd.DataFrame) -> list[str]:
+    found = []
+    if cells.empty:
+        found.append("This root holds no runs yet.")
+    elif evaluations.empty:
+        found.append("No evaluation has finished yet, so there is nothing to compare.")
+    versions = sorted(cells["physics_version"].dropna().unique())
+    if len(versions) > 1:
+        listed = ", ".join(f"{version:g}" if isinstance(version, float) else str(version) for version in versions)
+        found.append(f"Runs of different physics versions ({listed}) are mixed; do not compare them.")
+    for column, what in (("steps", "numbers of training steps"), ("test_set", "test sets")):
+        if (cells.groupby(COMPARISON)[column].nunique() > 1).any():
+            found.append(f"Some comparisons mix runs with different {what}.")
+    return found

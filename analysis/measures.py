@@ -1,0 +1,186 @@
+"""What is measured of a run: mastered test tasks, returns on the test set and in training."""
+
+from __future__ import annotations
+
+import numpy as np
+import pandas as pd
+
+from analysis.load import COMPARISON, GROUP, Frames
+from analysis.statistics import Comparison, describe, holm, welch
+from tma_ray.tasks import MASTERY_RETURN
+
+BASELINE = "random"
+"""The teacher that all others are tested against (paper, section 5)."""
+
+FEW_WINDOWS = 8
+"""Below this number of training windows, training returns are averaged over shares of the run."""
+
+SHARES = 20
+"""Equal parts of a run that training returns are averaged over when it has few windows."""
+
+
+def is_baseline(teacher: str) -> bool:
+    """Tells whether `teacher` is the Random baseline."""
+    return teacher.lower() == BASELINE
+
+
+def evaluation_measures(evaluations: pd.DataFrame) -> pd.DataFrame:
+    """Returns one row per run and evaluation: run_id, step, mastered_percent, evaluation_return, tasks."""
+    returns = evaluations["episodic_return"]
+    table = evaluations[["run_id", "step"]].assign(
+        mastered_percent=100.0 * (returns > MASTERY_RETURN), evaluation_return=returns.astype(float)
+    )
+    grouped = table.groupby(["run_id", "step"], observed=True, sort=True)
+    means = grouped.mean().assign(tasks=grouped.size()).reset_index()
+    return means.astype({"run_id": object})
+
+
+def readings(frames: Frames) -> pd.DataFrame:
+    """Returns the evaluation that stands for each run: `GROUP`, seed, run_id, status, step, measures.
+
+    A finished run is read at its last evaluation. A group in which no run has finished is read, and
+    marked provisional, at the last step that all its running runs have reached. Failed runs are left
+    out: where they stopped says nothing about the teacher.
+    """
+    rows = _alive(frames).merge(evaluation_measures(frames.evaluations), on="run_id")
+    rows["provisional"] = ~_any_done(rows)
+    rows = rows[rows["provisional"] | (rows["status"] == "done")]
+    last = rows.groupby([*GROUP, "run_id"])["step"].transform("max")
+    reached = last.groupby([rows[column] for column in GROUP]).transform("min")
+    limit = last.where(~rows["provisional"], reached)
+    rows = rows[rows["step"] <= limit].sort_values("step", kind="stable")
+    rows = rows.drop_duplicates([*GROUP, "run_id"], keep="last").merge(training_quarters(frames), how="left")
+    columns = ["step", "provisional", "mastered_percent", "evaluation_return", "first_quarter", "last_quarter"]
+    rows = rows[[*GROUP, "seed", "run_id", "status", *columns]]
+    return rows.sort_values([*GROUP, "seed"], ignore_index=True)
+
+
+def evaluation_curves(frames: Frames) -> pd.DataFrame:
+    """Returns one row per run and evaluation with `GROUP`, of every run that did not fail."""
+    return _alive(frames).merge(evaluation_measures(frames.evaluations), on="run_id")
+
+
+def training_curves(frames: Frames) -> pd.DataFrame:
+    """Returns `GROUP`, run_id, step and training_return of every run that did not fail.
+
+    From the training windows where a comparison has enough of them; else from the episodes,
+    averaged over equal shares of the run and drawn at the end of each share.
+    """
+    alive = _alive(frames)
+    windows = frames.training[["run_id", "step", "mean_return"]].dropna().astype({"run_id": object})
+    windows = alive.merge(windows.rename(columns={"mean_return": "training_return"}), on="run_id")
+    counts = windows.groupby([*GROUP, "run_id"])["step"].size().groupby(COMPARISON).max()
+    enough = counts[counts >= FEW_WINDOWS].index
+    is_long = pd.MultiIndex.from_frame(alive[COMPARISON]).isin(enough)
+    shares = _training_shares(frames, alive[~is_long])
+    return pd.concat([windows[pd.MultiIndex.from_frame(windows[COMPARISON]).isin(enough)], shares])
+
+
+def aggregate(curves: pd.DataFrame, value: str) -> pd.DataFrame:
+    """Returns `GROUP`, step, n, mean, std and standard_error of `value` over the runs of a group."""
+    grouped = curves.groupby([*GROUP, "step"], sort=True)[value]
+    table = grouped.agg(n="count", mean="mean", std="std").reset_index()
+    return table.assign(standard_error=table["std"] / np.sqrt(table["n"]))
+
+
+def mastered_tasks(frames: Frames, reading: pd.DataFrame) -> pd.DataFrame:
+    """Returns `GROUP`, test_set, task_index, n and share: seeds that master each test task.
+
+    Args:
+        frames: where the evaluations are.
+        reading: what `readings` returned; tells which evaluation counts for each run.
+    """
+    evaluations = frames.evaluations[frames.evaluations["step"].isin(reading["step"].unique())]
+    evaluations = evaluations.astype({"run_id": object, "test_set": object})
+    rows = reading[[*GROUP, "run_id", "step"]].merge(evaluations, on=["run_id", "step"])
+    rows["share"] = (rows["episodic_return"] > MASTERY_RETURN).astype(float)
+    grouped = rows.groupby([*GROUP, "test_set", "task_index"], sort=True)["share"]
+    return grouped.agg(n="count", share="mean").reset_index()
+
+
+def training_quarters(frames: Frames) -> pd.DataFrame:
+    """Returns run_id and the mean training return in the first and the last quarter of each run's steps."""
+    curves = training_curves(frames).drop_duplicates(["run_id", "step"])
+    end = curves.groupby("run_id")["step"].transform("max")
+    first = curves[curves["step"] <= end / 4].groupby("run_id")["training_return"].mean()
+    last = curves[curves["step"] > end * 3 / 4].groupby("run_id")["training_return"].mean()
+    return pd.DataFrame({"first_quarter": first, "last_quarter": last}).rename_axis("run_id").reset_index()
+
+
+def summarise(frames: Frames, reading: pd.DataFrame) -> pd.DataFrame:
+    """Returns one row per group: counts of runs by status, and mean and std of every measure."""
+    counts = frames.cells.pivot_table(index=GROUP, columns="status", values="run_id", aggfunc="nunique")
+    rows = []
+    for key, seeds in frames.cells.groupby(GROUP, sort=True):
+        mine = reading[(reading[GROUP] == list(key)).all(axis=1)]
+        row = dict(zip(GROUP, key, strict=True)) | {"seeds": seeds["run_id"].nunique(), "n": len(mine)}
+        row |= {status: int(count) for status, count in counts.loc[key].dropna().items()}
+        row |= {"step": mine["step"].max(), "provisional": bool(mine["provisional"].any())}
+        for measure in ("mastered_percent", "evaluation_return", "first_quarter", "last_quarter"):
+            description = describe(mine[measure])
+            row |= {f"{measure}_mean": description.mean, f"{measure}_std": description.std}
+        rows.append(row)
+    return pd.DataFrame(rows)
+
+
+def against_baseline(reading: pd.DataFrame, measure: str) -> pd.DataFrame:
+    """Returns Welch's t-test of every teacher against Random, one row each, p and Holm's p by comparison.
+
+    Where Random was run at another level of expert knowledge only, that one serves: it uses none.
+    """
+    rows = []
+    for key, teachers in reading.groupby(COMPARISON, sort=True):
+        reference = _reference(reading, teachers)
+        for teacher, mine in teachers.groupby("teacher", sort=True):
+            if not is_baseline(teacher):
+                comparison = _compare(mine, reference, measure)
+                names = dict(zip(COMPARISON, key, strict=True))
+                rows.append(names | {"teacher": teacher, "measure": measure} | vars(comparison))
+    table = pd.DataFrame(rows, columns=[*GROUP, "measure", *Comparison.__dataclass_fields__])
+    table["holm"] = table.groupby(COMPARISON)["p"].transform(holm)
+    return table
+
+
+def _compare(mine: pd.DataFrame, reference: pd.DataFrame, measure: str) -> Comparison:
+    samples = [rows.set_index("run_id")[measure] for rows in (mine, reference)]
+    reason = ""
+    if reference.empty:
+        reason = "no Random to compare with"
+    elif mine["provisional"].any() or reference["provisional"].any():
+        reason = "still running"
+    elif set(mine["step"]) != set(reference["step"]):
+        reason = "trained for other numbers of steps"
+    comparison = welch(*samples)
+    if not reason:
+        return comparison
+    return Comparison(comparison.n, comparison.reference_n, comparison.difference, reason=reason)
+
+
+def _reference(reading: pd.DataFrame, teachers: pd.DataFrame) -> pd.DataFrame:
+    """Returns Random's readings for one comparison, from another knowledge level if need be."""
+    own = teachers[teachers["teacher"].map(is_baseline)]
+    if len(own):
+        return own
+    columns = [column for column in COMPARISON if column != "expert_knowledge"]
+    same = (reading[columns] == teachers[columns].iloc[0]).all(axis=1)
+    return reading[same & reading["teacher"].map(is_baseline)].drop_duplicates("run_id")
+
+
+def _alive(frames: Frames) -> pd.DataFrame:
+    cells = frames.cells
+    return cells.loc[cells["status"] != "failed", [*GROUP, "seed", "run_id", "status", "steps"]]
+
+
+def _any_done(rows: pd.DataFrame) -> pd.Series:
+    done = rows["status"] == "done"
+    return done.groupby([rows[column] for column in GROUP]).transform("any")
+
+
+def _training_shares(frames: Frames, cells: pd.DataFrame) -> pd.DataFrame:
+    """Returns the training return of each run in `SHARES` equal parts of its steps."""
+    episodes = frames.episode_returns(cells["run_id"].unique().tolist()).astype({"run_id": object})
+    rows = episodes.merge(cells[["run_id", "steps"]].drop_duplicates(), on="run_id")
+    share = np.ceil(rows["step"] / rows["steps"] * SHARES).clip(1, SHARES)
+    rows["step"] = (share / SHARES * rows["steps"]).round().astype("int64")
+    means = rows.groupby(["run_id", "step"])["episodic_return"].mean().rename("training_return")
+    return cells.merge(means.reset_index(), on="run_id")

@@ -1,0 +1,126 @@
+"""Means over seeds and Welch's t-test between two samples of seeds."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+import pandas as pd
+from numpy.typing import ArrayLike, NDArray
+from scipy import stats
+
+CONFIDENCE = 0.95
+"""Coverage of the confidence intervals."""
+
+SIGNIFICANCE = 0.05
+"""Two samples differ significantly when p is strictly under this (paper, appendix on results)."""
+
+
+@dataclass(frozen=True)
+class Description:
+    """A sample in four numbers; NaN where the sample is too small for one.
+
+    Attributes:
+        n: finite values in the sample.
+        mean: arithmetic mean.
+        std: standard deviation with n - 1 degrees of freedom; needs two values.
+        standard_error: std / sqrt(n), of the mean.
+    """
+
+    n: int
+    mean: float
+    std: float
+    standard_error: float
+
+
+def describe(values: ArrayLike) -> Description:
+    """Returns n, mean, standard deviation and standard error of the finite ones among `values`."""
+    sample = _finite(values)
+    mean = float(sample.mean()) if sample.size else math.nan
+    std = float(sample.std(ddof=1)) if sample.size > 1 else math.nan
+    return Description(sample.size, mean, std, std / math.sqrt(sample.size) if sample.size else math.nan)
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """Welch's t-test of a sample against a reference; NaN where there is no test.
+
+    Attributes:
+        n: values in the sample.
+        reference_n: values in the reference.
+        difference: mean of the sample minus mean of the reference.
+        low: lower end of the 95 % confidence interval of `difference`.
+        high: upper end of it.
+        t: test statistic.
+        degrees_of_freedom: Welch and Satterthwaite's, seldom whole.
+        p: two-sided p-value.
+        reason: why there is no test; empty when there is one.
+    """
+
+    n: int
+    reference_n: int
+    difference: float
+    low: float = math.nan
+    high: float = math.nan
+    t: float = math.nan
+    degrees_of_freedom: float = math.nan
+    p: float = math.nan
+    reason: str = ""
+
+    @property
+    def significant(self) -> bool:
+        """Whether there is a test and its p-value is under 0.05."""
+        return self.p < SIGNIFICANCE
+
+
+def welch(sample: pd.Series, reference: pd.Series) -> Comparison:
+    """Compares the means of two independent samples without assuming equal variances.
+
+    Args:
+        sample: one value per run, indexed by run id.
+        reference: likewise; two samples that have a run in common are not independent and get no
+            test, so that cells which share their runs are never compared with themselves.
+    """
+    values, others = _finite(sample), _finite(reference)
+    difference = describe(values).mean - describe(others).mean
+    reason = _obstacle(values, others, shared=bool(set(sample.index) & set(reference.index)))
+    if reason:
+        return Comparison(values.size, others.size, difference, reason=reason)
+    result = stats.ttest_ind(values, others, equal_var=False)
+    interval = result.confidence_interval(CONFIDENCE)
+    return Comparison(
+        n=values.size,
+        reference_n=others.size,
+        difference=difference,
+        low=float(interval.low),
+        high=float(interval.high),
+        t=float(result.statistic),
+        degrees_of_freedom=float(result.df),
+        p=float(result.pvalue),
+    )
+
+
+def holm(p_values: ArrayLike) -> NDArray[np.float64]:
+    """Returns Holm's adjustment of `p_values` (n,) for testing n hypotheses at once; NaN stays NaN."""
+    values = np.asarray(p_values, dtype=np.float64)
+    adjusted = np.full(values.shape, np.nan)
+    order = np.argsort(values)[: np.isfinite(values).sum()]  # NaN sorts last
+    steps = values[order] * np.arange(order.size, 0, -1)
+    adjusted[order] = np.minimum(np.maximum.accumulate(steps), 1.0)
+    return adjusted
+
+
+def _obstacle(values: NDArray[np.float64], others: NDArray[np.float64], shared: bool) -> str:
+    if shared:
+        return "same runs"
+    if min(values.size, others.size) < 2:
+        return "needs 2 seeds"
+    if values.std() == 0 and others.std() == 0:
+        return "no spread between seeds"
+    return ""
+
+
+def _finite(values: ArrayLike) -> NDArray[np.float64]:
+    array = np.asarray(values, dtype=np.float64)
+    return array[np.isfinite(array)]

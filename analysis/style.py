@@ -1,0 +1,121 @@
+"""How figures look: type, lines, and one colour for each teacher wherever it appears."""
+
+from __future__ import annotations
+
+import hashlib
+import io
+from typing import Any, NamedTuple
+
+import matplotlib as mpl
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+
+DPI = 150
+"""Resolution of the PNG files, in dots per inch."""
+
+INK = "#22262b"
+MUTED = "#6a717b"
+RULE = "#d9dce1"
+
+STYLE: dict[str, Any] = {
+    "font.family": "sans-serif",
+    "font.sans-serif": ["DejaVu Sans"],  # ships with matplotlib: the same figure on every machine
+    "font.size": 8.5,
+    "axes.titlesize": 9.5,
+    "axes.titlelocation": "left",
+    "axes.titleweight": "bold",
+    "axes.labelsize": 8.5,
+    "axes.labelcolor": INK,
+    "axes.edgecolor": MUTED,
+    "axes.linewidth": 0.7,
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "axes.axisbelow": True,
+    "grid.color": RULE,
+    "grid.linewidth": 0.6,
+    "xtick.color": MUTED,
+    "ytick.color": MUTED,
+    "xtick.labelcolor": INK,
+    "ytick.labelcolor": INK,
+    "xtick.major.width": 0.7,
+    "ytick.major.width": 0.7,
+    "xtick.major.size": 3,
+    "ytick.major.size": 3,
+    "legend.frameon": False,
+    "legend.fontsize": 8.5,
+    "text.color": INK,
+    "text.parse_math": False,  # a dollar sign in a plug-in's name is only a dollar sign
+    "lines.linewidth": 1.6,
+    "lines.markersize": 4.5,
+}
+
+
+class Look(NamedTuple):
+    """How one teacher is drawn: colour, marker and dashes, so that colour never carries it alone."""
+
+    colour: str
+    marker: str
+    dashes: str | tuple[int, tuple[int, ...]]
+
+
+# Okabe and Ito's colour-blind safe palette, its yellow darkened to be seen on white.
+_LOOKS = {
+    "random": Look("#4d4d4d", "o", (0, (4, 2))),
+    "adr": Look("#009e73", "s", "-"),
+    "alpgmm": Look("#0072b2", "D", "-"),
+    "covargmm": Look("#e69f00", "^", "-"),
+    "goalgan": Look("#d55e00", "v", "-"),
+    "riac": Look("#56b4e9", "P", "-"),
+    "settersolver": Look("#cc79a7", "X", "-"),
+    "spdl": Look("#a89a00", "p", "-"),
+}
+_LABELS = {
+    "random": "Random",
+    "adr": "ADR",
+    "alpgmm": "ALP-GMM",
+    "covargmm": "Covar-GMM",
+    "goalgan": "GoalGAN",
+    "riac": "RIAC",
+    "settersolver": "Setter-Solver",
+    "spdl": "SPDL",
+}
+# Paul Tol's muted palette, for teachers of other authors.
+_OTHER_COLOURS = ("#332288", "#882255", "#117733", "#aa4499", "#999933", "#44aa99", "#cc6677")
+_OTHER_MARKERS = ("h", "<", ">", "*", "d")
+_OTHER_DASHES = ((0, (1, 1)), (0, (6, 2)), (0, (3, 1, 1, 1)))
+
+
+def look(teacher: str) -> Look:
+    """Returns how `teacher` is drawn; for an unknown one it follows from the name alone."""
+    known = _LOOKS.get(_key(teacher))
+    if known is not None:
+        return known
+    digest = hashlib.sha256(teacher.encode()).digest()
+    return Look(
+        _OTHER_COLOURS[digest[0] % len(_OTHER_COLOURS)],
+        _OTHER_MARKERS[digest[1] % len(_OTHER_MARKERS)],
+        _OTHER_DASHES[digest[2] % len(_OTHER_DASHES)],
+    )
+
+
+def label(teacher: str) -> str:
+    """Returns the name of a teacher as the paper prints it, or the plug-in's own."""
+    return _LABELS.get(_key(teacher), teacher)
+
+
+def teacher_order(teacher: str) -> tuple[bool, str]:
+    """Sorts teachers: Random first, since the others are read against it, then by name."""
+    return (_key(teacher) != "random", label(teacher).lower())
+
+
+@mpl.rc_context(STYLE)
+def png(figure: Figure) -> bytes:
+    """Returns `figure` as a PNG file; the same figure gives the same bytes."""
+    buffer = io.BytesIO()
+    FigureCanvasAgg(figure)
+    figure.savefig(buffer, format="png", dpi=DPI, facecolor="white", metadata={"Software": None})
+    return buffer.getvalue()
+
+
+def _key(teacher: str) -> str:
+    return "".join(character for character in teacher.lower() if character.isalnum())

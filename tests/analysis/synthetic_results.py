@@ -1,0 +1,161 @@
+"""Results roots made of invented, plausible runs, written as a campaign writes them."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from tma_ray.results import AttemptOutcome, AttemptRecord, Committer, RunRecord, RunWriter, Table
+
+FINGERPRINT = json.dumps({"cpu": "Invented CPU @ 3 GHz", "threads": 1, "python": "3.11.9", "numpy": "2.4.6"})
+
+SKILL = {"random": 0.45, "alp_gmm": 0.8}
+"""How much of the task space a teacher's students come to master."""
+
+
+@dataclass
+class SyntheticCampaign:
+    """Writes runs whose students master easy tasks first, more of them under better teachers."""
+
+    root: Path
+    steps: int = 2_000_000
+    evaluation_every: int = 100_000
+    grid: int = 10
+    episode_steps: int = 4_000
+    campaign: str = "first_look"
+    experiment: str = "original"
+    environment: str = "stump_tracks"
+    cells: list[dict[str, Any]] = field(default_factory=list)
+
+    def __post_init__(self) -> None:
+        self.committer = Committer.open(self.root)
+
+    def run(
+        self,
+        teacher: str,
+        seed: int,
+        status: str = "done",
+        upto: float = 1.0,
+        level: str = "low",
+        shares: Sequence[str] = (),
+        **changes: Any,
+    ) -> str:
+        """Writes one run and its cell, `upto` a share of its steps; `shares`: further levels with this run."""
+        run_id = f"{self.experiment}-{teacher}-{level}-{seed}".replace("<", "_").replace(">", "_")
+        run_id = "".join(c if c.isalnum() or c in "_-" else "_" for c in run_id)
+        record = RunRecord(
+            **{
+                "run_id": run_id,
+                "spec": json.dumps({"teacher": teacher, "seed": seed, "steps": self.steps}),
+                "environment": self.environment,
+                "challenge": "original",
+                "embodiment": "classic_bipedal",
+                "student": "sac",
+                "teacher": teacher,
+                "expert_knowledge": level,
+                "test_set": "stump_tracks",
+                "steps": self.steps,
+                "seed": seed,
+                "physics_version": 1,
+            }
+            | changes
+        )
+        for cell_level in (level, *shares):
+            self.cell(record, cell_level)
+        if status != "waiting":
+            self._play(record, status, upto)
+        return run_id
+
+    def cell(self, record: RunRecord, level: str) -> None:
+        names = ("environment", "challenge", "embodiment", "student", "teacher", "seed", "run_id")
+        row = {name: getattr(record, name) for name in names} | {"expert_knowledge": level}
+        self.committer.write_cells(self.campaign, [row | {"experiment": self.experiment}])
+
+    def _play(self, record: RunRecord, status: str, upto: float) -> None:
+        self.committer.start(record, 0)
+        writer = RunWriter(self.committer.store, record.run_id, 0)
+        rng = np.random.default_rng([record.seed, *record.teacher.encode()])
+        skill = SKILL.get(record.teacher, 0.6) + rng.normal(0, 0.06)
+        end = int(self.steps * upto)
+        self._evaluations(writer, rng, skill, end)
+        self._training(writer, rng, skill, end, record.teacher)
+        if status == "done":
+            self.committer.finish(record, 0, writer.finish())
+        else:
+            self.committer.publish(record, 0, writer.flush())
+        if status == "failed":
+            self.committer.fail(record, 0, "Traceback (most recent call last):\n  …\nMemoryError: buffer of 2 GB")
+        outcome = {"done": AttemptOutcome.DONE, "failed": AttemptOutcome.FAILED}.get(status)
+        started = datetime(2026, 11, 20, 8, record.seed % 60, tzinfo=UTC)
+        if outcome is not None:
+            self.committer.record_attempt(
+                AttemptRecord(record.run_id, 0, started, 3600.0, end / 3600, "node-1", FINGERPRINT, outcome)
+            )
+
+    def returns(self, tasks: np.ndarray, ability: float, rng: np.random.Generator) -> np.ndarray:
+        """Returns on `tasks` (n, 2): high when flat or widely spaced, falling off where ability ends."""
+        difficulty = tasks[:, 0] / 3 + 0.35 * (1 - tasks[:, 1] / 6)
+        return 300 - 380 / (1 + np.exp(-9 * (difficulty - ability))) + rng.normal(0, 12, len(tasks))
+
+    def _evaluations(self, writer: RunWriter, rng: np.random.Generator, skill: float, end: int) -> None:
+        axis = np.linspace(0, 1, self.grid)
+        tasks = np.array([(3 * h, 6 * s) for h in axis for s in axis], dtype=np.float32)
+        for step in range(0, end + 1, self.evaluation_every):
+            ability = skill * (1 - np.exp(-4 * step / self.steps)) - 0.15
+            returns = self.returns(tasks, ability, rng)
+            rows = [
+                {"step": step, "test_set": "stump_tracks", "task_index": i, "task": t, "length": 500}
+                | {"episodic_return": float(r)}
+                for i, (t, r) in enumerate(zip(tasks, returns, strict=True))
+            ]
+            writer.add(Table.EVALUATIONS, rows)
+
+    def _training(
+        self, writer: RunWriter, rng: np.random.Generator, skill: float, end: int, teacher: str
+    ) -> None:
+        steps = np.arange(self.episode_steps, end + 1, self.episode_steps)
+        learning = 1 - np.exp(-4 * steps / self.steps)
+        tasks = rng.random((len(steps), 2)) * [3, 6]
+        if teacher != "random":
+            aimed = np.column_stack([0.3 + 2.4 * learning, 4.5 - 3 * learning])
+            guided = rng.random(len(steps)) > 0.2
+            tasks[guided] = (aimed + rng.normal(0, [0.3, 0.7], (len(steps), 2)))[guided]
+            tasks = np.clip(tasks, 0, [3, 6])
+        ability = skill * learning - 0.15
+        returns = np.array([self.returns(t[None], a, rng)[0] for t, a in zip(tasks, ability, strict=True)])
+        rows = [
+            {"step": int(s), "episode": i, "task": t.astype(np.float32), "episodic_return": float(r)}
+            | {"length": self.episode_steps, "success": bool(r > 230)}
+            for i, (s, t, r) in enumerate(zip(steps, tasks, returns, strict=True))
+        ]
+        writer.add(Table.EPISODES, rows)
+        self._windows(writer, steps, returns)
+        if teacher != "random":
+            self._teacher(writer, rng, end)
+
+    def _windows(self, writer: RunWriter, steps: np.ndarray, returns: np.ndarray) -> None:
+        for low in range(0, int(steps.max(initial=0)), 500_000):
+            mine = returns[(steps > low) & (steps <= low + 500_000)]
+            row = {"step": low + 500_000, "episodes": len(mine), "mean_return": mine.mean()}
+            row |= {"std_return": mine.std(), "mean_length": 500.0, "success_share": (mine > 230).mean()}
+            writer.add(Table.TRAINING, [row])
+
+    def _teacher(self, writer: RunWriter, rng: np.random.Generator, end: int) -> None:
+        for step in range(self.steps // 20, end + 1, self.steps // 20):
+            learning = 1 - np.exp(-4 * step / self.steps)
+            mean = np.array([0.3 + 2.4 * learning, 4.5 - 3 * learning])
+            gaussians = [
+                {"weight": 0.7, "mean": mean, "covariance": [[0.09, 0.05], [0.05, 0.49]]},
+                {"weight": 0.3, "mean": mean * 0.7, "covariance": [[0.04, -0.02], [-0.02, 0.3]]},
+            ]
+            row = {"step": step, "episode": step // self.episode_steps, "gaussians": gaussians}
+            writer.add(Table.TEACHER_LOG, [row | {"boxes": [], "scalars": {"components": 2.0}}])
+            probes = np.clip(mean + rng.normal(0, [0.3, 0.7], (40, 2)), 0, [3, 6]).astype(np.float32)
+            rows = [{"step": step, "sample": i, "task": task} for i, task in enumerate(probes)]
+            writer.add(Table.CURRICULUM, rows)
