@@ -86,7 +86,7 @@ class PPO(StableBaselinesStudent[PPOHyperparameters, stable_baselines3.PPO]):
         self._sampled: Actions = sampled.numpy(force=True)[0]
         self._value = self._value_head(features).item()
         self._log_probability = self._gaussian_log_probability(noise)
-        return np.minimum(np.maximum(self._sampled, self._low), self._high)
+        return self._clip(self._sampled)
 
     def observe(self, transition: Transition) -> None:  # noqa: D102
         ended = transition.terminated or transition.truncated
@@ -106,7 +106,7 @@ class PPO(StableBaselinesStudent[PPOHyperparameters, stable_baselines3.PPO]):
     def act_greedily(self, observations: Observations) -> Actions:  # noqa: D102
         features = self._trunk(as_batch(self.normaliser.normalise(observations), self.device))
         mean: Actions = self._mean_head(features).numpy(force=True)
-        return np.minimum(np.maximum(mean, self._low), self._high)
+        return self._clip(mean)
 
     def state_values(self, observations: Observations) -> NDArray[np.float64]:
         """Returns V(s) (n,) of `observations` (n, o), rescaled from normalised to raw rewards.
@@ -157,6 +157,10 @@ class PPO(StableBaselinesStudent[PPOHyperparameters, stable_baselines3.PPO]):
         features = self._trunk(as_batch(self.normaliser.normalise(observations), self.device))
         values: NDArray[np.float32] = self._value_head(features).numpy(force=True)
         return values[:, 0].astype(np.float64)
+
+    def _clip(self, actions: Actions) -> Actions:
+        clipped: Actions = np.minimum(np.maximum(actions, self._low), self._high)
+        return clipped
 
     def _gaussian_log_probability(self, noise: NDArray[np.float32]) -> float:
         squares = float((noise * noise).sum())

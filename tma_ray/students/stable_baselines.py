@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from stable_baselines3.common.base_class import BaseAlgorithm
 from stable_baselines3.common.logger import Logger
 
-from tma_ray.students.base import Actions, Student
+from tma_ray.students.base import Student
 from tma_ray.students.hyperparameters import PPOHyperparameters, SACHyperparameters, as_plain_values
 from tma_ray.students.randomness import TorchStream, streams
 
@@ -55,8 +55,8 @@ class StableBaselinesStudent(Student, Generic[H, M]):
         self.action_space = _checked_box(action_space, "action")
         if not self.action_space.is_bounded():
             raise ValueError(f"action space {self.action_space}: expected finite bounds")
-        self._low: Actions = self.action_space.low
-        self._high: Actions = self.action_space.high
+        self._low = np.asarray(self.action_space.low, dtype=np.float32)
+        self._high = np.asarray(self.action_space.high, dtype=np.float32)
         self.hyperparameters = hyperparameters
         self.gamma = hyperparameters.gamma
         self.device = torch.device(device)

@@ -1,0 +1,109 @@
+import numpy as np
+import pytest
+import stable_baselines3
+import torch
+from students_support import Drift, digest, small_student, train
+
+from tma_ray.students import load_policy
+
+OBSERVATIONS = np.random.default_rng(0).normal(size=(50, 3)).astype(np.float32)
+
+
+@pytest.fixture(params=["ppo", "sac"])
+def trained(request):
+    student = small_student(request.param)
+    train(student, Drift(), 130)
+    student.kind = request.param
+    return student
+
+
+def seen_by_the_model(student) -> np.ndarray:
+    return student.normaliser.normalise(OBSERVATIONS) if student.kind == "ppo" else OBSERVATIONS
+
+
+def test_greedy_actions_equal_stable_baselines3(trained):
+    expected = trained.model.predict(seen_by_the_model(trained), deterministic=True)[0]
+    actions = trained.act_greedily(OBSERVATIONS)
+    assert actions.dtype == np.float32
+    np.testing.assert_allclose(actions, expected, atol=1e-6)
+    assert np.ptp(actions, axis=0).min() > 1e-3  # it does look at the observations
+
+
+def test_one_observation_or_many_give_the_same_actions(trained):
+    alone = np.concatenate([trained.act_greedily(row[None]) for row in OBSERVATIONS])
+    np.testing.assert_allclose(trained.act_greedily(OBSERVATIONS), alone, atol=1e-6)
+
+
+def test_greedy_acting_leaves_no_trace(trained, tmp_path):
+    before = digest(trained, tmp_path / "before")
+    trained.act_greedily(OBSERVATIONS)
+    assert digest(trained, tmp_path / "after") == before
+
+
+def test_a_ppo_step_has_the_action_value_and_probability_of_stable_baselines3():
+    student = small_student("ppo")
+    transitions = train(student, Drift(), 70)
+    steps = student._rollout.state()
+    seen = torch.from_numpy(steps["observations"])
+    with torch.no_grad():
+        values, log_probabilities, _ = student.model.policy.evaluate_actions(
+            seen, torch.from_numpy(steps["actions"])
+        )
+    np.testing.assert_allclose(steps["values"], values[:, 0], atol=1e-6)
+    np.testing.assert_allclose(steps["log_probabilities"], log_probabilities, atol=1e-6)
+    bounds = student.action_space.low, student.action_space.high
+    played = np.array([t.action for t in transitions[50:]])
+    np.testing.assert_array_equal(np.clip(steps["actions"], *bounds), played)
+    assert (steps["actions"] != played).any()  # some were clipped, and are stored as sampled
+
+
+@pytest.mark.parametrize("name", ["ppo", "sac"])
+def test_exploring_actions_follow_the_policys_distribution(name):
+    student = small_student(name, exploration_steps=0) if name == "sac" else small_student(name)
+    observation = OBSERVATIONS[0]
+    if name == "ppo":
+        student._episode_starts = False  # so that the observation normalises alike each time
+    actions = np.array([student.act(observation) for _ in range(4000)])
+    seen = torch.from_numpy(observation[None]).repeat(4000, 1)
+    if name == "ppo":
+        seen = torch.from_numpy(student.normaliser.normalise(seen.numpy()))
+    torch.manual_seed(0)
+    expected = student.model.predict(seen.numpy(), deterministic=False)[0]
+    for share in (10, 30, 50, 70, 90):
+        quantiles = [np.percentile(sample, share, axis=0) for sample in (actions, expected)]
+        np.testing.assert_allclose(*quantiles, atol=0.15)
+
+
+def test_the_first_actions_of_sac_are_uniform():
+    student = small_student("sac", exploration_steps=3000)
+    low, high = student.action_space.low, student.action_space.high
+    actions = np.array([student.act(OBSERVATIONS[0]) for _ in range(3000)])
+    shares = (actions - low) / (high - low)
+    for share in (0.1, 0.5, 0.9):
+        np.testing.assert_allclose(np.quantile(shares, share, axis=0), share, atol=0.05)
+
+
+@pytest.mark.parametrize("name", ["ppo", "sac"])
+def test_a_saved_policy_plays_alike_here_and_in_stable_baselines3(name, tmp_path):
+    student = small_student(name)
+    train(student, Drift(), 130)
+    student.kind = name
+    student.save_policy(tmp_path)
+    expected = student.act_greedily(OBSERVATIONS)
+    algorithm = {"ppo": stable_baselines3.PPO, "sac": stable_baselines3.SAC}[name]
+    model = algorithm.load(tmp_path / "policy.zip")
+    played = model.predict(seen_by_the_model(student), deterministic=True)[0]
+    np.testing.assert_allclose(played, expected, atol=1e-6)
+    np.testing.assert_allclose(load_policy(name, tmp_path)(OBSERVATIONS), expected, atol=1e-6)
+
+
+def test_policy_and_value_of_ppo_share_the_papers_trunk():
+    from gymnasium import spaces
+
+    from tma_ray.students import make_student
+
+    boxes = spaces.Box(-1, 1, (24,)), spaces.Box(-1, 1, (4,))
+    student = make_student("ppo", *boxes, np.random.SeedSequence(0))
+    trunk, policy, value = 24 * 400 + 400 + 400 * 300 + 300, 300 * 4 + 4 + 4, 300 + 1
+    count = sum(parameter.numel() for parameter in student.model.policy.parameters())
+    assert count == trunk + policy + value

@@ -1,0 +1,93 @@
+import json
+import subprocess
+import sys
+
+import pytest
+
+from tma_ray.registry import UnknownNameError
+from tma_ray.students import (
+    PPOHyperparameters,
+    SACHyperparameters,
+    check_hyperparameters,
+    default_hyperparameters,
+    make_student,
+)
+
+
+def test_defaults_are_the_papers():
+    ppo, sac = default_hyperparameters("ppo"), default_hyperparameters("sac")
+    assert ppo["hidden_units"] == sac["hidden_units"] == [400, 300]
+    assert ppo["gamma"] == sac["gamma"] == 0.99
+    assert (ppo["steps_per_update"], ppo["epochs"], ppo["batch_size"]) == (2000, 5, 1000)
+    assert (ppo["learning_rate"], ppo["gae_lambda"], ppo["clip_range"]) == (3e-4, 0.95, 0.2)
+    assert (ppo["max_gradient_norm"], ppo["value_coefficient"], ppo["entropy_coefficient"]) == (0.5, 0.5, 0.0)
+    assert (sac["learning_rate"], sac["entropy_coefficient"]) == (1e-3, 0.005)
+    assert (sac["steps_per_update"], sac["batch_size"], sac["buffer_size"]) == (10, 1000, 2_000_000)
+
+
+@pytest.mark.parametrize("name", ["ppo", "sac"])
+def test_defaults_survive_json(name):
+    values = json.loads(json.dumps(default_hyperparameters(name)))
+    assert values == default_hyperparameters(name)
+    assert check_hyperparameters(name, values) == check_hyperparameters(name)
+
+
+def test_given_values_replace_defaults():
+    assert check_hyperparameters("sac", {"learning_rate": 1}) == SACHyperparameters(learning_rate=1.0)
+    assert check_hyperparameters("ppo", {"value_clip_range": None}).value_clip_range is None
+    assert check_hyperparameters("ppo", {"hidden_units": [8]}) == PPOHyperparameters(hidden_units=(8,))
+
+
+@pytest.mark.parametrize(
+    ("name", "key", "value", "message"),
+    [
+        ("ppo", "learning_rat", 1e-3, "did you mean 'learning_rate'"),
+        ("sac", "clip_range", 0.2, "unknown hyper-parameter 'clip_range'"),
+        ("ppo", "learning_rate", "fast", "learning_rate = 'fast': expected finite float"),
+        ("ppo", "learning_rate", float("nan"), "expected finite float"),
+        ("ppo", "learning_rate", True, "expected finite float"),
+        ("ppo", "learning_rate", 0, "expected more than 0"),
+        ("ppo", "epochs", 5.0, "epochs = 5.0: expected int"),
+        ("ppo", "epochs", True, "expected int"),
+        ("ppo", "epochs", None, "expected int"),
+        ("ppo", "hidden_units", [4, "a"], "expected int"),
+        ("ppo", "hidden_units", 400, "hidden_units = 400"),
+        ("ppo", "hidden_units", [], "at least one layer"),
+        ("ppo", "gamma", 1.5, r"gamma = 1.5: expected a share in \[0, 1\]"),
+        ("ppo", "batch_size", 300, "a divisor of steps_per_update = 2000"),
+        ("ppo", "batch_size", 1, "more than 1"),
+        ("ppo", "value_clip_range", -1, "expected more than 0"),
+        ("sac", "buffer_size", 0, "expected more than 0"),
+        ("sac", "exploration_steps", -1, "neither under 0"),
+    ],
+)
+def test_unfit_values_are_refused_with_a_helpful_message(name, key, value, message):
+    with pytest.raises(ValueError, match=message):
+        check_hyperparameters(name, {key: value})
+
+
+def test_unknown_students_are_refused():
+    for name in ("pp", "PPO"):
+        with pytest.raises(UnknownNameError, match="known: ppo, sac"):
+            default_hyperparameters(name)
+
+
+def test_names_and_values_are_checked_without_torch():
+    script = (
+        "import sys; import tma_ray.students as s; s.default_hyperparameters('ppo'); s.STUDENTS.names();"
+        "assert not {'torch', 'stable_baselines3'} & set(sys.modules)"
+    )
+    subprocess.run([sys.executable, "-c", script], check=True)
+
+
+def test_spaces_that_do_not_fit_are_refused():
+    import numpy as np
+    from gymnasium import spaces
+
+    box, seed = spaces.Box(-1, 1, (3,)), np.random.SeedSequence(0)
+    with pytest.raises(ValueError, match="observation space"):
+        make_student("ppo", spaces.Discrete(3), box, seed)
+    with pytest.raises(ValueError, match="action space"):
+        make_student("sac", box, spaces.Box(-1, 1, (3, 2)), seed)
+    with pytest.raises(ValueError, match="finite bounds"):
+        make_student("sac", box, spaces.Box(-np.inf, 1, (3,)), seed)

@@ -1,0 +1,196 @@
+"""Checkpoints, isolation, forgetting and state values."""
+
+import json
+import random
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+from students_support import Drift, digest, parameters, small_student, train, train_episodes
+
+OBSERVATIONS = np.random.default_rng(0).normal(size=(20, 3)).astype(np.float32)
+NAMES = pytest.mark.parametrize("name", ["ppo", "sac"])
+
+
+@NAMES
+def test_a_new_process_goes_on_bit_for_bit(name, tmp_path):
+    student = small_student(name)
+    train_episodes(student, range(20))
+    first, second = (tmp_path / step for step in ("first", "second"))
+    digest(student, first)
+    returns = train_episodes(student, range(20, 40))
+    # the buffer of SAC has wrapped by then, and PPO stopped within a rollout
+    script = (
+        f"import json, sys; sys.path.insert(0, {str(Path(__file__).parent)!r});"
+        f"from students_support import resume;"
+        f"print(json.dumps(resume({name!r}, {str(first)!r}, range(20, 40), {str(second)!r})))"
+    )
+    run = subprocess.run([sys.executable, "-c", script], check=True, capture_output=True, text=True)
+    assert json.loads(run.stdout) == [returns, digest(student, tmp_path / "straight")]
+
+
+@NAMES
+def test_saving_changes_nothing(name, tmp_path):
+    saver, other = small_student(name), small_student(name)
+    for start in (0, 10):
+        digest(saver, tmp_path / f"during-{start}")
+        saver.save_policy(tmp_path)
+        returns = [train_episodes(student, range(start, start + 10)) for student in (saver, other)]
+        assert returns[0] == returns[1]
+
+
+@NAMES
+def test_a_state_of_other_hyperparameters_is_refused(name, tmp_path):
+    small_student(name).save(tmp_path)
+    with pytest.raises(ValueError, match=r"0\.5"):
+        small_student(name, gamma=0.5).load(tmp_path)
+
+
+def test_a_state_of_another_algorithm_is_refused(tmp_path):
+    small_student("sac").save(tmp_path)
+    with pytest.raises(ValueError, match="buffer_size"):
+        small_student("ppo").load(tmp_path)
+
+
+@NAMES
+def test_the_same_seed_gives_the_same_student_and_another_seed_another(name, tmp_path):
+    seed = np.random.SeedSequence(5)
+    students = [small_student(name, seed=s) for s in (0, 0, 1)]
+    for student in students:
+        train_episodes(student, range(10))
+    first, same, other = (digest(s, tmp_path / str(i)) for i, s in enumerate(students))
+    assert first == same
+    assert first["networks.pt"] != other["networks.pt"]
+    assert seed.n_children_spawned == 0
+
+
+def test_interleaved_students_do_not_perturb_each_other(tmp_path):
+    alone = {}
+    for name in ("ppo", "sac"):
+        student = small_student(name)
+        train_episodes(student, range(20))
+        alone[name] = digest(student, tmp_path / f"alone-{name}")
+    together = {name: small_student(name) for name in ("ppo", "sac")}
+    for episode in range(20):
+        for student in together.values():
+            train_episodes(student, range(episode, episode + 1))
+            torch.randn(3), np.random.rand(3)  # noqa: NPY002  # what a teacher may do
+    for name, student in together.items():
+        assert digest(student, tmp_path / f"together-{name}") == alone[name]
+
+
+@NAMES
+def test_the_global_generators_stay_as_they_were(name, tmp_path):
+    def states():
+        legacy = np.random.get_state()  # noqa: NPY002
+        return torch.get_rng_state().tolist(), legacy[1].tolist(), legacy[2:], random.getstate()
+
+    before = states()
+    student = small_student(name)
+    train(student, Drift(), 130)
+    student.state_values(OBSERVATIONS)
+    student.save(tmp_path)
+    student.save_policy(tmp_path)
+    student.load(tmp_path)
+    student.reset()
+    assert states() == before
+
+
+@NAMES
+def test_a_reset_forgets_networks_optimisers_and_experience(name, tmp_path):
+    student = small_student(name)
+    train(student, Drift(), 130)
+    trained = parameters(student)
+    student.reset()
+    fresh = parameters(student)
+    assert any((trained[key] != fresh[key]).any() for key in trained)
+    state = student.model.get_parameters()
+    assert all(not state[key]["state"] for key in state if key.endswith("optimizer"))
+    assert student.scalars() == {}
+    if name == "sac":
+        assert len(student._replay) == 0
+        for key in fresh:
+            if key.startswith("critic_target"):
+                assert (fresh[key] == fresh[key.replace("critic_target", "critic")]).all()
+    else:
+        assert len(student._rollout.state()["rewards"]) == 0
+    train(student, Drift(), 130)  # and goes on
+    assert any((fresh[key] != value).any() for key, value in parameters(student).items())
+
+
+def test_a_reset_keeps_the_statistics_that_normalise():
+    student = small_student("ppo")
+    train(student, Drift(), 130)
+    before = student.normaliser.normalise(OBSERVATIONS)
+    student.reset()
+    np.testing.assert_array_equal(student.normaliser.normalise(OBSERVATIONS), before)
+
+
+def test_a_reset_does_not_repeat_the_uniform_exploration():
+    student = small_student("sac")
+    train(student, Drift(), 60)
+    student.reset()
+    # a fresh policy spreads little around its mean; uniform actions would reach all corners
+    mean = student.act_greedily(OBSERVATIONS[:1])[0]
+    with torch.no_grad():
+        log_std = student.model.actor.get_action_dist_params(torch.from_numpy(OBSERVATIONS[:1]))[1]
+        student.model.actor.log_std.weight.zero_()
+        student.model.actor.log_std.bias.fill_(-8)
+    assert log_std.abs().max() < 1
+    np.testing.assert_allclose(student.act(OBSERVATIONS[0]), mean, atol=0.01)
+    updates = student.model._n_updates
+    train(student, Drift(), 20)
+    assert student.model._n_updates == updates + 2  # updates go on at once
+
+
+def test_ppo_values_are_those_of_the_value_head_in_raw_rewards():
+    student = small_student("ppo")
+    train(student, Drift(), 130)
+    seen = torch.from_numpy(student.normaliser.normalise(OBSERVATIONS))
+    with torch.no_grad():
+        expected = student.model.policy.predict_values(seen)[:, 0].numpy() * student.normaliser.reward_scale
+    np.testing.assert_allclose(student.state_values(OBSERVATIONS), expected, rtol=1e-5)
+    assert student.normaliser.reward_scale > 2
+
+
+def test_sac_values_are_the_expected_soft_values():
+    student = small_student("sac", value_samples=4000, entropy_coefficient=0.7)
+    train(student, Drift(), 130)
+    model, observations = student.model, 10 * OBSERVATIONS[:4]
+    repeated = torch.from_numpy(observations).repeat_interleave(20_000, dim=0)
+    torch.manual_seed(0)
+    with torch.no_grad():
+        actions, log_probabilities = model.actor.action_log_prob(repeated)
+        smallest = torch.cat(model.critic(repeated, actions), dim=1).min(dim=1).values
+        expected = (smallest - 0.7 * log_probabilities).reshape(4, -1).mean(dim=1).numpy()
+    np.testing.assert_allclose(student.state_values(observations), expected, atol=0.06)
+    assert np.ptp(expected) > 0.3
+
+
+def test_sac_values_of_a_policy_without_spread_are_in_closed_form():
+    student = small_student("sac", value_samples=2000, entropy_coefficient=0.0)
+    with torch.no_grad():
+        student.model.actor.log_std.weight.zero_()
+        student.model.actor.log_std.bias.fill_(-15)
+    seen = torch.from_numpy(OBSERVATIONS)
+    with torch.no_grad():
+        expected = torch.cat(model_q(student, seen), dim=1).min(dim=1).values.numpy()
+    np.testing.assert_allclose(student.state_values(OBSERVATIONS), expected, atol=1e-5)
+
+
+def model_q(student, seen):
+    return student.model.critic(seen, student.model.actor(seen, deterministic=True))
+
+
+@NAMES
+def test_asking_for_values_does_not_change_the_training(name):
+    asked, other = small_student(name), small_student(name)
+    for episode in range(20):
+        asked.state_values(OBSERVATIONS)
+        for student in (asked, other):
+            train_episodes(student, range(episode, episode + 1))
+    for key, value in parameters(asked).items():
+        np.testing.assert_array_equal(value, parameters(other)[key])

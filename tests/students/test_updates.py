@@ -1,0 +1,148 @@
+"""Our loop against stable-baselines3's own `learn`: same worlds, same noise, same networks after it."""
+
+import numpy as np
+import pytest
+import stable_baselines3
+import torch
+from gymnasium.wrappers import TimeLimit
+from stable_baselines3.common.vec_env import DummyVecEnv, VecNormalize
+from students_support import SMALL, Drift, parameters, small_student, train
+from torch import nn
+
+from tma_ray.students import Transition
+from tma_ray.students.networks import Trunk
+from tma_ray.students.randomness import streams
+
+
+def generators(seed: int) -> list[np.random.Generator]:
+    """The student's exploration and mini-batch streams, once more."""
+    return [np.random.default_rng(child) for child in streams(np.random.SeedSequence(seed), 4)[1:3]]
+
+
+def assert_same_networks(student, stock) -> None:
+    theirs = stock.policy.state_dict()
+    for name, ours in parameters(student).items():
+        np.testing.assert_allclose(ours, theirs[name].numpy(), rtol=1e-6, atol=1e-7, err_msg=name)
+
+
+def test_ppo_learns_what_stable_baselines3_learns(monkeypatch):
+    student = small_student("ppo", seed=3)
+    exploration, batches = generators(3)
+    env = VecNormalize(DummyVecEnv([lambda: Drift(seed=1, limit=None)]))
+    stock = stable_baselines3.PPO(
+        "MlpPolicy",
+        env,
+        n_steps=50,
+        batch_size=25,
+        n_epochs=2,
+        clip_range_vf=0.2,
+        policy_kwargs={
+            "net_arch": [],
+            "activation_fn": nn.ReLU,
+            "features_extractor_class": Trunk,
+            "features_extractor_kwargs": {"hidden_units": (16, 8)},
+        },
+        device="cpu",
+    )
+    stock.set_parameters(student.model.get_parameters())
+    initial = parameters(student)
+    gaussian = stock.policy.action_dist
+
+    def sample() -> torch.Tensor:
+        noise = torch.from_numpy(exploration.standard_normal((1, 2), dtype=np.float32))
+        return torch.addcmul(gaussian.distribution.mean, gaussian.distribution.stddev, noise)
+
+    monkeypatch.setattr(gaussian, "sample", sample)
+    with monkeypatch.context() as patch:
+        patch.setattr(np.random, "permutation", batches.permutation)
+        stock.learn(200)
+    train(student, Drift(seed=1, limit=None), 200)
+
+    assert_same_networks(student, stock)
+    assert any((initial[name] != value).any() for name, value in parameters(student).items())
+    np.testing.assert_allclose(
+        student.normaliser.normalise(np.ones(3, np.float32)),
+        env.normalize_obs(np.ones(3, np.float32)),
+        rtol=1e-6,
+    )
+
+
+class ReplayedSAC(stable_baselines3.SAC):
+    """Stock SAC that plays given actions, so that it meets the same transitions."""
+
+    def _sample_action(self, learning_starts, action_noise=None, n_envs=1):
+        action = next(self.actions)[None]
+        return action, self.policy.scale_action(action)
+
+
+def test_sac_learns_what_stable_baselines3_learns(monkeypatch):
+    student = small_student("sac", seed=3, buffer_size=1000)
+    _, batches = generators(3)
+    env = TimeLimit(Drift(seed=1, limit=None), 17)
+    stock = ReplayedSAC(
+        "MlpPolicy",
+        env,
+        learning_rate=1e-3,
+        buffer_size=1000,
+        learning_starts=60,
+        batch_size=20,
+        train_freq=10,
+        ent_coef=0.005,
+        policy_kwargs={"net_arch": [16, 8]},
+        device="cpu",
+    )
+    stock.set_parameters(student.model.get_parameters())
+    stream = student._torch_stream.state[0].clone()
+    transitions = train(student, TimeLimit(Drift(seed=1, limit=None), 17), 200)
+    assert any(t.truncated for t in transitions)
+    assert any(t.terminated for t in transitions)
+
+    def sample(batch_size: int, env=None):
+        ages = batches.integers(1, stock.replay_buffer.pos + 1, size=batch_size)
+        return stock.replay_buffer._get_samples(stock.replay_buffer.pos - ages)
+
+    monkeypatch.setattr(stock.replay_buffer, "sample", sample)
+    stock.actions = iter([t.action for t in transitions])
+    with torch.random.fork_rng():
+        torch.set_rng_state(stream)
+        stock.learn(200)
+    assert stock._n_updates == student.model._n_updates == 14
+    assert_same_networks(student, stock)
+
+
+@pytest.mark.parametrize(("terminated", "truncated"), [(False, True), (True, False), (True, True)])
+def test_only_a_time_limit_adds_the_value_of_what_it_cut_off(terminated, truncated):
+    student = small_student("ppo")
+    last = np.array([1, 2, 3], np.float32)
+    action = student.act(np.zeros(3, np.float32))
+    student.observe(Transition(np.zeros(3, np.float32), action, 0.25, last, terminated, truncated))
+    seen = torch.from_numpy(student.normaliser.normalise(last)[None])
+    value = student.model.policy.predict_values(seen).item()
+    expected = student.normaliser.normalise_reward(0.25) + (0 if terminated else 0.99 * value)
+    assert abs(value) > 0.01
+    np.testing.assert_allclose(student._rollout.state()["rewards"], [expected], rtol=1e-6)
+
+
+def test_networks_change_only_when_an_update_is_due():
+    for name, due in (("ppo", {50, 100}), ("sac", {70, 80, 90, 100})):
+        student, env, changed = small_student(name), Drift(), set()
+        observation = env.reset()[0]
+        for step in range(1, 101):
+            before = parameters(student)
+            action = student.act(observation)
+            following, reward, terminated, truncated, _ = env.step(action)
+            student.observe(Transition(observation, action, reward, following, terminated, truncated))
+            observation = env.reset()[0] if terminated or truncated else following
+            if any((before[key] != value).any() for key, value in parameters(student).items()):
+                changed.add(step)
+        assert changed == due
+
+
+def test_scalars_tell_of_the_last_update():
+    for name in SMALL:
+        student = small_student(name)
+        assert student.scalars() == {}
+        train(student, Drift(), 100)
+        losses = {key: value for key, value in student.scalars().items() if "loss" in key}
+        assert losses
+        assert np.isfinite(list(losses.values())).all()
