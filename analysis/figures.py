@@ -111,7 +111,7 @@ def final_bars(reading: pd.DataFrame) -> Figure:
         axes.barh(row, mean, height=0.62, color=colour, alpha=0.35)
         if np.isfinite(std):
             axes.errorbar(mean, row, xerr=std, color=INK, capsize=3, linewidth=1.0, capthick=1.0)
-        spread = 0.4 * (np.arange(len(seeds)) / max(1, len(seeds) - 1) - 0.5) if len(seeds) > 1 else [0.0]
+        spread = np.linspace(-0.2, 0.2, len(seeds)) if len(seeds) > 1 else np.zeros(1)
         axes.scatter(seeds, row + spread, s=11, color=colour, edgecolor="white", linewidth=0.4, zorder=3)
     axes.set_yticks(range(len(order)), [label(teacher) for teacher in order])
     axes.tick_params(axis="y", length=0)

@@ -28,8 +28,8 @@ class Frames:
     """The results of one root. Long tables that hold tasks are read run by run, when asked for.
 
     Attributes:
-        cells: one row per cell and run: `GROUP`, campaign, seed, run_id, status, error, steps, test_set
-            and physics_version.
+        cells: one row per cell and run: `GROUP`, campaign, seed, run_id, status, error, spec, steps,
+            test_set and physics_version.
         attempts: as stored.
         evaluations: run_id, step, test_set, task_index, episodic_return.
         training: as stored.
@@ -112,7 +112,7 @@ def _join(cells: pd.DataFrame, runs: pd.DataFrame) -> pd.DataFrame:
     alone = runs[~runs["run_id"].isin(cells["run_id"])]
     single = alone.reindex(columns=cells.columns).assign(campaign="", experiment="single runs")
     cells = pd.concat([cells, single], ignore_index=True) if len(single) else cells
-    state = runs[["run_id", "status", "error", "steps", "test_set", "physics_version"]]
+    state = runs[["run_id", "status", "error", "spec", "steps", "test_set", "physics_version"]]
     joined = cells.merge(state, on="run_id", how="left")
     joined["status"] = joined["status"].fillna("waiting")
     joined["error"] = joined["error"].fillna("")

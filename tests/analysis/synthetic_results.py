@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
@@ -14,6 +15,11 @@ import numpy as np
 from tma_ray.results import AttemptOutcome, AttemptRecord, Committer, RunRecord, RunWriter, Table
 
 FINGERPRINT = json.dumps({"cpu": "Invented CPU @ 3 GHz", "threads": 1, "python": "3.11.9", "numpy": "2.4.6"})
+
+TASK_SPACE = [
+    {"name": "stump_height", "low": 0, "high": 3, "unit": "terrain steps of 0.4667 m"},
+    {"name": "obstacle_spacing", "low": 0, "high": 6, "unit": "m"},
+]
 
 SKILL = {"random": 0.45, "alp_gmm": 0.8}
 """How much of the task space a teacher's students come to master."""
@@ -47,12 +53,11 @@ class SyntheticCampaign:
         **changes: Any,
     ) -> str:
         """Writes one run and its cell, `upto` a share of its steps; `shares`: further levels with this run."""
-        run_id = f"{self.experiment}-{teacher}-{level}-{seed}".replace("<", "_").replace(">", "_")
-        run_id = "".join(c if c.isalnum() or c in "_-" else "_" for c in run_id)
+        run_id = re.sub(r"[^0-9a-zA-Z_-]", "_", f"{self.experiment}-{teacher}-{level}-{seed}")
         record = RunRecord(
             **{
                 "run_id": run_id,
-                "spec": json.dumps({"teacher": teacher, "seed": seed, "steps": self.steps}),
+                "spec": json.dumps({"seed": seed, "task_space": TASK_SPACE}),
                 "environment": self.environment,
                 "challenge": "original",
                 "embodiment": "classic_bipedal",
@@ -78,24 +83,24 @@ class SyntheticCampaign:
         self.committer.write_cells(self.campaign, [row | {"experiment": self.experiment}])
 
     def _play(self, record: RunRecord, status: str, upto: float) -> None:
-        self.committer.start(record, 0)
-        writer = RunWriter(self.committer.store, record.run_id, 0)
+        attempt = self.committer.start(record)
+        writer = RunWriter(self.committer.store, record.run_id, attempt)
         rng = np.random.default_rng([record.seed, *record.teacher.encode()])
         skill = SKILL.get(record.teacher, 0.6) + rng.normal(0, 0.06)
         end = int(self.steps * upto)
         self._evaluations(writer, rng, skill, end)
         self._training(writer, rng, skill, end, record.teacher)
         if status == "done":
-            self.committer.finish(record, 0, writer.finish())
+            self.committer.finish(record, attempt, writer.finish())
         else:
-            self.committer.publish(record, 0, writer.flush())
+            self.committer.publish(record, attempt, writer.flush())
         if status == "failed":
-            self.committer.fail(record, 0, "Traceback (most recent call last):\n  …\nMemoryError: buffer of 2 GB")
+            self.committer.fail(record, attempt, "Traceback (most recent call last):\n  …\nMemoryError: buffer of 2 GB")
         outcome = {"done": AttemptOutcome.DONE, "failed": AttemptOutcome.FAILED}.get(status)
         started = datetime(2026, 11, 20, 8, record.seed % 60, tzinfo=UTC)
         if outcome is not None:
             self.committer.record_attempt(
-                AttemptRecord(record.run_id, 0, started, 3600.0, end / 3600, "node-1", FINGERPRINT, outcome)
+                AttemptRecord(record.run_id, attempt, started, 3600.0, end / 3600, "node-1", FINGERPRINT, outcome)
             )
 
     def returns(self, tasks: np.ndarray, ability: float, rng: np.random.Generator) -> np.ndarray:

@@ -1,0 +1,181 @@
+"""The report of a results root: one page that needs nothing but itself, and its figures and tables beside it."""
+
+from __future__ import annotations
+
+import base64
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any
+
+import pandas as pd
+from jinja2 import Environment, PackageLoader, StrictUndefined
+
+from analysis import measures
+from analysis.findings import amount, number
+from analysis.load import GROUP, STATUSES, Frames, load, parsed
+from analysis.sections import Measures, Picture, Section, sections
+from analysis.statistics import SIGNIFICANCE
+from analysis.style import label
+from tma_ray.tasks import MASTERY_RETURN
+
+
+@dataclass(frozen=True)
+class Download:
+    """A CSV file of the report: its name, what a row of it is, and its content."""
+
+    name: str
+    row: str
+    content: bytes
+
+
+def write_report(root: str | Path, output: Path | None = None) -> Path:
+    """Writes the report of a root, finished or not, with its figures and tables.
+
+    Args:
+        root: a folder, or an ``s3://`` or ``gs://`` address.
+        output: folder to write to; ``report`` in `root` if that is a folder.
+
+    Returns:
+        The page, ``index.html`` in `output`; beside it figures (PNG) and tables (CSV).
+
+    Raises:
+        ResultsRootError: `root` is no results root.
+        ValueError: an object store and no `output`.
+    """
+    if output is None:
+        if "://" in str(root):
+            raise ValueError(f"{root} is no local folder: say in which folder to write the report")
+        output = Path(root) / "report"
+    frames = load(root)
+    measured = _measure(frames)
+    parts = list(sections(frames, measured))
+    downloads = _downloads(frames, measured)
+    page = _render(frames, measured, parts, downloads)
+    output.mkdir(parents=True, exist_ok=True)
+    for picture in (picture for part in parts for picture in part.pictures):
+        (output / f"{picture.name}.png").write_bytes(picture.png)
+    for download in downloads:
+        (output / download.name).write_bytes(download.content)
+    index = output / "index.html"
+    index.write_text(page, encoding="utf-8")
+    return index
+
+
+def _measure(frames: Frames) -> Measures:
+    readings = measures.readings(frames)
+    tests = [measures.against_baseline(readings, name) for name in ("mastered_percent", "evaluation_return")]
+    return Measures(
+        readings=readings,
+        summary=measures.summarise(frames, readings),
+        tests=pd.concat(tests, ignore_index=True),
+        evaluations=measures.evaluation_curves(frames),
+        training=measures.training_curves(frames),
+    )
+
+
+def _downloads(frames: Frames, measured: Measures) -> list[Download]:
+    curves = [
+        measures.aggregate(table, value).assign(measure=value)
+        for table, value in (
+            (measured.evaluations, "mastered_percent"),
+            (measured.evaluations, "evaluation_return"),
+            (measured.training, "training_return"),
+        )
+    ]
+    tasks = measures.mastered_tasks(frames, measured.readings).merge(
+        frames.test_tasks.assign(task=frames.test_tasks["task"].map(lambda task: " ".join(f"{x:g}" for x in task)))
+    )
+    tables = {
+        "summary": ("one teacher in one comparison", measured.summary),
+        "seeds": ("one run at its final evaluation", measured.readings),
+        "tests": ("one Welch’s t-test against Random, with Holm’s adjustment of p", measured.tests),  # noqa: RUF001
+        "learning_curves": ("one measure of one teacher at one step", pd.concat(curves, ignore_index=True)),
+        "mastered_tasks": ("one test task and the share of seeds that master it", tasks),
+        "runs": ("one run of one cell and its state", frames.cells.drop(columns="spec")),
+    }
+    return [
+        Download(f"{name}.csv", row, table.to_csv(index=False, lineterminator="\n").encode())
+        for name, (row, table) in tables.items()
+    ]
+
+
+def _render(frames: Frames, measured: Measures, parts: list[Section], downloads: list[Download]) -> str:
+    environment = Environment(
+        loader=PackageLoader("analysis"),
+        autoescape=True,
+        undefined=StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
+    environment.filters["data_uri"] = _data_uri
+    pictures: list[Picture] = [picture for part in parts for picture in part.pictures]
+    return environment.get_template("report.html.j2").render(
+        campaigns=sorted(name for name in frames.cells["campaign"].unique() if name),
+        counts=_counts(frames.cells),
+        warnings=[*frames.warnings, *frames.results.problems],
+        sections=parts,
+        figure_numbers={picture.name: count for count, picture in enumerate(pictures, start=1)},
+        tests=int(measured.tests["p"].notna().sum()) // 2,
+        unfinished=_unfinished(frames),
+        machines=_machines(frames.attempts),
+        downloads=downloads,
+        mastery=number(MASTERY_RETURN, 0),
+        significance=SIGNIFICANCE,
+        version=version("tma_ray"),
+        written=datetime.now(UTC),
+    )
+
+
+def _data_uri(content: bytes, kind: str) -> str:
+    return f"data:{kind};base64,{base64.b64encode(content).decode()}"
+
+
+def _counts(cells: pd.DataFrame) -> dict[str, int]:
+    runs = cells.drop_duplicates("run_id")["status"].value_counts()
+    return {"runs": int(runs.sum())} | {status: int(runs.get(status, 0)) for status in STATUSES}
+
+
+def _unfinished(frames: Frames) -> dict[str, list[dict[str, Any]]]:
+    """Returns the failed and the running runs: which, how far, and why they failed."""
+    reached = frames.evaluations.groupby("run_id", observed=True)["step"].max().rename("reached")
+    runs = frames.cells.drop_duplicates("run_id").merge(
+        reached.rename_axis("run_id").reset_index().astype({"run_id": object}), how="left", on="run_id"
+    )
+    found: dict[str, list[dict[str, Any]]] = {}
+    for status in ("failed", "running"):
+        rows = runs[runs["status"] == status].sort_values([*GROUP, "seed"])
+        found[status] = [_described(row) for _, row in rows.iterrows()]
+    return found
+
+
+def _described(run: pd.Series) -> dict[str, Any]:
+    lines = run["error"].strip().splitlines()
+    return {
+        "run_id": run["run_id"],
+        "teacher": label(run["teacher"]),
+        "setting": f"{run['environment']}, {run['challenge']}, {run['student']}, {run['expert_knowledge']}",
+        "seed": run["seed"],
+        "reached": "not evaluated yet" if pd.isna(run["reached"]) else f"evaluated at {amount(run['reached'])}",
+        "steps": amount(run["steps"]),
+        "reason": lines[-1] if lines else "no message",
+        "error": run["error"].strip(),
+    }
+
+
+def _machines(attempts: pd.DataFrame) -> list[dict[str, Any]]:
+    """Returns what the runs were computed with, one entry per distinct fingerprint."""
+    found = []
+    for fingerprint, rows in attempts.astype({"fingerprint": object, "host": object}).groupby("fingerprint"):
+        content = parsed(fingerprint) or {"fingerprint": fingerprint}
+        found.append(
+            {
+                "hosts": sorted(rows["host"].unique()),
+                "attempts": len(rows),
+                "hours": number(rows["wall_seconds"].sum() / 3600, 1),
+                "speed": number(rows["env_steps_per_second"].median(), 0),
+                "content": content,
+            }
+        )
+    return found
