@@ -1,6 +1,6 @@
 """Results as Parquet tables: written by runs, published by one committer, read by anyone."""
 
-from tma_ray.results.committer import AttemptOutcome, AttemptRecord, Committer, StaleAttemptError
+from tma_ray.results.committer import Committer, StaleAttemptError
 from tma_ray.results.layout import (
     CHECKPOINTS,
     POLICIES,
@@ -9,8 +9,9 @@ from tma_ray.results.layout import (
     check_root,
     create_root,
 )
-from tma_ray.results.manifest import DamagedFileError, Manifest, PartFile, RunRecord, RunStatus
+from tma_ray.results.manifest import DamagedFileError, Manifest, PartFile
 from tma_ray.results.reader import DamagedFileWarning, Results
+from tma_ray.results.records import AttemptOutcome, AttemptRecord, RunRecord, RunStatus
 from tma_ray.results.rows import teacher_log_row
 from tma_ray.results.schema import DATA_TABLES, SCHEMA_VERSION, SCHEMAS, Table
 from tma_ray.results.store import Store

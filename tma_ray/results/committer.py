@@ -3,15 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass
-from datetime import datetime
-from enum import StrEnum
+from dataclasses import asdict
 from pathlib import Path, PurePosixPath
 from typing import Any, Final, Self
 
 from tma_ray.results.layout import STAGING, create_root, manifest_path, staging_folder, table_path
-from tma_ray.results.manifest import Manifest, PartFile, RunRecord, RunStatus
+from tma_ray.results.manifest import Manifest, PartFile
 from tma_ray.results.parquet import decode, encode
+from tma_ray.results.records import AttemptRecord, RunRecord, RunStatus
 from tma_ray.results.rows import to_arrow
 from tma_ray.results.schema import DATA_TABLES, SCHEMAS, Table
 from tma_ray.results.store import Store
@@ -22,47 +21,6 @@ TEMPORARY_SECONDS: Final = 3600.0
 
 class StaleAttemptError(RuntimeError):
     """An attempt that no longer counts tried to publish; its process should end."""
-
-
-class AttemptOutcome(StrEnum):
-    """How an attempt at a run ended."""
-
-    DONE = "done"
-    STOPPED = "stopped"
-    """It was asked to stop, and left a checkpoint."""
-    FAILED = "failed"
-    """An exception of its own."""
-    LOST = "lost"
-    """Its process or machine died."""
-
-
-@dataclass(frozen=True)
-class AttemptRecord:
-    """One attempt at a run.
-
-    Attributes:
-        run_id: of the run.
-        attempt: its number, from 0.
-        started_at: when it began, with a time zone.
-        wall_seconds: how long it took, s.
-        env_steps_per_second: environment steps of this attempt over `wall_seconds`, 1/s.
-        host: where it ran.
-        fingerprint: of the CPU model, thread count and library versions, JSON.
-        outcome: how it ended.
-    """
-
-    run_id: str
-    attempt: int
-    started_at: datetime
-    wall_seconds: float
-    env_steps_per_second: float
-    host: str
-    fingerprint: str
-    outcome: AttemptOutcome
-
-    def __post_init__(self) -> None:
-        if self.started_at.tzinfo is None:
-            raise ValueError(f"started_at {self.started_at} has no time zone; use datetime.now(UTC)")
 
 
 class Committer:

@@ -6,24 +6,16 @@ import hashlib
 import json
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, replace
-from enum import StrEnum
 from typing import Any, Self
 
 from tma_ray.results.layout import manifest_path
+from tma_ray.results.records import RunRecord, RunStatus
 from tma_ray.results.schema import Table
 from tma_ray.results.store import Store
 
 
 class DamagedFileError(ValueError):
     """A file whose content is not what was written; the message names it."""
-
-
-class RunStatus(StrEnum):
-    """How far a run is, to readers."""
-
-    RUNNING = "running"
-    DONE = "done"
-    FAILED = "failed"
 
 
 @dataclass(frozen=True)
@@ -72,39 +64,6 @@ class PartFile:
     def from_json(cls, value: Mapping[str, Any]) -> Self:
         """Returns what `to_json` was called on."""
         return cls(Table(value["table"]), value["path"], value["rows"], value["sha256"])
-
-
-@dataclass(frozen=True)
-class RunRecord:
-    """What a run is: its row of the table of runs.
-
-    Attributes:
-        run_id: hash of the effective spec and seed.
-        spec: the whole effective spec, JSON.
-        environment: name of the environment.
-        challenge: name of the variant of the environment.
-        embodiment: name of the body.
-        student: name of the deep-RL algorithm.
-        teacher: name of the ACL algorithm.
-        expert_knowledge: level of what the teacher was told and used.
-        test_set: name of the test set of its evaluations.
-        steps: budget, environment steps.
-        seed: seed of the run.
-        physics_version: version of the physics.
-    """
-
-    run_id: str
-    spec: str
-    environment: str
-    challenge: str
-    embodiment: str
-    student: str
-    teacher: str
-    expert_knowledge: str
-    test_set: str
-    steps: int
-    seed: int
-    physics_version: int
 
 
 @dataclass(frozen=True)

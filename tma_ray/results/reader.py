@@ -97,7 +97,7 @@ class Results:
             rows = _joined(table, SCHEMAS[table].names, [part for part in found if part is not None])
         if run_ids is None:
             return rows
-        return rows.filter(pc.is_in(rows["run_id"].cast(pa.string()), pa.array(run_ids, pa.string())))
+        return rows.filter(pc.is_in(rows["run_id"].cast(pa.string()), pa.array(list(run_ids), pa.string())))
 
     def _file_rows(self, path: str) -> pa.Table | None:
         return self._tried(path, lambda: decode(self.store.read_bytes(path)))
@@ -126,7 +126,9 @@ class Results:
             return None
 
     def _report(self, path: str, error: Exception) -> None:
-        self.problems.append(f"{self.store.where(path)} was left out: {error}")
+        problem = f"{self.store.where(path)} was left out: {error}"
+        if problem not in self.problems:
+            self.problems.append(problem)
 
     def _map(self, function: Callable[[S], T], items: Iterable[S]) -> list[T]:
         """Returns the results in the order of `items`, computed in threads; warns of new problems."""

@@ -16,6 +16,7 @@ TEMPORARY: Final = "tmp"
 """Folder for files in the making: beside the tables, since their readers' patterns would match it there."""
 
 _OBJECT_STORES: Final = ("s3", "gcs", "abfs")
+_SCHEMES: Final = {"gcs": "gs"}
 
 
 class Store:
@@ -44,7 +45,10 @@ class Store:
         return cls(fs.LocalFileSystem(), Path(uri).expanduser().absolute().as_posix())
 
     def __str__(self) -> str:
-        return self.base if self._local else f"{self.filesystem.type_name}://{self.base}"
+        if self._local:
+            return self.base
+        scheme = self.filesystem.type_name
+        return f"{_SCHEMES.get(scheme, scheme)}://{self.base}"
 
     def where(self, path: str) -> str:
         """Returns `path` with its root, as a message names it: no credentials of a URI."""
@@ -91,6 +95,7 @@ class Store:
         if self._local:
             Path(old).replace(new)
             _sync_folder(Path(new).parent)
+            _sync_folder(Path(old).parent)
         else:
             self.filesystem.move(old, new)
 

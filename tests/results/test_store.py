@@ -1,0 +1,98 @@
+import os
+import pickle
+import time
+from pathlib import Path
+
+import pytest
+
+from tma_ray.results import Store
+
+
+def test_files_are_written_replaced_listed_and_deleted(store: Store) -> None:
+    store.write_bytes("a/b/one", b"1")
+    store.write_bytes("a/b/one", b"11")
+    store.write_bytes("a/two", b"2")
+    assert store.read_bytes("a/b/one") == b"11"
+    assert store.files() == store.files("a") == ("a/b/one", "a/two")
+    assert store.files("missing") == ()
+    assert store.exists("a/two")
+    assert not store.exists("a/b")
+    assert not store.exists("missing")
+    store.delete("a/b")
+    store.delete("missing")
+    assert store.files() == ("a/two",)
+    store.delete("a/two")
+    assert not store.exists("a/two")
+
+
+def test_move_replaces_what_is_there(store: Store) -> None:
+    store.write_bytes("old/file", b"new")
+    store.write_bytes("there/file", b"old")
+    store.move("old/file", "there/file")
+    store.move("there/file", "elsewhere/file")
+    assert store.files() == ("elsewhere/file",)
+    assert store.read_bytes("elsewhere/file") == b"new"
+
+
+def test_reading_and_moving_what_is_not_there_says_so(store: Store) -> None:
+    with pytest.raises(FileNotFoundError):
+        store.read_bytes("missing")
+    with pytest.raises(FileNotFoundError):
+        store.move("missing", "anywhere")
+
+
+@pytest.mark.parametrize("path", ["", ".", "/etc/passwd", "../out", "a/../../out", "a\\..\\out"])
+def test_paths_that_leave_the_root_are_refused(store: Store, path: str) -> None:
+    with pytest.raises(ValueError, match="inside the root"):
+        store.write_bytes(path, b"")
+
+
+def test_a_compressed_file_is_read_as_it_is(store: Store) -> None:
+    store.write_bytes("archive.gz", b"not compressed at all")
+    assert store.read_bytes("archive.gz") == b"not compressed at all"
+
+
+def test_a_write_that_fails_leaves_the_old_content(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    store = Store.open(tmp_path)
+    store.write_bytes("file", b"old")
+
+    def full(descriptor: int) -> None:
+        raise OSError("no space left on device")
+
+    monkeypatch.setattr(os, "fsync", full)
+    with pytest.raises(OSError, match="no space"):
+        store.write_bytes("file", b"new")
+    assert store.read_bytes("file") == b"old"
+    assert store.files() == ("file",)
+
+
+def test_a_file_in_the_making_is_never_in_its_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    store = Store.open(tmp_path)
+    seen = []
+    sync = os.fsync
+    monkeypatch.setattr(os, "fsync", lambda fd: (seen.append(store.files("tables")), sync(fd)))
+    store.write_bytes("tables/file", b"x")
+    assert seen[0] == ()
+    assert seen[-1] == ("tables/file",)
+
+
+def test_old_temporaries_go_and_young_ones_stay(tmp_path: Path) -> None:
+    store = Store.open(tmp_path)
+    for name, age in (("old", 7200.0), ("young", 0.0)):
+        store.write_bytes(f"tmp/{name}", b"half")
+        os.utime(tmp_path / "tmp" / name, (time.time() - age,) * 2)
+    store.clear_temporaries(3600.0)
+    assert store.files() == ("tmp/young",)
+
+
+def test_a_store_can_be_sent_to_another_process(tmp_path: Path) -> None:
+    store = Store.open(tmp_path)
+    store.write_bytes("file", b"x")
+    assert pickle.loads(pickle.dumps(store)).read_bytes("file") == b"x"
+
+
+def test_uris_name_buckets_and_folders(tmp_path: Path) -> None:
+    store = Store.open("gs://bucket/some/folder")
+    assert store.full_path("a/b") == "bucket/some/folder/a/b"
+    assert store.where("a/b") == "gs://bucket/some/folder/a/b"
+    assert Store.open(tmp_path.as_uri()).base == str(tmp_path)

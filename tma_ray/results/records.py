@@ -1,0 +1,89 @@
+"""What runs, and attempts at them, are to readers."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from datetime import datetime
+from enum import StrEnum
+
+
+class RunStatus(StrEnum):
+    """How far a run is, to readers."""
+
+    RUNNING = "running"
+    DONE = "done"
+    FAILED = "failed"
+
+
+@dataclass(frozen=True)
+class RunRecord:
+    """What a run is: its row of the table of runs.
+
+    Attributes:
+        run_id: hash of the effective spec and seed.
+        spec: the whole effective spec, JSON.
+        environment: name of the environment.
+        challenge: name of the variant of the environment.
+        embodiment: name of the body.
+        student: name of the deep-RL algorithm.
+        teacher: name of the ACL algorithm.
+        expert_knowledge: level of what the teacher was told and used.
+        test_set: name of the test set of its evaluations.
+        steps: budget, environment steps.
+        seed: seed of the run.
+        physics_version: version of the physics.
+    """
+
+    run_id: str
+    spec: str
+    environment: str
+    challenge: str
+    embodiment: str
+    student: str
+    teacher: str
+    expert_knowledge: str
+    test_set: str
+    steps: int
+    seed: int
+    physics_version: int
+
+
+class AttemptOutcome(StrEnum):
+    """How an attempt at a run ended."""
+
+    DONE = "done"
+    STOPPED = "stopped"
+    """It was asked to stop, and left a checkpoint."""
+    FAILED = "failed"
+    """An exception of its own."""
+    LOST = "lost"
+    """Its process or machine died."""
+
+
+@dataclass(frozen=True)
+class AttemptRecord:
+    """One attempt at a run.
+
+    Attributes:
+        run_id: of the run.
+        attempt: its number, from 0.
+        started_at: when it began, with a time zone.
+        wall_seconds: how long it took, s.
+        env_steps_per_second: environment steps of this attempt over `wall_seconds`, 1/s.
+        host: where it ran.
+        fingerprint: of the CPU model, thread count and library versions, JSON.
+        outcome: how it ended.
+    """
+
+    run_id: str
+    attempt: int
+    started_at: datetime
+    wall_seconds: float
+    env_steps_per_second: float
+    host: str
+    fingerprint: str
+    outcome: AttemptOutcome
+
+    def __post_init__(self) -> None:
+        if self.started_at.tzinfo is None:
+            raise ValueError(f"started_at {self.started_at} has no time zone; use datetime.now(UTC)")
