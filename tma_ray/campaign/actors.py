@@ -1,0 +1,183 @@
+"""Where runs live on a cluster: one seed actor per run, which owns its teacher actor."""
+
+from __future__ import annotations
+
+import enum
+import platform
+import threading
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from typing import Any, cast
+
+import numpy as np
+import ray
+from numpy.typing import NDArray
+from ray.util.scheduling_strategies import NodeAffinitySchedulingStrategy
+
+from tma_ray.campaign.cluster import GIB, Resources
+from tma_ray.results import PartFile, Store
+from tma_ray.runs.placement import Placement, Status
+from tma_ray.runs.spec import RunSpec
+from tma_ray.runs.teaching import InlineTeacher, Reply, TeacherLink
+from tma_ray.tasks import Episode, Task
+
+
+class TeacherPlacement(enum.StrEnum):
+    """Where teachers run; results do not depend on it."""
+
+    ACTOR = "actor"
+    """In an actor of their own, on the node of their seed."""
+    INLINE = "inline"
+    """In their seed's process: for runs with very short episodes."""
+
+
+@dataclass(frozen=True)
+class Report:
+    """What a seed actor tells the scheduler.
+
+    Attributes:
+        host: machine it runs on.
+        started_at: when the attempt began.
+        wall_seconds: since then, s.
+        fingerprint: of machine and libraries, JSON.
+        status: where the run stands.
+        parts: result files that its newest checkpoint holds; None before the first.
+    """
+
+    host: str
+    started_at: datetime
+    wall_seconds: float
+    fingerprint: str
+    status: Status
+    parts: tuple[PartFile, ...] | None
+
+
+class TeacherActor:
+    """A teacher in a process of its own; it imports torch only if its algorithm does."""
+
+    def __init__(self, spec: dict[str, Any]) -> None:
+        self._teacher = InlineTeacher(RunSpec.from_dict(spec))
+
+    def exchange(self, episode: Episode | None) -> Reply:
+        """See `TeacherLink`."""
+        return self._teacher.exchange(episode)
+
+    def answer(self, values: NDArray[np.float64]) -> Reply:
+        """See `TeacherLink`."""
+        return self._teacher.answer(values)
+
+    def probe(self, count: int) -> Task:
+        """See `TeacherLink`."""
+        return self._teacher.probe(count)
+
+    def save(self) -> bytes:
+        """See `TeacherLink`."""
+        return self._teacher.save()
+
+    def load(self, state: bytes) -> None:
+        """See `TeacherLink`."""
+        self._teacher.load(state)
+
+
+class RemoteTeacher:
+    """The link to a teacher actor on this node. It dies with the process that made it."""
+
+    def __init__(self, spec: RunSpec) -> None:
+        here = NodeAffinitySchedulingStrategy(ray.get_runtime_context().get_node_id(), soft=False)
+        remote: Any = ray.remote(TeacherActor)
+        options = {"num_cpus": 0, "max_restarts": 0, "scheduling_strategy": here}
+        self._actor = remote.options(**options).remote(spec.to_dict())
+
+    def exchange(self, episode: Episode | None) -> Reply:
+        """Reports a finished episode and asks for the next task: one message each way."""
+        return cast("Reply", ray.get(self._actor.exchange.remote(episode)))
+
+    def answer(self, values: NDArray[np.float64]) -> Reply:
+        """Answers the query of the last reply."""
+        return cast("Reply", ray.get(self._actor.answer.remote(values)))
+
+    def probe(self, count: int) -> Task:
+        """Returns tasks (count, d) without exploration; leaves no trace."""
+        return cast("Task", ray.get(self._actor.probe.remote(count)))
+
+    def save(self) -> bytes:
+        """Returns the teacher's complete state."""
+        return cast("bytes", ray.get(self._actor.save.remote()))
+
+    def load(self, state: bytes) -> None:
+        """Takes up a state that `save` returned."""
+        ray.get(self._actor.load.remote(state))
+
+
+class SeedActor:
+    """One attempt at one run: `run` trains, while `report` and `request_stop` are answered beside it.
+
+    `launch` makes one on the cluster. Restarts are the scheduler's business: an actor that Ray
+    restarts would not know that its attempt no longer counts.
+    """
+
+    def __init__(
+        self,
+        spec: dict[str, Any],
+        store: Store,
+        number: int,
+        placement: Placement,
+        teachers: TeacherPlacement,
+    ) -> None:
+        self._spec = RunSpec.from_dict(spec)
+        self._store = store
+        self._number = number
+        self._placement = placement
+        self._teachers = teachers
+        self._stop = threading.Event()
+        self._started_at, self._started = datetime.now(UTC), time.monotonic()
+        self._attempt: Any = None
+        self._parts: tuple[PartFile, ...] | None = None
+
+    @classmethod
+    def launch(cls, resources: Resources, *arguments: Any) -> Any:
+        """Returns the handle of a new seed actor on the cluster, made with `arguments`."""
+        remote: Any = ray.remote(cls)
+        return remote.options(
+            num_cpus=resources.cpus,
+            num_gpus=resources.gpus,
+            memory=int(resources.memory_gib * GIB),
+            max_restarts=0,
+            max_concurrency=2,
+        ).remote(*arguments)
+
+    def run(self) -> tuple[PartFile, ...] | None:
+        """Executes the attempt; returns the canonical result files, or None after a stop.
+
+        Raises:
+            Exception: whatever teacher, student or environment raise.
+        """
+        # Imported here, so that a failing import is the run's error and not the actor's death.
+        from tma_ray.runs.attempt import Attempt
+
+        inline = self._teachers is TeacherPlacement.INLINE
+        teacher: TeacherLink = InlineTeacher(self._spec) if inline else RemoteTeacher(self._spec)
+        self._attempt = Attempt(self._spec, self._store, self._number, teacher, self._placement)
+        return cast("tuple[PartFile, ...] | None", self._attempt.execute(self._stop.is_set, self._note))
+
+    def report(self) -> Report | None:
+        """Returns where the run stands; None while it is being set up."""
+        if self._attempt is None:
+            return None
+        return Report(
+            host=platform.node(),
+            started_at=self._started_at,
+            wall_seconds=time.monotonic() - self._started,
+            fingerprint=self._attempt.fingerprint,
+            status=self._attempt.status(),
+            parts=self._parts,
+        )
+
+    def request_stop(self) -> None:
+        """Asks the run for a checkpoint at the next episode end, and to return."""
+        self._stop.set()
+
+    def _note(self, parts: Sequence[PartFile]) -> None:
+        self._parts = tuple(parts)

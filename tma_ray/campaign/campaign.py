@@ -1,0 +1,111 @@
+"""A campaign as data, and the runs it comes down to."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+from tma_ray.runs import Cell, RunSpec, Schedule, effective_spec
+from tma_ray.tasks import KnowledgeLevel
+
+
+@dataclass(frozen=True)
+class Campaign:
+    """A set of cells with a budget: what one results root is filled with.
+
+    Attributes:
+        name: letters, digits, "_" and "-"; part of file names.
+        cells: what to compare.
+        seeds: of every cell.
+        schedule: budget and intervals of every run.
+        independent_levels: repeats cells whose levels of knowledge make no difference to the teacher,
+            as the paper did, instead of sharing their runs.
+    """
+
+    name: str
+    cells: tuple[Cell, ...]
+    seeds: tuple[int, ...] = tuple(range(32))
+    schedule: Schedule = field(default_factory=Schedule)
+    independent_levels: bool = False
+
+    def plan(self) -> Plan:
+        """Returns the runs of all cells and seeds, each once.
+
+        Raises:
+            ValueError: a cell that cannot run; the message says why.
+        """
+        runs: dict[str, RunSpec] = {}
+        rows = []
+        for cell in self.cells:
+            first = effective_spec(cell, 0, self.schedule, independent_levels=self.independent_levels)
+            for seed in self.seeds:
+                spec = replace(first, seed=seed)
+                runs.setdefault(spec.run_id, spec)
+                rows.append({**_cell_row(self.name, cell), "seed": seed, "run_id": spec.run_id})
+        return Plan(self, tuple(runs.values()), tuple(rows))
+
+    def main(self, arguments: Sequence[str] | None = None) -> None:
+        """Runs the campaign as a script, with the flags that all scripts share; exits with its code."""
+        from tma_ray.campaign.script import main
+
+        raise SystemExit(main(self, arguments))
+
+
+@dataclass(frozen=True)
+class Plan:
+    """What a campaign executes.
+
+    Attributes:
+        campaign: what was planned.
+        runs: effective specs, one per run.
+        cell_rows: rows of the table of cells, without the campaign; several may name one run.
+    """
+
+    campaign: Campaign
+    runs: tuple[RunSpec, ...]
+    cell_rows: tuple[dict[str, Any], ...]
+
+    @property
+    def steps(self) -> int:
+        """Environment steps of all runs together."""
+        return sum(spec.schedule.steps for spec in self.runs)
+
+    def describe(self) -> str:
+        """Returns the size of the campaign in one sentence."""
+        shared = len(self.cell_rows) - len(self.runs)
+        sharing = f" ({shared} more cells share them)" if shared else ""
+        return (
+            f"campaign {self.campaign.name!r}: {len(self.campaign.cells)} cells x {len(self.campaign.seeds)} "
+            f"seeds = {len(self.runs)} runs{sharing}, {self.steps:,} environment steps"
+        )
+
+
+def cells_of(
+    teachers: Sequence[str],
+    students: Sequence[str] = ("sac",),
+    challenges: Sequence[str] = ("original",),
+    levels: Sequence[KnowledgeLevel] = (KnowledgeLevel.NONE,),
+    embodiments: Sequence[str] = ("classic_bipedal",),
+    environment: str = "stump_tracks",
+) -> tuple[Cell, ...]:
+    """Returns the cells of a full matrix."""
+    return tuple(
+        Cell(environment, challenge, embodiment, student, teacher, level)
+        for challenge, embodiment, student, level, teacher in itertools.product(
+            challenges, embodiments, students, levels, teachers
+        )
+    )
+
+
+def _cell_row(experiment: str, cell: Cell) -> dict[str, Any]:
+    return {
+        "experiment": experiment,
+        "environment": cell.environment,
+        "challenge": cell.challenge,
+        "embodiment": cell.embodiment,
+        "student": cell.student,
+        "teacher": cell.teacher,
+        "expert_knowledge": cell.expert_knowledge.value,
+    }

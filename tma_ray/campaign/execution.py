@@ -1,0 +1,50 @@
+"""From a campaign to its results: refuse, connect, schedule."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from tma_ray.campaign.campaign import Campaign
+from tma_ray.campaign.cluster import check_feasible, connect
+from tma_ray.campaign.progress import ProgressView, Snapshot
+from tma_ray.campaign.scheduler import Scheduler, Settings
+from tma_ray.campaign.stopping import StopSignals
+from tma_ray.results import Committer
+
+
+def run_campaign(
+    campaign: Campaign,
+    results: str | Path,
+    settings: Settings | None = None,
+    address: str | None = None,
+    view: ProgressView | None = None,
+) -> Snapshot:
+    """Runs what is missing of `campaign` under a results root.
+
+    Everything that can be refused is refused before a single step is played.
+
+    Args:
+        campaign: what to run.
+        results: a folder, or a URI such as ``s3://bucket/folder``.
+        settings: resources and placement.
+        address: of a Ray cluster; None starts one on this machine.
+        view: shows the progress.
+
+    Returns:
+        How many runs ended how.
+
+    Raises:
+        ValueError: an unknown name, missing knowledge, impossible resources.
+        ResultsRootError: the root belongs to something else or to another version.
+        ConnectionError: no cluster answers at `address`.
+    """
+    settings = settings or Settings()
+    plan = campaign.plan()
+    committer = Committer.open(results)
+    connect(address)
+    check_feasible(settings.resources)
+    committer.write_cells(campaign.name, plan.cell_rows)
+    committer.sweep()
+    scheduler = Scheduler(committer, settings, view or ProgressView())
+    with StopSignals() as signals:
+        return scheduler.execute(plan.runs, lambda: signals.requested)

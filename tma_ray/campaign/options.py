@@ -1,0 +1,144 @@
+"""The flags that every campaign shares, as a script or as a command."""
+
+from __future__ import annotations
+
+import argparse
+import os
+from collections.abc import Sequence
+from dataclasses import fields, replace
+
+from tma_ray.campaign.actors import TeacherPlacement
+from tma_ray.campaign.campaign import Campaign
+from tma_ray.campaign.cluster import Resources
+from tma_ray.campaign.scheduler import Settings
+from tma_ray.runs import Cell, Schedule
+from tma_ray.tasks import KnowledgeLevel
+
+
+def add_options(parser: argparse.ArgumentParser) -> None:
+    """Adds the flags that choose what to run, and how."""
+    what = parser.add_argument_group("what to run (lists are separated by commas)")
+    for name in ("teachers", "students", "challenges", "embodiments", "expert-knowledge"):
+        what.add_argument(f"--{name}", type=names, metavar="A,B")
+    what.add_argument("--environment", metavar="NAME", help="registered name or module:Name")
+    what.add_argument("--test-set", metavar="NAME|CSV", help="other than the challenge's own")
+    what.add_argument("--seeds", type=parse_seeds, metavar="N|A-B|A,B", help="how many, or which")
+    for field in fields(Schedule):
+        flag = field.name.replace("_", "-")
+        what.add_argument(f"--{flag}", type=whole_number, metavar="N")
+    what.add_argument("--independent-levels", action="store_true", help="repeat runs that cells could share")
+    how = parser.add_argument_group("how to run it")
+    how.add_argument(
+        "--results", default="results", metavar="ROOT", help="folder, s3:// or gs:// (%(default)s)"
+    )
+    where = how.add_mutually_exclusive_group()
+    where.add_argument("--local", action="store_true", help="on a Ray of its own on this machine (default)")
+    where.add_argument("--address", default=os.environ.get("RAY_ADDRESS"), help="of a Ray cluster, or 'auto'")
+    how.add_argument("--cpus-per-run", type=float, default=Resources.cpus, metavar="X")
+    how.add_argument("--gpus-per-run", type=float, default=Resources.gpus, metavar="X")
+    how.add_argument("--memory-per-run", type=float, default=Resources.memory_gib, metavar="GIB")
+    how.add_argument("--device", default=Settings.device, help="of the students' networks (%(default)s)")
+    how.add_argument("--teacher-placement", type=TeacherPlacement, choices=list(TeacherPlacement))
+    how.add_argument("--checkpoint-seconds", type=float, default=Settings.checkpoint_seconds, metavar="S")
+    how.add_argument("--dry-run", action="store_true", help="say what would run, and stop")
+
+
+def chosen_campaign(campaign: Campaign, options: argparse.Namespace) -> Campaign:
+    """Returns `campaign` with what the flags replace: each combination of the values given."""
+    return replace(
+        campaign,
+        cells=_replace_cells(campaign.cells, options),
+        seeds=options.seeds if options.seeds is not None else campaign.seeds,
+        schedule=_replace_schedule(campaign.schedule, options),
+        independent_levels=campaign.independent_levels or options.independent_levels,
+    )
+
+
+def chosen_settings(options: argparse.Namespace) -> Settings:
+    """Returns how the flags want a campaign executed."""
+    return Settings(
+        resources=Resources(options.cpus_per_run, options.gpus_per_run, options.memory_per_run),
+        device=options.device,
+        teachers=options.teacher_placement or TeacherPlacement.ACTOR,
+        checkpoint_seconds=options.checkpoint_seconds,
+    )
+
+
+def chosen_address(options: argparse.Namespace) -> str | None:
+    """Returns the cluster's address, None for a Ray on this machine."""
+    return None if options.local else options.address
+
+
+def names(text: str) -> tuple[str, ...]:
+    """Parses a list of names."""
+    return tuple(name.strip() for name in text.split(",") if name.strip())
+
+
+def parse_seeds(text: str) -> tuple[int, ...]:
+    """Parses a number of seeds ("4"), or which ones ("8-11", "0,5").
+
+    Examples:
+        >>> parse_seeds("3"), parse_seeds("8-10"), parse_seeds("0,5")
+        ((0, 1, 2), (8, 9, 10), (0, 5))
+    """
+    try:
+        if "-" in text:
+            first, last = (int(part) for part in text.split("-"))
+            seeds = tuple(range(first, last + 1))
+        elif "," in text:
+            seeds = tuple(int(part) for part in text.split(",") if part)
+        else:
+            seeds = tuple(range(int(text)))
+    except ValueError:
+        seeds = ()
+    if not seeds or min(seeds) < 0:
+        raise argparse.ArgumentTypeError(f"{text!r}: expected a number (4), a range (8-11) or a list (0,5)")
+    return seeds
+
+
+def whole_number(text: str) -> int:
+    """Parses a number of steps: 500000, 500_000, 5e5, 500k or 20M."""
+    factor = {"k": 1_000, "M": 1_000_000}.get(text[-1:], 1)
+    try:
+        value = float(text.rstrip("kM")) * factor
+    except ValueError:
+        value = 0.5
+    if value < 1 or value != int(value):
+        raise argparse.ArgumentTypeError(f"{text!r}: expected a whole number such as 500000, 500k or 20M")
+    return int(value)
+
+
+def _replace_cells(cells: Sequence[Cell], options: argparse.Namespace) -> tuple[Cell, ...]:
+    """Gives every cell each combination of the given values; equal cells come out once."""
+    choices = {
+        "environment": (options.environment,) if options.environment else None,
+        "challenge": options.challenges,
+        "embodiment": options.embodiments,
+        "student": options.students,
+        "teacher": options.teachers,
+        "expert_knowledge": _levels(options.expert_knowledge),
+        "test_set": (options.test_set,) if options.test_set else None,
+    }
+    result = list(cells)
+    for name, values in choices.items():
+        if values is not None:
+            result = [replace(cell, **{name: value}) for cell in result for value in values]
+    unique: list[Cell] = []
+    for cell in result:
+        if cell not in unique:
+            unique.append(cell)
+    return tuple(unique)
+
+
+def _levels(given: Sequence[str] | None) -> tuple[KnowledgeLevel, ...] | None:
+    if given is None:
+        return None
+    unknown = [level for level in given if level not in list(KnowledgeLevel)]
+    if unknown:
+        raise ValueError(f"expert knowledge {unknown[0]!r} is no level; expected {', '.join(KnowledgeLevel)}")
+    return tuple(KnowledgeLevel(level) for level in given)
+
+
+def _replace_schedule(schedule: Schedule, options: argparse.Namespace) -> Schedule:
+    given = {field.name: getattr(options, field.name) for field in fields(Schedule)}
+    return replace(schedule, **{name: value for name, value in given.items() if value is not None})

@@ -1,0 +1,142 @@
+"""The one view of a campaign's progress, in its driver: live on a terminal, plain lines elsewhere."""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from rich.console import Console, Group
+from rich.live import Live
+from rich.table import Table
+from rich.text import Text
+
+from tma_ray.runs.placement import Status
+
+MOST_ROWS = 20
+"""Running runs shown on a terminal; the others are counted."""
+
+
+@dataclass(frozen=True)
+class Standing:
+    """Where one run stands: its id, its budget in steps, and its status."""
+
+    run_id: str
+    steps: int
+    status: Status
+
+
+@dataclass(frozen=True)
+class Snapshot:
+    """Where a campaign stands.
+
+    Attributes:
+        total: runs of the campaign.
+        done: runs whose results are published.
+        failed: runs that raised, or died too often.
+        stopped: runs that left with a checkpoint.
+        waiting: runs not yet started.
+        waiting_steps: environment steps of those.
+        running: runs that have an actor.
+    """
+
+    total: int
+    done: int
+    failed: int
+    stopped: int
+    waiting: int
+    waiting_steps: int
+    running: Sequence[Standing]
+
+    @property
+    def steps_per_second(self) -> float:
+        """Environment steps per second of all running runs together."""
+        return sum(standing.status.steps_per_second for standing in self.running)
+
+    @property
+    def seconds_left(self) -> float:
+        """Time to the end at the present speed, s; infinite before anything moves."""
+        left = self.waiting_steps + sum(standing.steps - standing.status.step for standing in self.running)
+        return left / self.steps_per_second if self.steps_per_second else math.inf
+
+    def headline(self) -> str:
+        """Returns the campaign in one line."""
+        parts = [f"{self.done}/{self.total} runs done"]
+        parts += [f"{self.failed} failed"] if self.failed else []
+        parts += [f"{self.stopped} stopped"] if self.stopped else []
+        if self.running:
+            parts += [f"{len(self.running)} running", f"{self.steps_per_second:,.0f} steps/s"]
+            parts += [f"about {duration(self.seconds_left)} left"] if math.isfinite(self.seconds_left) else []
+        return ", ".join(parts)
+
+
+def duration(seconds: float) -> str:
+    """Returns a time span in the two units that matter.
+
+    Examples:
+        >>> duration(42), duration(200), duration(7300), duration(200_000)
+        ('42 s', '3 min 20 s', '2 h 2 min', '2 d 7 h')
+    """
+    units = [(86_400, "d"), (3_600, "h"), (60, "min"), (1, "s")]
+    for (size, name), (smaller, smaller_name) in zip(units, [*units[1:], (0, "")], strict=True):
+        if seconds >= size and smaller:
+            return f"{int(seconds // size)} {name} {int(seconds % size // smaller)} {smaller_name}"
+    return f"{int(seconds)} s"
+
+
+class ProgressView:
+    """Shows snapshots: a live table where the console is a terminal, else a line now and then.
+
+    Args:
+        console: where to write.
+        line_seconds: time between two lines without a terminal, s.
+    """
+
+    def __init__(self, console: Console | None = None, line_seconds: float = 15.0) -> None:
+        self._console = console or Console()
+        self._line_seconds = line_seconds
+        self._last_line = -math.inf
+        self._live = Live(console=self._console, auto_refresh=False) if self._console.is_terminal else None
+        self._started = False
+
+    def update(self, snapshot: Snapshot) -> None:
+        """Shows the latest snapshot."""
+        if self._live is not None:
+            if not self._started:
+                self._live.start()
+                self._started = True
+            self._live.update(_table(snapshot), refresh=True)
+        elif time.monotonic() - self._last_line >= self._line_seconds:
+            self._write(snapshot)
+            self._last_line = time.monotonic()
+
+    def close(self, snapshot: Snapshot) -> None:
+        """Shows the last snapshot and leaves the terminal as it was."""
+        if self._live is not None and self._started:
+            self._live.update(Text(snapshot.headline()), refresh=True)
+            self._live.stop()
+        else:
+            self._write(snapshot)
+
+    def _write(self, snapshot: Snapshot) -> None:
+        self._console.print(snapshot.headline(), highlight=False)
+
+
+def _table(snapshot: Snapshot) -> Group:
+    table = Table(box=None, pad_edge=False)
+    for heading in ("run", "step", "of", "steps/s", "recent return"):
+        table.add_column(heading, justify="left" if heading == "run" else "right")
+    for standing in snapshot.running[:MOST_ROWS]:
+        status = standing.status
+        recent = "" if math.isnan(status.recent_return) else f"{status.recent_return:.1f}"
+        table.add_row(
+            standing.run_id,
+            f"{status.step:,}",
+            f"{standing.steps:,}",
+            f"{status.steps_per_second:,.0f}",
+            recent,
+        )
+    hidden = len(snapshot.running) - MOST_ROWS
+    more = [Text(f"and {hidden} more running")] if hidden > 0 else []
+    return Group(Text(snapshot.headline(), style="bold"), table, *more)

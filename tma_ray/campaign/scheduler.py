@@ -1,0 +1,241 @@
+"""The central scheduler: feeds runs to the cluster, publishes what they commit, replaces what dies."""
+
+from __future__ import annotations
+
+import logging
+import time
+from collections import deque
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from datetime import UTC, datetime
+from typing import Any
+
+import ray
+from ray.exceptions import RayActorError, RayTaskError
+
+from tma_ray.campaign.actors import Report, SeedActor, TeacherPlacement
+from tma_ray.campaign.cluster import Resources, capacity
+from tma_ray.campaign.progress import ProgressView, Snapshot, Standing
+from tma_ray.results import AttemptOutcome, AttemptRecord, Committer, DamagedFileError, PartFile, RunStatus
+from tma_ray.runs.checkpoints import Checkpoints
+from tma_ray.runs.placement import Placement, Status
+from tma_ray.runs.spec import RunSpec
+
+logger = logging.getLogger(__name__)
+
+
+@dataclass(frozen=True)
+class Settings:
+    """How a campaign is executed, which is no part of its results.
+
+    Attributes:
+        resources: of one run.
+        device: torch's name of where networks live.
+        teachers: where teachers run.
+        checkpoint_seconds: longest time between two checkpoints of a run, s.
+        most_losses: how often a run may lose its process before it counts as failed.
+        grace_seconds: how long a stop waits for checkpoints, s.
+        poll_seconds: time between two looks at the runs, s.
+    """
+
+    resources: Resources = field(default_factory=Resources)
+    device: str = "cpu"
+    teachers: TeacherPlacement = TeacherPlacement.ACTOR
+    checkpoint_seconds: float = 600.0
+    most_losses: int = 3
+    grace_seconds: float = 60.0
+    poll_seconds: float = 1.0
+
+    @property
+    def placement(self) -> Placement:
+        """What a run is told of its execution."""
+        return Placement(self.device, self.resources.threads, self.checkpoint_seconds)
+
+
+@dataclass
+class _Running:
+    """A run that has an actor."""
+
+    spec: RunSpec
+    actor: Any
+    result: Any
+    number: int
+    submitted_at: datetime
+    asked: Any = None
+    report: Report | None = None
+
+
+class Scheduler:
+    """Executes runs on the connected Ray cluster, with as many in flight as it holds and one more.
+
+    The one more keeps a demand in the queue that an autoscaler can see. Every run gets a fresh actor.
+    A run whose process dies is taken up again from its newest checkpoint by a new attempt; a run
+    that raises is marked as failed, with its traceback, and the others go on.
+    """
+
+    def __init__(self, committer: Committer, settings: Settings, view: ProgressView) -> None:
+        self._committer = committer
+        self._settings = settings
+        self._view = view
+        self._waiting: deque[RunSpec] = deque()
+        self._running: dict[Any, _Running] = {}
+        self._losses: dict[str, int] = {}
+        self._done = 0
+        self._failed = 0
+        self._stopped = 0
+
+    def execute(self, specs: Sequence[RunSpec], stop_requested: Callable[[], bool]) -> Snapshot:
+        """Runs all of `specs` whose results the root does not hold yet.
+
+        Args:
+            specs: the runs.
+            stop_requested: once true, runs leave with a checkpoint and nothing new starts.
+
+        Returns:
+            How many ended how.
+        """
+        for spec in specs:
+            if self._is_done(spec):
+                self._done += 1
+            else:
+                self._waiting.append(spec)
+        self._total = len(specs)
+        try:
+            while self._waiting or self._running:
+                if stop_requested():
+                    self._leave()
+                    break
+                self._fill()
+                self._wait(self._settings.poll_seconds)
+        finally:
+            # Also on a second Ctrl-C or an error of ours: no actor outlives its campaign.
+            for running in self._running.values():
+                ray.kill(running.actor)
+            self._view.close(self._snapshot())
+        return self._snapshot()
+
+    def _is_done(self, spec: RunSpec) -> bool:
+        try:
+            published = self._committer.manifest(spec.run_id)
+        except DamagedFileError:
+            logger.warning("the manifest of run %s is damaged; the run is done again", spec.run_id)
+            return False
+        return published is not None and published.status is RunStatus.DONE
+
+    def _fill(self) -> None:
+        while self._waiting and len(self._running) <= capacity(self._settings.resources):
+            self._start(self._waiting.popleft())
+
+    def _start(self, spec: RunSpec) -> None:
+        number = self._committer.start(spec.record())
+        actor = SeedActor.launch(
+            self._settings.resources,
+            spec.to_dict(),
+            self._committer.store,
+            number,
+            self._settings.placement,
+            self._settings.teachers,
+        )
+        result = actor.run.remote()
+        self._running[result] = _Running(spec, actor, result, number, datetime.now(UTC))
+
+    def _wait(self, seconds: float) -> None:
+        ended, _ = ray.wait(list(self._running), num_returns=1, timeout=seconds)
+        for result in ended:
+            self._settle(self._running.pop(result))
+        for running in self._running.values():
+            self._listen(running)
+        self._view.update(self._snapshot())
+
+    def _listen(self, running: _Running) -> None:
+        """Takes in the report that was asked for, if it has come, and asks for the next."""
+        if running.asked is not None:
+            come, _ = ray.wait([running.asked], timeout=0)
+            if not come:
+                return
+            try:
+                self._take(running, ray.get(running.asked))
+            except RayActorError:
+                return  # its result says the same and is dealt with there
+        running.asked = running.actor.report.remote()
+
+    def _take(self, running: _Running, report: Report | None) -> None:
+        news = report is not None and (running.report is None or report.parts != running.report.parts)
+        running.report = report or running.report
+        if report is not None and report.parts is not None and news:
+            self._committer.publish(running.spec.record(), running.number, report.parts)
+
+    def _settle(self, running: _Running) -> None:
+        """Deals with a run whose actor has returned, raised or died."""
+        try:
+            final: tuple[PartFile, ...] | None = ray.get(running.result)
+        except RayTaskError as error:
+            self._record(running, AttemptOutcome.FAILED)
+            self._committer.fail(running.spec.record(), running.number, str(error))
+            self._failed += 1
+        except RayActorError as error:
+            self._lose(running, error)
+        else:
+            self._hear_last(running)
+            if final is None:
+                self._record(running, AttemptOutcome.STOPPED)
+                self._stopped += 1
+            else:
+                self._committer.finish(running.spec.record(), running.number, final)
+                Checkpoints(self._committer.store, running.spec.run_id, running.number).drop()
+                self._record(running, AttemptOutcome.DONE)
+                self._done += 1
+        ray.kill(running.actor)
+
+    def _lose(self, running: _Running, error: RayActorError) -> None:
+        self._record(running, AttemptOutcome.LOST)
+        losses = self._losses[running.spec.run_id] = self._losses.get(running.spec.run_id, 0) + 1
+        if losses > self._settings.most_losses:
+            message = f"its process died {losses} times, last: {error}"
+            self._committer.fail(running.spec.record(), running.number, message)
+            self._failed += 1
+        else:
+            logger.warning("run %s lost its process; resuming from its checkpoint", running.spec.run_id)
+            self._waiting.append(running.spec)
+
+    def _leave(self) -> None:
+        """Asks all runs for a checkpoint and waits for them, for the grace period at most."""
+        for running in self._running.values():
+            running.actor.request_stop.remote()
+        deadline = time.monotonic() + self._settings.grace_seconds
+        while self._running and time.monotonic() < deadline:
+            self._wait(0.2)
+        for running in self._running.values():
+            self._record(running, AttemptOutcome.LOST)
+
+    def _hear_last(self, running: _Running) -> None:
+        try:
+            self._take(running, ray.get(running.actor.report.remote(), timeout=10))
+        except (RayActorError, ray.exceptions.GetTimeoutError):
+            return  # what it reported before stands
+
+    def _record(self, running: _Running, outcome: AttemptOutcome) -> None:
+        report = running.report
+        self._committer.record_attempt(
+            AttemptRecord(
+                run_id=running.spec.run_id,
+                attempt=running.number,
+                started_at=report.started_at if report else running.submitted_at,
+                wall_seconds=report.wall_seconds if report else 0.0,
+                env_steps_per_second=report.status.steps_per_second if report else 0.0,
+                host=report.host if report else "",
+                fingerprint=report.fingerprint if report else "{}",
+                outcome=outcome,
+            )
+        )
+
+    def _snapshot(self) -> Snapshot:
+        unknown = Status(0, 0.0, float("nan"))
+        standings = [
+            Standing(r.spec.run_id, r.spec.schedule.steps, r.report.status if r.report else unknown)
+            for r in self._running.values()
+        ]
+        waiting_steps = sum(spec.schedule.steps for spec in self._waiting)
+        return Snapshot(
+            self._total, self._done, self._failed, self._stopped, len(self._waiting), waiting_steps, standings
+        )

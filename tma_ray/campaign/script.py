@@ -1,0 +1,54 @@
+"""A campaign as a script: the same flags for all of them."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from collections.abc import Sequence
+
+from rich.console import Console
+
+from tma_ray.campaign.campaign import Campaign
+from tma_ray.campaign.options import add_options, chosen_address, chosen_campaign, chosen_settings
+from tma_ray.campaign.progress import Snapshot
+
+EXIT_FAILED_RUNS = 1
+EXIT_REFUSED = 2
+EXIT_STOPPED = 130
+
+
+def main(campaign: Campaign, arguments: Sequence[str] | None = None) -> int:
+    """Runs `campaign` as the command line says; returns the exit code.
+
+    0: all runs are done; 1: some failed; 2: refused before anything ran; 130: stopped, resumable.
+    """
+    parser = argparse.ArgumentParser(description=f"Runs the campaign {campaign.name!r}.")
+    add_options(parser)
+    return execute(campaign, parser.parse_args(arguments))
+
+
+def execute(campaign: Campaign, options: argparse.Namespace) -> int:
+    """Runs what `options` choose of `campaign`; returns the exit code as `main`."""
+    from tma_ray.campaign.execution import run_campaign
+
+    console = Console()
+    try:
+        chosen = chosen_campaign(campaign, options)
+        console.print(chosen.plan().describe(), highlight=False, soft_wrap=True)
+        if options.dry_run:
+            return 0
+        ended = run_campaign(chosen, options.results, chosen_settings(options), chosen_address(options))
+    except (ValueError, ConnectionError) as error:
+        sys.stderr.write(f"{campaign.name}: {error}\n")
+        return EXIT_REFUSED
+    return _conclude(ended, options.results, console)
+
+
+def _conclude(ended: Snapshot, results: str, console: Console) -> int:
+    if ended.done == ended.total:
+        return 0
+    if ended.done + ended.failed < ended.total:
+        console.print("Stopped; the same command continues where it was.", highlight=False)
+        return EXIT_STOPPED
+    console.print(f"{ended.failed} runs failed; 'tma-ray status {results}' says why.", highlight=False)
+    return EXIT_FAILED_RUNS
