@@ -7,7 +7,6 @@ import logging
 import tempfile
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -15,6 +14,7 @@ import numpy as np
 from tma_ray.results import POLICIES, PartFile, RunWriter, Store
 from tma_ray.runs.checkpoints import Checkpoints
 from tma_ray.runs.fingerprint import fingerprint
+from tma_ray.runs.placement import Placement, Status
 from tma_ray.runs.run import Run
 from tma_ray.runs.spec import RunSpec
 from tma_ray.runs.teaching import TeacherLink
@@ -22,36 +22,6 @@ from tma_ray.runs.teaching import TeacherLink
 RECENT_EPISODES = 100
 
 logger = logging.getLogger(__name__)
-
-
-@dataclass(frozen=True)
-class Placement:
-    """How a run is executed, which is no part of what it computes.
-
-    Attributes:
-        device: torch's name of where networks live.
-        threads: torch's threads of the run.
-        checkpoint_seconds: longest time between two checkpoints, s; taken at episode ends.
-    """
-
-    device: str = "cpu"
-    threads: int = 1
-    checkpoint_seconds: float = 600.0
-
-
-@dataclass(frozen=True)
-class Status:
-    """What a running attempt says of itself.
-
-    Attributes:
-        step: environment steps of the run.
-        steps_per_second: environment steps of this attempt over its wall time, 1/s.
-        recent_return: mean episodic return of the latest training episodes, NaN before the first.
-    """
-
-    step: int
-    steps_per_second: float
-    recent_return: float
 
 
 class Attempt:

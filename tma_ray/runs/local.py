@@ -9,8 +9,9 @@ from collections.abc import Callable
 from datetime import UTC, datetime
 
 from tma_ray.results import AttemptOutcome, AttemptRecord, Committer, RunStatus
-from tma_ray.runs.attempt import Attempt, Placement, Status
+from tma_ray.runs.attempt import Attempt
 from tma_ray.runs.checkpoints import Checkpoints
+from tma_ray.runs.placement import Placement, Status
 from tma_ray.runs.spec import RunSpec
 from tma_ray.runs.teaching import InlineTeacher
 

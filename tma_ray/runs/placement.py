@@ -1,0 +1,35 @@
+"""How a run is executed, and what it says of itself: no part of what it computes."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True)
+class Placement:
+    """How a run is executed, which is no part of what it computes.
+
+    Attributes:
+        device: torch's name of where networks live.
+        threads: torch's threads of the run.
+        checkpoint_seconds: longest time between two checkpoints, s; taken at episode ends.
+    """
+
+    device: str = "cpu"
+    threads: int = 1
+    checkpoint_seconds: float = 600.0
+
+
+@dataclass(frozen=True)
+class Status:
+    """What a running attempt says of itself.
+
+    Attributes:
+        step: environment steps of the run.
+        steps_per_second: environment steps of this attempt over its wall time, 1/s.
+        recent_return: mean episodic return of the latest training episodes, NaN before the first.
+    """
+
+    step: int
+    steps_per_second: float
+    recent_return: float
