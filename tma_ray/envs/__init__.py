@@ -1,1 +1,7 @@
-"""Under construction."""
+"""Environments with procedurally generated worlds, as Gymnasium environments."""
+
+from tma_ray.envs.registration import ENVIRONMENTS, Environment, make_environment, register_environments
+
+register_environments()
+
+__all__ = ["ENVIRONMENTS", "Environment", "make_environment", "register_environments"]

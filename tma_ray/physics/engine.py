@@ -1,0 +1,85 @@
+"""What every physics engine offers, and the settings that all of them share."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from tma_ray.physics.arrays import StepArrays
+from tma_ray.terrain import Terrain
+
+PHYSICS_VERSION = 1
+"""Rises whenever a trajectory changes; part of every run's identity."""
+
+TIME_STEP = 1 / 50
+"""Time between two actions, in s."""
+
+GRAVITY = -10.0
+"""In m/s²."""
+
+
+@dataclass(frozen=True)
+class SolverSettings:
+    """How Chipmunk solves contacts and joints; see docs/fidelity.md for the measurements behind them.
+
+    Attributes:
+        iterations: solver iterations per substep.
+        substeps: substeps per time step.
+        joint_error_bias: share of a joint's error left after one second.
+        limit_correction_speed: fastest way back into a joint's limits, in rad/s. Chipmunk leaves the joint
+            that speed, so that a fast way back would be a bounce, which Box2D's limits do not have.
+        collision_bias: share of a penetration left after one second.
+        collision_slop: penetration that is allowed, in m.
+        skin_radius: rounding added around every part, in m (Box2D's polygons have it too).
+    """
+
+    iterations: int = 50
+    substeps: int = 2
+    joint_error_bias: float = 0.5**60
+    limit_correction_speed: float = 0.25
+    collision_bias: float = 0.5**60
+    collision_slop: float = 0.005
+    skin_radius: float = 0.01
+
+
+class Engine(Protocol):
+    """One body in one world at a time.
+
+    Attributes:
+        state: (p, 6) as kernels.py has it, rewritten by every step.
+        contacts: things that each part touches (p,), rewritten by every step.
+        arrays: what the kernels know of the body.
+    """
+
+    arrays: StepArrays
+    state: NDArray[np.float64]
+    contacts: NDArray[np.int64]
+
+    def reset(self, terrain: Terrain, push: float) -> NDArray[np.float32]:
+        """Builds a new world and lets one step without torque pass, as the original release does.
+
+        Args:
+            terrain: the world.
+            push: horizontal force on the head during that step, in N.
+
+        Returns:
+            The observation (o,).
+        """
+        ...
+
+    def step(self, action: ArrayLike) -> tuple[NDArray[np.float32], float, bool]:
+        """Advances the world by TIME_STEP.
+
+        Args:
+            action: one value in [-1, 1] per motor (j,).
+
+        Returns:
+            Observation (o,), reward, and whether the episode has ended.
+
+        Raises:
+            ValueError: an action of another shape, or not finite.
+        """
+        ...

@@ -1,0 +1,146 @@
+"""Chipmunk through pymunk's public API: portable, and the oracle for faster engines."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pymunk
+from numpy.typing import ArrayLike, NDArray
+from pymunk import batch
+
+from tma_ray.embodiments import Embodiment
+from tma_ray.physics.arrays import BodyArrays, body_arrays, observation_size, step_arrays
+from tma_ray.physics.engine import GRAVITY, TIME_STEP, SolverSettings
+from tma_ray.physics.kernels import command_motors, judge, observe, shaping
+from tma_ray.terrain import Terrain
+
+STATE_FIELDS = (
+    batch.BodyFields.POSITION
+    | batch.BodyFields.ANGLE
+    | batch.BodyFields.VELOCITY
+    | batch.BodyFields.ANGULAR_VELOCITY
+)
+
+
+class PymunkEngine:
+    """Runs a body on Chipmunk; see `Engine`.
+
+    Args:
+        body: the body.
+        lidar_angles: directions of the rays (r,), in rad; 0 is straight down, pi/2 forward.
+        settings: how Chipmunk solves.
+    """
+
+    def __init__(
+        self, body: Embodiment, lidar_angles: NDArray[np.float64], settings: SolverSettings | None = None
+    ) -> None:
+        self.settings = settings or SolverSettings()
+        self.state = np.zeros((len(body.parts), 6))
+        self.contacts = np.zeros(len(body.parts), dtype=np.int64)
+        self._body = body_arrays(body)
+        self.arrays = step_arrays(body, lidar_angles)
+        self._observation_size = observation_size(self.arrays)
+        self._action = np.zeros(body.action_size)
+        self._commands = np.zeros((body.action_size, 2))
+        self._buffer = batch.Buffer()
+
+    def reset(self, terrain: Terrain, push: float) -> NDArray[np.float32]:
+        """Builds a new world and lets one step without torque pass; see `Engine`."""
+        self._surface, self._goal_x = terrain.surface, terrain.goal_x
+        self.contacts = np.zeros_like(self.contacts)
+        # A new Space every time: a reused one keeps counters that change later trajectories.
+        self._space = pymunk.Space()
+        self._space.iterations = self.settings.iterations
+        self._space.gravity = (0.0, GRAVITY)
+        self._space.collision_slop = self.settings.collision_slop
+        self._space.collision_bias = self.settings.collision_bias
+        self._add_terrain(terrain)
+        parts = self._add_parts(terrain.spawn)
+        self._motors = self._add_joints(parts)
+        head = parts[self._body.head]
+        head.apply_impulse_at_local_point((push * TIME_STEP, 0.0), head.center_of_gravity)
+        self._shaping = 0.0
+        return self.step(np.zeros_like(self._action))[0]
+
+    def step(self, action: ArrayLike) -> tuple[NDArray[np.float32], float, bool]:
+        """Advances the world by TIME_STEP; see `Engine`."""
+        values = np.asarray(action)
+        if values.shape != self._action.shape:
+            raise ValueError(f"an action has shape {self._action.shape}, got {values.shape}")
+        self._action[:] = values
+        cost = command_motors(self._action, self.arrays, self._commands)
+        if math.isnan(cost):
+            raise ValueError(f"an action must be finite, got {values.tolist()}")
+        self._advance()
+        observation = np.empty(self._observation_size, dtype=np.float32)
+        observe(self.state, self.contacts, self.arrays, self._surface, observation)
+        potential = shaping(self.state, self.arrays)
+        growth, self._shaping = potential - self._shaping - cost, potential
+        reward, terminated = judge(self.state, self.contacts, self.arrays, growth, self._goal_x)
+        return observation, reward, terminated
+
+    def _advance(self) -> None:
+        for motor, (speed, torque) in zip(self._motors, self._commands.tolist(), strict=True):
+            motor.rate = -speed  # Chipmunk's rate is the speed of the first part relative to the second
+            motor.max_force = torque
+        for _ in range(self.settings.substeps):
+            self._space.step(TIME_STEP / self.settings.substeps)
+        self._buffer.clear()
+        batch.get_space_bodies(self._space, STATE_FIELDS, self._buffer)
+        values = np.frombuffer(self._buffer.float_buf())  # the static body comes last
+        self.state[:] = values[: self.state.size].reshape(self.state.shape)
+
+    def _add_terrain(self, terrain: Terrain) -> None:
+        shapes = [pymunk.Poly(self._space.static_body, corners) for corners in terrain.solids.tolist()]
+        for shape in shapes:
+            shape.friction = math.sqrt(terrain.friction)
+        self._space.add(*shapes)
+
+    def _add_parts(self, spawn: NDArray[np.float64]) -> list[pymunk.Body]:
+        return [self._add_part(self._body, index, spawn) for index in range(len(self._body.mass))]
+
+    def _add_part(self, arrays: BodyArrays, index: int, spawn: NDArray[np.float64]) -> pymunk.Body:
+        part = pymunk.Body(arrays.mass[index], arrays.inertia[index])
+        part.center_of_gravity = tuple(arrays.centre[index].tolist())
+        part.position = tuple((spawn + arrays.position[index]).tolist())
+        corners = arrays.vertices[arrays.first_vertex[index] : arrays.first_vertex[index + 1]]
+        shape = pymunk.Poly(part, corners.tolist(), radius=self.settings.skin_radius)
+        shape.friction = math.sqrt(
+            arrays.friction[index]
+        )  # Chipmunk multiplies the two, Box2D takes the root
+        shape.filter = pymunk.ShapeFilter(group=1)  # parts of one group do not collide
+        shape.collision_type = index + 1
+        self._space.add(part, shape)
+        self._space.on_collision(
+            index + 1, None, begin=_touch, separate=_release, data=(self.contacts, index)
+        )
+        return part
+
+    def _add_joints(self, parts: list[pymunk.Body]) -> list[pymunk.SimpleMotor]:
+        motors = []
+        for (a, b), anchors, limits in zip(
+            self._body.joint_parts.tolist(),
+            self._body.anchors.tolist(),
+            self._body.limits.tolist(),
+            strict=True,
+        ):
+            motor = pymunk.SimpleMotor(parts[a], parts[b], 0.0)
+            motor.max_force = 0.0
+            limit = pymunk.RotaryLimitJoint(parts[a], parts[b], *limits)
+            pivot = pymunk.PivotJoint(parts[a], parts[b], *map(tuple, anchors))
+            limit.error_bias = pivot.error_bias = self.settings.joint_error_bias
+            limit.max_bias = self.settings.limit_correction_speed
+            self._space.add(motor, limit, pivot)
+            motors.append(motor)
+        return motors
+
+
+def _touch(_arbiter: pymunk.Arbiter, _space: pymunk.Space, data: tuple[NDArray[np.int64], int]) -> None:
+    contacts, part = data
+    contacts[part] += 1
+
+
+def _release(_arbiter: pymunk.Arbiter, _space: pymunk.Space, data: tuple[NDArray[np.int64], int]) -> None:
+    contacts, part = data
+    contacts[part] -= 1
