@@ -40,21 +40,15 @@ def test_greedy_acting_leaves_no_trace(trained, tmp_path):
     assert digest(trained, tmp_path / "after") == before
 
 
-def test_a_ppo_step_has_the_action_value_and_probability_of_stable_baselines3():
+def test_ppo_plays_clipped_actions_and_learns_from_them_as_sampled():
     student = small_student("ppo")
     transitions = train(student, Drift(), 70)
-    steps = student._rollout.state()
-    seen = torch.from_numpy(steps["observations"])
-    with torch.no_grad():
-        values, log_probabilities, _ = student.model.policy.evaluate_actions(
-            seen, torch.from_numpy(steps["actions"])
-        )
-    np.testing.assert_allclose(steps["values"], values[:, 0], atol=1e-6)
-    np.testing.assert_allclose(steps["log_probabilities"], log_probabilities, atol=1e-6)
-    bounds = student.action_space.low, student.action_space.high
+    sampled = student._rollout.state()["actions"]
     played = np.array([t.action for t in transitions[50:]])
-    np.testing.assert_array_equal(np.clip(steps["actions"], *bounds), played)
-    assert (steps["actions"] != played).any()  # some were clipped, and are stored as sampled
+    np.testing.assert_array_equal(
+        np.clip(sampled, student.action_space.low, student.action_space.high), played
+    )
+    assert (sampled != played).any()
 
 
 @pytest.mark.parametrize("name", ["ppo", "sac"])
@@ -67,8 +61,9 @@ def test_exploring_actions_follow_the_policys_distribution(name):
     seen = torch.from_numpy(observation[None]).repeat(4000, 1)
     if name == "ppo":
         seen = torch.from_numpy(student.normaliser.normalise(seen.numpy()))
-    torch.manual_seed(0)
-    expected = student.model.predict(seen.numpy(), deterministic=False)[0]
+    with torch.random.fork_rng():
+        torch.manual_seed(0)
+        expected = student.model.predict(seen.numpy(), deterministic=False)[0]
     for share in (10, 30, 50, 70, 90):
         quantiles = [np.percentile(sample, share, axis=0) for sample in (actions, expected)]
         np.testing.assert_allclose(*quantiles, atol=0.15)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from pathlib import Path
 from typing import Any
 
@@ -80,12 +79,9 @@ class PPO(StableBaselinesStudent[PPOHyperparameters, stable_baselines3.PPO]):
             self.normaliser.update(observation)
         self._normalised = self.normaliser.normalise(observation)
         features = self._trunk(as_batch(self._normalised, self.device))
-        noise = self._noise()
-        draw = torch.from_numpy(noise).to(self.device)
-        sampled = torch.addcmul(self._mean_head(features), self._log_std.exp(), draw)
+        noise = torch.from_numpy(self._noise()).to(self.device)
+        sampled = torch.addcmul(self._mean_head(features), self._log_std.exp(), noise)
         self._sampled: Actions = sampled.numpy(force=True)[0]
-        self._value = self._value_head(features).item()
-        self._log_probability = self._gaussian_log_probability(noise)
         return self._clip(self._sampled)
 
     def observe(self, transition: Transition) -> None:  # noqa: D102
@@ -97,8 +93,8 @@ class PPO(StableBaselinesStudent[PPOHyperparameters, stable_baselines3.PPO]):
         if ended:
             self.normaliser.end_episode()
         if transition.truncated and not transition.terminated:
-            reward += self.gamma * self._normalised_values(transition.next_observation)[0]
-        self._rollout.add(self._normalised, self._sampled, self._value, self._log_probability, reward, ended)
+            reward += self.gamma * self._normalised_values(transition.next_observation).item()
+        self._rollout.add(self._normalised, self._sampled, reward, ended)
         self._episode_starts = ended
         if self._rollout.is_full:
             self._update(transition.next_observation)
@@ -147,11 +143,21 @@ class PPO(StableBaselinesStudent[PPOHyperparameters, stable_baselines3.PPO]):
         self._episode_starts = counters["episode_starts"]
 
     def _update(self, next_observation: Observations) -> None:
-        last_value = self._normalised_values(next_observation)[0]
-        self._rollout.finish(last_value, self.gamma, self.hyperparameters.gae_lambda)
+        rollout, policy = self._rollout, self.model.policy
+        with torch.no_grad():  # once for all steps: the policy that took them is still the same
+            values, log_probabilities, _ = policy.evaluate_actions(
+                as_batch(rollout.observations, self.device), as_batch(rollout.actions, self.device)
+            )
+        rollout.finish(
+            values[:, 0].numpy(force=True),
+            log_probabilities.numpy(force=True),
+            self._normalised_values(next_observation)[0],
+            self.gamma,
+            self.hyperparameters.gae_lambda,
+        )
         with self._torch_stream.active():
             self.model.train()
-        self._rollout.clear()
+        rollout.clear()
 
     def _normalised_values(self, observations: Observations) -> NDArray[np.float64]:
         features = self._trunk(as_batch(self.normaliser.normalise(observations), self.device))
@@ -161,8 +167,3 @@ class PPO(StableBaselinesStudent[PPOHyperparameters, stable_baselines3.PPO]):
     def _clip(self, actions: Actions) -> Actions:
         clipped: Actions = np.minimum(np.maximum(actions, self._low), self._high)
         return clipped
-
-    def _gaussian_log_probability(self, noise: NDArray[np.float32]) -> float:
-        squares = float((noise * noise).sum())
-        log_normaliser = float(self._log_std.sum()) + 0.5 * noise.size * math.log(2 * math.pi)
-        return -0.5 * squares - log_normaliser

@@ -14,7 +14,7 @@ from tma_ray.students.base import Actions, Observations
 
 
 class Rollout:
-    """A fixed number of consecutive steps and what the networks said at each.
+    """A fixed number of consecutive steps, and what the networks say of them when all are there.
 
     It stands in for stable-baselines3's rollout buffer, whose update reads `values`, `returns` and the
     batches of `get`. Returns and advantages equal its own to the last bit; shuffling draws from the
@@ -61,8 +61,6 @@ class Rollout:
         self,
         observation: Observations,
         action: Actions,
-        value: float,
-        log_probability: float,
         reward: float,
         ended: bool,
     ) -> None:
@@ -71,28 +69,34 @@ class Rollout:
         Args:
             observation: as the networks saw it, normalised (o,).
             action: as sampled, not clipped to the action space (a,).
-            value: of the observation, in normalised reward.
-            log_probability: of the action.
             reward: normalised; the value of what a time limit cut off is part of it.
             ended: the episode ended with this step, by itself or by a time limit.
         """
         index = self._size
         self.observations[index] = observation
         self.actions[index] = action
-        self.values[index] = value
-        self.log_probabilities[index] = log_probability
         self.rewards[index] = reward
         self.ended[index] = ended
         self._size = index + 1
 
-    def finish(self, last_value: float, gamma: float, gae_lambda: float) -> None:
+    def finish(
+        self,
+        values: NDArray[np.float32],
+        log_probabilities: NDArray[np.float32],
+        last_value: float,
+        gamma: float,
+        gae_lambda: float,
+    ) -> None:
         """Computes returns and advantages (generalised advantage estimation, arXiv:1506.02438).
 
         Args:
+            values: of the observations (n,), in normalised reward.
+            log_probabilities: of the actions (n,).
             last_value: value of the observation after the last step.
             gamma: discount factor.
             gae_lambda: lambda of the estimator.
         """
+        self.values, self.log_probabilities = values, log_probabilities
         goes_on = 1 - self.ended.astype(np.float32)
         next_values = np.append(self.values[1:], np.float32(last_value))
         errors = self.rewards + gamma * next_values * goes_on - self.values
@@ -125,4 +129,4 @@ class Rollout:
             getattr(self, name)[: self._size] = state[name]
 
 
-_STORED = ("observations", "actions", "values", "log_probabilities", "rewards", "ended")
+_STORED = ("observations", "actions", "rewards", "ended")
