@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import enum
 import platform
 import threading
 import time
@@ -16,21 +15,12 @@ import ray
 from numpy.typing import NDArray
 from ray.util.scheduling_strategies import NodeAffinitySchedulingStrategy
 
-from tma_ray.campaign.cluster import GIB, Resources
+from tma_ray.campaign.settings import GIB, Resources, TeacherPlacement
 from tma_ray.results import PartFile, Store
 from tma_ray.runs.placement import Placement, Status
 from tma_ray.runs.spec import RunSpec
 from tma_ray.runs.teaching import InlineTeacher, Reply, TeacherLink
 from tma_ray.tasks import Episode, Task
-
-
-class TeacherPlacement(enum.StrEnum):
-    """Where teachers run; results do not depend on it."""
-
-    ACTOR = "actor"
-    """In an actor of their own, on the node of their seed."""
-    INLINE = "inline"
-    """In their seed's process: for runs with very short episodes."""
 
 
 @dataclass(frozen=True)

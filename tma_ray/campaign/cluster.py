@@ -4,50 +4,14 @@ from __future__ import annotations
 
 import logging
 import os
-from collections.abc import Mapping
-from dataclasses import dataclass
 from typing import Any
 
 import ray
 
-GIB = 2**30
+from tma_ray.campaign.settings import GIB, Resources
 
 LOCAL_OBJECT_STORE_BYTES = 100_000_000
 """Next to nothing travels through the object store: results go to files."""
-
-
-@dataclass(frozen=True)
-class Resources:
-    """What one run occupies.
-
-    Attributes:
-        cpus: cores; also the number of torch threads (at least 1).
-        gpus: share of a GPU.
-        memory_gib: memory in GiB; a SAC run with a full buffer of 2 million transitions takes about 1.
-    """
-
-    cpus: float = 1.0
-    gpus: float = 0.0
-    memory_gib: float = 1.5
-
-    def __post_init__(self) -> None:
-        for name, value in vars(self).items():
-            if not value >= 0:
-                raise ValueError(f"{name} = {value}: expected a number of at least 0")
-        if self.cpus == 0:
-            raise ValueError(
-                "cpus = 0: a run needs some share of a core, else Ray starts all of them at once"
-            )
-
-    @property
-    def threads(self) -> int:
-        """Torch's threads per run."""
-        return max(1, int(self.cpus))
-
-    def fit_into(self, node: Mapping[str, float]) -> int:
-        """Returns how many runs a node with these resources holds at once."""
-        needed = {"CPU": self.cpus, "GPU": self.gpus, "memory": self.memory_gib * GIB}
-        return min(int(node.get(name, 0.0) / amount) for name, amount in needed.items() if amount > 0)
 
 
 def connect(address: str | None) -> None:

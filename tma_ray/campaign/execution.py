@@ -7,7 +7,8 @@ from pathlib import Path
 from tma_ray.campaign.campaign import Campaign
 from tma_ray.campaign.cluster import check_feasible, connect
 from tma_ray.campaign.progress import ProgressView, Snapshot
-from tma_ray.campaign.scheduler import Scheduler, Settings
+from tma_ray.campaign.scheduler import Scheduler
+from tma_ray.campaign.settings import Settings
 from tma_ray.campaign.stopping import StopSignals
 from tma_ray.results import Committer
 

@@ -7,10 +7,8 @@ import os
 from collections.abc import Sequence
 from dataclasses import fields, replace
 
-from tma_ray.campaign.actors import TeacherPlacement
 from tma_ray.campaign.campaign import Campaign
-from tma_ray.campaign.cluster import Resources
-from tma_ray.campaign.scheduler import Settings
+from tma_ray.campaign.settings import Resources, Settings, TeacherPlacement
 from tma_ray.runs import Cell, Schedule
 from tma_ray.tasks import KnowledgeLevel
 

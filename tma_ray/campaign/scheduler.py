@@ -6,50 +6,23 @@ import logging
 import time
 from collections import deque
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from datetime import UTC, datetime
 from typing import Any
 
 import ray
 from ray.exceptions import RayActorError, RayTaskError
 
-from tma_ray.campaign.actors import Report, SeedActor, TeacherPlacement
-from tma_ray.campaign.cluster import Resources, capacity
+from tma_ray.campaign.actors import Report, SeedActor
+from tma_ray.campaign.cluster import capacity
 from tma_ray.campaign.progress import ProgressView, Snapshot, Standing
+from tma_ray.campaign.settings import Settings
 from tma_ray.results import AttemptOutcome, AttemptRecord, Committer, DamagedFileError, PartFile, RunStatus
 from tma_ray.runs.checkpoints import Checkpoints
-from tma_ray.runs.placement import Placement, Status
+from tma_ray.runs.placement import Status
 from tma_ray.runs.spec import RunSpec
 
 logger = logging.getLogger(__name__)
-
-
-@dataclass(frozen=True)
-class Settings:
-    """How a campaign is executed, which is no part of its results.
-
-    Attributes:
-        resources: of one run.
-        device: torch's name of where networks live.
-        teachers: where teachers run.
-        checkpoint_seconds: longest time between two checkpoints of a run, s.
-        most_losses: how often a run may lose its process before it counts as failed.
-        grace_seconds: how long a stop waits for checkpoints, s.
-        poll_seconds: time between two looks at the runs, s.
-    """
-
-    resources: Resources = field(default_factory=Resources)
-    device: str = "cpu"
-    teachers: TeacherPlacement = TeacherPlacement.ACTOR
-    checkpoint_seconds: float = 600.0
-    most_losses: int = 3
-    grace_seconds: float = 60.0
-    poll_seconds: float = 1.0
-
-    @property
-    def placement(self) -> Placement:
-        """What a run is told of its execution."""
-        return Placement(self.device, self.resources.threads, self.checkpoint_seconds)
 
 
 @dataclass

@@ -1,0 +1,82 @@
+"""How a campaign is executed, which is no part of its results."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from enum import StrEnum
+
+from tma_ray.runs.placement import Placement
+
+GIB = 2**30
+
+
+class TeacherPlacement(StrEnum):
+    """Where teachers run; results do not depend on it."""
+
+    ACTOR = "actor"
+    """In an actor of their own, on the node of their seed."""
+    INLINE = "inline"
+    """In their seed's process: for runs with very short episodes."""
+
+
+@dataclass(frozen=True)
+class Resources:
+    """What one run occupies.
+
+    Attributes:
+        cpus: cores; also the number of torch threads (at least 1).
+        gpus: share of a GPU.
+        memory_gib: memory in GiB; a SAC run with a full buffer of 2 million transitions takes about 1.
+    """
+
+    cpus: float = 1.0
+    gpus: float = 0.0
+    memory_gib: float = 1.5
+
+    def __post_init__(self) -> None:
+        for name, value in vars(self).items():
+            if not value >= 0:
+                raise ValueError(f"{name} = {value}: expected a number of at least 0")
+        if self.cpus == 0:
+            raise ValueError(
+                "cpus = 0: a run needs some share of a core, else Ray starts all of them at once"
+            )
+
+    @property
+    def threads(self) -> int:
+        """Torch's threads per run."""
+        return max(1, int(self.cpus))
+
+    def fit_into(self, node: Mapping[str, float]) -> int:
+        """Returns how many runs a node with these resources holds at once."""
+        needed = {"CPU": self.cpus, "GPU": self.gpus, "memory": self.memory_gib * GIB}
+        return min(int(node.get(name, 0.0) / amount) for name, amount in needed.items() if amount > 0)
+
+
+@dataclass(frozen=True)
+class Settings:
+    """How a campaign is executed.
+
+    Attributes:
+        resources: of one run.
+        device: torch's name of where networks live.
+        teachers: where teachers run.
+        checkpoint_seconds: longest time between two checkpoints of a run, s.
+        most_losses: how often a run may lose its process before it counts as failed.
+        grace_seconds: how long a stop waits for checkpoints, s.
+        poll_seconds: time between two looks at the runs, s.
+    """
+
+    resources: Resources = field(default_factory=Resources)
+    device: str = "cpu"
+    teachers: TeacherPlacement = TeacherPlacement.ACTOR
+    checkpoint_seconds: float = 600.0
+    most_losses: int = 3
+    grace_seconds: float = 60.0
+    poll_seconds: float = 1.0
+
+    @property
+    def placement(self) -> Placement:
+        """What a run is told of its execution."""
+        return Placement(self.device, self.resources.threads, self.checkpoint_seconds)

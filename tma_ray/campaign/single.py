@@ -1,0 +1,57 @@
+"""One run in this process: no Ray, the same files."""
+
+from __future__ import annotations
+
+import argparse
+from dataclasses import fields
+
+from rich.console import Console
+
+from tma_ray.campaign.campaign import Campaign
+from tma_ray.campaign.progress import ProgressView, Snapshot, Standing
+from tma_ray.campaign.script import EXIT_STOPPED
+from tma_ray.campaign.stopping import StopSignals
+from tma_ray.results import AttemptOutcome, Committer
+from tma_ray.runs import Cell, Placement, Schedule, Status, run_locally
+from tma_ray.tasks import KnowledgeLevel
+
+CAMPAIGN = "single_runs"
+
+
+def run_single(options: argparse.Namespace) -> int:
+    """Runs what the flags of ``tma-ray run`` name; returns the exit code.
+
+    Raises:
+        ValueError: what cannot run.
+    """
+    if options.expert_knowledge not in list(KnowledgeLevel):
+        raise ValueError(
+            f"expert knowledge {options.expert_knowledge!r} is no level; expected {', '.join(KnowledgeLevel)}"
+        )
+    cell = Cell(
+        environment=options.environment,
+        challenge=options.challenge,
+        embodiment=options.embodiment,
+        student=options.student,
+        teacher=options.teacher,
+        expert_knowledge=KnowledgeLevel(options.expert_knowledge),
+        test_set=options.test_set,
+    )
+    given = {field.name: getattr(options, field.name, None) for field in fields(Schedule)}
+    schedule = Schedule(**{name: value for name, value in given.items() if value is not None})
+    plan = Campaign(CAMPAIGN, (cell,), (options.seed,), schedule).plan()
+    committer = Committer.open(options.results)
+    committer.write_cells(CAMPAIGN, plan.cell_rows)
+    (spec,) = plan.runs
+    console, view = Console(), ProgressView()
+
+    def show(status: Status) -> None:
+        view.update(Snapshot(1, 0, 0, 0, 0, 0, [Standing(spec.run_id, schedule.steps, status)]))
+
+    placement = Placement(options.device, options.threads, options.checkpoint_seconds)
+    with StopSignals() as signals:
+        outcome = run_locally(spec, committer, placement, lambda: signals.requested, show)
+    done = outcome is AttemptOutcome.DONE
+    view.close(Snapshot(1, int(done), 0, int(not done), 0, 0, []))
+    console.print(f"{spec.run_id}: {outcome} in {options.results}", highlight=False, soft_wrap=True)
+    return 0 if done else EXIT_STOPPED

@@ -1,0 +1,131 @@
+"""The command `tma-ray`. Heavy parts are imported by the commands that need them."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+import warnings
+from collections.abc import Callable, Sequence
+from pathlib import Path
+
+from tma_ray import __version__
+
+REFUSED = 2
+
+KINDS = ("teachers", "students", "environments", "embodiments", "challenges", "test-sets")
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Runs one command; returns its exit code."""
+    parser = _parser()
+    options = parser.parse_args(arguments)
+    command: Callable[[argparse.Namespace], int] = options.command
+    warnings.showwarning = _show_warning
+    try:
+        return command(options)
+    except (ValueError, ConnectionError) as error:
+        sys.stderr.write(f"tma-ray: {error}\n")
+        return REFUSED
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(prog="tma-ray", description="Compare curriculum learning teachers.")
+    parser.add_argument("--version", action="version", version=f"tma_ray {__version__}")
+    commands = parser.add_subparsers(required=True, metavar="COMMAND")
+    _add_run(commands.add_parser("run", help="one run in this process, without Ray"))
+    _add_campaign(commands.add_parser("campaign", help="a matrix of runs on Ray"))
+    status = commands.add_parser("status", help="how far the campaigns of a results root are")
+    status.add_argument("root", metavar="ROOT")
+    status.set_defaults(command=_status)
+    report = commands.add_parser("report", help="write the report of a results root")
+    report.add_argument("root", metavar="ROOT")
+    report.add_argument("-o", "--output", type=Path, metavar="FOLDER", help="default: ROOT/report")
+    report.set_defaults(command=_report)
+    listing = commands.add_parser("list", help="what can be named: teachers, students, ...")
+    listing.add_argument("kind", nargs="?", choices=KINDS)
+    listing.set_defaults(command=_list)
+    return parser
+
+
+def _add_run(parser: argparse.ArgumentParser) -> None:
+    from tma_ray.campaign.options import whole_number
+
+    parser.add_argument("--environment", default="stump_tracks", metavar="NAME")
+    parser.add_argument("--challenge", default="original", metavar="NAME")
+    parser.add_argument("--embodiment", default="classic_bipedal", metavar="NAME")
+    parser.add_argument("--student", default="sac", metavar="NAME")
+    parser.add_argument("--teacher", default="random", metavar="NAME")
+    parser.add_argument("--expert-knowledge", default="none", metavar="LEVEL")
+    parser.add_argument("--test-set", metavar="NAME|CSV")
+    parser.add_argument("--seed", type=int, default=0)
+    for flag in ("steps", "evaluation-interval", "probe-interval", "training-window"):
+        parser.add_argument(f"--{flag}", type=whole_number, metavar="N")
+    parser.add_argument("--results", default="results", metavar="ROOT")
+    parser.add_argument("--device", default="cpu")
+    parser.add_argument("--threads", type=int, default=1)
+    parser.add_argument("--checkpoint-seconds", type=float, default=600.0, metavar="S")
+    parser.set_defaults(command=_run)
+
+
+def _add_campaign(parser: argparse.ArgumentParser) -> None:
+    from tma_ray.campaign.options import add_options
+
+    parser.add_argument("--name", default="campaign", help="of the campaign in the results (%(default)s)")
+    add_options(parser)
+    parser.set_defaults(command=_campaign)
+
+
+def _run(options: argparse.Namespace) -> int:
+    from tma_ray.campaign.single import run_single
+
+    return run_single(options)
+
+
+def _campaign(options: argparse.Namespace) -> int:
+    from tma_ray.campaign.campaign import Campaign
+    from tma_ray.campaign.script import execute
+    from tma_ray.runs import Cell
+
+    return execute(Campaign(options.name, cells=(Cell(),)), options)
+
+
+def _status(options: argparse.Namespace) -> int:
+    from tma_ray.campaign.overview import show
+
+    show(options.root)
+    return 0
+
+
+def _report(options: argparse.Namespace) -> int:
+    from analysis.report import write_report
+
+    print(write_report(options.root, options.output))
+    return 0
+
+
+def _list(options: argparse.Namespace) -> int:
+    for kind in [options.kind] if options.kind else KINDS:
+        print(f"{kind}:", *_names(kind), sep="\n  ")
+    return 0
+
+
+def _names(kind: str) -> Sequence[str]:
+    from tma_ray.benchmark import CHALLENGES, shipped_test_sets
+    from tma_ray.embodiments import embodiment_names
+    from tma_ray.envs import ENVIRONMENTS
+    from tma_ray.students import STUDENTS
+    from tma_ray.teachers import TEACHERS
+
+    names: dict[str, Callable[[], Sequence[str]]] = {
+        "teachers": TEACHERS.names,
+        "students": STUDENTS.names,
+        "environments": ENVIRONMENTS.names,
+        "embodiments": embodiment_names,
+        "challenges": lambda: [f"{challenge.name} ({challenge.environment})" for challenge in CHALLENGES],
+        "test-sets": shipped_test_sets,
+    }
+    return names[kind]()
+
+
+def _show_warning(message: Warning | str, *_: object, **__: object) -> None:
+    sys.stderr.write(f"tma-ray: warning: {message}\n")
