@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-import matplotlib as mpl
 import numpy as np
 import pandas as pd
 from matplotlib.axes import Axes
@@ -15,7 +14,7 @@ from matplotlib.patches import Ellipse, Rectangle
 from numpy.typing import NDArray
 
 from analysis.figures import Axis
-from analysis.style import INK, MUTED, STYLE, label, teacher_order
+from analysis.style import INK, MUTED, short_label, styled, teacher_order
 from tma_ray.tasks import MASTERY_RETURN
 
 PANELS = 5
@@ -61,9 +60,11 @@ class Curriculum:
     def during(self, part: int) -> Curriculum:
         """Returns what happened in one of the `PANELS` equal parts of the run."""
         low, high = self.steps * part / PANELS, self.steps * (part + 1) / PANELS
-        frames = (self.episodes, self.probes, self.updates)
-        cut = [frame[(frame["step"] > low) & (frame["step"] <= high)] for frame in frames]
-        return Curriculum(*cut, steps=self.steps)
+
+        def cut(frame: pd.DataFrame) -> pd.DataFrame:
+            return frame[(frame["step"] > low) & (frame["step"] <= high)]
+
+        return Curriculum(cut(self.episodes), cut(self.probes), cut(self.updates), self.steps)
 
 
 def stack(tasks: pd.Series) -> NDArray[np.float32]:
@@ -71,7 +72,7 @@ def stack(tasks: pd.Series) -> NDArray[np.float32]:
     return np.stack(tasks.to_list()).astype(np.float32) if len(tasks) else np.empty((0, 0), np.float32)
 
 
-@mpl.rc_context(STYLE)
+@styled
 def curriculum_strip(curricula: dict[str, Curriculum], plane: tuple[Axis, Axis]) -> Figure:
     """Draws one row per teacher and one column per part of the run.
 
@@ -83,20 +84,24 @@ def curriculum_strip(curricula: dict[str, Curriculum], plane: tuple[Axis, Axis])
         plane: the two task dimensions.
     """
     teachers = sorted(curricula, key=teacher_order)
-    figure = Figure(figsize=(9.2, 0.9 + 1.62 * len(teachers)), layout="constrained")
+    figure = Figure(figsize=(10.2, 0.9 + 1.75 * len(teachers)), layout="constrained")
     grid = figure.subplots(len(teachers), PANELS, sharex=True, sharey=True, squeeze=False)
     colours = ScalarMappable(Normalize(*RETURNS), RETURN_COLOURS)
     for row, teacher in zip(grid, teachers, strict=True):
         for part, axes in enumerate(row):
             _panel(axes, curricula[teacher].during(part), colours)
-        row[0].set_ylabel(label(teacher), fontweight="bold")
+        row[0].set_ylabel(short_label(teacher, 16), fontweight="bold")
     for part, axes in enumerate(grid[0]):
-        axes.set_title(f"{100 * part // PANELS}–{100 * (part + 1) // PANELS} %", fontweight="normal")  # noqa: RUF001
+        axes.set_title(
+            f"{100 * part // PANELS}\N{EN DASH}{100 * (part + 1) // PANELS} %", fontweight="normal"
+        )
     grid[0, 0].set_xlim(plane[0].low, plane[0].high)
     grid[0, 0].set_ylim(plane[1].low, plane[1].high)
     figure.supxlabel(plane[0].name, fontsize=8.5)
     figure.supylabel(plane[1].name, fontsize=8.5)
-    bar = figure.colorbar(colours, ax=grid.ravel().tolist(), extend="both", fraction=0.03, pad=0.01, aspect=25)
+    bar = figure.colorbar(
+        colours, ax=grid.ravel().tolist(), extend="both", fraction=0.03, pad=0.01, aspect=25
+    )
     bar.set_label("Return of the episode")
     bar.outline.set_visible(False)
     bar.ax.axhline(MASTERY_RETURN, color="white", linewidth=1.2)
@@ -112,7 +117,9 @@ def _panel(axes: Axes, part: Curriculum, colours: ScalarMappable) -> None:
     if len(part.episodes):
         tasks = part.tasks[chosen]
         returns = part.episodes["episodic_return"].to_numpy(float)[chosen]
-        axes.scatter(*tasks.T, c=colours.to_rgba(returns), s=10, linewidth=0.25, edgecolor=INK)
+        axes.scatter(
+            tasks[:, 0], tasks[:, 1], c=colours.to_rgba(returns), s=10, linewidth=0.25, edgecolor=INK
+        )
     else:
         axes.text(0.5, 0.5, "no episodes", transform=axes.transAxes, ha="center", va="center", color=MUTED)
     if not part.shuffled:
@@ -123,7 +130,7 @@ def _panel(axes: Axes, part: Curriculum, colours: ScalarMappable) -> None:
 def _probes(axes: Axes, probes: pd.DataFrame) -> None:
     last = stack(probes.loc[probes["step"] == probes["step"].max(), "task"])
     if len(last):
-        axes.scatter(*last.T, marker="+", s=9, color="#c8102e", linewidth=0.5, alpha=0.7)
+        axes.scatter(last[:, 0], last[:, 1], marker="+", s=9, color="#c8102e", linewidth=0.5, alpha=0.7)
 
 
 def _shapes(axes: Axes, updates: pd.DataFrame) -> None:
@@ -135,8 +142,8 @@ def _shapes(axes: Axes, updates: pd.DataFrame) -> None:
         covariance = np.array([list(row) for row in gaussian["covariance"]], dtype=np.float64)
         axes.add_patch(ellipse(np.asarray(gaussian["mean"]), covariance, lineweight(gaussian["weight"])))
     for box in last["boxes"] if last["boxes"] is not None else ():
-        low, high = np.asarray(box["low"]), np.asarray(box["high"])
-        axes.add_patch(Rectangle(low, *(high - low), fill=False, edgecolor=INK, linewidth=0.6))
+        (x, y), (right, top) = box["low"], box["high"]
+        axes.add_patch(Rectangle((x, y), right - x, top - y, fill=False, edgecolor=INK, linewidth=0.6))
 
 
 def lineweight(weight: float) -> float:

@@ -4,17 +4,18 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-import matplotlib as mpl
 import numpy as np
 import pandas as pd
 from matplotlib.axes import Axes
+from matplotlib.cm import ScalarMappable
 from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter, MaxNLocator, PercentFormatter
 
+from analysis.formatting import amount
 from analysis.measures import aggregate
-from analysis.style import INK, MUTED, RULE, STYLE, label, look, teacher_order
+from analysis.style import INK, MUTED, RULE, label, look, short_label, styled, teacher_order
 
-SHARE_COLOURS = "YlGnBu"
+SHARE_COLOURS = "GnBu"
 """From paper white for nobody to dark for every seed; readable with any colour vision."""
 
 
@@ -26,7 +27,7 @@ class Axis(NamedTuple):
     high: float
 
 
-@mpl.rc_context(STYLE)
+@styled
 def learning_curve(curves: pd.DataFrame, value: str, ylabel: str) -> Figure:
     """Draws the mean of `value` over seeds against steps, one line per teacher, ± one standard error.
 
@@ -71,14 +72,15 @@ def _curve(axes: Axes, teacher: str, rows: pd.DataFrame) -> None:
         markeredgewidth=0.5,
         clip_on=False,
         zorder=3,
-        label=label(teacher),
+        label=short_label(teacher),
     )
 
 
 def _step_axis(axes: Axes) -> None:
     high = max(axes.dataLim.x1, 1.0)
     unit, word = next(
-        ((size, name) for size, name in ((1e6, "millions"), (1e3, "thousands")) if high >= 2 * size), (1.0, "")
+        ((size, name) for size, name in ((1e6, "millions"), (1e3, "thousands")) if high >= 2 * size),
+        (1.0, ""),
     )
     axes.set_xlim(0, high)
     axes.xaxis.set_major_locator(MaxNLocator(6))
@@ -89,15 +91,20 @@ def _step_axis(axes: Axes) -> None:
 def _legend(figure: Figure, axes: Axes) -> None:
     handles, labels = axes.get_legend_handles_labels()
     if handles:
-        figure.legend(handles, labels, loc="outside upper left", ncols=4, handlelength=2.4, columnspacing=1.4)
+        columns = max(1, min(4, 64 // (6 + max(map(len, labels)))))
+        figure.legend(
+            handles, labels, loc="outside upper left", ncols=columns, handlelength=2.4, columnspacing=1.4
+        )
 
 
-@mpl.rc_context(STYLE)
+@styled
 def final_bars(reading: pd.DataFrame) -> Figure:
     """Draws mean ± standard deviation of final mastered %, one bar per teacher and one dot per seed.
 
+    A teacher whose runs are all under way is labelled with the step it is read at.
+
     Args:
-        reading: teacher, run_id and mastered_percent, of one comparison.
+        reading: teacher, run_id, step, provisional and mastered_percent, of one comparison.
     """
     means = reading.groupby("teacher")["mastered_percent"].agg(["mean", "std"])
     order = sorted(means.index, key=lambda teacher: (means.loc[teacher, "mean"], label(teacher).lower()))
@@ -113,15 +120,18 @@ def final_bars(reading: pd.DataFrame) -> Figure:
             axes.errorbar(mean, row, xerr=std, color=INK, capsize=3, linewidth=1.0, capthick=1.0)
         spread = np.linspace(-0.2, 0.2, len(seeds)) if len(seeds) > 1 else np.zeros(1)
         axes.scatter(seeds, row + spread, s=11, color=colour, edgecolor="white", linewidth=0.4, zorder=3)
-    axes.set_yticks(range(len(order)), [label(teacher) for teacher in order])
+    running = reading[reading["provisional"]].groupby("teacher")["step"].max()
+    notes = [f"\nat {amount(running[teacher])} steps" if teacher in running else "" for teacher in order]
+    names = [short_label(teacher) + note for teacher, note in zip(order, notes, strict=True)]
+    axes.set_yticks(range(len(order)), names)
     axes.tick_params(axis="y", length=0)
     axes.set_xlim(0, max(1.0, axes.get_xlim()[1]))
     axes.set_xlabel("Mastered test tasks (%)")
     return figure
 
 
-@mpl.rc_context(STYLE)
-def mastery_map(shares: pd.DataFrame, tasks: pd.DataFrame, plane: tuple[Axis, Axis]) -> Figure:
+@styled
+def mastery_map(shares: pd.DataFrame, tasks: pd.DataFrame, plane: tuple[Axis, Axis] | None) -> Figure:
     """Draws which test tasks are mastered by which share of seeds, one panel per teacher.
 
     On the task plane if the tasks form a grid on it, else one row per teacher and one column per task.
@@ -129,11 +139,11 @@ def mastery_map(shares: pd.DataFrame, tasks: pd.DataFrame, plane: tuple[Axis, Ax
     Args:
         shares: teacher, task_index and share, of one comparison and one test set.
         tasks: task_index and task (float32 (d,)) of the test set.
-        plane: the two dimensions of the tasks; ignored when they have more.
+        plane: the two dimensions of the tasks; None when they have more, or nobody knows.
     """
     teachers = sorted(shares["teacher"].unique(), key=teacher_order)
     grid = _grid(tasks)
-    if grid is None:
+    if grid is None or plane is None:
         return _mastery_rows(shares, teachers)
     xs, ys, columns, rows = grid
     figure, panels = _panels(len(teachers))
@@ -142,9 +152,17 @@ def mastery_map(shares: pd.DataFrame, tasks: pd.DataFrame, plane: tuple[Axis, Ax
         image = np.full((len(ys), len(xs)), np.nan)
         image[rows, columns] = mine.reindex(tasks["task_index"]).to_numpy()
         mesh = axes.pcolormesh(
-            xs, ys, image, cmap=SHARE_COLOURS, vmin=0, vmax=1, shading="nearest", edgecolor=RULE, linewidth=0.4
+            xs,
+            ys,
+            image,
+            cmap=SHARE_COLOURS,
+            vmin=0,
+            vmax=1,
+            shading="nearest",
+            edgecolor=RULE,
+            linewidth=0.4,
         )
-        axes.set_title(f"{label(teacher)}   {100 * np.nanmean(image):.1f} %")
+        axes.set_title(f"{short_label(teacher, 14)}   {100 * np.nanmean(image):.1f} %")
         for spine in axes.spines.values():
             spine.set_visible(False)
     figure.supxlabel(plane[0].name, fontsize=8.5)
@@ -157,7 +175,8 @@ def _panels(count: int) -> tuple[Figure, list[Axes]]:
     """Returns a figure with `count` square panels that share their axes, at most four in a row."""
     columns = min(count, 4)
     lines = -(-count // columns)
-    figure = Figure(figsize=(max(4.2, 2.05 * columns + 1.1), 2.15 * lines + 0.55), layout="constrained")
+    side = 2.75 if count < 4 else 2.25
+    figure = Figure(figsize=(side * columns + 1.2, (side + 0.1) * lines + 0.55), layout="constrained")
     panels = figure.subplots(lines, columns, sharex=True, sharey=True, squeeze=False).ravel().tolist()
     for spare in panels[count:]:
         spare.remove()
@@ -168,10 +187,10 @@ def _mastery_rows(shares: pd.DataFrame, teachers: list[str]) -> Figure:
     """Draws one row per teacher; tasks from the most to the least mastered over all teachers."""
     table = shares.pivot_table(index="teacher", columns="task_index", values="share").loc[teachers]
     order = table.mean().sort_values(ascending=False, kind="stable").index
-    figure = Figure(figsize=(7.2, 1.0 + 0.3 * len(teachers)), layout="constrained")
+    figure = Figure(figsize=(10.2, 1.0 + 0.3 * len(teachers)), layout="constrained")
     axes = figure.subplots()
     mesh = axes.pcolormesh(table[order].to_numpy(), cmap=SHARE_COLOURS, vmin=0, vmax=1)
-    axes.set_yticks(np.arange(len(teachers)) + 0.5, [label(teacher) for teacher in teachers])
+    axes.set_yticks(np.arange(len(teachers)) + 0.5, [short_label(teacher) for teacher in teachers])
     axes.invert_yaxis()
     axes.tick_params(axis="y", length=0)
     axes.set_xlabel("Test tasks, from the most to the least often mastered")
@@ -179,7 +198,7 @@ def _mastery_rows(shares: pd.DataFrame, teachers: list[str]) -> Figure:
     return figure
 
 
-def _share_bar(figure: Figure, mesh: mpl.cm.ScalarMappable, panels: list[Axes]) -> None:
+def _share_bar(figure: Figure, mesh: ScalarMappable, panels: list[Axes]) -> None:
     bar = figure.colorbar(mesh, ax=panels, format=PercentFormatter(1.0), fraction=0.05, pad=0.02, aspect=22)
     bar.set_label("Seeds that master the task")
     bar.outline.set_visible(False)

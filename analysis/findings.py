@@ -3,48 +3,40 @@
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import pandas as pd
 
-from analysis.measures import is_baseline
+from analysis.formatting import amount, number, p_value, plus_minus
+from analysis.measures import NO_BASELINE, is_baseline
+from analysis.statistics import SIGNIFICANCE
 from analysis.style import label
+
+
+class Measure(NamedTuple):
+    """How a measure is talked about: its column, unit, unit of differences, and verbs."""
+
+    column: str
+    unit: str
+    points: str
+    leads: str
+    has: str
+
+
+MASTERED = Measure(
+    "mastered_percent", "\N{NO-BREAK SPACE}%", " points", "masters the most test tasks:", "masters"
+)
+TEST_RETURN = Measure("evaluation_return", "", "", "has the highest test return:", "has a test return of")
 
 FEW_SEEDS = 10
 """Under this many seeds a sentence warns the reader; the paper used 16 to 48."""
-
-
-def number(value: float, digits: int = 1) -> str:
-    """Returns `value` with a true minus sign, or a dash where there is none."""
-    if value is None or not math.isfinite(value):
-        return "–"  # noqa: RUF001
-    return f"{value:.{digits}f}".replace("-", "−")  # noqa: RUF001
-
-
-def plus_minus(mean: float, std: float, digits: int = 1) -> str:
-    """Returns ``mean ± standard deviation``, the mean alone where one seed has no deviation."""
-    if not math.isfinite(std):
-        return number(mean, digits)
-    return f"{number(mean, digits)} ± {number(std, digits)}"
-
-
-def p_value(p: float) -> str:
-    """Returns ``p = 0.012`` or ``p < 0.001``."""
-    return "p < 0.001" if p < 0.001 else f"p = {p:.3f}"
-
-
-def amount(steps: float) -> str:
-    """Returns a number of steps as people say it: ``20 million``, ``30 thousand``, ``500``."""
-    for size, word in ((1e6, "million"), (1e3, "thousand")):
-        if steps >= size:
-            return f"{steps / size:.4g} {word}"
-    return f"{steps:.0f}"
 
 
 def verdict(test: pd.Series) -> str:
     """Returns what a test against Random found, in a word or two, or why there was none."""
     if test["reason"]:
         return str(test["reason"])
-    if not test["p"] < 0.05:
+    if not test["p"] < SIGNIFICANCE:
         return "not distinguishable"
     return "better" if test["difference"] > 0 else "worse"
 
@@ -59,68 +51,82 @@ def findings(summary: pd.DataFrame, tests: pd.DataFrame) -> list[str]:
     read = summary[summary["n"] > 0]
     if read.empty:
         return ["No run has been evaluated yet."]
-    sentences = []
-    measure, unit = "mastered_percent", " %"
+    sentences, measure = [], MASTERED
     if (read["mastered_percent_mean"] == 0).all():
         sentences.append(
-            "No seed of any teacher masters a test task yet, so the teachers are compared by their mean "
-            "return on the test set."
+            "No seed masters any test task, so what follows compares mean returns on the test set."
         )
-        measure, unit = "evaluation_return", ""
-    if read["provisional"].any():
-        sentences.append("Runs are still under way: what follows is provisional.")
-    tests = tests[tests["measure"] == measure].set_index("teacher")
-    ranked = read.sort_values(f"{measure}_mean", ascending=False, kind="stable")
-    sentences.append(_leader(ranked.iloc[0], measure, unit))
-    return [*sentences, *_certainty(ranked, tests, unit)]
+        measure = TEST_RETURN
+    tests = tests[tests["measure"] == measure.column].set_index("teacher")
+    final = read[~read["provisional"]]
+    if len(final):
+        final = final.sort_values(f"{measure.column}_mean", ascending=False, kind="stable")
+        sentences += [_leader(final, measure), *_certainty(final, tests, measure)]
+    running = read[read["provisional"]]
+    return sentences + [_so_far(row, tests, measure) for _, row in running.iterrows()]
 
 
-def _leader(best: pd.Series, measure: str, unit: str) -> str:
-    value = plus_minus(best[f"{measure}_mean"], best[f"{measure}_std"]) + unit
-    seeds = "1 seed" if best["n"] == 1 else f"{best['n']} seeds"
-    spread = "" if best["n"] == 1 else "mean ± standard deviation over "
-    what = "masters the most test tasks" if measure == "mastered_percent" else "has the highest test return"
-    return f"{label(best['teacher'])} {what}: {value} ({spread}{seeds})."
-
-
-def _certainty(ranked: pd.DataFrame, tests: pd.DataFrame, unit: str) -> list[str]:
-    """Returns how far the order of the teachers can be trusted."""
+def _leader(ranked: pd.DataFrame, measure: Measure) -> str:
     best = ranked.iloc[0]
+    spread = f"mean ± standard deviation over {best['n']} seeds" if best["n"] > 1 else "1 seed"
+    verb = measure.leads if len(ranked) > 1 else measure.has
+    return f"{label(best['teacher'])} {verb} {_value(best, measure)} ({spread})."
+
+
+def _value(row: pd.Series, measure: Measure) -> str:
+    return plus_minus(row[f"{measure.column}_mean"], row[f"{measure.column}_std"]) + measure.unit
+
+
+def _so_far(row: pd.Series, tests: pd.DataFrame, measure: Measure) -> str:
+    """Returns where a teacher stands whose runs are all under way, beside Random at the same step."""
+    name = label(row["teacher"])
+    text = f"So far, at {amount(row['step'])} steps, {name} {measure.has} {_value(row, measure)}"
+    if row["teacher"] in tests.index and math.isfinite(tests.loc[row["teacher"], "difference"]):
+        test = tests.loc[row["teacher"]]
+        text += f", {_gap(test['difference'], measure)} than Random after {amount(test['step'])}"
+    return f"{text}; its runs are still under way."
+
+
+def _gap(difference: float, measure: Measure) -> str:
+    return f"{number(abs(difference))}{measure.points} {'more' if difference >= 0 else 'less'}"
+
+
+def _certainty(ranked: pd.DataFrame, tests: pd.DataFrame, measure: Measure) -> list[str]:
+    """Returns how far the order of the finished teachers can be trusted."""
+    best = ranked["teacher"].iloc[0]
     if len(ranked) == 1:
-        return ["There is no other teacher to compare it with yet."]
-    if not ranked["teacher"].map(is_baseline).any():
-        reason = "no Random to compare with"
-        if (tests["reason"] == reason).all():
-            return ["Random is not among them, so no test was made."]
-    if is_baseline(best["teacher"]):
+        return ["There is nothing to compare it with yet."]
+    tests = tests[tests.index.isin(ranked["teacher"])]
+    if (tests["reason"] == NO_BASELINE).all():
+        return ["Random has not been run to its end here, so no test was made."]
+    if is_baseline(best):
         sentences = ["No teacher does better than Random."]
     else:
-        sentences = [_against_random(best["teacher"], tests.loc[best["teacher"]], unit)]
-    others = tests.drop(index=best["teacher"], errors="ignore")
-    return [*sentences, *_others(others), *_few(tests)]
+        sentences = [_against_random(best, tests.loc[best], measure)]
+    also = "also " if not is_baseline(best) and tests.loc[best, "p"] < SIGNIFICANCE else ""
+    return [*sentences, *_others(tests.drop(index=best, errors="ignore"), also), *_few(tests)]
 
 
-def _against_random(teacher: str, test: pd.Series, unit: str) -> str:
-    points = " points" if unit else ""
-    lead = f"That is {number(abs(test['difference']))}{points} more than Random"
+def _against_random(teacher: str, test: pd.Series, measure: Measure) -> str:
+    lead = f"That is {_gap(test['difference'], measure)} than Random"
     if test["reason"] == "needs 2 seeds":
         return f"{lead}, but a single seed cannot tell skill from luck: nothing can be concluded."
     if test["reason"]:
         return f"{lead}; not tested ({test['reason']})."
     interval = f"95 % confidence interval {number(test['low'])} to {number(test['high'])}"
-    if test["p"] < 0.05:
-        return f"{lead} ({interval}), a significant difference (Welch’s t-test, {p_value(test['p'])})."  # noqa: RUF001
+    if test["p"] < SIGNIFICANCE:
+        return f"{lead} ({interval}), a significant difference (Welch's t-test, {p_value(test['p'])})."
     return (
         f"{lead} ({interval}), which may be chance: the seeds do not tell {label(teacher)} and Random apart "
-        f"(Welch’s t-test, {p_value(test['p'])})."  # noqa: RUF001
+        f"(Welch's t-test, {p_value(test['p'])})."
     )
 
 
-def _others(tests: pd.DataFrame) -> list[str]:
+def _others(tests: pd.DataFrame, also: str) -> list[str]:
     sentences = []
     verdicts = tests.apply(verdict, axis=1) if len(tests) else pd.Series(dtype=object)
     for word, phrase in (
-        ("better", "Also significantly better than Random"),
+        ("better", f"{also}significantly better than Random".capitalize().replace("random", "Random")),
         ("worse", "Significantly worse than Random"),
         ("not distinguishable", "Not distinguishable from Random"),
     ):
@@ -136,6 +142,6 @@ def _few(tests: pd.DataFrame) -> list[str]:
     if smallest >= FEW_SEEDS:
         return []
     return [
-        f"With {smallest} seeds only large differences can show, and their size is uncertain; "
+        f"With no more than {smallest} seeds only large differences can show, and their size is uncertain; "
         f"take this as an indication, not as a result."
     ]

@@ -9,7 +9,6 @@ from pathlib import Path
 from typing import Any
 
 import pandas as pd
-import pyarrow as pa
 
 from tma_ray.results import Results, Table
 
@@ -102,8 +101,9 @@ def _frame(
     results: Results, table: Table, columns: list[str] | None = None, run_ids: Sequence[str] | None = None
 ) -> pd.DataFrame:
     """Reads a table with its strings as categories: run ids repeat millions of times."""
-    content: pa.Table = results.table(table, run_ids=run_ids, columns=columns)
-    return content.to_pandas(strings_to_categorical=True)
+    content = results.table(table, run_ids=None if run_ids is None else set(run_ids), columns=columns)
+    frame: pd.DataFrame = content.to_pandas(strings_to_categorical=True)
+    return frame
 
 
 def _join(cells: pd.DataFrame, runs: pd.DataFrame) -> pd.DataFrame:
@@ -142,7 +142,9 @@ def _warnings(cells: pd.DataFrame, evaluations: pd.DataFrame) -> list[str]:
         found.append("No evaluation has finished yet, so there is nothing to compare.")
     versions = sorted(cells["physics_version"].dropna().unique())
     if len(versions) > 1:
-        listed = ", ".join(f"{version:g}" if isinstance(version, float) else str(version) for version in versions)
+        listed = ", ".join(
+            f"{version:g}" if isinstance(version, float) else str(version) for version in versions
+        )
         found.append(f"Runs of different physics versions ({listed}) are mixed; do not compare them.")
     for column, what in (("steps", "numbers of training steps"), ("test_set", "test sets")):
         if (cells.groupby(COMPARISON)[column].nunique() > 1).any():

@@ -2,15 +2,20 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import pandas as pd
 
-from analysis.load import COMPARISON, GROUP, Frames
+from analysis.load import COMPARISON, GROUP, STATUSES, Frames
 from analysis.statistics import Comparison, describe, holm, welch
 from tma_ray.tasks import MASTERY_RETURN
 
 BASELINE = "random"
 """The teacher that all others are tested against (paper, section 5)."""
+
+NO_BASELINE = "no Random to compare with"
+"""Why a teacher was not tested, when that is it."""
 
 FEW_WINDOWS = 8
 """Below this number of training windows, training returns are averaged over shares of the run."""
@@ -50,7 +55,14 @@ def readings(frames: Frames) -> pd.DataFrame:
     limit = last.where(~rows["provisional"], reached)
     rows = rows[rows["step"] <= limit].sort_values("step", kind="stable")
     rows = rows.drop_duplicates([*GROUP, "run_id"], keep="last").merge(training_quarters(frames), how="left")
-    columns = ["step", "provisional", "mastered_percent", "evaluation_return", "first_quarter", "last_quarter"]
+    columns = [
+        "step",
+        "provisional",
+        "mastered_percent",
+        "evaluation_return",
+        "first_quarter",
+        "last_quarter",
+    ]
     rows = rows[[*GROUP, "seed", "run_id", "status", *columns]]
     return rows.sort_values([*GROUP, "seed"], ignore_index=True)
 
@@ -109,12 +121,12 @@ def training_quarters(frames: Frames) -> pd.DataFrame:
 
 def summarise(frames: Frames, reading: pd.DataFrame) -> pd.DataFrame:
     """Returns one row per group: counts of runs by status, and mean and std of every measure."""
-    counts = frames.cells.pivot_table(index=GROUP, columns="status", values="run_id", aggfunc="nunique")
     rows = []
     for key, seeds in frames.cells.groupby(GROUP, sort=True):
         mine = reading[(reading[GROUP] == list(key)).all(axis=1)]
-        row = dict(zip(GROUP, key, strict=True)) | {"seeds": seeds["run_id"].nunique(), "n": len(mine)}
-        row |= {status: int(count) for status, count in counts.loc[key].dropna().items()}
+        row: dict[str, Any] = dict(zip(GROUP, key, strict=True))
+        row |= {"seeds": seeds["run_id"].nunique(), "n": len(mine)}
+        row |= {status: int((seeds["status"] == status).sum()) for status in STATUSES}
         row |= {"step": mine["step"].max(), "provisional": bool(mine["provisional"].any())}
         for measure in ("mastered_percent", "evaluation_return", "first_quarter", "last_quarter"):
             description = describe(mine[measure])
@@ -123,37 +135,48 @@ def summarise(frames: Frames, reading: pd.DataFrame) -> pd.DataFrame:
     return pd.DataFrame(rows)
 
 
-def against_baseline(reading: pd.DataFrame, measure: str) -> pd.DataFrame:
+def against_baseline(reading: pd.DataFrame, curves: pd.DataFrame, measure: str) -> pd.DataFrame:
     """Returns Welch's t-test of every teacher against Random, one row each, p and Holm's p by comparison.
 
     Where Random was run at another level of expert knowledge only, that one serves: it uses none.
+    While runs are under way both are read at the same step, and the difference is not tested.
+
+    Args:
+        reading: what `readings` returned.
+        curves: what `evaluation_curves` returned.
+        measure: column of both.
     """
     rows = []
     for key, teachers in reading.groupby(COMPARISON, sort=True):
         reference = _reference(reading, teachers)
-        for teacher, mine in teachers.groupby("teacher", sort=True):
+        for teacher in sorted(set(teachers["teacher"])):
+            mine = teachers[teachers["teacher"] == teacher]
             if not is_baseline(teacher):
-                comparison = _compare(mine, reference, measure)
-                names = dict(zip(COMPARISON, key, strict=True))
-                rows.append(names | {"teacher": teacher, "measure": measure} | vars(comparison))
-    table = pd.DataFrame(rows, columns=[*GROUP, "measure", *Comparison.__dataclass_fields__])
+                step, comparison = _compare(mine, reference, curves, measure)
+                names = dict(zip(COMPARISON, key, strict=True)) | {"teacher": teacher}
+                rows.append(names | {"measure": measure, "step": step} | vars(comparison))
+    table = pd.DataFrame(rows, columns=[*GROUP, "measure", "step", *Comparison.__dataclass_fields__])
     table["holm"] = table.groupby(COMPARISON)["p"].transform(holm)
     return table
 
 
-def _compare(mine: pd.DataFrame, reference: pd.DataFrame, measure: str) -> Comparison:
-    samples = [rows.set_index("run_id")[measure] for rows in (mine, reference)]
-    reason = ""
+def _compare(
+    mine: pd.DataFrame, reference: pd.DataFrame, curves: pd.DataFrame, measure: str
+) -> tuple[float, Comparison]:
+    """Returns the step at which two groups are compared, and the comparison."""
+    step, reason = min(mine["step"].max(), reference["step"].max()), ""
     if reference.empty:
-        reason = "no Random to compare with"
+        reason = NO_BASELINE
     elif mine["provisional"].any() or reference["provisional"].any():
         reason = "still running"
+        now = curves[curves["step"] == step].drop_duplicates("run_id")
+        mine, reference = (now[now["run_id"].isin(rows["run_id"])] for rows in (mine, reference))
     elif set(mine["step"]) != set(reference["step"]):
         reason = "trained for other numbers of steps"
-    comparison = welch(*samples)
-    if not reason:
-        return comparison
-    return Comparison(comparison.n, comparison.reference_n, comparison.difference, reason=reason)
+    comparison = welch(*(rows.set_index("run_id")[measure] for rows in (mine, reference)))
+    if reason:
+        comparison = Comparison(comparison.n, comparison.reference_n, comparison.difference, reason=reason)
+    return step, comparison
 
 
 def _reference(reading: pd.DataFrame, teachers: pd.DataFrame) -> pd.DataFrame:

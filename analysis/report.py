@@ -1,4 +1,4 @@
-"""The report of a results root: one page that needs nothing but itself, and its figures and tables beside it."""
+"""The report of a results root: a page that needs nothing but itself, figures and tables beside it."""
 
 from __future__ import annotations
 
@@ -13,11 +13,13 @@ import pandas as pd
 from jinja2 import Environment, PackageLoader, StrictUndefined
 
 from analysis import measures
-from analysis.findings import amount, number
+from analysis.comparison import Measured, measure
+from analysis.formatting import amount, number
 from analysis.load import GROUP, STATUSES, Frames, load, parsed
-from analysis.sections import Measures, Picture, Section, sections
+from analysis.pictures import Picture
+from analysis.sections import Section, sections
 from analysis.statistics import SIGNIFICANCE
-from analysis.style import label
+from analysis.style import label, teacher_order
 from tma_ray.tasks import MASTERY_RETURN
 
 
@@ -49,7 +51,7 @@ def write_report(root: str | Path, output: Path | None = None) -> Path:
             raise ValueError(f"{root} is no local folder: say in which folder to write the report")
         output = Path(root) / "report"
     frames = load(root)
-    measured = _measure(frames)
+    measured = measure(frames)
     parts = list(sections(frames, measured))
     downloads = _downloads(frames, measured)
     page = _render(frames, measured, parts, downloads)
@@ -63,19 +65,7 @@ def write_report(root: str | Path, output: Path | None = None) -> Path:
     return index
 
 
-def _measure(frames: Frames) -> Measures:
-    readings = measures.readings(frames)
-    tests = [measures.against_baseline(readings, name) for name in ("mastered_percent", "evaluation_return")]
-    return Measures(
-        readings=readings,
-        summary=measures.summarise(frames, readings),
-        tests=pd.concat(tests, ignore_index=True),
-        evaluations=measures.evaluation_curves(frames),
-        training=measures.training_curves(frames),
-    )
-
-
-def _downloads(frames: Frames, measured: Measures) -> list[Download]:
+def _downloads(frames: Frames, measured: Measured) -> list[Download]:
     curves = [
         measures.aggregate(table, value).assign(measure=value)
         for table, value in (
@@ -85,12 +75,14 @@ def _downloads(frames: Frames, measured: Measures) -> list[Download]:
         )
     ]
     tasks = measures.mastered_tasks(frames, measured.readings).merge(
-        frames.test_tasks.assign(task=frames.test_tasks["task"].map(lambda task: " ".join(f"{x:g}" for x in task)))
+        frames.test_tasks.assign(
+            task=frames.test_tasks["task"].map(lambda task: " ".join(f"{x:g}" for x in task))
+        )
     )
     tables = {
         "summary": ("one teacher in one comparison", measured.summary),
         "seeds": ("one run at its final evaluation", measured.readings),
-        "tests": ("one Welch’s t-test against Random, with Holm’s adjustment of p", measured.tests),  # noqa: RUF001
+        "tests": ("one Welch's t-test against Random, with Holm's adjustment of p", measured.tests),
         "learning_curves": ("one measure of one teacher at one step", pd.concat(curves, ignore_index=True)),
         "mastered_tasks": ("one test task and the share of seeds that master it", tasks),
         "runs": ("one run of one cell and its state", frames.cells.drop(columns="spec")),
@@ -101,7 +93,7 @@ def _downloads(frames: Frames, measured: Measures) -> list[Download]:
     ]
 
 
-def _render(frames: Frames, measured: Measures, parts: list[Section], downloads: list[Download]) -> str:
+def _render(frames: Frames, measured: Measured, parts: list[Section], downloads: list[Download]) -> str:
     environment = Environment(
         loader=PackageLoader("analysis"),
         autoescape=True,
@@ -113,6 +105,7 @@ def _render(frames: Frames, measured: Measures, parts: list[Section], downloads:
     pictures: list[Picture] = [picture for part in parts for picture in part.pictures]
     return environment.get_template("report.html.j2").render(
         campaigns=sorted(name for name in frames.cells["campaign"].unique() if name),
+        ran=_ran(frames.cells),
         counts=_counts(frames.cells),
         warnings=[*frames.warnings, *frames.results.problems],
         sections=parts,
@@ -137,6 +130,19 @@ def _counts(cells: pd.DataFrame) -> dict[str, int]:
     return {"runs": int(runs.sum())} | {status: int(runs.get(status, 0)) for status in STATUSES}
 
 
+def _ran(cells: pd.DataFrame) -> str:
+    """Returns what was run: ``Random and ALP-GMM, 4 seeds each, 20 million steps``."""
+    teachers = [label(teacher) for teacher in sorted(cells["teacher"].unique(), key=teacher_order)]
+    named = " and ".join(teachers) if len(teachers) < 3 else f"{len(teachers)} teachers"
+    parts = [named]
+    seeds, steps = cells.groupby(GROUP)["run_id"].nunique().unique(), cells["steps"].dropna().unique()
+    if len(seeds) == 1:
+        parts.append(f"{seeds[0]} seed{'s' if seeds[0] > 1 else ''} each")
+    if len(steps) == 1:
+        parts.append(f"{amount(steps[0])} steps")
+    return ", ".join(part for part in parts if part)
+
+
 def _unfinished(frames: Frames) -> dict[str, list[dict[str, Any]]]:
     """Returns the failed and the running runs: which, how far, and why they failed."""
     reached = frames.evaluations.groupby("run_id", observed=True)["step"].max().rename("reached")
@@ -157,7 +163,9 @@ def _described(run: pd.Series) -> dict[str, Any]:
         "teacher": label(run["teacher"]),
         "setting": f"{run['environment']}, {run['challenge']}, {run['student']}, {run['expert_knowledge']}",
         "seed": run["seed"],
-        "reached": "not evaluated yet" if pd.isna(run["reached"]) else f"evaluated at {amount(run['reached'])}",
+        "reached": "not evaluated yet"
+        if pd.isna(run["reached"])
+        else f"evaluated at {amount(run['reached'])}",
         "steps": amount(run["steps"]),
         "reason": lines[-1] if lines else "no message",
         "error": run["error"].strip(),

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import functools
 import hashlib
 import io
-from typing import Any, NamedTuple
+from collections.abc import Callable
+from typing import Any, NamedTuple, ParamSpec, TypeVar
 
 import matplotlib as mpl
 from matplotlib.backends.backend_agg import FigureCanvasAgg
@@ -17,7 +19,7 @@ INK = "#22262b"
 MUTED = "#6a717b"
 RULE = "#d9dce1"
 
-STYLE: dict[str, Any] = {
+STYLE: Any = {
     "font.family": "sans-serif",
     "font.sans-serif": ["DejaVu Sans"],  # ships with matplotlib: the same figure on every machine
     "font.size": 8.5,
@@ -48,6 +50,21 @@ STYLE: dict[str, Any] = {
     "lines.linewidth": 1.6,
     "lines.markersize": 4.5,
 }
+
+
+P = ParamSpec("P")
+R = TypeVar("R")
+
+
+def styled(draw: Callable[P, R]) -> Callable[P, R]:
+    """Returns `draw` made to work in `STYLE`, whatever the caller's settings, which stay as they are."""
+
+    @functools.wraps(draw)
+    def draw_in_style(*args: P.args, **kwargs: P.kwargs) -> R:
+        with mpl.rc_context(STYLE):
+            return draw(*args, **kwargs)
+
+    return draw_in_style
 
 
 class Look(NamedTuple):
@@ -103,12 +120,18 @@ def label(teacher: str) -> str:
     return _LABELS.get(_key(teacher), teacher)
 
 
+def short_label(teacher: str, length: int = 18) -> str:
+    """Returns `label`, cut to `length` characters where a figure has no room for more."""
+    name = label(teacher)
+    return name if len(name) <= length else f"{name[: length - 1]}…"
+
+
 def teacher_order(teacher: str) -> tuple[bool, str]:
     """Sorts teachers: Random first, since the others are read against it, then by name."""
     return (_key(teacher) != "random", label(teacher).lower())
 
 
-@mpl.rc_context(STYLE)
+@styled
 def png(figure: Figure) -> bytes:
     """Returns `figure` as a PNG file; the same figure gives the same bytes."""
     buffer = io.BytesIO()

@@ -52,7 +52,7 @@ class SyntheticCampaign:
         shares: Sequence[str] = (),
         **changes: Any,
     ) -> str:
-        """Writes one run and its cell, `upto` a share of its steps; `shares`: further levels with this run."""
+        """Writes one run up to a share of its steps, and its cells: at `level` and at those it `shares`."""
         run_id = re.sub(r"[^0-9a-zA-Z_-]", "_", f"{self.experiment}-{teacher}-{level}-{seed}")
         record = RunRecord(
             **{
@@ -95,12 +95,16 @@ class SyntheticCampaign:
         else:
             self.committer.publish(record, attempt, writer.flush())
         if status == "failed":
-            self.committer.fail(record, attempt, "Traceback (most recent call last):\n  …\nMemoryError: buffer of 2 GB")
+            self.committer.fail(
+                record, attempt, "Traceback (most recent call last):\n  …\nMemoryError: buffer of 2 GB"
+            )
         outcome = {"done": AttemptOutcome.DONE, "failed": AttemptOutcome.FAILED}.get(status)
         started = datetime(2026, 11, 20, 8, record.seed % 60, tzinfo=UTC)
         if outcome is not None:
             self.committer.record_attempt(
-                AttemptRecord(record.run_id, attempt, started, 3600.0, end / 3600, "node-1", FINGERPRINT, outcome)
+                AttemptRecord(
+                    record.run_id, attempt, started, 3600.0, end / 3600, "node-1", FINGERPRINT, outcome
+                )
             )
 
     def returns(self, tasks: np.ndarray, ability: float, rng: np.random.Generator) -> np.ndarray:

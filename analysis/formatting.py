@@ -1,0 +1,32 @@
+"""Numbers as a reader expects them."""
+
+from __future__ import annotations
+
+import math
+
+
+def number(value: float, digits: int = 1) -> str:
+    """Returns `value` with a true minus sign, or a dash where there is none."""
+    if not math.isfinite(value):
+        return "\N{EN DASH}"
+    return f"{value:.{digits}f}".replace("-", "\N{MINUS SIGN}")
+
+
+def plus_minus(mean: float, std: float, digits: int = 1) -> str:
+    """Returns ``mean ± standard deviation``, the mean alone where one seed has no deviation."""
+    if not math.isfinite(std):
+        return number(mean, digits)
+    return f"{number(mean, digits)} ± {number(std, digits)}"
+
+
+def p_value(p: float) -> str:
+    """Returns ``p = 0.012`` or ``p < 0.001``."""
+    return "p\N{NO-BREAK SPACE}< 0.001" if p < 0.001 else f"p = {p:.3f}"
+
+
+def amount(steps: float) -> str:
+    """Returns a number of steps as people say it: ``20 million``, ``30 thousand``, ``500``."""
+    for size, word in ((1e6, "million"), (1e3, "thousand")):
+        if steps >= size:
+            return f"{steps / size:.4g} {word}"
+    return f"{steps:.0f}"
