@@ -7,14 +7,12 @@ from results_examples import make_record
 from tma_ray.results import RunRecord, Store
 
 
-@pytest.fixture(params=["local", "memory", "subtree"])
+@pytest.fixture(params=["local", "memory"])
 def store(request: pytest.FixtureRequest, tmp_path: Path) -> Store:
-    """A store on a disk, and two that only know pyarrow's file system interface."""
+    """A store on a disk, and one that only knows pyarrow's file system interface."""
     if request.param == "local":
         return Store.open(tmp_path / "root")
-    if request.param == "memory":
-        return Store(fs._MockFileSystem(), "bucket/root")
-    return Store(fs.SubTreeFileSystem(str(tmp_path), fs.LocalFileSystem()), "root")
+    return Store(fs._MockFileSystem(), "bucket/root")
 
 
 @pytest.fixture

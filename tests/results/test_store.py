@@ -4,6 +4,7 @@ import time
 from pathlib import Path
 
 import pytest
+from pyarrow import fs
 
 from tma_ray.results import Store
 
@@ -89,6 +90,14 @@ def test_a_store_can_be_sent_to_another_process(tmp_path: Path) -> None:
     store = Store.open(tmp_path)
     store.write_bytes("file", b"x")
     assert pickle.loads(pickle.dumps(store)).read_bytes("file") == b"x"
+
+
+def test_the_root_may_be_that_of_the_file_system(tmp_path: Path) -> None:
+    store = Store(fs.SubTreeFileSystem(str(tmp_path), fs.LocalFileSystem()), "")
+    store.write_bytes("a/b", b"x")
+    store.move("a/b", "c/d")
+    assert store.files() == store.files("c") == ("c/d",)
+    assert store.read_bytes("c/d") == b"x"
 
 
 def test_uris_name_buckets_and_folders(tmp_path: Path) -> None:

@@ -31,7 +31,7 @@ def written_whole(store: Store) -> dict[Table, bytes]:
     return canonical_bytes(store, writer.finish())
 
 
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=15, deadline=None)
 @given(
     flushes=st.sets(st.integers(1, INTERVALS - 1)),
     kills=st.lists(st.tuples(st.integers(1, INTERVALS), st.integers(0, 3)), max_size=3),
@@ -88,6 +88,19 @@ def test_an_attempt_never_touches_the_files_of_another(store: Store) -> None:
     steps = decode(successor.finish()[0].read(store))["step"].to_pylist()
     assert sorted(set(steps)) == [ROWS[i][0][1][0]["step"] for i in (0, 1, 3)]
     assert all(earlier <= later for earlier, later in pairwise(steps))
+
+
+def test_a_writer_made_anew_within_an_attempt_keeps_what_is_committed(store: Store) -> None:
+    writer = RunWriter(store, "run-1", 0)
+    for rows in ROWS[:3]:
+        writer.add(*rows[0])
+        committed = writer.flush()
+    writer = RunWriter(store, "run-1", 0, committed)
+    writer.add(*ROWS[3][0])
+    parts = writer.flush()
+    assert parts[:-1] == committed
+    steps = [decode(part.read(store))["step"][0].as_py() for part in parts]
+    assert steps == [rows[0][1][0]["step"] for rows in ROWS[:4]]
 
 
 def test_every_data_table_ends_as_one_file_also_without_rows(store: Store) -> None:

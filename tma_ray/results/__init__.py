@@ -9,6 +9,7 @@ from tma_ray.results.layout import (
     check_root,
     create_root,
 )
+from tma_ray.results.lease import Lease, RootInUseError
 from tma_ray.results.manifest import DamagedFileError, Manifest, PartFile
 from tma_ray.results.reader import DamagedFileWarning, Results
 from tma_ray.results.records import AttemptOutcome, AttemptRecord, RunRecord, RunStatus
@@ -28,10 +29,12 @@ __all__ = [
     "Committer",
     "DamagedFileError",
     "DamagedFileWarning",
+    "Lease",
     "Manifest",
     "PartFile",
     "Results",
     "ResultsRootError",
+    "RootInUseError",
     "RunRecord",
     "RunStatus",
     "RunWriter",

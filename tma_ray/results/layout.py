@@ -12,6 +12,7 @@ from tma_ray.results.store import TEMPORARY, Store
 
 FORMAT: Final = "tma_ray results"
 ROOT_FILE: Final = "root.json"
+LEASE_FILE: Final = "lease.json"
 MANIFESTS: Final = "manifests"
 STAGING: Final = "staging"
 TABLES: Final = "tables"
@@ -30,7 +31,8 @@ def create_root(store: Store) -> None:
         ResultsRootError: other files are there, or a root of another version.
     """
     if not store.exists(ROOT_FILE):
-        foreign = [path for path in store.files() if not path.startswith(f"{TEMPORARY}/")]
+        ours = (LEASE_FILE, f"{TEMPORARY}/")
+        foreign = [path for path in store.files() if not path.startswith(ours)]
         if foreign:
             raise ResultsRootError(
                 f"{store} is not empty ({foreign[0]}) and is no results root; choose a new or empty folder"

@@ -1,0 +1,65 @@
+import pytest
+
+from tma_ray.results import Lease, RootInUseError, Store
+
+
+class Clock:
+    now = 1_000_000.0
+
+    def __call__(self) -> float:
+        return self.now
+
+
+@pytest.fixture
+def clock() -> Clock:
+    return Clock()
+
+
+def test_a_second_campaign_is_refused_and_told_by_whom(store: Store, clock: Clock) -> None:
+    Lease(store, "stumps on head-1", 100.0, clock).acquire()
+    clock.now += 99
+    with pytest.raises(RootInUseError, match="stumps on head-1, last sign of life 99 s ago"):
+        Lease(store, "parkour", 100.0, clock).acquire()
+
+
+def test_a_renewed_lease_does_not_run_out(store: Store, clock: Clock) -> None:
+    first = Lease(store, "first", 100.0, clock)
+    first.acquire()
+    clock.now += 99
+    first.renew()
+    clock.now += 99
+    with pytest.raises(RootInUseError, match="first"):
+        Lease(store, "second", 100.0, clock).acquire()
+
+
+def test_the_lease_of_a_killed_campaign_runs_out_and_its_zombie_notices(store: Store, clock: Clock) -> None:
+    zombie = Lease(store, "zombie", 100.0, clock)
+    zombie.acquire()
+    clock.now += 100
+    successor = Lease(store, "successor", 100.0, clock)
+    successor.acquire()
+    with pytest.raises(RootInUseError, match=r"zombie has lost .* to successor"):
+        zombie.renew()
+    zombie.release()
+    successor.renew()
+
+
+def test_a_released_lease_is_free_at_once(store: Store, clock: Clock) -> None:
+    with pytest.raises(KeyError), Lease(store, "first", 100.0, clock) as first:
+        raise KeyError
+    with Lease(store, "second", 100.0, clock), pytest.raises(RootInUseError):
+        first.renew()
+    with pytest.raises(RootInUseError, match="nobody"):
+        first.renew()
+
+
+def test_of_two_that_start_at_once_one_is_refused_at_its_first_renewal(store: Store, clock: Clock) -> None:
+    first, second = Lease(store, "first", 100.0, clock), Lease(store, "second", 100.0, clock)
+    first.acquire()
+    lease = store.read_bytes("lease.json")
+    store.delete("lease.json")
+    second.acquire()
+    store.write_bytes("lease.json", lease)  # the later write wins
+    first.renew()
+    with pytest.raises(RootInUseError, match="second has lost"):
+        second.renew()

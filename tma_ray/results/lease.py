@@ -1,0 +1,102 @@
+"""One campaign at a time on a results root."""
+
+from __future__ import annotations
+
+import json
+import time
+from collections.abc import Callable
+from types import TracebackType
+from typing import Any, Final, Self
+from uuid import uuid4
+
+from tma_ray.results.layout import LEASE_FILE
+from tma_ray.results.store import Store
+
+LEASE_SECONDS: Final = 120.0
+"""Age over which a lease that nobody renewed is taken to be that of a killed process, s."""
+
+
+class RootInUseError(RuntimeError):
+    """Another campaign holds the results root, or has taken it over."""
+
+
+class Lease:
+    """Holds a results root as long as it is renewed, several times within `seconds`.
+
+    No file system offers a lock that all of them have: two campaigns that start within the same
+    instant may both get the lease. The first renewal then refuses one of them.
+
+    Args:
+        store: the results root.
+        holder: who asks, for the other's message: campaign, host, process.
+        seconds: after how long without renewal the lease may be taken over, s.
+        clock: current time, s; the clocks of two holders must agree within a small part of `seconds`.
+    """
+
+    def __init__(
+        self,
+        store: Store,
+        holder: str,
+        seconds: float = LEASE_SECONDS,
+        clock: Callable[[], float] = time.time,
+    ) -> None:
+        self.store = store
+        self.holder = holder
+        self.seconds = seconds
+        self._clock = clock
+        self._token = uuid4().hex
+
+    def __enter__(self) -> Self:
+        self.acquire()
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.release()
+
+    def acquire(self) -> None:
+        """Takes the lease if it is free, released, or no longer renewed.
+
+        Raises:
+            RootInUseError: another campaign renewed it less than `seconds` ago.
+        """
+        current = self._read()
+        if current is not None and current["token"] != self._token:
+            age = self._clock() - current["renewed_at"]
+            if age < self.seconds:
+                raise RootInUseError(
+                    f"{self.store} is in use by {current['holder']}, last sign of life {age:.0f} s ago; "
+                    f"stop that campaign, wait {self.seconds - age:.0f} s if it is dead, or use another root"
+                )
+        self._write()
+        self.renew()  # reads back what another one may have written within the same instant
+
+    def renew(self) -> None:
+        """Gives a sign of life; to be called before anything is published after a pause.
+
+        Raises:
+            RootInUseError: another campaign has taken the lease over; publish nothing more.
+        """
+        current = self._read()
+        if current is None or current["token"] != self._token:
+            taker = current["holder"] if current else "nobody: its lease file is gone"
+            raise RootInUseError(f"{self.holder} has lost {self.store} to {taker}; start it again")
+        self._write()
+
+    def release(self) -> None:
+        """Gives the lease back; one that was taken over stays with its holder."""
+        current = self._read()
+        if current is not None and current["token"] == self._token:
+            self.store.delete(LEASE_FILE)
+
+    def _read(self) -> dict[str, Any] | None:
+        try:
+            content: dict[str, Any] = json.loads(self.store.read_bytes(LEASE_FILE))
+        except FileNotFoundError:
+            return None
+        return content
+
+    def _write(self) -> None:
+        content = {"holder": self.holder, "token": self._token, "renewed_at": self._clock()}
+        self.store.write_bytes(LEASE_FILE, json.dumps(content).encode())
