@@ -1,3 +1,5 @@
+import itertools
+
 import numpy as np
 import pytest
 import torch
@@ -74,19 +76,80 @@ def test_the_environment_may_reuse_its_arrays():
     assert samples.next_observations.tolist() == [[1, 1, 1]]
 
 
-@pytest.mark.parametrize("count", [0, 1, 13, 40, 41, 42, 90, 123])
-def test_a_loaded_buffer_goes_on_as_the_saved_one(tmp_path, count):
-    first, second = buffer(41), buffer(41)
-    source = stream(np.random.default_rng(2), count + 60, 0.2)
-    for _, transition in zip(range(count), source, strict=False):
-        first.add(transition, transition.action)
-    first.save(tmp_path / "replay.npz")
-    second.load(tmp_path / "replay.npz")
+def assert_same_future(first: ReplayBuffer, second: ReplayBuffer, source) -> None:
     for transition in source:
         for replay in (first, second):
             replay.add(transition, transition.action)
         for ours, theirs in zip(first.sample(10), second.sample(10), strict=True):
             assert ours is theirs is None or torch.equal(ours, theirs)
+
+
+@pytest.mark.parametrize("count", [0, 1, 13, 40, 41, 42, 90, 123])
+def test_a_loaded_buffer_goes_on_as_the_saved_one(tmp_path, count, monkeypatch):
+    monkeypatch.setattr("tma_ray.students.replay.SEGMENT_ROWS", 8)
+    first, second = buffer(41), buffer(41)
+    source = stream(np.random.default_rng(2), count + 60, 0.2)
+    for transition in itertools.islice(source, count):
+        first.add(transition, transition.action)
+    first.save(tmp_path)
+    second.load(tmp_path)
+    assert_same_future(first, second, source)
+
+
+@pytest.mark.parametrize("between", [0, 1, 3, 7, 8, 20, 39, 40, 41, 42, 100])
+def test_saves_that_build_on_the_previous_one_equal_full_ones(tmp_path, between, monkeypatch):
+    monkeypatch.setattr("tma_ray.students.replay.SEGMENT_ROWS", 8)
+    source = stream(np.random.default_rng(3), 10_000, 0.3)
+    replay, previous = buffer(41), None
+    for number in range(8):
+        for transition in itertools.islice(source, between):
+            replay.add(transition, transition.action)
+        folder = tmp_path / str(number)
+        folder.mkdir()
+        replay.save(folder, previous)
+        loaded = buffer(41)
+        loaded.load(folder)
+        if number % 3 == 2:
+            replay = loaded  # a resumed run builds on what it resumed from
+            loaded = buffer(41)
+            loaded.load(folder)
+        if len(replay):
+            assert as_rows(replay.sample(1500)) == as_rows(loaded.sample(1500))
+        previous = folder
+    replay._generator, loaded._generator = np.random.default_rng(0), np.random.default_rng(0)
+    assert_same_future(replay, loaded, itertools.islice(source, 60))
+
+
+def test_only_changed_segments_are_written_and_old_saves_stay_as_they_were(tmp_path, monkeypatch):
+    monkeypatch.setattr("tma_ray.students.replay.SEGMENT_ROWS", 10)
+    source = stream(np.random.default_rng(4), 1000, 0.0)
+    replay = buffer(79)
+    folders = [tmp_path / name for name in "abc"]
+    for folder, count in zip(folders, (200, 5, 5), strict=True):
+        folder.mkdir()
+        for transition in itertools.islice(source, count):
+            replay.add(transition, transition.action)
+        replay.save(folder, previous=folders[0] if folder == folders[1] else None)
+    first = {path.name: path.read_bytes() for path in folders[0].iterdir()}
+    linked = [path.name for path in folders[1].iterdir() if path.stat().st_nlink > 1]
+    assert len(linked) == 6  # of 8: the new rows start a segment, and the row before them counts, too
+    assert all(path.stat().st_nlink == 1 for path in folders[2].iterdir())
+    replay.save(folders[1])  # again, over linked files
+    assert {path.name: path.read_bytes() for path in folders[0].iterdir()} == first
+
+
+def test_a_previous_save_that_is_not_the_last_one_is_not_built_upon(tmp_path, monkeypatch):
+    monkeypatch.setattr("tma_ray.students.replay.SEGMENT_ROWS", 8)
+    source = stream(np.random.default_rng(5), 1000, 0.1)
+    replay = buffer(41)
+    for name in "abc":
+        (tmp_path / name).mkdir()
+        for transition in itertools.islice(source, 9):
+            replay.add(transition, transition.action)
+        replay.save(tmp_path / name, previous=tmp_path / "a" if name == "c" else None)
+    loaded = buffer(41)
+    loaded.load(tmp_path / "c")
+    assert as_rows(replay.sample(1500)) == as_rows(loaded.sample(1500))
 
 
 def test_a_cleared_buffer_remembers_nothing():
@@ -109,6 +172,6 @@ def test_a_large_buffer_takes_memory_only_as_it_fills(tmp_path):
     observation = np.zeros(24, np.float32)
     replay.add(Transition(observation, observation[:4], 0.0, observation, False, False), observation[:4])
     replay.sample(100)
-    replay.save(tmp_path / "replay.npz")
+    replay.save(tmp_path)
     assert resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before < 50_000  # kB, of 2.5 GB
     assert sum(path.stat().st_size for path in tmp_path.iterdir()) < 10_000

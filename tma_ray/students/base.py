@@ -86,11 +86,15 @@ class Student(ABC):
         """
 
     @abstractmethod
-    def save(self, folder: Path) -> None:
+    def save(self, folder: Path, previous: Path | None = None) -> None:
         """Writes the complete state into `folder`, so that training resumes bit for bit.
 
+        Called at the end of an episode.
+
         Args:
-            folder: an existing folder of the student's own; called at the end of an episode.
+            folder: an existing folder of the student's own.
+            previous: where the last state was saved to or loaded from, if it is still there: large
+                files that did not change since may be linked from it.
         """
 
     @abstractmethod

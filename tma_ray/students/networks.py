@@ -64,5 +64,5 @@ class Pass:
 
 def as_batch(observations: NDArray[np.float32], device: torch.device) -> torch.Tensor:
     """Returns `observations` (o,) or (n, o) as a tensor (1, o) or (n, o) on `device`."""
-    rows = np.atleast_2d(np.asarray(observations, dtype=np.float32))
-    return torch.as_tensor(rows, device=device)
+    rows = torch.from_numpy(np.asarray(observations, dtype=np.float32))
+    return (rows if rows.ndim == 2 else rows[None]).to(device)

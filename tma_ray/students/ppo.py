@@ -131,7 +131,7 @@ class PPO(StableBaselinesStudent[PPOHyperparameters, stable_baselines3.PPO]):
 
         return act
 
-    def _save_experience(self, folder: Path) -> dict[str, Any]:
+    def _save_experience(self, folder: Path, _previous: Path | None) -> dict[str, Any]:
         self.normaliser.save(folder / NORMALISER_FILE)
         np.savez(folder / "rollout.npz", **self._rollout.state())
         return {"episode_starts": self._episode_starts}

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+import shutil
 from pathlib import Path
 from typing import Any
 
@@ -11,6 +13,14 @@ from numpy.typing import NDArray
 from stable_baselines3.common.type_aliases import ReplayBufferSamples
 
 from tma_ray.students.base import Observations, Transition
+
+SEGMENT_ROWS = 100_000
+"""Rows per file, about 12 MB for 24 observations and 4 actions."""
+
+INDEX_FILE = "replay.npz"
+
+_COLUMNS = ("_observations", "_actions", "_rewards", "_terminated", "_ending")
+_COUNTERS = ("_row", "_size", "_filled", "_first_ending", "_next_ending", "_added")
 
 
 class ReplayBuffer:
@@ -42,11 +52,12 @@ class ReplayBuffer:
         self._rows = capacity + 1  # the newest transition's next observation takes a row of its own
         self._generator = generator
         self._device = device
-        self._observations = np.empty((self._rows, observation_size), dtype=np.float32)
-        self._actions = np.empty((self._rows, action_size), dtype=np.float32)
-        self._rewards = np.empty(self._rows, dtype=np.float32)
-        self._terminated = np.empty(self._rows, dtype=np.bool_)
+        self._observations = np.zeros((self._rows, observation_size), dtype=np.float32)
+        self._actions = np.zeros((self._rows, action_size), dtype=np.float32)
+        self._rewards = np.zeros(self._rows, dtype=np.float32)
+        self._terminated = np.zeros(self._rows, dtype=np.bool_)
         self._ending = np.zeros(self._rows, dtype=np.int32)  # number of the stored ending, 0 if none
+        self._added = 0  # transitions ever
         self.clear()
 
     def __len__(self) -> int:
@@ -57,6 +68,7 @@ class ReplayBuffer:
         self._row = 0  # where the next transition goes
         self._size = 0
         self._filled = 0  # rows ever written, all of them after a wrap
+        self._saved = 0  # transitions ever at the last save, 0 if that has nothing of what is kept now
         self._endings = np.empty((1, self._observations.shape[1]), dtype=np.float32)
         self._first_ending, self._next_ending = 1, 1  # numbers of the endings kept: [first, next)
 
@@ -82,6 +94,7 @@ class ReplayBuffer:
         self._observations[following] = transition.next_observation
         self._row = following
         self._size += 1
+        self._added += 1
         self._filled = max(self._filled, row + 1)
 
     def sample(self, batch_size: int, env: None = None) -> ReplayBufferSamples:
@@ -103,37 +116,56 @@ class ReplayBuffer:
         )
         return ReplayBufferSamples(*(torch.from_numpy(part).to(self._device) for part in batch))
 
-    def state(self) -> dict[str, Any]:
-        """Returns the filled part of everything stored: arrays by name."""
+    def save(self, folder: Path, previous: Path | None = None) -> None:
+        """Writes the filled part in segments, every observation once.
+
+        Args:
+            folder: where to.
+            previous: where this buffer was last saved or loaded from; segments that did not change
+                since are linked from there instead of written again.
+        """
+        changed = self._changed_segments(previous)
+        used = min(self._filled + 1, self._rows)
+        for number in range(math.ceil(used / SEGMENT_ROWS)):
+            path = folder / f"replay-{number:04d}.npz"
+            path.unlink(missing_ok=True)  # it may be linked from another checkpoint: never write into it
+            if number in changed:
+                rows = slice(number * SEGMENT_ROWS, min(used, (number + 1) * SEGMENT_ROWS))
+                columns: dict[str, Any] = {name: getattr(self, name)[rows] for name in _COLUMNS}
+                np.savez(path, **columns)
+            else:
+                assert previous is not None
+                _link(previous / path.name, path)
         kept = np.arange(self._first_ending, self._next_ending)
-        return {
-            "observations": self._observations[: min(self._filled + 1, self._rows)],
-            "actions": self._actions[: self._filled],
-            "rewards": self._rewards[: self._filled],
-            "terminated": self._terminated[: self._filled],
-            "ending": self._ending[: self._filled],
-            "endings": self._endings[kept % len(self._endings)],
-            "counters": np.array(
-                [self._row, self._size, self._filled, self._first_ending, self._next_ending]
-            ),
-        }
+        counters: dict[str, Any] = {name: np.int64(getattr(self, name)) for name in _COUNTERS}
+        np.savez(folder / INDEX_FILE, endings=self._endings[kept % len(self._endings)], **counters)
+        self._saved = self._added
 
-    def save(self, path: Path) -> None:
-        """Writes the filled part, every observation once."""
-        with path.open("wb") as file:
-            np.savez(file, **self.state())
-
-    def load(self, path: Path) -> None:
+    def load(self, folder: Path) -> None:
         """Takes over what a buffer of the same sizes saved."""
-        with np.load(path) as state:
-            for name in ("observations", "actions", "rewards", "terminated", "ending"):
-                values = state[name]
-                getattr(self, f"_{name}")[: len(values)] = values
-            counters = state["counters"].tolist()
-            endings: Observations = state["endings"]
-        self._row, self._size, self._filled, self._first_ending, self._next_ending = counters
+        for number, path in enumerate(sorted(folder.glob("replay-*.npz"))):
+            start = number * SEGMENT_ROWS
+            with np.load(path) as segment:
+                for name in _COLUMNS:
+                    getattr(self, name)[start : start + len(segment[name])] = segment[name]
+        with np.load(folder / INDEX_FILE) as index:
+            endings: Observations = index["endings"]
+            for name in _COUNTERS:
+                setattr(self, name, int(index[name]))
         self._endings = np.empty((max(1, len(endings)), self._observations.shape[1]), dtype=np.float32)
         self._endings[np.arange(self._first_ending, self._next_ending) % len(self._endings)] = endings
+        self._saved = self._added
+
+    def _changed_segments(self, previous: Path | None) -> set[int]:
+        """Returns the numbers of all segments touched since the save in `previous`."""
+        new = self._added - self._saved
+        if previous is not None and self._saved:
+            with np.load(previous / INDEX_FILE) as index:
+                if int(index["_added"]) == self._saved and new < self._rows - 1:
+                    # with the row before, whose ending may have been kept since, and the one ahead
+                    touched = np.arange(self._row - new - 1, self._row + 1) % self._rows
+                    return set((touched // SEGMENT_ROWS).tolist())
+        return set(range(math.ceil(self._rows / SEGMENT_ROWS)))
 
     def _next_observations(self, rows: NDArray[np.int64]) -> Observations:
         following = self._observations[(rows + 1) % self._rows]
@@ -152,3 +184,10 @@ class ReplayBuffer:
         self._endings[self._next_ending % len(self._endings)] = self._observations[row]
         self._ending[row - 1] = self._next_ending  # row - 1 is -1, the last row, at the seam
         self._next_ending += 1
+
+
+def _link(source: Path, target: Path) -> None:
+    try:
+        target.hardlink_to(source)
+    except OSError:  # another file system, or one without links
+        shutil.copyfile(source, target)

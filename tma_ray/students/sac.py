@@ -106,12 +106,12 @@ class SAC(StableBaselinesStudent[SACHyperparameters, stable_baselines3.SAC]):
         model = stable_baselines3.SAC.load(folder / POLICY_FILE, device=device)
         return lambda observations: model.predict(observations, deterministic=True)[0]
 
-    def _save_experience(self, folder: Path) -> dict[str, Any]:
-        self._replay.save(folder / "replay.npz")
+    def _save_experience(self, folder: Path, previous: Path | None) -> dict[str, Any]:
+        self._replay.save(folder, previous)
         return {"steps": self._steps}
 
     def _load_experience(self, folder: Path, counters: dict[str, Any]) -> None:
-        self._replay.load(folder / "replay.npz")
+        self._replay.load(folder)
         self._steps = counters["steps"]
 
     def _std(self, hidden: torch.Tensor) -> torch.Tensor:

@@ -82,19 +82,19 @@ class StableBaselinesStudent(Student, Generic[H, M]):
         """Empties the buffer and joins it and the fast passes to `self.model`, which is new."""
 
     @abstractmethod
-    def _save_experience(self, folder: Path) -> dict[str, Any]:
+    def _save_experience(self, folder: Path, previous: Path | None, /) -> dict[str, Any]:
         """Writes buffers and statistics into `folder`; returns counters for JSON."""
 
     @abstractmethod
     def _load_experience(self, folder: Path, counters: dict[str, Any]) -> None:
         """Takes over what `_save_experience` wrote and returned."""
 
-    def save(self, folder: Path) -> None:  # noqa: D102
+    def save(self, folder: Path, previous: Path | None = None) -> None:  # noqa: D102
         state = {
             "hyperparameters": as_plain_values(self.hyperparameters),
             "generators": [generator.bit_generator.state for generator in self._generators],
             "updates": self.model._n_updates,
-            "counters": self._save_experience(folder),
+            "counters": self._save_experience(folder, previous),
         }
         (folder / "student.json").write_text(json.dumps(state, indent=1))
         networks = {"parameters": self.model.get_parameters(), "torch_stream": self._torch_stream.state}

@@ -1,0 +1,142 @@
+"""Training steps per second of our loop beside stable-baselines3's own `learn`, on the same environment.
+
+Both are measured alternately in one process with one torch thread, so that the ratio means something on
+a noisy machine: python benchmarks/student_training.py --students ppo sac --steps 20000
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import platform
+import statistics
+import time
+from pathlib import Path
+from typing import Any
+
+import gymnasium
+import numpy as np
+import stable_baselines3
+import torch
+from stable_baselines3.common.vec_env import DummyVecEnv, VecNormalize
+from torch import nn
+
+from tma_ray.students import Student, Transition, default_hyperparameters, make_student
+from tma_ray.students.networks import Trunk
+
+
+class OurLoop:
+    """The student, stepped as a run steps it."""
+
+    def __init__(self, student: Student, env: gymnasium.Env[Any, Any]) -> None:
+        self.student, self.env = student, env
+        self.observation = env.reset(seed=0)[0]
+
+    def train(self, steps: int) -> None:
+        """Goes on for `steps` steps."""
+        student, env, observation = self.student, self.env, self.observation
+        for _ in range(steps):
+            action = student.act(observation)
+            following, reward, terminated, truncated, _ = env.step(action)
+            student.observe(Transition(observation, action, float(reward), following, terminated, truncated))
+            observation = env.reset()[0] if terminated or truncated else following
+        self.observation = observation
+
+
+class StockLoop:
+    """stable-baselines3 as its documentation has it, with the same hyper-parameters."""
+
+    def __init__(self, name: str, env_name: str, values: dict[str, Any]) -> None:
+        self.model = {"ppo": stock_ppo, "sac": stock_sac}[name](env_name, values)
+
+    def train(self, steps: int) -> None:
+        """Goes on for `steps` steps, whole rollouts of PPO."""
+        self.model.learn(steps, reset_num_timesteps=False)
+
+
+def stock_ppo(env_name: str, values: dict[str, Any]) -> stable_baselines3.PPO:
+    """Returns PPO with the hyper-parameters `values`, normalised by VecNormalize."""
+    env = VecNormalize(DummyVecEnv([lambda: gymnasium.make(env_name)]))
+    trunk = {"hidden_units": tuple(values["hidden_units"])}
+    return stable_baselines3.PPO(
+        "MlpPolicy",
+        env,
+        learning_rate=values["learning_rate"],
+        n_steps=values["steps_per_update"],
+        batch_size=values["batch_size"],
+        n_epochs=values["epochs"],
+        clip_range_vf=values["value_clip_range"],
+        policy_kwargs={
+            "net_arch": [],
+            "activation_fn": nn.ReLU,
+            "features_extractor_class": Trunk,
+            "features_extractor_kwargs": trunk,
+        },
+        seed=0,
+        device="cpu",
+    )
+
+
+def stock_sac(env_name: str, values: dict[str, Any]) -> stable_baselines3.SAC:
+    """Returns SAC with the hyper-parameters `values`."""
+    return stable_baselines3.SAC(
+        "MlpPolicy",
+        gymnasium.make(env_name),
+        learning_rate=values["learning_rate"],
+        buffer_size=values["buffer_size"],
+        learning_starts=values["exploration_steps"],
+        batch_size=values["batch_size"],
+        train_freq=values["steps_per_update"],
+        ent_coef=values["entropy_coefficient"],
+        policy_kwargs={"net_arch": values["hidden_units"]},
+        seed=0,
+        device="cpu",
+    )
+
+
+def measure(name: str, env_name: str, steps: int, repeats: int) -> dict[str, Any]:
+    """Returns the medians of `repeats` alternating stretches of `steps` steps, after one of warming up."""
+    values = default_hyperparameters(name)
+    if name == "sac":
+        values |= {"exploration_steps": 1_000, "buffer_size": 200_000}  # stock touches all of its buffer
+    env = gymnasium.make(env_name)
+    student = make_student(name, env.observation_space, env.action_space, np.random.SeedSequence(0), values)
+    loops = {"ours": OurLoop(student, env), "stock": StockLoop(name, env_name, values)}
+    speeds: dict[str, list[float]] = {loop: [] for loop in loops}
+    for repeat in range(repeats + 1):
+        for loop, runner in loops.items():
+            start = time.perf_counter()
+            runner.train(steps if repeat else max(values["steps_per_update"], 2_000))
+            if repeat:
+                speeds[loop].append(steps / (time.perf_counter() - start))
+    ratios = [ours / stock for ours, stock in zip(speeds["ours"], speeds["stock"], strict=True)]
+    return {
+        "student": name,
+        "environment": env_name,
+        "ours_steps_per_second": round(statistics.median(speeds["ours"])),
+        "stock_steps_per_second": round(statistics.median(speeds["stock"])),
+        "ratio": round(statistics.median(ratios), 2),
+        "ratios": [round(ratio, 2) for ratio in ratios],
+    }
+
+
+def main() -> None:
+    """Prints a line per student and writes all of it as JSON."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else None)
+    parser.add_argument("--students", nargs="+", default=["ppo", "sac"])
+    parser.add_argument("--environment", default="tma_ray/StumpTracks-v0")
+    parser.add_argument("--steps", type=int, help="steps per stretch (ppo 10,000, sac 1,000)")
+    parser.add_argument("--repeats", type=int, default=3)
+    parser.add_argument("--output", type=Path, default=Path("student_training.json"))
+    arguments = parser.parse_args()
+    results = []
+    for name in arguments.students:
+        steps = arguments.steps or {"ppo": 10_000, "sac": 1_000}[name]
+        results.append(measure(name, arguments.environment, steps, arguments.repeats))
+        print(json.dumps(results[-1]))
+    machine = {"machine": platform.machine(), "torch": torch.__version__, "threads": torch.get_num_threads()}
+    arguments.output.write_text(json.dumps({**machine, "results": results}, indent=1) + "\n")
+
+
+if __name__ == "__main__":
+    main()
