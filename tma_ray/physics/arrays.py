@@ -27,6 +27,7 @@ class BodyArrays(NamedTuple):
         inertia: about the centre of mass (p,), in kg m².
         centre: centre of mass in the part's frame (p, 2), in m.
         position: origin of the part's frame relative to the ground under the spawn point (p, 2), in m.
+        angle: angle of the part's frame (p,), in rad.
         friction: coefficient (p,).
         vertices: corners of all parts in their frames (v, 2), in m.
         first_vertex: part i has the vertices from `first_vertex[i]` to `first_vertex[i + 1]` (p + 1,).
@@ -40,6 +41,7 @@ class BodyArrays(NamedTuple):
     inertia: NDArray[np.float64]
     centre: NDArray[np.float64]
     position: NDArray[np.float64]
+    angle: NDArray[np.float64]
     friction: NDArray[np.float64]
     vertices: NDArray[np.float64]
     first_vertex: NDArray[np.int64]
@@ -81,12 +83,13 @@ def body_arrays(body: Embodiment) -> BodyArrays:
         inertia=np.array([part.inertia for part in body.parts]),
         centre=np.array([part.shape.centroid for part in body.parts]),
         position=np.array([part.position for part in body.parts]) + np.array([0.0, body.spawn_height]),
+        angle=np.zeros(len(body.parts)),
         friction=np.array([part.friction for part in body.parts]),
         vertices=np.concatenate([part.shape.points for part in body.parts]),
         first_vertex=np.concatenate([[0], np.cumsum(counts)]),
         joint_parts=_joint_parts(body),
-        anchors=np.array([_local_anchors(body, joint) for joint in body.joints]),
-        limits=np.array([joint.limits for joint in body.joints]),
+        anchors=np.array([_local_anchors(body, joint) for joint in body.joints]).reshape(-1, 2, 2),
+        limits=np.array([joint.limits for joint in body.joints]).reshape(-1, 2),
         head=body.head,
     )
 
@@ -104,7 +107,9 @@ def step_arrays(body: Embodiment, lidar_angles: NDArray[np.float64]) -> StepArra
         critical=np.array([part.critical for part in body.parts]),
         joint_parts=_joint_parts(body),
         contact_part=np.array(contacts, dtype=np.int64),
-        motors=np.array([(j.motor_torque, j.motor_speed, j.angle_offset) for j in body.joints]),
+        motors=np.array([(j.motor_torque, j.motor_speed, j.angle_offset) for j in body.joints]).reshape(
+            -1, 3
+        ),
         torque_cost=body.torque_cost,
         upright_weight=UPRIGHT_WEIGHT if body.upright_reward else 0.0,
         rays=LIDAR_RANGE * np.stack([np.sin(lidar_angles), -np.cos(lidar_angles)], axis=1),
@@ -117,7 +122,8 @@ def observation_size(arrays: StepArrays) -> int:
 
 
 def _joint_parts(body: Embodiment) -> NDArray[np.int64]:
-    return np.array([[body.part_index(j.part_a), body.part_index(j.part_b)] for j in body.joints])
+    pairs = [[body.part_index(j.part_a), body.part_index(j.part_b)] for j in body.joints]
+    return np.array(pairs, dtype=np.int64).reshape(-1, 2)
 
 
 def _local_anchors(body: Embodiment, joint: Joint) -> NDArray[np.float64]:

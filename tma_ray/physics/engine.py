@@ -39,7 +39,7 @@ class SolverSettings:
     iterations: int = 50
     substeps: int = 2
     joint_error_bias: float = 0.5**60
-    limit_correction_speed: float = 0.25
+    limit_correction_speed: float = 0.1
     collision_bias: float = 0.5**60
     collision_slop: float = 0.005
     skin_radius: float = 0.01

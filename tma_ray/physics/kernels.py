@@ -136,17 +136,22 @@ def has_fallen(state: Floats, contacts: NDArray[np.int64], body: StepArrays) -> 
 
 @kernel
 def judge(
-    state: Floats, contacts: NDArray[np.int64], body: StepArrays, growth: float, goal_x: float
-) -> tuple[float, bool]:
-    """Returns the reward of a step and whether it ends the episode.
+    state: Floats, contacts: NDArray[np.int64], body: StepArrays, goal_x: float, cost: float, before: float
+) -> tuple[float, bool, float]:
+    """Judges a step.
 
     Args:
         state: (p, 6) after the step.
         contacts: (p,) after the step.
         body: the body.
-        growth: growth of the shaping over the step, less the cost of the torques; a fall replaces it.
         goal_x: the head past this x has arrived, which ends the episode without a bonus.
+        cost: what the torques cost.
+        before: shaping before the step.
+
+    Returns:
+        Reward (growth of the shaping less the cost; a fall replaces it), end of the episode, shaping.
     """
+    after = shaping(state, body)
     if has_fallen(state, contacts, body):
-        return FALL_REWARD, True
-    return growth, state[body.head, 0] > goal_x
+        return FALL_REWARD, True, after
+    return after - before - cost, state[body.head, 0] > goal_x, after

@@ -10,9 +10,10 @@ from numpy.typing import ArrayLike, NDArray
 from pymunk import batch
 
 from tma_ray.embodiments import Embodiment
-from tma_ray.physics.arrays import BodyArrays, body_arrays, observation_size, step_arrays
+from tma_ray.physics.arrays import body_arrays, observation_size, step_arrays
+from tma_ray.physics.chipmunk import add_joints, add_parts, add_terrain, settled
 from tma_ray.physics.engine import GRAVITY, TIME_STEP, SolverSettings
-from tma_ray.physics.kernels import command_motors, judge, observe, shaping
+from tma_ray.physics.kernels import command_motors, judge, observe
 from tma_ray.terrain import Terrain
 
 STATE_FIELDS = (
@@ -38,7 +39,7 @@ class PymunkEngine:
         self.settings = settings or SolverSettings()
         self.state = np.zeros((len(body.parts), 6))
         self.contacts = np.zeros(len(body.parts), dtype=np.int64)
-        self._body = body_arrays(body)
+        self._body = settled(body_arrays(body), self.settings)
         self.arrays = step_arrays(body, lidar_angles)
         self._observation_size = observation_size(self.arrays)
         self._action = np.zeros(body.action_size)
@@ -55,9 +56,13 @@ class PymunkEngine:
         self._space.gravity = (0.0, GRAVITY)
         self._space.collision_slop = self.settings.collision_slop
         self._space.collision_bias = self.settings.collision_bias
-        self._add_terrain(terrain)
-        parts = self._add_parts(terrain.spawn)
-        self._motors = self._add_joints(parts)
+        add_terrain(self._space, terrain)  # before the body: the order of insertion changes trajectories
+        parts = add_parts(self._space, self._body, terrain.spawn, self.settings.skin_radius)
+        self._motors, _ = add_joints(self._space, self._body, parts, self.settings)
+        for part in range(len(parts)):
+            self._space.on_collision(
+                part + 1, None, begin=_touch, separate=_release, data=(self.contacts, part)
+            )
         head = parts[self._body.head]
         head.apply_impulse_at_local_point((push * TIME_STEP, 0.0), head.center_of_gravity)
         self._shaping = 0.0
@@ -75,10 +80,10 @@ class PymunkEngine:
         self._advance()
         observation = np.empty(self._observation_size, dtype=np.float32)
         observe(self.state, self.contacts, self.arrays, self._surface, observation)
-        potential = shaping(self.state, self.arrays)
-        growth, self._shaping = potential - self._shaping - cost, potential
-        reward, terminated = judge(self.state, self.contacts, self.arrays, growth, self._goal_x)
-        return observation, reward, terminated
+        reward, terminated, self._shaping = judge(
+            self.state, self.contacts, self.arrays, self._goal_x, cost, self._shaping
+        )
+        return observation, float(reward), bool(terminated)
 
     def _advance(self) -> None:
         for motor, (speed, torque) in zip(self._motors, self._commands.tolist(), strict=True):
@@ -90,50 +95,6 @@ class PymunkEngine:
         batch.get_space_bodies(self._space, STATE_FIELDS, self._buffer)
         values = np.frombuffer(self._buffer.float_buf())  # the static body comes last
         self.state[:] = values[: self.state.size].reshape(self.state.shape)
-
-    def _add_terrain(self, terrain: Terrain) -> None:
-        shapes = [pymunk.Poly(self._space.static_body, corners) for corners in terrain.solids.tolist()]
-        for shape in shapes:
-            shape.friction = math.sqrt(terrain.friction)
-        self._space.add(*shapes)
-
-    def _add_parts(self, spawn: NDArray[np.float64]) -> list[pymunk.Body]:
-        return [self._add_part(self._body, index, spawn) for index in range(len(self._body.mass))]
-
-    def _add_part(self, arrays: BodyArrays, index: int, spawn: NDArray[np.float64]) -> pymunk.Body:
-        part = pymunk.Body(arrays.mass[index], arrays.inertia[index])
-        part.center_of_gravity = tuple(arrays.centre[index].tolist())
-        part.position = tuple((spawn + arrays.position[index]).tolist())
-        corners = arrays.vertices[arrays.first_vertex[index] : arrays.first_vertex[index + 1]]
-        shape = pymunk.Poly(part, corners.tolist(), radius=self.settings.skin_radius)
-        shape.friction = math.sqrt(
-            arrays.friction[index]
-        )  # Chipmunk multiplies the two, Box2D takes the root
-        shape.filter = pymunk.ShapeFilter(group=1)  # parts of one group do not collide
-        shape.collision_type = index + 1
-        self._space.add(part, shape)
-        self._space.on_collision(
-            index + 1, None, begin=_touch, separate=_release, data=(self.contacts, index)
-        )
-        return part
-
-    def _add_joints(self, parts: list[pymunk.Body]) -> list[pymunk.SimpleMotor]:
-        motors = []
-        for (a, b), anchors, limits in zip(
-            self._body.joint_parts.tolist(),
-            self._body.anchors.tolist(),
-            self._body.limits.tolist(),
-            strict=True,
-        ):
-            motor = pymunk.SimpleMotor(parts[a], parts[b], 0.0)
-            motor.max_force = 0.0
-            limit = pymunk.RotaryLimitJoint(parts[a], parts[b], *limits)
-            pivot = pymunk.PivotJoint(parts[a], parts[b], *map(tuple, anchors))
-            limit.error_bias = pivot.error_bias = self.settings.joint_error_bias
-            limit.max_bias = self.settings.limit_correction_speed
-            self._space.add(motor, limit, pivot)
-            motors.append(motor)
-        return motors
 
 
 def _touch(_arbiter: pymunk.Arbiter, _space: pymunk.Space, data: tuple[NDArray[np.int64], int]) -> None:

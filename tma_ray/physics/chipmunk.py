@@ -1,0 +1,85 @@
+"""A body and a terrain in a Chipmunk space, built from arrays."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pymunk
+from numpy.typing import NDArray
+
+from tma_ray.physics.arrays import BodyArrays
+from tma_ray.physics.engine import TIME_STEP, SolverSettings
+from tma_ray.terrain import Terrain
+
+SETTLING_STEPS = 20
+"""Steps in which a body is bent into its limits; each leaves less than half of the error."""
+
+
+def add_terrain(space: pymunk.Space, terrain: Terrain) -> None:
+    """Adds the solids of `terrain` to `space`."""
+    shapes = [pymunk.Poly(space.static_body, corners) for corners in terrain.solids.tolist()]
+    for shape in shapes:
+        shape.friction = math.sqrt(terrain.friction)
+    space.add(*shapes)
+
+
+def add_parts(
+    space: pymunk.Space, body: BodyArrays, spawn: NDArray[np.float64], skin_radius: float
+) -> list[pymunk.Body]:
+    """Adds the parts of `body` to `space` and returns them; part i has the collision type i + 1."""
+    parts = []
+    for index in range(len(body.mass)):
+        part = pymunk.Body(body.mass[index], body.inertia[index])
+        part.center_of_gravity = tuple(body.centre[index].tolist())
+        part.angle = float(body.angle[index])
+        part.position = tuple((spawn + body.position[index]).tolist())
+        corners = body.vertices[body.first_vertex[index] : body.first_vertex[index + 1]]
+        shape = pymunk.Poly(part, corners.tolist(), radius=skin_radius)
+        shape.friction = math.sqrt(
+            body.friction[index]
+        )  # Chipmunk multiplies; Box2D has the root of the product
+        shape.filter = pymunk.ShapeFilter(group=1)  # parts of one group do not collide
+        shape.collision_type = index + 1
+        space.add(part, shape)
+        parts.append(part)
+    return parts
+
+
+def add_joints(
+    space: pymunk.Space, body: BodyArrays, parts: list[pymunk.Body], settings: SolverSettings
+) -> tuple[list[pymunk.SimpleMotor], list[pymunk.RotaryLimitJoint]]:
+    """Adds the joints of `body` to `space` and returns their motors and limits."""
+    motors, limits = [], []
+    for (a, b), anchors, (low, high) in zip(
+        body.joint_parts.tolist(), body.anchors.tolist(), body.limits.tolist(), strict=True
+    ):
+        motor = pymunk.SimpleMotor(parts[a], parts[b], 0.0)
+        motor.max_force = 0.0
+        limit = pymunk.RotaryLimitJoint(parts[a], parts[b], low, high)
+        limit.max_bias = settings.limit_correction_speed
+        pivot = pymunk.PivotJoint(parts[a], parts[b], *map(tuple, anchors))
+        limit.error_bias = pivot.error_bias = settings.joint_error_bias
+        space.add(motor, limit, pivot)  # the pivot last: what is solved last is solved best
+        motors.append(motor)
+        limits.append(limit)
+    return motors, limits
+
+
+def settled(body: BodyArrays, settings: SolverSettings) -> BodyArrays:
+    """Returns `body` bent into its joints' limits.
+
+    Bodies are drawn straight, which may be outside their limits. Box2D puts that right within the first step
+    and without a velocity, Chipmunk could only at the price of one: hence here, in a space with nothing else.
+    """
+    space = pymunk.Space()
+    space.damping = 0.0  # no velocity outlives its step
+    parts = add_parts(space, body, np.zeros(2), settings.skin_radius)
+    _, limits = add_joints(space, body, parts, settings)
+    for limit in limits:
+        limit.max_bias = math.inf
+    for _ in range(SETTLING_STEPS):
+        space.step(TIME_STEP)
+    return body._replace(
+        position=np.array([part.position for part in parts]), angle=np.array([part.angle for part in parts])
+    )
