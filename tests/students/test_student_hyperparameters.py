@@ -1,11 +1,13 @@
 import json
 import subprocess
 import sys
+from dataclasses import dataclass
 
 import pytest
 
 from tma_ray.registry import UnknownNameError
 from tma_ray.students import (
+    STUDENTS,
     PPOHyperparameters,
     SACHyperparameters,
     check_hyperparameters,
@@ -64,6 +66,26 @@ def test_given_values_replace_defaults():
 def test_unfit_values_are_refused_with_a_helpful_message(name, key, value, message):
     with pytest.raises(ValueError, match=message):
         check_hyperparameters(name, {key: value})
+
+
+def test_a_student_of_someone_else_is_made_and_checked_alike(monkeypatch):
+    @dataclass(frozen=True)
+    class Patience:
+        steps: int = 3
+
+    class Idle:
+        hyperparameters_type = Patience
+
+        def __init__(self, observation_space, action_space, hyperparameters, seed, device, threads):
+            self.given = observation_space, action_space, hyperparameters, seed, device, threads
+
+    monkeypatch.setattr(STUDENTS, "_decorated", {})
+    STUDENTS.register("idle")(Idle)
+    assert default_hyperparameters("idle") == {"steps": 3}
+    student = make_student("idle", "o", "a", "s", {"steps": 5}, threads=2)
+    assert student.given == ("o", "a", Patience(5), "s", "cpu", 2)
+    with pytest.raises(ValueError, match="did you mean 'steps'"):
+        make_student("idle", "o", "a", "s", {"step": 5})
 
 
 def test_unknown_students_are_refused():

@@ -122,7 +122,8 @@ class PPO(StableBaselinesStudent[PPOHyperparameters, stable_baselines3.PPO]):
 
     @classmethod
     def load_policy(cls, folder: Path, device: str = "cpu") -> Policy:  # noqa: D102
-        model = stable_baselines3.PPO.load(folder / POLICY_FILE, device=device)
+        with torch.random.fork_rng():  # loading initialises networks before it fills them
+            model = stable_baselines3.PPO.load(folder / POLICY_FILE, device=device)
         normaliser = Normaliser.load(folder / NORMALISER_FILE)
 
         def act(observations: Observations) -> Actions:

@@ -103,7 +103,8 @@ class SAC(StableBaselinesStudent[SACHyperparameters, stable_baselines3.SAC]):
 
     @classmethod
     def load_policy(cls, folder: Path, device: str = "cpu") -> Policy:  # noqa: D102
-        model = stable_baselines3.SAC.load(folder / POLICY_FILE, device=device)
+        with torch.random.fork_rng():  # loading initialises networks before it fills them
+            model = stable_baselines3.SAC.load(folder / POLICY_FILE, device=device, buffer_size=1)
         return lambda observations: model.predict(observations, deterministic=True)[0]
 
     def _save_experience(self, folder: Path, previous: Path | None) -> dict[str, Any]:

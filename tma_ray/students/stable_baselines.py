@@ -102,11 +102,14 @@ class StableBaselinesStudent(Student, Generic[H, M]):
 
     def load(self, folder: Path) -> None:  # noqa: D102
         state = json.loads((folder / "student.json").read_text())
-        ours = as_plain_values(self.hyperparameters)
-        if state["hyperparameters"] != ours:
+        saved, ours = state["hyperparameters"], as_plain_values(self.hyperparameters)
+        if saved != ours:
+            differing = [key for key in {**saved, **ours} if saved.get(key, "none") != ours.get(key, "none")]
             raise ValueError(
-                f"{folder}: saved by a student with hyper-parameters {state['hyperparameters']}; "
-                f"this one has {ours}"
+                f"{folder}: saved by a student with other hyper-parameters: "
+                + ", ".join(
+                    f"{key} {saved.get(key, 'none')}, here {ours.get(key, 'none')}" for key in differing
+                )
             )
         networks = torch.load(folder / "networks.pt", map_location="cpu", weights_only=True)
         self.model.set_parameters(networks["parameters"], device=self.device)
