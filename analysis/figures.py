@@ -91,7 +91,7 @@ def _step_axis(axes: Axes) -> None:
 def _legend(figure: Figure, axes: Axes) -> None:
     handles, labels = axes.get_legend_handles_labels()
     if handles:
-        columns = max(1, min(4, 64 // (6 + max(map(len, labels)))))
+        columns = max(1, min(4, 75 // (6 + max(map(len, labels)))))
         figure.legend(
             handles, labels, loc="outside upper left", ncols=columns, handlelength=2.4, columnspacing=1.4
         )

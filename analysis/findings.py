@@ -63,6 +63,8 @@ def findings(summary: pd.DataFrame, tests: pd.DataFrame) -> list[str]:
         final = final.sort_values(f"{measure.column}_mean", ascending=False, kind="stable")
         sentences += [_leader(final, measure), *_certainty(final, tests, measure)]
     running = read[read["provisional"]]
+    if len(final) == 1:
+        sentences.append("No other teacher has finished." if len(running) else "There is no other teacher.")
     return sentences + [_so_far(row, tests, measure) for _, row in running.iterrows()]
 
 
@@ -83,7 +85,7 @@ def _so_far(row: pd.Series, tests: pd.DataFrame, measure: Measure) -> str:
     text = f"So far, at {amount(row['step'])} steps, {name} {measure.has} {_value(row, measure)}"
     if row["teacher"] in tests.index and math.isfinite(tests.loc[row["teacher"], "difference"]):
         test = tests.loc[row["teacher"]]
-        text += f", {_gap(test['difference'], measure)} than Random after {amount(test['step'])}"
+        text += f", {_gap(test['difference'], measure)} than Random at that step"
     return f"{text}; its runs are still under way."
 
 
@@ -95,7 +97,7 @@ def _certainty(ranked: pd.DataFrame, tests: pd.DataFrame, measure: Measure) -> l
     """Returns how far the order of the finished teachers can be trusted."""
     best = ranked["teacher"].iloc[0]
     if len(ranked) == 1:
-        return ["There is nothing to compare it with yet."]
+        return []
     tests = tests[tests.index.isin(ranked["teacher"])]
     if (tests["reason"] == NO_BASELINE).all():
         return ["Random has not been run to its end here, so no test was made."]

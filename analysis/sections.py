@@ -48,9 +48,7 @@ def sections(frames: Frames, measured: Measured) -> Iterator[Section]:
             title=_title(mine.cells.iloc[0], several),
             sentences=findings(mine.summary, mine.tests),
             rows=_rows(mine),
-            pictures=[
-                replace(picture, name=f"{anchor}-{picture.name}") for picture in pictures(frames, mine)
-            ],
+            pictures=drawn,
         )
 
 

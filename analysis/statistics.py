@@ -87,18 +87,27 @@ def welch(sample: pd.Series, reference: pd.Series) -> Comparison:
     reason = _obstacle(values, others, shared=bool(set(sample.index) & set(reference.index)))
     if reason:
         return Comparison(values.size, others.size, difference, reason=reason)
-    result = stats.ttest_ind(values, others, equal_var=False)
-    interval = result.confidence_interval(CONFIDENCE)
+    first, second = describe(values), describe(others)
+    variances = first.standard_error**2, second.standard_error**2
+    error, freedom = math.sqrt(sum(variances)), _degrees_of_freedom(variances, (first.n, second.n))
+    t = difference / error
+    margin = float(stats.t.ppf((1 + CONFIDENCE) / 2, freedom)) * error
     return Comparison(
-        n=values.size,
-        reference_n=others.size,
+        n=first.n,
+        reference_n=second.n,
         difference=difference,
-        low=float(interval.low),
-        high=float(interval.high),
-        t=float(result.statistic),
-        degrees_of_freedom=float(result.df),
-        p=float(result.pvalue),
+        low=difference - margin,
+        high=difference + margin,
+        t=t,
+        degrees_of_freedom=freedom,
+        p=2 * float(stats.t.sf(abs(t), freedom)),
     )
+
+
+def _degrees_of_freedom(variances: tuple[float, float], sizes: tuple[int, int]) -> float:
+    """Returns Welch and Satterthwaite's approximation from the variances of the two means."""
+    parts = (variance**2 / (size - 1) for variance, size in zip(variances, sizes, strict=True))
+    return sum(variances) ** 2 / sum(parts)
 
 
 def holm(p_values: ArrayLike) -> NDArray[np.float64]:

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import json
 import re
-from collections.abc import Sequence
-from dataclasses import dataclass, field
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
@@ -15,6 +15,8 @@ import numpy as np
 from tma_ray.results import AttemptOutcome, AttemptRecord, Committer, RunRecord, RunWriter, Table
 
 FINGERPRINT = json.dumps({"cpu": "Invented CPU @ 3 GHz", "threads": 1, "python": "3.11.9", "numpy": "2.4.6"})
+
+ERROR = 'Traceback (most recent call last):\n  File "run.py", line 1\nMemoryError: buffer of 2 GB'
 
 TASK_SPACE = [
     {"name": "stump_height", "low": 0, "high": 3, "unit": "terrain steps of 0.4667 m"},
@@ -37,7 +39,7 @@ class SyntheticCampaign:
     campaign: str = "first_look"
     experiment: str = "original"
     environment: str = "stump_tracks"
-    cells: list[dict[str, Any]] = field(default_factory=list)
+    boxes: bool = False
 
     def __post_init__(self) -> None:
         self.committer = Committer.open(self.root)
@@ -52,52 +54,68 @@ class SyntheticCampaign:
         shares: Sequence[str] = (),
         **changes: Any,
     ) -> str:
-        """Writes one run up to a share of its steps, and its cells: at `level` and at those it `shares`."""
-        run_id = re.sub(r"[^0-9a-zA-Z_-]", "_", f"{self.experiment}-{teacher}-{level}-{seed}")
-        record = RunRecord(
-            **{
-                "run_id": run_id,
-                "spec": json.dumps({"seed": seed, "task_space": TASK_SPACE}),
-                "environment": self.environment,
-                "challenge": "original",
-                "embodiment": "classic_bipedal",
-                "student": "sac",
-                "teacher": teacher,
-                "expert_knowledge": level,
-                "test_set": "stump_tracks",
-                "steps": self.steps,
-                "seed": seed,
-                "physics_version": 1,
-            }
-            | changes
-        )
+        """Writes one invented run up to a share of its steps, and its cells at `level` and at `shares`."""
+        record = self.record(teacher, seed, level, **changes)
         for cell_level in (level, *shares):
             self.cell(record, cell_level)
         if status != "waiting":
-            self._play(record, status, upto)
-        return run_id
+            self._write(record, status, *self._invented(record, upto))
+        return record.run_id
+
+    def plain_run(
+        self,
+        teacher: str,
+        seed: int,
+        returns: Mapping[int, Sequence[float]],
+        status: str = "done",
+        level: str = "low",
+        **changes: Any,
+    ) -> str:
+        """Writes one run with exactly these returns on the test tasks, by step, and no episodes."""
+        record = self.record(teacher, seed, level, **changes)
+        self.cell(record, level)
+        rows = [
+            {"step": step, "test_set": "line", "task_index": i, "task": [float(i)], "length": 1}
+            | {"episodic_return": float(value)}
+            for step, values in returns.items()
+            for i, value in enumerate(values)
+        ]
+        self._write(record, status, {Table.EVALUATIONS: rows}, max(returns, default=0))
+        return record.run_id
+
+    def record(self, teacher: str, seed: int, level: str, **changes: Any) -> RunRecord:
+        fields = {
+            "run_id": re.sub(r"[^0-9a-zA-Z_-]", "_", f"{self.experiment}-{teacher}-{level}-{seed}"),
+            "spec": json.dumps({"seed": seed, "task_space": TASK_SPACE}),
+            "environment": self.environment,
+            "challenge": "original",
+            "embodiment": "classic_bipedal",
+            "student": "sac",
+            "teacher": teacher,
+            "expert_knowledge": level,
+            "test_set": "stump_tracks",
+            "steps": self.steps,
+            "seed": seed,
+            "physics_version": 1,
+        }
+        return RunRecord(**(fields | changes))
 
     def cell(self, record: RunRecord, level: str) -> None:
         names = ("environment", "challenge", "embodiment", "student", "teacher", "seed", "run_id")
         row = {name: getattr(record, name) for name in names} | {"expert_knowledge": level}
         self.committer.write_cells(self.campaign, [row | {"experiment": self.experiment}])
 
-    def _play(self, record: RunRecord, status: str, upto: float) -> None:
+    def _write(self, record: RunRecord, status: str, tables: Mapping[Table, Any], end: int) -> None:
         attempt = self.committer.start(record)
         writer = RunWriter(self.committer.store, record.run_id, attempt)
-        rng = np.random.default_rng([record.seed, *record.teacher.encode()])
-        skill = SKILL.get(record.teacher, 0.6) + rng.normal(0, 0.06)
-        end = int(self.steps * upto)
-        self._evaluations(writer, rng, skill, end)
-        self._training(writer, rng, skill, end, record.teacher)
+        for table, rows in tables.items():
+            writer.add(table, rows)
         if status == "done":
             self.committer.finish(record, attempt, writer.finish())
         else:
             self.committer.publish(record, attempt, writer.flush())
         if status == "failed":
-            self.committer.fail(
-                record, attempt, "Traceback (most recent call last):\n  …\nMemoryError: buffer of 2 GB"
-            )
+            self.committer.fail(record, attempt, ERROR)
         outcome = {"done": AttemptOutcome.DONE, "failed": AttemptOutcome.FAILED}.get(status)
         started = datetime(2026, 11, 20, 8, record.seed % 60, tzinfo=UTC)
         if outcome is not None:
@@ -107,55 +125,66 @@ class SyntheticCampaign:
                 )
             )
 
+    def _invented(self, record: RunRecord, upto: float) -> tuple[dict[Table, Any], int]:
+        rng = np.random.default_rng([record.seed, *record.teacher.encode()])
+        skill = SKILL.get(record.teacher, 0.6) + rng.normal(0, 0.06)
+        end = int(self.steps * upto)
+        guided = record.teacher != "random"
+        steps, tasks, returns = self._episodes(rng, skill, end, guided)
+        tables = {
+            Table.EVALUATIONS: self._evaluations(rng, skill, end),
+            Table.EPISODES: [
+                {"step": int(s), "episode": i, "task": t.astype(np.float32), "episodic_return": float(r)}
+                | {"length": self.episode_steps, "success": bool(r > 230)}
+                for i, (s, t, r) in enumerate(zip(steps, tasks, returns, strict=True))
+            ],
+            Table.TRAINING: self._windows(steps, returns),
+        }
+        return tables | (self._teacher(rng, end) if guided else {}), end
+
     def returns(self, tasks: np.ndarray, ability: float, rng: np.random.Generator) -> np.ndarray:
         """Returns on `tasks` (n, 2): high when flat or widely spaced, falling off where ability ends."""
         difficulty = tasks[:, 0] / 3 + 0.35 * (1 - tasks[:, 1] / 6)
         return 300 - 380 / (1 + np.exp(-9 * (difficulty - ability))) + rng.normal(0, 12, len(tasks))
 
-    def _evaluations(self, writer: RunWriter, rng: np.random.Generator, skill: float, end: int) -> None:
+    def _evaluations(self, rng: np.random.Generator, skill: float, end: int) -> list[dict[str, Any]]:
         axis = np.linspace(0, 1, self.grid)
         tasks = np.array([(3 * h, 6 * s) for h in axis for s in axis], dtype=np.float32)
+        rows = []
         for step in range(0, end + 1, self.evaluation_every):
-            ability = skill * (1 - np.exp(-4 * step / self.steps)) - 0.15
-            returns = self.returns(tasks, ability, rng)
-            rows = [
+            returns = self.returns(tasks, skill * (1 - np.exp(-4 * step / self.steps)) - 0.15, rng)
+            rows += [
                 {"step": step, "test_set": "stump_tracks", "task_index": i, "task": t, "length": 500}
                 | {"episodic_return": float(r)}
                 for i, (t, r) in enumerate(zip(tasks, returns, strict=True))
             ]
-            writer.add(Table.EVALUATIONS, rows)
+        return rows
 
-    def _training(
-        self, writer: RunWriter, rng: np.random.Generator, skill: float, end: int, teacher: str
-    ) -> None:
+    def _episodes(
+        self, rng: np.random.Generator, skill: float, end: int, guided: bool
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         steps = np.arange(self.episode_steps, end + 1, self.episode_steps)
         learning = 1 - np.exp(-4 * steps / self.steps)
         tasks = rng.random((len(steps), 2)) * [3, 6]
-        if teacher != "random":
+        if guided:
             aimed = np.column_stack([0.3 + 2.4 * learning, 4.5 - 3 * learning])
-            guided = rng.random(len(steps)) > 0.2
-            tasks[guided] = (aimed + rng.normal(0, [0.3, 0.7], (len(steps), 2)))[guided]
+            chosen = rng.random(len(steps)) > 0.2
+            tasks[chosen] = (aimed + rng.normal(0, [0.3, 0.7], (len(steps), 2)))[chosen]
             tasks = np.clip(tasks, 0, [3, 6])
         ability = skill * learning - 0.15
         returns = np.array([self.returns(t[None], a, rng)[0] for t, a in zip(tasks, ability, strict=True)])
-        rows = [
-            {"step": int(s), "episode": i, "task": t.astype(np.float32), "episodic_return": float(r)}
-            | {"length": self.episode_steps, "success": bool(r > 230)}
-            for i, (s, t, r) in enumerate(zip(steps, tasks, returns, strict=True))
-        ]
-        writer.add(Table.EPISODES, rows)
-        self._windows(writer, steps, returns)
-        if teacher != "random":
-            self._teacher(writer, rng, end)
+        return steps, tasks, returns
 
-    def _windows(self, writer: RunWriter, steps: np.ndarray, returns: np.ndarray) -> None:
-        for low in range(0, int(steps.max(initial=0)), 500_000):
-            mine = returns[(steps > low) & (steps <= low + 500_000)]
-            row = {"step": low + 500_000, "episodes": len(mine), "mean_return": mine.mean()}
-            row |= {"std_return": mine.std(), "mean_length": 500.0, "success_share": (mine > 230).mean()}
-            writer.add(Table.TRAINING, [row])
+    def _windows(self, steps: np.ndarray, returns: np.ndarray) -> list[dict[str, Any]]:
+        rows = []
+        for high in range(500_000, int(steps.max(initial=0)) + 1, 500_000):
+            mine = returns[(steps > high - 500_000) & (steps <= high)]
+            row = {"step": high, "episodes": len(mine), "mean_return": mine.mean(), "std_return": mine.std()}
+            rows.append(row | {"mean_length": 500.0, "success_share": (mine > 230).mean()})
+        return rows
 
-    def _teacher(self, writer: RunWriter, rng: np.random.Generator, end: int) -> None:
+    def _teacher(self, rng: np.random.Generator, end: int) -> dict[Table, Any]:
+        log, probes = [], []
         for step in range(self.steps // 20, end + 1, self.steps // 20):
             learning = 1 - np.exp(-4 * step / self.steps)
             mean = np.array([0.3 + 2.4 * learning, 4.5 - 3 * learning])
@@ -163,8 +192,9 @@ class SyntheticCampaign:
                 {"weight": 0.7, "mean": mean, "covariance": [[0.09, 0.05], [0.05, 0.49]]},
                 {"weight": 0.3, "mean": mean * 0.7, "covariance": [[0.04, -0.02], [-0.02, 0.3]]},
             ]
+            boxes = [{"low": mean * 0.5, "high": mean * 0.8, "score": 0.1}] if self.boxes else []
             row = {"step": step, "episode": step // self.episode_steps, "gaussians": gaussians}
-            writer.add(Table.TEACHER_LOG, [row | {"boxes": [], "scalars": {"components": 2.0}}])
-            probes = np.clip(mean + rng.normal(0, [0.3, 0.7], (40, 2)), 0, [3, 6]).astype(np.float32)
-            rows = [{"step": step, "sample": i, "task": task} for i, task in enumerate(probes)]
-            writer.add(Table.CURRICULUM, rows)
+            log.append(row | {"boxes": boxes, "scalars": {"components": 2.0}})
+            tasks = np.clip(mean + rng.normal(0, [0.3, 0.7], (40, 2)), 0, [3, 6]).astype(np.float32)
+            probes += [{"step": step, "sample": i, "task": task} for i, task in enumerate(tasks)]
+        return {Table.TEACHER_LOG: log, Table.CURRICULUM: probes}

@@ -1,0 +1,150 @@
+import matplotlib as mpl
+import numpy as np
+import pandas as pd
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from analysis.curriculum import PANELS, Curriculum, curriculum_strip, ellipse
+from analysis.figures import Axis, final_bars, learning_curve, mastery_map
+from analysis.formatting import amount, number, plus_minus
+from analysis.load import GROUP
+from analysis.style import label, look, png, teacher_order
+
+LOOK_OF_FRONTIER = ("#aa4499", ">", (0, (6, 2)))
+PLANE = (Axis("Height", 0, 3), Axis("Spacing", 0, 6))
+KNOWN = ["random", "adr", "alp_gmm", "covar_gmm", "goal_gan", "riac", "setter_solver", "spdl"]
+
+
+def curves(rows: list[tuple[str, str, int, float]]) -> pd.DataFrame:
+    table = pd.DataFrame(rows, columns=["teacher", "run_id", "step", "mastered_percent"])
+    return table.assign(**{column: "x" for column in GROUP if column != "teacher"})
+
+
+def test_known_teachers_have_colours_of_their_own() -> None:
+    assert len({look(teacher).colour for teacher in KNOWN}) == len(KNOWN)
+    assert len({look(teacher).marker for teacher in KNOWN}) == len(KNOWN)
+    assert label("alp_gmm") == "ALP-GMM"
+
+
+@given(st.text(min_size=1, max_size=20))
+def test_any_other_teacher_is_called_by_its_own_name(name: str) -> None:
+    assert label(name) == name or label(name) in {label(known) for known in KNOWN}
+
+
+def test_how_another_teacher_looks_follows_from_its_name_alone() -> None:
+    # Pinned: figures of different reports, made on different days, must agree.
+    assert look("frontier") == LOOK_OF_FRONTIER
+    assert look("frontier") != look("horizon")
+
+
+def test_random_comes_first() -> None:
+    assert sorted(["spdl", "adr", "random"], key=teacher_order) == ["random", "adr", "spdl"]
+
+
+def test_a_curve_draws_mean_and_standard_error() -> None:
+    rows = [("adr", f"run{s}", step, step / 10 + 10 * s) for s in range(2) for step in (0, 1000, 2000)]
+    axes = learning_curve(curves(rows), "mastered_percent", "Mastered (%)").axes[0]
+    line = next(line for line in axes.lines if line.get_label() == "ADR")
+    np.testing.assert_allclose(line.get_ydata(), [5, 105, 205])
+    low, high = axes.collections[0].get_paths()[0].get_extents().get_points()
+    # Two values 10 apart: standard deviation 10 / sqrt 2, standard error 5.
+    assert (low[1], high[1]) == pytest.approx((0, 210))
+
+
+def test_a_curve_is_thin_where_runs_are_missing() -> None:
+    rows = [("adr", "a", step, 1.0) for step in (0, 1000, 2000)] + [
+        ("adr", "b", 0, 1.0),
+        ("adr", "b", 1000, 1.0),
+    ]
+    lines = learning_curve(curves(rows), "mastered_percent", "").axes[0].lines
+    thick = next(line for line in lines if line.get_label() == "ADR")
+    assert list(thick.get_xdata()) == [0, 1000]
+    assert max(max(line.get_xdata()) for line in lines) == 2000
+
+
+def test_bars_show_means_deviations_and_seeds() -> None:
+    reading = pd.DataFrame(
+        {"teacher": ["adr"] * 3, "mastered_percent": [10.0, 20.0, 60.0], "step": 5, "provisional": False}
+    )
+    axes = final_bars(reading).axes[0]
+    assert axes.patches[0].get_width() == pytest.approx(30)
+    dots = next(c for c in axes.collections if len(c.get_offsets()) == 3)
+    np.testing.assert_allclose(dots.get_offsets()[:, 0], [10, 20, 60])
+
+
+def test_the_map_puts_each_task_where_it_belongs() -> None:
+    tasks = pd.DataFrame({"task": [np.array([h, s], np.float32) for s in (0, 6) for h in (0, 1, 3)]})
+    tasks["task_index"] = range(6)
+    shares = pd.DataFrame({"teacher": "adr", "task_index": range(6), "share": [0.1, 0.2, 0.3, 0.4, 0.5, 0.6]})
+    mesh = mastery_map(shares, tasks, PLANE).axes[0].collections[0]
+    np.testing.assert_allclose(mesh.get_array(), [[0.1, 0.2, 0.3], [0.4, 0.5, 0.6]])
+
+
+def test_the_map_of_scattered_tasks_is_one_row_per_teacher() -> None:
+    tasks = pd.DataFrame(
+        {"task": [np.array([i, i * i], np.float32) for i in range(3)], "task_index": range(3)}
+    )
+    shares = pd.DataFrame({"teacher": "adr", "task_index": range(3), "share": [0.0, 1.0, 0.5]})
+    mesh = mastery_map(shares, tasks, PLANE).axes[0].collections[0]
+    np.testing.assert_allclose(mesh.get_array(), [[1.0, 0.5, 0.0]])
+
+
+def test_an_ellipse_lies_along_its_covariance() -> None:
+    # Variances 9 and 1 along axes turned by 30 degrees.
+    turn = np.array([[np.cos(np.pi / 6), -np.sin(np.pi / 6)], [np.sin(np.pi / 6), np.cos(np.pi / 6)]])
+    outline = ellipse(np.array([1.0, 2.0]), turn @ np.diag([9.0, 1.0]) @ turn.T, 1.0)
+    assert outline.width == pytest.approx(12)  # two standard deviations of 3 on both sides
+    assert outline.height == pytest.approx(4)
+    assert outline.angle % 180 == pytest.approx(30)
+    assert outline.center == (1.0, 2.0)
+
+
+def curriculum(world_task: np.ndarray | None = None) -> Curriculum:
+    steps = np.arange(10, 101, 10)
+    tasks = [np.array([s / 50, s / 20], np.float32) for s in steps]
+    episodes = pd.DataFrame({"step": steps, "task": tasks, "episodic_return": steps.astype(float)})
+    episodes["world_task"] = [world_task] * len(episodes)
+    gaussian = {"weight": 1.0, "mean": [1.0, 1.0], "covariance": [[0.1, 0.0], [0.0, 0.2]]}
+    box = {"low": [0.0, 0.0], "high": [1.0, 2.0], "score": 0.0}
+    updates = pd.DataFrame({"step": [15, 95], "gaussians": [[gaussian], []], "boxes": [[], [box, box]]})
+    probes = pd.DataFrame({"step": [20, 20], "task": tasks[:2]})
+    return Curriculum(episodes, probes, updates, 100)
+
+
+def test_the_strip_shows_each_part_of_the_run() -> None:
+    panels = curriculum_strip({"adr": curriculum()}, PLANE).axes[:PANELS]
+    np.testing.assert_allclose(panels[1].collections[0].get_offsets(), [[0.6, 1.5], [0.8, 2.0]])
+    assert [len(panel.patches) for panel in panels] == [1, 0, 0, 0, 2]
+    assert len(panels[0].collections) == 2  # episodes and probes
+
+
+def test_a_shuffled_strip_shows_the_world_and_no_shapes() -> None:
+    world = np.array([0.5, 0.25], np.float32)
+    panels = curriculum_strip({"adr": curriculum(world)}, PLANE).axes[:PANELS]
+    np.testing.assert_allclose(panels[0].collections[0].get_offsets(), [world, world])
+    assert not any(panel.patches for panel in panels)
+
+
+def test_drawing_leaves_settings_alone_and_repeats_itself() -> None:
+    before = dict(mpl.rcParams)
+    table = curves([("$x^{", "a", 0, 1.0), ("$x^{", "a", 1000, 2.0)])
+    first, second = (png(learning_curve(table, "mastered_percent", "y")) for _ in range(2))
+    assert first == second
+    assert dict(mpl.rcParams) == before
+
+
+@pytest.mark.parametrize(
+    ("text", "expected"),
+    [
+        (number(-1.25), "\N{MINUS SIGN}1.2"),
+        (number(float("nan")), "\N{EN DASH}"),
+        (plus_minus(3.0, float("nan")), "3.0"),
+        (plus_minus(3.0, 0.25), "3.0 ± 0.2"),
+        (amount(20_000_000), "20 million"),
+        (amount(12_500), "12.5 thousand"),
+        (amount(500), "500"),
+    ],
+)
+def test_numbers_as_text(text: str, expected: str) -> None:
+    assert text == expected

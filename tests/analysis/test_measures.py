@@ -1,0 +1,178 @@
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from synthetic_results import SyntheticCampaign
+
+from analysis import measures
+from analysis.comparison import measure
+from analysis.load import load
+
+
+@pytest.fixture
+def campaign(tmp_path: Path) -> SyntheticCampaign:
+    return SyntheticCampaign(tmp_path, steps=1000)
+
+
+def readings_by_run(campaign: SyntheticCampaign):
+    return measures.readings(load(campaign.root)).set_index("run_id")
+
+
+def test_mastered_means_strictly_over_the_threshold(campaign: SyntheticCampaign) -> None:
+    run = campaign.plain_run("random", 0, {0: [0, 0, 0, 0], 1000: [230.0, 230.0001, 300, -100]})
+    reading = readings_by_run(campaign).loc[run]
+    assert reading["mastered_percent"] == 50
+    assert reading["evaluation_return"] == pytest.approx((230 + 230.0001 + 300 - 100) / 4)
+
+
+def test_a_finished_run_is_read_at_its_last_evaluation(campaign: SyntheticCampaign) -> None:
+    run = campaign.plain_run("random", 0, {0: [300], 500: [300], 1000: [0]})
+    reading = readings_by_run(campaign).loc[run]
+    assert (reading["step"], reading["mastered_percent"]) == (1000, 0)
+    assert not reading["provisional"]
+
+
+def test_running_runs_wait_for_finished_ones(campaign: SyntheticCampaign) -> None:
+    done = campaign.plain_run("random", 0, {0: [0], 1000: [300]})
+    campaign.plain_run("random", 1, {0: [0], 500: [300]}, status="running")
+    assert list(readings_by_run(campaign).index) == [done]
+
+
+def test_a_group_under_way_is_read_where_all_its_runs_have_been(campaign: SyntheticCampaign) -> None:
+    campaign.plain_run("random", 0, {0: [0], 250: [300], 500: [0], 750: [0]}, status="running")
+    campaign.plain_run("random", 1, {0: [0], 250: [0]}, status="running")
+    campaign.plain_run("random", 2, {0: [0]}, status="failed")
+    reading = readings_by_run(campaign)
+    assert list(reading["step"]) == [250, 250]
+    assert list(reading["mastered_percent"]) == [100, 0]
+    assert reading["provisional"].all()
+
+
+def test_failed_runs_count_nowhere_but_in_the_counts(campaign: SyntheticCampaign) -> None:
+    campaign.plain_run("random", 0, {0: [0], 1000: [300]})
+    failed = campaign.plain_run("random", 1, {0: [0], 1000: [0]}, status="failed")
+    measured = measure(load(campaign.root))
+    for table in (measured.readings, measured.evaluations):
+        assert failed not in set(table["run_id"])
+    row = measured.summary.iloc[0]
+    assert (row["seeds"], row["n"], row["done"], row["failed"]) == (2, 1, 1, 1)
+
+
+def test_curves_are_means_with_standard_errors_over_runs(campaign: SyntheticCampaign) -> None:
+    for seed, last in enumerate([[300, 0], [300, 300], [0, 0]]):
+        campaign.plain_run("random", seed, {0: [0, 0], 1000: last})
+    curves = measures.evaluation_curves(load(campaign.root))
+    table = measures.aggregate(curves, "mastered_percent").set_index("step")
+    assert list(table["n"]) == [3, 3]
+    assert table.loc[1000, "mean"] == 50
+    assert table.loc[1000, "std"] == pytest.approx(50)
+    assert table.loc[1000, "standard_error"] == pytest.approx(50 / np.sqrt(3))
+
+
+def test_shares_of_seeds_that_master_each_task(campaign: SyntheticCampaign) -> None:
+    campaign.plain_run("random", 0, {0: [300, 300, 300], 1000: [300, 0, 300]})
+    campaign.plain_run("random", 1, {0: [300, 300, 300], 1000: [0, 0, 300]})
+    frames = load(campaign.root)
+    shares = measures.mastered_tasks(frames, measures.readings(frames))
+    assert list(shares["share"]) == [0.5, 0.0, 1.0]
+    assert list(shares["n"]) == [2, 2, 2]
+
+
+def write_teachers(campaign: SyntheticCampaign) -> None:
+    for seed, (random, better, worse) in enumerate([(1, 3, 0), (2, 4, 0), (1, 4, 1), (2, 3, 0)]):
+        for teacher, mastered in (("random", random), ("alp_gmm", better), ("spdl", worse)):
+            campaign.plain_run(teacher, seed, {0: [0] * 4, 1000: [300] * mastered + [0] * (4 - mastered)})
+
+
+def test_every_teacher_is_tested_against_random_once(campaign: SyntheticCampaign) -> None:
+    write_teachers(campaign)
+    measured = measure(load(campaign.root))
+    tests = measured.tests[measured.tests["measure"] == "mastered_percent"].set_index("teacher")
+    assert list(tests.index) == ["alp_gmm", "spdl"]
+    assert tests.loc["alp_gmm", "difference"] == pytest.approx(50)
+    # Both samples have variance 625 / 3 over 4 seeds: t = 50 / sqrt(2 * 625 / 3 / 4/ 1.0), in percent.
+    assert tests.loc["alp_gmm", "t"] == pytest.approx(50 / np.sqrt(2 * (625 / 3) / 4))
+    assert tests.loc["alp_gmm", "degrees_of_freedom"] == pytest.approx(6)
+    assert (tests["holm"] >= tests["p"]).all()
+
+
+def test_random_of_another_knowledge_level_serves_where_there_is_no_other(
+    campaign: SyntheticCampaign,
+) -> None:
+    for seed, mastered in enumerate([1, 2, 2]):
+        campaign.plain_run("random", seed, {1000: [300] * mastered + [0] * (4 - mastered)}, level="none")
+        campaign.plain_run("adr", seed, {1000: [300] * (mastered + 1) + [0] * (3 - mastered)}, level="high")
+    test = measure(load(campaign.root)).tests.iloc[0]
+    assert (test["teacher"], test["expert_knowledge"], test["reason"]) == ("adr", "high", "")
+    assert test["difference"] == pytest.approx(25)
+
+
+def test_unfinished_teachers_are_set_beside_random_at_the_same_step(campaign: SyntheticCampaign) -> None:
+    for seed in range(2):
+        campaign.plain_run("random", seed, {0: [0, 0], 500: [300, 0], 1000: [300, 300]})
+        campaign.plain_run("adr", seed, {0: [0, 0], 500: [300, 300]}, status="running")
+    test = measure(load(campaign.root)).tests.iloc[0]
+    assert (test["reason"], test["step"], test["difference"]) == ("still running", 500, 50)
+    assert np.isnan(test["p"])
+
+
+def test_other_budgets_are_not_compared(campaign: SyntheticCampaign) -> None:
+    for seed in range(2):
+        campaign.plain_run("random", seed, {1000: [300 * seed]})
+        campaign.plain_run("adr", seed, {2000: [300 * seed]}, steps=2000)
+    frames = load(campaign.root)
+    assert measure(frames).tests.iloc[0]["reason"] == "trained for other numbers of steps"
+    assert any("numbers of training steps" in warning for warning in frames.warnings)
+
+
+def test_without_random_nothing_is_tested(campaign: SyntheticCampaign) -> None:
+    for seed in range(3):
+        campaign.plain_run("adr", seed, {1000: [100 * seed]})
+    assert set(measure(load(campaign.root)).tests["reason"]) == {measures.NO_BASELINE}
+
+
+def test_cells_that_share_runs_are_averaged_each_and_counted_once(tmp_path: Path) -> None:
+    campaign = SyntheticCampaign(tmp_path, steps=10_000, evaluation_every=5_000, episode_steps=500, grid=3)
+    for seed in range(2):
+        campaign.run("random", seed, level="none", shares=("low", "high"))
+    campaign.campaign = "the_same_again"
+    for seed in range(2):
+        campaign.cell(campaign.record("random", seed, "none"), "none")
+    summary = measures.summarise(frames := load(tmp_path), measures.readings(frames))
+    assert list(summary["expert_knowledge"]) == ["high", "low", "none"]
+    assert list(summary["n"]) == [2, 2, 2]
+
+
+def test_training_returns_of_a_short_run_come_from_its_episodes(tmp_path: Path) -> None:
+    campaign = SyntheticCampaign(tmp_path, steps=40_000, evaluation_every=20_000, episode_steps=500, grid=3)
+    run = campaign.run("random", 0)
+    frames = load(tmp_path)
+    episodes = frames.episode_returns([run])
+    curve = measures.training_curves(frames)
+    assert list(curve["step"]) == list(range(2_000, 40_001, 2_000))
+    first = episodes[episodes["step"] <= 2_000]["episodic_return"].mean()
+    assert curve["training_return"].iloc[0] == pytest.approx(first)
+    quarters = measures.training_quarters(frames).iloc[0]
+    late = episodes[episodes["step"] > 30_000]["episodic_return"].mean()
+    assert quarters["last_quarter"] == pytest.approx(late)
+
+
+def test_training_returns_of_a_long_run_come_from_its_windows(tmp_path: Path) -> None:
+    campaign = SyntheticCampaign(
+        tmp_path, steps=5_000_000, evaluation_every=5_000_000, episode_steps=50_000, grid=3
+    )
+    run = campaign.run("random", 0)
+    frames = load(tmp_path)
+    curve = measures.training_curves(frames)
+    assert list(curve["step"]) == list(range(500_000, 5_000_001, 500_000))
+    windows = frames.training[frames.training["run_id"] == run]["mean_return"]
+    np.testing.assert_array_equal(curve["training_return"], windows)
+
+
+def test_runs_outside_campaigns_are_read_too(campaign: SyntheticCampaign) -> None:
+    record = campaign.record("random", 0, "low", spec=json.dumps({}))
+    campaign.committer.start(record)
+    cells = load(campaign.root).cells
+    assert list(cells["experiment"]) == ["single runs"]
+    assert list(cells["status"]) == ["running"]

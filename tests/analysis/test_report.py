@@ -1,0 +1,262 @@
+import base64
+import csv
+import io
+import re
+import subprocess
+import sys
+from collections.abc import Callable
+from html.parser import HTMLParser
+from pathlib import Path
+
+import pytest
+from synthetic_results import SyntheticCampaign
+
+from analysis.report import write_report
+from tma_ray.results import ResultsRootError
+
+HOSTILE = "<script>alert('$x^')</script>"
+
+
+class Page(HTMLParser):
+    """What a browser would load, show and embed."""
+
+    def __init__(self, text: str) -> None:
+        super().__init__()
+        self.tags: list[str] = []
+        self.loads: list[str] = []
+        self.images: list[dict[str, str | None]] = []
+        self.text = ""
+        self.feed(text)
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        self.tags.append(tag)
+        named = dict(attrs)
+        self.loads += [named[name] or "" for name in ("src", "href", "srcset", "data") if name in named]
+        if tag == "img":
+            self.images.append(named)
+
+    def handle_data(self, data: str) -> None:
+        self.text += data
+
+    @property
+    def words(self) -> str:
+        return re.sub(r"\s+", " ", self.text)
+
+
+def small(root: Path, **changes: object) -> SyntheticCampaign:
+    return SyntheticCampaign(
+        root, **({"steps": 40_000, "evaluation_every": 10_000, "episode_steps": 500, "grid": 4} | changes)
+    )
+
+
+def report(root: Path) -> Page:
+    return Page(write_report(root).read_text(encoding="utf-8"))
+
+
+@pytest.fixture(scope="module")
+def full_root(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    root = tmp_path_factory.mktemp("full")
+    campaign = small(root, boxes=True)
+    for teacher in ("random", "alp_gmm", HOSTILE):
+        for seed in range(3):
+            campaign.run(teacher, seed)
+    write_report(root)
+    return root
+
+
+@pytest.fixture(scope="module")
+def full(full_root: Path) -> Page:
+    return Page((full_root / "report" / "index.html").read_text(encoding="utf-8"))
+
+
+def test_the_page_loads_nothing_from_elsewhere(full: Page) -> None:
+    assert full.loads
+    assert all(address.startswith(("data:", "#")) for address in full.loads)
+    assert not {"script", "link", "iframe", "object"} & set(full.tags)
+
+
+def test_style_imports_nothing(full_root: Path) -> None:
+    page = (full_root / "report" / "index.html").read_text(encoding="utf-8")
+    style = page[page.index("<style>") : page.index("</style>")]
+    assert "url(" not in style
+    assert "@import" not in style
+
+
+def test_a_hostile_name_is_only_text(full: Page) -> None:
+    assert HOSTILE in full.text
+    assert "script" not in full.tags
+
+
+def test_figures_are_embedded_described_and_lie_beside_the_page(full: Page, full_root: Path) -> None:
+    beside = {path.read_bytes() for path in (full_root / "report").glob("*.png")}
+    embedded = {base64.b64decode((image["src"] or "").partition("base64,")[2]) for image in full.images}
+    assert len(embedded) == 6  # three curves, bars, heat map, curriculum
+    assert embedded == beside
+    assert all(png.startswith(b"\x89PNG") for png in embedded)
+    assert all("n = 3 seeds" in (image["alt"] or "") for image in full.images[:5])
+
+
+def test_tables_are_embedded_and_lie_beside_the_page(full: Page, full_root: Path) -> None:
+    beside = {path.read_bytes() for path in (full_root / "report").glob("*.csv")}
+    links = [address for address in full.loads if address.startswith("data:text/csv")]
+    assert {base64.b64decode(link.partition("base64,")[2]) for link in links} == beside
+    assert len(beside) == 6
+
+
+def read_csv(root: Path, name: str) -> list[dict[str, str]]:
+    return list(csv.DictReader(io.StringIO((root / "report" / name).read_text(encoding="utf-8"))))
+
+
+def test_the_page_says_what_the_tables_hold(full: Page, full_root: Path) -> None:
+    summary = {row["teacher"]: row for row in read_csv(full_root, "summary.csv")}
+    assert set(summary) == {"random", "alp_gmm", HOSTILE}
+    mean, std = (float(summary["alp_gmm"][f"mastered_percent_{name}"]) for name in ("mean", "std"))
+    assert f"ALP-GMM masters the most test tasks: {mean:.1f} ± {std:.1f}" in full.words
+    tests = {
+        row["teacher"]: row
+        for row in read_csv(full_root, "tests.csv")
+        if row["measure"] == "mastered_percent"
+    }
+    p = float(tests["alp_gmm"]["p"])
+    assert (f"p = {p:.3f}" if p >= 0.001 else "p\N{NO-BREAK SPACE}< 0.001") in full.text
+    assert "only large differences can show" in full.text
+
+
+def test_the_same_root_gives_the_same_figures_and_tables(full_root: Path, tmp_path: Path) -> None:
+    write_report(full_root, tmp_path / "again")
+    first = {path.name: path.read_bytes() for path in (full_root / "report").iterdir()}
+    again = {path.name: path.read_bytes() for path in (tmp_path / "again").iterdir()}
+    assert first.keys() == again.keys()
+    assert [name for name in first if first[name] != again[name]] in ([], ["index.html"])  # its date
+
+
+def test_an_empty_root(tmp_path: Path) -> None:
+    small(tmp_path)
+    page = report(tmp_path)
+    assert "This root holds no runs yet." in page.text
+    assert not page.images
+
+
+def test_no_root_at_all(tmp_path: Path) -> None:
+    with pytest.raises(ResultsRootError):
+        write_report(tmp_path / "nowhere")
+
+
+def test_an_object_store_needs_an_output() -> None:
+    with pytest.raises(ValueError, match="which folder"):
+        write_report("s3://bucket/results")
+
+
+def test_one_seed_concludes_nothing(tmp_path: Path) -> None:
+    campaign = small(tmp_path)
+    campaign.run("random", 0)
+    campaign.run("alp_gmm", 0)
+    page = report(tmp_path)
+    assert "a single seed cannot tell skill from luck" in page.words
+    assert "needs 2 seeds" in page.text
+    assert "significant difference" not in page.words
+
+
+def test_one_teacher_alone(tmp_path: Path) -> None:
+    small(tmp_path).run("random", 0)
+    assert "There is no other teacher." in report(tmp_path).words
+
+
+def test_failed_runs_are_named_with_their_error(tmp_path: Path) -> None:
+    campaign = small(tmp_path)
+    for seed in range(2):
+        campaign.run("random", seed)
+        campaign.run("alp_gmm", seed, "failed" if seed else "done", 0.5 if seed else 1.0)
+    page = report(tmp_path)
+    assert "1 failed" in page.text
+    assert "MemoryError: buffer of 2 GB" in page.text
+    assert "Start the same campaign again" in page.words
+    assert "1 of 2" in page.text
+
+
+def test_a_campaign_under_way(tmp_path: Path) -> None:
+    campaign = small(tmp_path)
+    for seed in range(2):
+        campaign.run("random", seed)
+        campaign.run("alp_gmm", seed, "running", 0.5 + 0.25 * seed)
+    campaign.run("alp_gmm", 2, "waiting")
+    page = report(tmp_path)
+    assert "2 running or interrupted, 1 not started" in page.words
+    assert "So far, at 20 thousand steps, ALP-GMM" in page.words
+    assert "still running" in page.text
+    assert "p =" not in page.text
+
+
+def test_a_campaign_whose_runs_have_only_begun(tmp_path: Path) -> None:
+    campaign = small(tmp_path)
+    record = campaign.record("random", 0, "low")
+    campaign.cell(record, "low")
+    campaign.committer.start(record)
+    page = report(tmp_path)
+    assert "No evaluation has finished yet" in page.text
+    assert "not evaluated yet" in page.text
+
+
+def test_nothing_mastered_compares_returns(tmp_path: Path) -> None:
+    campaign = small(tmp_path, steps=1000)
+    for seed in range(3):
+        campaign.plain_run("random", seed, {0: [0, 0], 1000: [10 + seed, 0]})
+        campaign.plain_run("adr", seed, {0: [0, 0], 1000: [90 + seed, 0]})
+    page = report(tmp_path)
+    assert "No seed masters any test task" in page.text
+    assert "ADR has the highest test return: 45.5 ± 0.5" in page.words
+    assert "no spread between seeds" in page.text  # of mastered tasks, in the table
+
+
+def test_no_teacher_better_than_random(tmp_path: Path) -> None:
+    campaign = small(tmp_path, steps=1000)
+    for seed, mastered in enumerate([5, 6, 5]):
+        campaign.plain_run("random", seed, {1000: [300] * mastered})
+        campaign.plain_run("adr", seed, {1000: [300] * 3 + [0] * mastered})
+    page = report(tmp_path)
+    assert "No teacher does better than Random. Significantly worse than Random: ADR." in page.words
+
+
+def test_test_tasks_in_no_grid_and_a_larger_task_space(tmp_path: Path) -> None:
+    campaign = small(tmp_path, steps=1000)
+    space = '{"task_space": [{"name": "a"}, {"name": "b"}, {"name": "c"}]}'
+    for seed in range(2):
+        campaign.plain_run("random", seed, {1000: [300, 0, 300 * seed]}, spec=space)
+    assert len(report(tmp_path).images) == 4  # two curves, bars, heat map
+
+
+def test_warnings_are_shown(tmp_path: Path) -> None:
+    campaign = small(tmp_path, steps=1000)
+    campaign.plain_run("random", 0, {1000: [300]})
+    campaign.plain_run("random", 1, {1000: [300]}, physics_version=2)
+    assert "Runs of different physics versions (1, 2) are mixed" in report(tmp_path).text
+
+
+def damage(root: Path) -> None:
+    path = next((root / "tables" / "evaluations").glob("*random*"))
+    path.write_bytes(b"not Parquet")
+
+
+def remove(root: Path) -> None:
+    next((root / "tables" / "evaluations").glob("*random*")).unlink()
+
+
+@pytest.mark.parametrize("harm", [damage, remove])
+@pytest.mark.filterwarnings("ignore::tma_ray.results.DamagedFileWarning")
+def test_a_damaged_file_is_left_out_and_named(tmp_path: Path, harm: Callable[[Path], None]) -> None:
+    campaign = small(tmp_path)
+    campaign.run("random", 0)
+    campaign.run("alp_gmm", 0)
+    harm(tmp_path)
+    page = report(tmp_path)
+    assert "was left out" in page.text
+    assert "ALP-GMM masters" in page.words
+
+
+def test_analysis_needs_neither_torch_nor_ray() -> None:
+    code = (
+        "import sys, analysis, analysis.report\n"
+        "found = {'torch', 'ray', 'stable_baselines3', 'pymunk', 'matplotlib.pyplot'} & set(sys.modules)\n"
+        "assert not found, found"
+    )
+    subprocess.run([sys.executable, "-c", code], check=True, timeout=120)

@@ -1,0 +1,128 @@
+import math
+from collections.abc import Sequence
+
+import numpy as np
+import pandas as pd
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from scipy import stats
+
+from analysis.statistics import describe, holm, welch
+
+
+def sample(values: Sequence[float], prefix: str) -> pd.Series:
+    return pd.Series(values, index=[f"{prefix}{i}" for i in range(len(values))], dtype=float)
+
+
+def two_sided_p(t: float, df: float) -> float:
+    """Twice the upper tail of Student's t, by integrating its density."""
+    x = np.linspace(0, abs(t), 200_001)
+    density = (
+        math.gamma((df + 1) / 2)
+        / (math.sqrt(df * math.pi) * math.gamma(df / 2))
+        * (1 + x**2 / df) ** (-(df + 1) / 2)
+    )
+    return 1 - 2 * float(np.trapezoid(density, x))
+
+
+def test_welch_by_hand() -> None:
+    # Means 3 and 6, variances 2.5 and 10, so the squared standard error is 0.5 + 2.
+    result = welch(sample([1, 2, 3, 4, 5], "a"), sample([2, 4, 6, 8, 10], "b"))
+    assert result.difference == -3
+    assert result.t == pytest.approx(-3 / math.sqrt(2.5))
+    assert result.degrees_of_freedom == pytest.approx(2.5**2 / (0.5**2 / 4 + 2**2 / 4))
+    assert result.p == pytest.approx(two_sided_p(result.t, result.degrees_of_freedom), abs=1e-9)
+    assert (result.n, result.reference_n, result.reason) == (5, 5, "")
+
+
+def test_welch_on_a_published_example() -> None:
+    # Textbook samples of equal size, often cited with t = -2.46, 25.0 degrees of freedom, p = 0.021.
+    first = [27.5, 21.0, 19.0, 23.6, 17.0, 17.9, 16.9, 20.1, 21.9, 22.6, 23.1, 19.6, 19.0, 21.7, 21.4]
+    second = [27.1, 22.0, 20.8, 23.4, 23.4, 23.5, 25.8, 22.0, 24.8, 20.2, 21.9, 22.1, 22.9, 20.5, 24.4]
+    result = welch(sample(first, "a"), sample(second, "b"))
+    assert result.t == pytest.approx(-2.46, abs=0.005)
+    assert result.degrees_of_freedom == pytest.approx(25.0, abs=0.05)
+    assert result.p == pytest.approx(0.021, abs=0.0005)
+    assert result.significant
+
+
+def test_welch_agrees_with_scipy() -> None:
+    rng = np.random.default_rng(1)
+    for n, m in ((2, 2), (3, 8), (32, 16)):
+        first, second = rng.normal(40, 6, n), rng.normal(35, 15, m)
+        ours = welch(sample(first, "a"), sample(second, "b"))
+        theirs = stats.ttest_ind(first, second, equal_var=False)
+        interval = theirs.confidence_interval(0.95)
+        np.testing.assert_allclose(
+            [ours.t, ours.degrees_of_freedom, ours.p, ours.low, ours.high],
+            [theirs.statistic, theirs.df, theirs.pvalue, interval.low, interval.high],
+        )
+
+
+def test_one_sample_without_spread_can_be_compared() -> None:
+    # Random masters nothing with any seed: only the other sample's variance counts.
+    result = welch(sample([1.0, 2.0, 3.0], "a"), sample([0.0, 0.0], "b"))
+    assert result.t == pytest.approx(2 / math.sqrt(1 / 3))
+    assert result.degrees_of_freedom == pytest.approx(2)
+
+
+def test_the_interval_excludes_zero_exactly_when_significant() -> None:
+    rng = np.random.default_rng(0)
+    verdicts = []
+    for _ in range(50):
+        result = welch(sample(list(rng.normal(0.8, 1, 6)), "a"), sample(list(rng.normal(0, 2, 9)), "b"))
+        assert result.low < result.difference < result.high
+        assert result.significant == (not result.low < 0 < result.high)
+        verdicts.append(result.significant)
+    assert len(set(verdicts)) == 2
+
+
+@pytest.mark.parametrize(
+    ("first", "second", "reason"),
+    [
+        ([1.0], [2.0, 3.0], "needs 2 seeds"),
+        ([], [2.0, 3.0], "needs 2 seeds"),
+        ([1.0, math.nan], [2.0, 3.0], "needs 2 seeds"),
+        ([0.0, 0.0], [0.0, 0.0, 0.0], "no spread between seeds"),
+    ],
+)
+def test_no_p_value_without_a_test(first: list[float], second: list[float], reason: str) -> None:
+    result = welch(sample(first, "a"), sample(second, "b"))
+    assert result.reason == reason
+    assert math.isnan(result.p)
+    assert not result.significant
+
+
+def test_a_run_is_never_compared_with_itself() -> None:
+    runs = sample([1.0, 2.0, 3.0], "run")
+    assert welch(runs, runs + 100).reason == "same runs"
+    assert welch(runs, sample([5.0, 6.0, 7.0], "run").iloc[2:]).reason == "same runs"
+
+
+def test_describe_by_hand() -> None:
+    result = describe([2.0, 4.0, 9.0, math.nan])
+    assert result.n == 3
+    assert result.mean == 5
+    assert result.std == pytest.approx(math.sqrt((9 + 1 + 16) / 2))
+    assert result.standard_error == pytest.approx(math.sqrt(13 / 3))
+
+
+def test_one_value_has_no_spread() -> None:
+    result = describe([7.0])
+    assert (result.n, result.mean) == (1, 7.0)
+    assert math.isnan(result.std)
+    assert math.isnan(result.standard_error)
+
+
+def test_holm_by_hand() -> None:
+    # Sorted 0.005, 0.01, 0.03, 0.04 times 4, 3, 2, 1, never falling.
+    adjusted = holm([0.01, 0.04, 0.03, math.nan, 0.005])
+    np.testing.assert_allclose(adjusted, [0.03, 0.06, 0.06, math.nan, 0.02])
+
+
+@given(st.lists(st.floats(0, 1), min_size=1, max_size=12))
+def test_holm_lies_between_p_and_bonferroni(values: list[float]) -> None:
+    adjusted = holm(values)
+    assert np.all(adjusted >= np.array(values) - 1e-12)
+    assert np.all(adjusted <= np.minimum(1, len(values) * np.array(values)) + 1e-12)
