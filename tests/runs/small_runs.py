@@ -1,0 +1,88 @@
+"""Real runs, small enough for the fast suite; also a script that runs one in a new process.
+
+python small_runs.py SPEC.json ROOT STOP_AFTER_EPISODES
+"""
+
+from __future__ import annotations
+
+import json
+import sys
+from pathlib import Path
+from typing import Any
+
+from tma_ray.results import Committer, Results, Table
+from tma_ray.runs import Cell, Placement, RunSpec, Schedule, effective_spec, run_locally
+
+SCHEDULE = Schedule(
+    steps=3_000, evaluation_interval=1_000, probe_interval=500, probe_size=10, training_window=1_000
+)
+
+STUDENTS: dict[str, dict[str, Any]] = {
+    "ppo": {"hidden_units": [32, 32], "steps_per_update": 400, "batch_size": 100},
+    "sac": {"hidden_units": [32, 32], "exploration_steps": 500, "batch_size": 64, "buffer_size": 2_000},
+}
+
+TEACHERS: dict[str, dict[str, Any]] = {"random": {}, "alp_gmm": {"fit_every": 20}}
+
+
+def small_spec(
+    folder: Path, student: str = "ppo", teacher: str = "random", seed: int = 0, **changes: Any
+) -> RunSpec:
+    """Returns a run of some 150 short episodes with small networks and a test set of three tasks."""
+    tests = folder / "three.csv"
+    tests.write_text("distance,wind\n1,0\n4,0.5\n8,0.2\n")
+    schedule = Schedule(**{**vars(SCHEDULE), **changes})
+    return effective_spec(_cell("corridor:Corridor", "", student, teacher, tests), seed, schedule)
+
+
+def stump_tracks_spec(folder: Path, student: str, teacher: str) -> RunSpec:
+    """Returns a run of a few episodes on Stump Tracks, likewise."""
+    tests = folder / "three.csv"
+    tests.write_text("stump_height,obstacle_spacing\n0,6\n1.5,3\n3,1\n")
+    cell = _cell("stump_tracks", "classic_bipedal", student, teacher, tests)
+    return effective_spec(
+        cell, 0, Schedule(**{**vars(SCHEDULE), "steps": 6_000, "evaluation_interval": 3_000})
+    )
+
+
+def _cell(environment: str, embodiment: str, student: str, teacher: str, tests: Path) -> Cell:
+    return Cell(
+        environment=environment,
+        embodiment=embodiment,
+        student=student,
+        teacher=teacher,
+        teacher_hyperparameters=TEACHERS.get(teacher, {}),
+        student_hyperparameters=STUDENTS[student],
+        test_set=str(tests),
+    )
+
+
+def data_files(root: Path) -> dict[str, bytes]:
+    """Returns the canonical data files of all runs of a root by their path."""
+    return {
+        path.relative_to(root).as_posix(): path.read_bytes()
+        for path in sorted((root / "tables").rglob("*.parquet"))
+        if path.parent.name not in ("runs", "attempts", "cells")
+    }
+
+
+def run(spec: RunSpec, root: Path, stop_after: int | None = None, placement: Placement | None = None) -> str:
+    """Runs `spec`, stopping after `stop_after` episodes; returns the outcome."""
+    episodes = 0
+
+    def stop() -> bool:
+        nonlocal episodes
+        episodes += 1
+        return stop_after is not None and episodes >= stop_after
+
+    return run_locally(spec, Committer.open(root), placement, stop).value
+
+
+def rows(root: Path, table: Table) -> list[dict[str, Any]]:
+    """Returns the visible rows of a table."""
+    return Results.open(root).table(table).to_pylist()
+
+
+if __name__ == "__main__":
+    content, place = (Path(argument) for argument in sys.argv[1:])
+    run(RunSpec.from_dict(json.loads(content.read_text())), place)

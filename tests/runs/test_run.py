@@ -1,0 +1,162 @@
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from small_runs import data_files, rows, run, small_spec, stump_tracks_spec
+
+from tma_ray.envs import make_environment
+from tma_ray.results import Committer, RunStatus, Table
+from tma_ray.runs.evaluation import Evaluation
+from tma_ray.runs.streams import Streams, evaluation_seeds, placement_generator
+from tma_ray.tasks import Episode, Query, QueryKind, Task
+from tma_ray.teachers import register_teacher
+from tma_ray.teachers.random import Random
+
+
+@pytest.fixture(scope="module")
+def finished(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("finished")
+    run(small_spec(folder, teacher="alp_gmm"), folder / "root")
+    return folder
+
+
+def test_the_schedule_is_kept(finished: Path) -> None:
+    root = finished / "root"
+    assert sorted({row["step"] for row in rows(root, Table.EVALUATIONS)}) == [0, 1000, 2000, 3000]
+    assert sorted({row["step"] for row in rows(root, Table.CURRICULUM)}) == list(range(0, 3001, 500))
+    assert [row["sample"] for row in rows(root, Table.CURRICULUM)[:10]] == list(range(10))
+    assert len(list((root / "policies").rglob("policy.zip"))) == 1
+
+
+def test_training_windows_summarise_the_episodes(finished: Path) -> None:
+    episodes = rows(finished / "root", Table.EPISODES)
+    windows = rows(finished / "root", Table.TRAINING)
+    assert sum(window["episodes"] for window in windows) == len(episodes)
+    for window in windows:
+        returns = [
+            episode["episodic_return"]
+            for episode in episodes
+            if window["step"] - 1000 < episode["step"] <= window["step"]
+        ]
+        assert window["episodes"] == len(returns)
+        assert window["mean_return"] == pytest.approx(np.mean(returns))
+        assert window["std_return"] == pytest.approx(np.std(returns))
+    assert np.all(np.diff([episode["step"] for episode in episodes]) > 0)
+
+
+def test_a_finished_run_is_not_run_again(finished: Path) -> None:
+    before = data_files(finished / "root")
+    assert run(small_spec(finished, teacher="alp_gmm"), finished / "root", stop_after=1) == "done"
+    assert data_files(finished / "root") == before
+    assert len(rows(finished / "root", Table.ATTEMPTS)) == 1
+
+
+def test_a_shorter_run_is_a_prefix_and_looking_changes_nothing(finished: Path, tmp_path: Path) -> None:
+    other = small_spec(tmp_path, teacher="alp_gmm", steps=2000, evaluation_interval=700, probe_interval=300)
+    run(other, tmp_path / "root")
+    long, short = rows(finished / "root", Table.EPISODES), rows(tmp_path / "root", Table.EPISODES)
+    assert len(short) > 5
+    for row, expected in zip(short, long, strict=False):
+        del row["run_id"], expected["run_id"]
+        assert row == expected
+
+
+def test_seeds_differ_and_zero_is_one(tmp_path: Path) -> None:
+    first = small_spec(tmp_path, seed=0)
+    draws = {
+        int(np.random.default_rng(getattr(Streams.of(replace(first, seed=seed)), part)).integers(2**62))
+        for seed in (0, 1)
+        for part in ("teacher", "environment", "student")
+    }
+    assert len(draws) == 6
+    with pytest.raises(ValueError, match="seed -1"):
+        replace(first, seed=-1)
+
+
+def test_all_teachers_of_a_seed_meet_the_same_placement(tmp_path: Path) -> None:
+    placed = [
+        placement_generator(small_spec(tmp_path, teacher=name)).random(2) for name in ("random", "alp_gmm")
+    ]
+    np.testing.assert_array_equal(placed[0], placed[1])
+    assert not np.array_equal(placed[0], placement_generator(small_spec(tmp_path, seed=1)).random(2))
+
+
+class _Swing:
+    """A policy without randomness, whose actions depend on every observation."""
+
+    def act_greedily(self, observations: np.ndarray) -> np.ndarray:
+        return np.tanh(5 * np.sin(observations[:, :4] * 7 + observations[:, 4:8])).astype(np.float32)
+
+
+def test_lock_step_equals_one_task_after_the_other(tmp_path: Path) -> None:
+    spec = stump_tracks_spec(tmp_path, "ppo", "random")
+    evaluation = Evaluation(spec)
+    together = [(row["episodic_return"], row["length"]) for row in evaluation(_Swing())]
+    assert [(row["episodic_return"], row["length"]) for row in evaluation(_Swing())] == together
+    environment = make_environment(spec.environment, **spec.environment_options)
+    one_by_one = []
+    for task, seed in zip(spec.test_set.tasks, evaluation_seeds(spec.test_set), strict=True):
+        observation, _ = environment.reset(seed=seed, options={"task": task})
+        total, length, over = 0.0, 0, False
+        while not over:
+            action = _Swing().act_greedily(observation[None])[0]
+            observation, reward, terminated, truncated, _ = environment.step(action)
+            total, length, over = total + float(reward), length + 1, terminated or truncated
+        one_by_one.append((total, length))
+    assert together == one_by_one
+
+
+class _Inquisitive(Random):
+    """Asks V of the initial observation after every episode."""
+
+    def observe(self, episode: Episode) -> Query:
+        return Query(QueryKind.STATE_VALUES, episode.initial_observation[None])
+
+    def answer(self, values: np.ndarray) -> None:
+        assert values.shape == (1,)
+        self.answers_ = [*getattr(self, "answers_", []), float(values[0])]
+
+    def sample(self) -> Task:
+        assert len(getattr(self, "answers_", [])) == self.samples_
+        self.samples_ += 1
+        return super().sample()
+
+    samples_ = 0
+
+
+class _Outsider(Random):
+    """Leaves its space."""
+
+    def sample(self) -> Task:
+        return super().sample() + np.float32(100)
+
+
+register_teacher("inquisitive")(_Inquisitive)
+register_teacher("outsider")(_Outsider)
+
+
+@pytest.mark.parametrize("student", ["ppo", "sac"])
+def test_queries_are_answered_without_disturbing_training(tmp_path: Path, student: str) -> None:
+    asked, silent = (small_spec(tmp_path, student, teacher=name) for name in ("inquisitive", "random"))
+    same_streams = replace(silent, plugins={})
+    vars(asked)["entropy"] = vars(same_streams)["entropy"] = 1
+    run(asked, tmp_path / "asked")
+    run(same_streams, tmp_path / "silent")
+    returns = [
+        [row["episodic_return"] for row in rows(tmp_path / name, Table.EPISODES)]
+        for name in ("asked", "silent")
+    ]
+    assert returns[0] == returns[1]
+
+
+def test_a_teacher_that_leaves_its_space_fails_the_run_by_name(tmp_path: Path) -> None:
+    spec = small_spec(tmp_path, teacher="outsider")
+    with pytest.raises(ValueError, match="teacher 'outsider' left its task space"):
+        run(spec, tmp_path / "root")
+    manifest = Committer.open(tmp_path / "root").manifest(spec.run_id)
+    assert manifest is not None
+    assert manifest.status is RunStatus.FAILED
+    assert "outsider" in str(manifest.error)

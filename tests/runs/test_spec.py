@@ -1,0 +1,108 @@
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from small_runs import small_spec
+
+from tma_ray.registry import UnknownNameError
+from tma_ray.runs import Cell, RunSpec, Schedule, effective_spec
+from tma_ray.tasks import KnowledgeLevel, TaskSpace
+from tma_ray.teachers import Teacher, register_teacher
+
+
+def spec_of(**changes: object) -> RunSpec:
+    return effective_spec(Cell(**changes), 0, Schedule(steps=1000))  # type: ignore[arg-type]
+
+
+def test_a_spec_survives_json_with_its_identity(tmp_path: Path) -> None:
+    spec = small_spec(tmp_path, "sac", "alp_gmm")
+    again = RunSpec.from_dict(json.loads(json.dumps(spec.to_dict())))
+    assert again.run_id == spec.run_id
+    assert again.entropy == spec.entropy
+    assert again.test_set.digest == spec.test_set.digest
+    assert again.task_space == spec.task_space
+    assert json.loads(spec.record().spec) == spec.to_dict()
+
+
+def test_whatever_changes_the_result_changes_the_id(tmp_path: Path) -> None:
+    spec = small_spec(tmp_path)
+    others = [
+        replace(spec, seed=1),
+        replace(spec, teacher_hyperparameters={"explore": 0.5}),
+        replace(spec, student_hyperparameters={**spec.student_hyperparameters, "gamma": 0.9}),
+        replace(spec, schedule=Schedule(steps=5)),
+        replace(spec, task_space=spec.task_space.with_bounds("distance", 0, 9)),
+        replace(spec, physics_version=2),
+        replace(spec, plugins={**spec.plugins, "mine": "abc"}),
+        replace(spec, repeat="low"),
+    ]
+    assert len({spec.run_id, *(other.run_id for other in others)}) == 1 + len(others)
+    assert replace(spec, seed=0).run_id == spec.run_id
+
+
+def test_levels_that_make_no_difference_share_runs() -> None:
+    random = {spec_of(teacher="random", expert_knowledge=level).run_id for level in KnowledgeLevel}
+    alp_gmm = [spec_of(teacher="alp_gmm", expert_knowledge=level).run_id for level in KnowledgeLevel]
+    assert len(random) == 1
+    assert alp_gmm[0] == alp_gmm[1] != alp_gmm[2]
+    apart = {
+        effective_spec(Cell(expert_knowledge=level), 0, Schedule(), independent_levels=True).entropy
+        for level in KnowledgeLevel
+    }
+    assert len(apart) == 3
+
+
+def test_the_defaults_are_the_papers() -> None:
+    spec = effective_spec(Cell(), 0, Schedule())
+    assert spec.schedule == Schedule(20_000_000, 500_000, 250_000, 100, 500_000)
+    assert (spec.student, spec.embodiment, len(spec.test_set)) == ("sac", "classic_bipedal", 100)
+    np.testing.assert_array_equal(spec.task_space.high, [3, 6])
+    assert spec.student_hyperparameters["batch_size"] == 1000
+
+
+@pytest.mark.parametrize(
+    ("wrong", "message"),
+    [
+        ({"teacher": "alp_gm"}, "did you mean 'alp_gmm'"),
+        ({"student": "ppoo"}, "did you mean 'ppo'"),
+        ({"environment": "stump_track"}, "did you mean 'stump_tracks'"),
+        ({"challenge": "orignal"}, "did you mean 'original'"),
+        ({"embodiment": "classic_bipdal"}, "did you mean 'classic_bipedal'"),
+        ({"teacher_hyperparameters": {"explore": 1}}, "no hyper-parameter explore"),
+        ({"student_hyperparameters": {"gama": 0.9}}, "gamma"),
+        ({"test_set": "nowhere.csv"}, "nowhere.csv"),
+    ],
+)
+def test_what_cannot_run_is_refused_with_a_hint(wrong: dict[str, object], message: str) -> None:
+    with pytest.raises(ValueError, match=message):
+        spec_of(**wrong)
+
+
+def test_a_teacher_without_its_knowledge_is_refused_by_name() -> None:
+    @register_teacher("needs_low")
+    class NeedsLow(Teacher):
+        knowledge_levels = (KnowledgeLevel.LOW,)
+
+        def sample(self) -> np.ndarray:
+            return self.space.low
+
+    with pytest.raises(ValueError, match="'needs_low' cannot run with expert knowledge 'none'"):
+        spec_of(teacher="needs_low")
+    assert spec_of(teacher="needs_low", expert_knowledge=KnowledgeLevel.HIGH).expert_knowledge == "low"
+    assert set(spec_of(teacher="needs_low", expert_knowledge=KnowledgeLevel.LOW).plugins) == {"needs_low"}
+
+
+def test_a_test_set_outside_the_valid_domain_is_refused(tmp_path: Path) -> None:
+    (tmp_path / "wild.csv").write_text("stump_height,obstacle_spacing\n0,6\n0,60\n")
+    with pytest.raises(ValueError, match="task 1"):
+        spec_of(test_set=str(tmp_path / "wild.csv"))
+
+
+def test_names_of_modules_and_unknown_kinds() -> None:
+    with pytest.raises(UnknownNameError, match="no module"):
+        spec_of(teacher="not_there:Teacher")
+    assert isinstance(spec_of(teacher="tma_ray.teachers.random:Random").task_space, TaskSpace)
