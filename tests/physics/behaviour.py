@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import json
 import os
+import sys
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -125,27 +126,20 @@ def reference(folder: Path) -> dict[str, dict[str, Any]]:
     }
 
 
-def main() -> None:
-    """Prints reference against ours."""
+def table(theirs: dict[str, dict[str, Any]]) -> Iterator[str]:
+    """Yields reference against ours, then the errors of our simulation, as rows of a Markdown table."""
     ours = {"zero actions": zero_action(), "random gaits": gaits()}
     ours |= {f"random actions, task {task}": episodes(task, 200) for task in TASKS}
-    theirs = reference(Path(os.environ["TMA_REFERENCE"]))
     for protocol, figures in ours.items():
         for name, values in figures.items():
             release = theirs[protocol][name]
-            print(
-                f"| {protocol} | {name} | {release['mean']:.2f} ± {release['std']:.2f} "
-                f"| {values.mean():.2f} ± {values.std():.2f} |"
-            )
+            measured = f"{release['mean']:.2f} ± {release['std']:.2f}"
+            yield f"| {protocol} | {name} | {measured} | {values.mean():.2f} ± {values.std():.2f} |"
     errors = list(full_torque(10_000))
     for name in ("joint_drift", "limit_overshoot", "penetration"):
-        values = np.concatenate([error[name] for error in errors])
         worst = np.array([error[name].max() for error in errors])
-        print(
-            f"| {name} | p99 of all {np.percentile(values, 99):.4f} | p99 of a step's worst "
-            f"{np.percentile(worst, 99):.4f} | maximum {worst.max():.4f} |"
-        )
+        yield f"| {name} | {np.percentile(worst, 99):.4f} | {worst.max():.4f} |"
 
 
 if __name__ == "__main__":
-    main()
+    sys.stdout.writelines(f"{row}\n" for row in table(reference(Path(os.environ["TMA_REFERENCE"]))))

@@ -7,6 +7,7 @@ from typing import Any
 import gymnasium
 
 from tma_ray.registry import Registry
+from tma_ray.tasks import TaskSpace
 
 Environment = gymnasium.Env[Any, Any]
 """Any Gymnasium environment with the attributes `task_space` and `valid_domain` (TaskSpace) whose `reset`
@@ -37,5 +38,10 @@ def make_environment(name: str, **kwargs: Any) -> Environment:
 
     Raises:
         UnknownNameError: nothing answers to `name`.
+        TypeError: it has no task space, so that no teacher could work with it.
     """
-    return ENVIRONMENTS.get(name)(**kwargs)
+    environment = ENVIRONMENTS.get(name)(**kwargs)
+    for attribute in ("task_space", "valid_domain"):
+        if not isinstance(getattr(environment, attribute, None), TaskSpace):
+            raise TypeError(f"environment {name!r} must have an attribute {attribute} of type TaskSpace")
+    return environment

@@ -1,0 +1,121 @@
+"""What every environment promises with every body: later ones are tested by being registered."""
+
+import hashlib
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import gymnasium
+import numpy as np
+import pytest
+from gymnasium.utils.env_checker import check_env as gymnasium_check
+from stable_baselines3.common.env_checker import check_env as stable_baselines_check
+
+from tma_ray.embodiments import embodiment_names
+from tma_ray.envs import ENVIRONMENTS, Environment, make_environment
+from tma_ray.tasks import TaskSpace
+
+CATALOGUE = [(name, body) for name in ENVIRONMENTS.names() for body in embodiment_names()]
+pytestmark = pytest.mark.parametrize(("name", "body"), CATALOGUE)
+
+
+def play(env: Environment, seed: int, steps: int = 300) -> str:
+    """Returns a hash of everything that a random player of `seed` gets to see over several episodes."""
+    rng, content = np.random.default_rng(seed), hashlib.sha256()
+    observation, info = env.reset(seed=seed)
+    for _ in range(steps):
+        content.update(observation.tobytes())
+        content.update(repr(info).encode())
+        action = rng.uniform(-1, 1, env.action_space.shape).astype(np.float32)
+        observation, reward, terminated, truncated, info = env.step(action)
+        content.update(np.float64(reward).tobytes())
+        if terminated or truncated:
+            observation, info = env.reset()
+    return content.hexdigest()
+
+
+def test_gymnasium_accepts_it(name: str, body: str) -> None:
+    gymnasium_check(make_environment(name, embodiment=body))
+
+
+def test_stable_baselines_accepts_it(name: str, body: str) -> None:
+    stable_baselines_check(make_environment(name, embodiment=body, render_mode="rgb_array"))
+
+
+def test_it_repeats_bit_for_bit_whatever_came_before(name: str, body: str) -> None:
+    env = make_environment(name, embodiment=body)
+    first = play(env, 1)
+    assert play(env, 2) != first
+    assert play(env, 1) == first
+
+
+def test_it_repeats_bit_for_bit_in_another_process(name: str, body: str) -> None:
+    code = (
+        "from test_environment_contract import play, make_environment\n"
+        f"print(play(make_environment({name!r}, embodiment={body!r}), 1))"
+    )
+    environment = os.environ | {"PYTHONPATH": str(Path(__file__).parent), "PYTHONHASHSEED": "7"}
+    result = subprocess.run(
+        [sys.executable, "-c", code], env=environment, capture_output=True, text=True, check=True
+    )
+    assert result.stdout.strip() == play(make_environment(name, embodiment=body), 1)
+
+
+def test_it_declares_its_tasks(name: str, body: str) -> None:
+    env = make_environment(name, embodiment=body)
+    assert isinstance(env.task_space, TaskSpace)
+    assert env.valid_domain.contains(env.task_space.low)
+    assert env.valid_domain.contains(env.task_space.high)
+    rng = np.random.default_rng(0)
+    for task in env.valid_domain.sample(rng, 5):
+        observation, info = env.reset(seed=0, options={"task": task})
+        assert observation in env.observation_space
+        np.testing.assert_array_equal(info["task"], task)
+        assert info["success"] is False
+
+
+def test_what_it_returned_does_not_change_later(name: str, body: str) -> None:
+    env = make_environment(name, embodiment=body)
+    first, _ = env.reset(seed=0)
+    second, *_ = env.step(env.action_space.sample())
+    kept = first.copy(), second.copy()
+    for _ in range(5):
+        env.step(env.action_space.sample())
+    np.testing.assert_array_equal((first, second), kept)
+
+
+def test_global_random_state_is_left_alone(name: str, body: str) -> None:
+    state = np.random.get_state()[1].tobytes()  # noqa: NPY002
+    play(make_environment(name, embodiment=body), 0, steps=20)
+    assert np.random.get_state()[1].tobytes() == state  # noqa: NPY002
+
+
+def test_it_draws_its_world(name: str, body: str) -> None:
+    env = make_environment(name, embodiment=body, render_mode="rgb_array")
+    env.reset(seed=0)
+    frame = env.render()
+    assert frame.shape == (400, 600, 3)
+    assert frame.dtype == np.uint8
+    assert len(np.unique(frame.reshape(-1, 3), axis=0)) > 20
+    for _ in range(10):
+        env.step(env.action_space.sample())
+    assert not np.array_equal(env.render(), frame)
+    env.close()
+
+
+def test_rendering_changes_nothing(name: str, body: str) -> None:
+    plain, drawn = (make_environment(name, embodiment=body, render_mode=mode) for mode in (None, "rgb_array"))
+    plain.reset(seed=0)
+    drawn.reset(seed=0)
+    for _ in range(20):
+        drawn.render()
+        action = plain.action_space.sample()
+        np.testing.assert_array_equal(plain.step(action)[0], drawn.step(action)[0])
+
+
+def test_gymnasiums_vector_environment_runs_it(name: str, body: str) -> None:
+    vector = gymnasium.vector.SyncVectorEnv([lambda: make_environment(name, embodiment=body)] * 2)
+    observations, infos = vector.reset(seed=[0, 1])
+    assert observations.shape == (2, *vector.single_observation_space.shape)
+    assert infos["task"].shape[0] == 2

@@ -1,0 +1,157 @@
+"""What every engine promises with every body."""
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+from measures import joint_drift, limit_overshoot, penetration
+from trajectory import digest
+
+from tma_ray.embodiments import BodyType, Embodiment, Part, Polygon, embodiment_names, load_embodiment
+from tma_ray.envs.stump_tracks import LIDAR_ANGLES
+from tma_ray.physics import TIME_STEP, PymunkEngine
+from tma_ray.physics.arrays import body_arrays
+from tma_ray.terrain import GROUND_HEIGHT, stump_tracks
+
+ENGINES = [PymunkEngine]
+
+
+@pytest.fixture(params=ENGINES, ids=lambda engine: engine.__name__)
+def make_engine(request):
+    return lambda body: request.param(body, LIDAR_ANGLES)
+
+
+@pytest.fixture(params=embodiment_names())
+def body(request) -> Embodiment:
+    return load_embodiment(request.param)
+
+
+def flat_world():
+    return stump_tracks(np.array([0.0, 6.0], dtype=np.float32), np.random.default_rng(0))
+
+
+def world_below(height: float):
+    """Returns a world that a body spawns `height` m above."""
+    terrain = flat_world()
+    return terrain._replace(spawn=terrain.spawn + np.array([0.0, height]))
+
+
+def test_a_reused_engine_repeats_bit_for_bit(make_engine, body: Embodiment) -> None:
+    engine = make_engine(body)
+    first = digest(engine, seed=1)
+    digest(engine, seed=2)
+    assert digest(engine, seed=1) == first == digest(make_engine(body), seed=1)
+    assert digest(engine, seed=2) != first
+
+
+@pytest.mark.parametrize("plain", [False, True], ids=["compiled", "plain"])
+def test_another_process_repeats_bit_for_bit(body: Embodiment, plain: bool) -> None:
+    script = Path(__file__).with_name("trajectory.py")
+    environment = os.environ | ({"NUMBA_DISABLE_JIT": "1"} if plain else {})
+    result = subprocess.run(
+        [sys.executable, str(script), body.name], env=environment, check=True, capture_output=True, text=True
+    )
+    assert result.stdout == digest(PymunkEngine(body, LIDAR_ANGLES), seed=1)
+
+
+@pytest.mark.parametrize("task", [(1.5, 1.0), (3.0, 0.0), (0.0, 6.0)])
+def test_random_full_torque_breaks_nothing(make_engine, body: Embodiment, task: tuple[float, float]) -> None:
+    """10,000 steps in all: nothing tunnels, sinks in, falls apart or becomes NaN."""
+    engine, arrays, rng = make_engine(body), body_arrays(body), np.random.default_rng(4)
+    drift, overshoot, depth, lowest = [], [], [], []
+    for episode in range(7):
+        terrain = stump_tracks(np.array(task, dtype=np.float32), np.random.default_rng(episode))
+        engine.reset(terrain, 0.0)
+        for _ in range(500):
+            observation, reward, _ = engine.step(rng.choice([-1.0, 1.0], body.action_size))
+            assert np.all(np.isfinite(observation))
+            assert np.isfinite(reward)
+            assert np.all(np.isfinite(engine.state))
+            drift.append(joint_drift(engine.state, arrays).max())
+            overshoot.append(limit_overshoot(engine.state, arrays).max())
+            depth.append(penetration(engine.state, arrays, terrain).max())
+            lowest.append(engine.state[:, 1].min())
+    assert min(lowest) > GROUND_HEIGHT - 0.1
+    assert max(depth) < 0.2
+    assert np.percentile(depth, 99) < 0.06
+    assert np.percentile(drift, 99) < 0.02
+    assert np.percentile(overshoot, 99) < 0.1
+
+
+def test_a_positive_action_opens_its_joint(make_engine, body: Embodiment) -> None:
+    engine, arrays = make_engine(body), body_arrays(body)
+    for joint, (a, b) in enumerate(arrays.joint_parts):
+        for sign in (-1.0, 1.0):
+            engine.reset(world_below(5.0), 0.0)
+            before = engine.state[b, 2] - engine.state[a, 2]
+            engine.step(sign * np.eye(body.action_size)[joint])
+            moved = sign * (engine.state[b, 2] - engine.state[a, 2] - before)
+            room = arrays.limits[joint, int(sign > 0)] - before
+            assert moved > 0.01 if abs(room) > 0.1 else moved > -0.01
+
+
+def test_a_motor_seeks_its_speed_and_a_limp_joint_none(make_engine, body: Embodiment) -> None:
+    engine, arrays = make_engine(body), body_arrays(body)
+    engine.reset(world_below(5.0), 0.0)
+    a, b = arrays.joint_parts[0]
+    for _ in range(3):
+        engine.step(np.eye(body.action_size)[0])
+    assert engine.state[b, 5] - engine.state[a, 5] == pytest.approx(body.joints[0].motor_speed, rel=0.05)
+
+
+def test_a_body_in_the_air_falls_freely(make_engine, body: Embodiment) -> None:
+    engine, arrays = make_engine(body), body_arrays(body)
+    engine.reset(world_below(50.0), 0.0)
+    speed = [arrays.mass @ engine.state[:, 4] / arrays.mass.sum()]
+    for _ in range(25):
+        engine.step(np.zeros(body.action_size))
+        speed.append(arrays.mass @ engine.state[:, 4] / arrays.mass.sum())
+    assert np.diff(speed) == pytest.approx(-10 * TIME_STEP, rel=1e-6)
+    assert np.all(engine.contacts == 0)
+
+
+@pytest.mark.parametrize("friction", [0.1, 0.4])
+def test_push_and_friction_follow_box2ds_rules(make_engine, friction: float) -> None:
+    """A sliding box: v = F dt / m, then it slows by sqrt(f1 f2) g."""
+    shape = Polygon(((-0.5, -0.1), (0.5, -0.1), (0.5, 0.1), (-0.5, 0.1)))
+    box = Part("box", shape, (0.0, 0.0), density=2.0, friction=friction, head=True)
+    engine = make_engine(Embodiment("box", BodyType.WALKER, 0.105, 0.0, True, (box,), ()))
+    push = 100.0
+    engine.reset(flat_world(), push)
+    start = push * TIME_STEP / box.mass
+    slowing = np.sqrt(friction * 2.5) * 10
+    assert start - engine.state[0, 3] == pytest.approx(slowing * TIME_STEP, rel=0.1)
+    steps = 10
+    for _ in range(steps):
+        engine.step([])
+    assert start - engine.state[0, 3] == pytest.approx(slowing * TIME_STEP * (steps + 1), rel=0.05)
+    assert engine.contacts[0] == 1
+
+
+def test_contacts_are_there_while_a_part_touches(make_engine) -> None:
+    body = load_embodiment("classic_bipedal")
+    engine = make_engine(body)
+    engine.reset(flat_world(), 0.0)
+    for _ in range(5):
+        engine.step(np.zeros(4))
+    assert engine.contacts.tolist() == [0, 0, 1, 0, 1]
+    engine.reset(world_below(1.0), 0.0)
+    assert engine.contacts.tolist() == [0, 0, 0, 0, 0]
+
+
+def test_bodies_start_within_their_limits(make_engine, body: Embodiment) -> None:
+    engine, arrays = make_engine(body), body_arrays(body)
+    engine.reset(flat_world(), 0.0)
+    assert limit_overshoot(engine.state, arrays).max() < 0.01
+    assert joint_drift(engine.state, arrays).max() < 0.005
+
+
+@pytest.mark.parametrize("action", [[0.0] * 3, [0.0] * 5, 0.0, [[0.0] * 4], [0.0, 0.0, np.nan, 0.0]])
+def test_malformed_actions_are_refused(make_engine, action) -> None:
+    engine = make_engine(load_embodiment("classic_bipedal"))
+    engine.reset(flat_world(), 0.0)
+    with pytest.raises(ValueError, match=r"an action (has shape \(4,\), got|must be finite, got)"):
+        engine.step(action)

@@ -1,0 +1,27 @@
+"""Prints the digest of a trajectory: ``python trajectory.py embodiment``; run in processes of their own."""
+
+import hashlib
+import sys
+
+import numpy as np
+
+from tma_ray.embodiments import load_embodiment
+from tma_ray.envs.stump_tracks import LIDAR_ANGLES
+from tma_ray.physics import PymunkEngine
+from tma_ray.terrain import stump_tracks
+
+
+def digest(engine: PymunkEngine, seed: int, steps: int = 150) -> str:
+    """Returns a hash of every observation, reward and state of a random episode."""
+    rng, content = np.random.default_rng(seed), hashlib.sha256()
+    terrain = stump_tracks(np.array([1.5, 1.0], dtype=np.float32), rng)
+    content.update(engine.reset(terrain, 3.0).tobytes())
+    for _ in range(steps):
+        observation, reward, ended = engine.step(rng.uniform(-1, 1, len(engine.arrays.motors)))
+        content.update(observation.tobytes() + np.float64(reward).tobytes() + bytes([ended]))
+        content.update(engine.state.tobytes() + engine.contacts.tobytes())
+    return content.hexdigest()
+
+
+if __name__ == "__main__":
+    sys.stdout.write(digest(PymunkEngine(load_embodiment(sys.argv[1]), LIDAR_ANGLES), seed=1))
