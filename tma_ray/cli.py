@@ -17,13 +17,14 @@ KINDS = ("teachers", "students", "environments", "embodiments", "challenges", "t
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Runs one command; returns its exit code."""
-    parser = _parser()
-    options = parser.parse_args(arguments)
+    from tma_ray.results import RootInUseError
+
+    options = _parser().parse_args(arguments)
     command: Callable[[argparse.Namespace], int] = options.command
     warnings.showwarning = _show_warning
     try:
         return command(options)
-    except (ValueError, ConnectionError) as error:
+    except (ValueError, ConnectionError, RootInUseError) as error:
         sys.stderr.write(f"tma-ray: {error}\n")
         return REFUSED
 

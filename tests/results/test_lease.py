@@ -1,3 +1,7 @@
+import subprocess
+import sys
+from pathlib import Path
+
 import pytest
 
 from tma_ray.results import Lease, RootInUseError, Store
@@ -63,3 +67,13 @@ def test_of_two_that_start_at_once_one_is_refused_at_its_first_renewal(store: St
     first.renew()
     with pytest.raises(RootInUseError, match="second has lost"):
         second.renew()
+
+
+def test_the_lease_of_a_dead_process_of_this_machine_is_free_at_once(store: Store, tmp_path: Path) -> None:
+    script = (
+        "import sys; from tma_ray.results import Lease, Store\n"
+        f"Lease(Store.open({str(tmp_path / 'root')!r}), 'killed').acquire()"
+    )
+    subprocess.run([sys.executable, "-c", script], check=True)
+    with Lease(Store.open(tmp_path / "root"), "successor") as successor:
+        successor.keep()

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import itertools
+import os
+import platform
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
@@ -97,6 +99,11 @@ def cells_of(
             challenges, embodiments, students, levels, teachers
         )
     )
+
+
+def lease_holder(campaign: str) -> str:
+    """Returns how another campaign on the same root is told who holds it."""
+    return f"campaign {campaign!r} on {platform.node()}, process {os.getpid()}"
 
 
 def _cell_row(experiment: str, cell: Cell) -> dict[str, Any]:

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from tma_ray.campaign.campaign import Campaign
+from tma_ray.campaign.campaign import Campaign, lease_holder
 from tma_ray.campaign.cluster import check_feasible, connect
 from tma_ray.campaign.progress import ProgressView, Snapshot
 from tma_ray.campaign.scheduler import Scheduler
 from tma_ray.campaign.settings import Settings
 from tma_ray.campaign.stopping import StopSignals
-from tma_ray.results import Committer
+from tma_ray.results import Committer, Lease, Store
 
 
 def run_campaign(
@@ -37,15 +37,18 @@ def run_campaign(
     Raises:
         ValueError: an unknown name, missing knowledge, impossible resources.
         ResultsRootError: the root belongs to something else or to another version.
+        RootInUseError: another campaign is running on it.
         ConnectionError: no cluster answers at `address`.
     """
     settings = settings or Settings()
     plan = campaign.plan()
-    committer = Committer.open(results)
+    store = Store.open(results)
     connect(address)
     check_feasible(settings.resources)
-    committer.write_cells(campaign.name, plan.cell_rows)
-    committer.sweep()
-    scheduler = Scheduler(committer, settings, view or ProgressView())
-    with StopSignals() as signals:
-        return scheduler.execute(plan.runs, lambda: signals.requested)
+    committer = Committer(store)
+    with Lease(store, lease_holder(campaign.name)) as lease:
+        committer.write_cells(campaign.name, plan.cell_rows)
+        committer.sweep()
+        scheduler = Scheduler(committer, settings, view or ProgressView(), lease.keep)
+        with StopSignals() as signals:
+            return scheduler.execute(plan.runs, lambda: signals.requested)

@@ -44,10 +44,19 @@ class Scheduler:
     The one more keeps a demand in the queue that an autoscaler can see. Every run gets a fresh actor.
     A run whose process dies is taken up again from its newest checkpoint by a new attempt; a run
     that raises is marked as failed, with its traceback, and the others go on.
+
+    Args:
+        committer: of the results root.
+        settings: resources and placement of every run.
+        view: shows the progress.
+        keep_lease: called before anything is published; raises if the root is no longer ours.
     """
 
-    def __init__(self, committer: Committer, settings: Settings, view: ProgressView) -> None:
+    def __init__(
+        self, committer: Committer, settings: Settings, view: ProgressView, keep_lease: Callable[[], None]
+    ) -> None:
         self._committer = committer
+        self._keep_lease = keep_lease
         self._settings = settings
         self._view = view
         self._waiting: deque[RunSpec] = deque()
@@ -114,6 +123,7 @@ class Scheduler:
 
     def _wait(self, seconds: float) -> None:
         ended, _ = ray.wait(list(self._running), num_returns=1, timeout=seconds)
+        self._keep_lease()
         for result in ended:
             self._settle(self._running.pop(result))
         for running in self._running.values():

@@ -11,6 +11,7 @@ from rich.console import Console
 from tma_ray.campaign.campaign import Campaign
 from tma_ray.campaign.options import add_options, chosen_address, chosen_campaign, chosen_settings
 from tma_ray.campaign.progress import Snapshot
+from tma_ray.results import RootInUseError
 
 EXIT_FAILED_RUNS = 1
 EXIT_REFUSED = 2
@@ -38,7 +39,7 @@ def execute(campaign: Campaign, options: argparse.Namespace) -> int:
         if options.dry_run:
             return 0
         ended = run_campaign(chosen, options.results, chosen_settings(options), chosen_address(options))
-    except (ValueError, ConnectionError) as error:
+    except (ValueError, ConnectionError, RootInUseError) as error:
         sys.stderr.write(f"{campaign.name}: {error}\n")
         return EXIT_REFUSED
     return _conclude(ended, options.results, console)

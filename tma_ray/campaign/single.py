@@ -7,11 +7,11 @@ from dataclasses import fields
 
 from rich.console import Console
 
-from tma_ray.campaign.campaign import Campaign
+from tma_ray.campaign.campaign import Campaign, lease_holder
 from tma_ray.campaign.progress import ProgressView, Snapshot, Standing
 from tma_ray.campaign.script import EXIT_STOPPED
 from tma_ray.campaign.stopping import StopSignals
-from tma_ray.results import AttemptOutcome, Committer
+from tma_ray.results import AttemptOutcome, Committer, Lease
 from tma_ray.runs import Cell, Placement, Schedule, Status, run_locally
 from tma_ray.tasks import KnowledgeLevel
 
@@ -41,15 +41,16 @@ def run_single(options: argparse.Namespace) -> int:
     schedule = Schedule(**{name: value for name, value in given.items() if value is not None})
     plan = Campaign(CAMPAIGN, (cell,), (options.seed,), schedule).plan()
     committer = Committer.open(options.results)
-    committer.write_cells(CAMPAIGN, plan.cell_rows)
     (spec,) = plan.runs
     console, view = Console(), ProgressView()
 
     def show(status: Status) -> None:
+        lease.keep()
         view.update(Snapshot(1, 0, 0, 0, 0, 0, [Standing(spec.run_id, schedule.steps, status)]))
 
     placement = Placement(options.device, options.threads, options.checkpoint_seconds)
-    with StopSignals() as signals:
+    with Lease(committer.store, lease_holder(CAMPAIGN)) as lease, StopSignals() as signals:
+        committer.write_cells(CAMPAIGN, plan.cell_rows)
         outcome = run_locally(spec, committer, placement, lambda: signals.requested, show)
     done = outcome is AttemptOutcome.DONE
     view.close(Snapshot(1, int(done), 0, int(not done), 0, 0, []))

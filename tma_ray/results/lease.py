@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import json
+import os
 import time
 from collections.abc import Callable
+from pathlib import Path
 from types import TracebackType
 from typing import Any, Final, Self
 from uuid import uuid4
@@ -24,7 +26,8 @@ class Lease:
     """Holds a results root as long as it is renewed, several times within `seconds`.
 
     No file system offers a lock that all of them have: two campaigns that start within the same
-    instant may both get the lease. The first renewal then refuses one of them.
+    instant may both get the lease. The first renewal then refuses one of them. The lease of a process
+    that is known to be dead, because it ran on this machine, is free at once.
 
     Args:
         store: the results root.
@@ -45,6 +48,7 @@ class Lease:
         self.seconds = seconds
         self._clock = clock
         self._token = uuid4().hex
+        self._renewed_at = 0.0
 
     def __enter__(self) -> Self:
         self.acquire()
@@ -64,7 +68,7 @@ class Lease:
         current = self._read()
         if current is not None and current["token"] != self._token:
             age = self._clock() - current["renewed_at"]
-            if age < self.seconds:
+            if age < self.seconds and not _is_dead(current.get("process")):
                 raise RootInUseError(
                     f"{self.store} is in use by {current['holder']}, last sign of life {age:.0f} s ago; "
                     f"stop that campaign, wait {self.seconds - age:.0f} s if it is dead, or use another root"
@@ -84,6 +88,15 @@ class Lease:
             raise RootInUseError(f"{self.holder} has lost {self.store} to {taker}; start it again")
         self._write()
 
+    def keep(self) -> None:
+        """Renews the lease if a quarter of its time has passed; cheap enough for every turn of a loop.
+
+        Raises:
+            RootInUseError: as `renew`.
+        """
+        if self._clock() - self._renewed_at >= self.seconds / 4:
+            self.renew()
+
     def release(self) -> None:
         """Gives the lease back; one that was taken over stays with its holder."""
         current = self._read()
@@ -98,5 +111,29 @@ class Lease:
         return content
 
     def _write(self) -> None:
-        content = {"holder": self.holder, "token": self._token, "renewed_at": self._clock()}
+        self._renewed_at = self._clock()
+        content = {
+            "holder": self.holder,
+            "token": self._token,
+            "renewed_at": self._renewed_at,
+            "process": _this_process(),
+        }
         self.store.write_bytes(LEASE_FILE, json.dumps(content).encode())
+
+
+def _this_process() -> dict[str, Any] | None:
+    """Names this process so that others on this machine can tell whether it lives; None where they cannot."""
+    try:
+        boot = Path("/proc/sys/kernel/random/boot_id").read_text().strip()
+        namespace = str(Path("/proc/self/ns/pid").readlink())
+    except OSError:
+        return None
+    return {"boot": boot, "namespace": namespace, "pid": os.getpid()}
+
+
+def _is_dead(process: dict[str, Any] | None) -> bool:
+    """Tells whether `process` is known to have ended; one of another machine never is."""
+    here = _this_process()
+    if process is None or here is None or {**process, "pid": here["pid"]} != here:
+        return False
+    return not Path(f"/proc/{process['pid']}").exists()
