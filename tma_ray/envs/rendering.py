@@ -132,10 +132,10 @@ class Renderer:
             self._canvas.blit(text, text.get_rect(midtop=place.tolist()))
 
     def _draw_lidars(self, scene: Scene) -> None:
-        origin = self._pixels(scene.poses[self._body.head, :2]).tolist()
-        for end in self._pixels(scene.lidars).tolist():
-            pygame.draw.aaline(self._canvas, LIDAR, origin, end)
-            pygame.draw.circle(self._canvas, LIDAR, end, 2.5 * SUPERSAMPLING)
+        origin = scene.poses[self._body.head, :2]
+        for end in scene.lidars:
+            self._line(np.stack([origin, end]), LIDAR, 1)
+            pygame.draw.circle(self._canvas, LIDAR, self._pixels(end).tolist(), 2.5 * SUPERSAMPLING)
 
     def _draw_body(self, scene: Scene) -> None:
         """Draws the parts from the last, which is farthest away, to the head."""

@@ -77,7 +77,9 @@ class PymunkEngine:
         cost = command_motors(self._action, self.arrays, self._commands)
         if math.isnan(cost):
             raise ValueError(f"an action must be finite, got {values.tolist()}")
+        self._set_motors()
         self._advance()
+        self._read_state()
         observation = np.empty(self._observation_size, dtype=np.float32)
         observe(self.state, self.contacts, self.arrays, self._surface, observation)
         reward, terminated, self._shaping = judge(
@@ -85,12 +87,16 @@ class PymunkEngine:
         )
         return observation, float(reward), bool(terminated)
 
-    def _advance(self) -> None:
+    def _set_motors(self) -> None:
         for motor, (speed, torque) in zip(self._motors, self._commands.tolist(), strict=True):
             motor.rate = -speed  # Chipmunk's rate is the speed of the first part relative to the second
             motor.max_force = torque
+
+    def _advance(self) -> None:
         for _ in range(self.settings.substeps):
             self._space.step(TIME_STEP / self.settings.substeps)
+
+    def _read_state(self) -> None:
         self._buffer.clear()
         batch.get_space_bodies(self._space, STATE_FIELDS, self._buffer)
         values = np.frombuffer(self._buffer.float_buf())  # the static body comes last
