@@ -164,6 +164,16 @@ def test_a_cleared_buffer_remembers_nothing():
     assert as_rows(replay.sample(300)) == expected_rows(new[:4])
 
 
+def test_what_is_kept_of_endings_goes_with_their_transitions(tmp_path):
+    replay, sizes = buffer(20), []
+    for index, transition in enumerate(stream(np.random.default_rng(6), 1000, 1.0)):
+        replay.add(transition, transition.action)
+        if index in (100, 999):
+            replay.save(tmp_path)
+            sizes.append(sum(path.stat().st_size for path in tmp_path.iterdir()))
+    assert sizes[0] == sizes[1]
+
+
 def test_a_large_buffer_takes_memory_only_as_it_fills(tmp_path):
     import resource
 

@@ -26,16 +26,19 @@ def assert_same_networks(student, stock) -> None:
 
 
 def test_ppo_learns_what_stable_baselines3_learns(monkeypatch):
-    student = small_student("ppo", seed=3)
+    # so fast that both clips matter: of the ratio and of the value
+    student = small_student("ppo", seed=3, learning_rate=0.01, clip_range=0.02, value_clip_range=0.05)
     exploration, batches = generators(3)
     env = VecNormalize(DummyVecEnv([lambda: Drift(seed=1, limit=None)]))
     stock = stable_baselines3.PPO(
         "MlpPolicy",
         env,
+        learning_rate=0.01,
         n_steps=50,
         batch_size=25,
         n_epochs=2,
-        clip_range_vf=0.2,
+        clip_range=0.02,
+        clip_range_vf=0.05,
         policy_kwargs={
             "net_arch": [],
             "activation_fn": nn.ReLU,

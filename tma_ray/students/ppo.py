@@ -135,13 +135,13 @@ class PPO(StableBaselinesStudent[PPOHyperparameters, stable_baselines3.PPO]):
     def _save_experience(self, folder: Path, _previous: Path | None) -> dict[str, Any]:
         self.normaliser.save(folder / NORMALISER_FILE)
         np.savez(folder / "rollout.npz", **self._rollout.state())
-        return {"episode_starts": self._episode_starts}
+        return {}
 
-    def _load_experience(self, folder: Path, counters: dict[str, Any]) -> None:
+    def _load_experience(self, folder: Path, _counters: dict[str, Any]) -> None:
         self.normaliser = Normaliser.load(folder / NORMALISER_FILE)
         with np.load(folder / "rollout.npz") as state:
             self._rollout.restore(dict(state))
-        self._episode_starts = counters["episode_starts"]
+        self._episode_starts = True  # states are saved at the end of an episode
 
     def _update(self, next_observation: Observations) -> None:
         rollout, policy = self._rollout, self.model.policy

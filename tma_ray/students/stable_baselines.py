@@ -86,7 +86,7 @@ class StableBaselinesStudent(Student, Generic[H, M]):
         """Writes buffers and statistics into `folder`; returns counters for JSON."""
 
     @abstractmethod
-    def _load_experience(self, folder: Path, counters: dict[str, Any]) -> None:
+    def _load_experience(self, folder: Path, counters: dict[str, Any], /) -> None:
         """Takes over what `_save_experience` wrote and returned."""
 
     def save(self, folder: Path, previous: Path | None = None) -> None:  # noqa: D102
