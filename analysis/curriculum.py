@@ -120,7 +120,7 @@ def _panel(axes: Axes, part: Curriculum, colours: ScalarMappable) -> None:
         axes.scatter(
             tasks[:, 0], tasks[:, 1], c=colours.to_rgba(returns), s=10, linewidth=0.25, edgecolor=INK
         )
-    else:
+    elif part.probes.empty:
         axes.text(0.5, 0.5, "no episodes", transform=axes.transAxes, ha="center", va="center", color=MUTED)
     if not part.shuffled:
         _probes(axes, part.probes)

@@ -15,7 +15,10 @@ from analysis.formatting import amount
 from analysis.measures import aggregate
 from analysis.style import INK, MUTED, RULE, label, look, short_label, styled, teacher_order
 
-SHARE_COLOURS = "GnBu"
+LEAST_PERCENT = 5.0
+"""Axes of mastered % reach at least this far, so that one task of a hundred never looks like a triumph."""
+
+SHARE_COLOURS = "Blues"
 """From paper white for nobody to dark for every seed; readable with any colour vision."""
 
 
@@ -31,7 +34,7 @@ class Axis(NamedTuple):
 def learning_curve(curves: pd.DataFrame, value: str, ylabel: str) -> Figure:
     """Draws the mean of `value` over seeds against steps, one line per teacher, ± one standard error.
 
-    Where fewer runs than elsewhere have reached a step the line is thin: its runs are still on their way.
+    A line starts where all its runs have values, and is thin where some of them have yet to arrive.
 
     Args:
         curves: teacher, run_id, step and `value`, of one comparison.
@@ -48,16 +51,17 @@ def learning_curve(curves: pd.DataFrame, value: str, ylabel: str) -> Figure:
     axes.set_ylabel(ylabel)
     if value == "mastered_percent":
         axes.set_ylim(bottom=0)
-        axes.set_ylim(top=max(axes.get_ylim()[1], 1.0))
+        axes.set_ylim(top=max(axes.get_ylim()[1], LEAST_PERCENT))
     _legend(figure, axes)
     return figure
 
 
 def _curve(axes: Axes, teacher: str, rows: pd.DataFrame) -> None:
     style = look(teacher)
+    complete = (rows["n"] == rows["n"].max()).to_numpy()
+    rows, complete = rows[complete.argmax() :], complete[complete.argmax() :]
     steps, mean = rows["step"].to_numpy(float), rows["mean"].to_numpy(float)
     error = rows["standard_error"].fillna(0.0).to_numpy(float)
-    complete = rows["n"].to_numpy() == rows["n"].max()
     end = int(np.flatnonzero(complete)[-1])  # later steps were reached by some of the runs only
     axes.fill_between(steps, mean - error, mean + error, color=style.colour, alpha=0.18, linewidth=0)
     axes.plot(steps[end:], mean[end:], color=style.colour, linewidth=0.7)
@@ -119,13 +123,13 @@ def final_bars(reading: pd.DataFrame) -> Figure:
         if np.isfinite(std):
             axes.errorbar(mean, row, xerr=std, color=INK, capsize=3, linewidth=1.0, capthick=1.0)
         spread = np.linspace(-0.2, 0.2, len(seeds)) if len(seeds) > 1 else np.zeros(1)
-        axes.scatter(seeds, row + spread, s=11, color=colour, edgecolor="white", linewidth=0.4, zorder=3)
+        axes.scatter(seeds, row + spread, s=15, color=colour, edgecolor="white", linewidth=0.4, zorder=3)
     running = reading[reading["provisional"]].groupby("teacher")["step"].max()
     notes = [f"\nat {amount(running[teacher])} steps" if teacher in running else "" for teacher in order]
     names = [short_label(teacher) + note for teacher, note in zip(order, notes, strict=True)]
     axes.set_yticks(range(len(order)), names)
     axes.tick_params(axis="y", length=0)
-    axes.set_xlim(0, max(1.0, axes.get_xlim()[1]))
+    axes.set_xlim(0, max(LEAST_PERCENT, axes.get_xlim()[1]))
     axes.set_xlabel("Mastered test tasks (%)")
     return figure
 

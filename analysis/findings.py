@@ -14,9 +14,10 @@ from analysis.style import label
 
 
 class Measure(NamedTuple):
-    """How a measure is talked about: its column, unit, unit of differences, and verbs."""
+    """How a measure is talked about: its column, name, unit, unit of differences, and verbs."""
 
     column: str
+    name: str
     unit: str
     points: str
     leads: str
@@ -24,9 +25,21 @@ class Measure(NamedTuple):
 
 
 MASTERED = Measure(
-    "mastered_percent", "\N{NO-BREAK SPACE}%", " points", "masters the most test tasks:", "masters"
+    column="mastered_percent",
+    name="Mastered",
+    unit="\N{NO-BREAK SPACE}%",
+    points=" points",
+    leads="masters the most test tasks:",
+    has="masters",
 )
-TEST_RETURN = Measure("evaluation_return", "", "", "has the highest test return:", "has a test return of")
+TEST_RETURN = Measure(
+    column="evaluation_return",
+    name="Test return",
+    unit="",
+    points="",
+    leads="has the highest test return:",
+    has="has a test return of",
+)
 
 FEW_SEEDS = 10
 """Under this many seeds a sentence warns the reader; the paper used 16 to 48."""
@@ -39,6 +52,12 @@ def verdict(test: pd.Series) -> str:
     if not test["p"] < SIGNIFICANCE:
         return "not distinguishable"
     return "better" if test["difference"] > 0 else "worse"
+
+
+def compared_by(summary: pd.DataFrame) -> Measure:
+    """Returns what teachers are compared by: mastered tasks, or test returns where nobody masters any."""
+    means = summary["mastered_percent_mean"].dropna()
+    return TEST_RETURN if len(means) and (means == 0).all() else MASTERED
 
 
 def findings(summary: pd.DataFrame, tests: pd.DataFrame) -> list[str]:

@@ -30,3 +30,10 @@ def amount(steps: float) -> str:
         if steps >= size:
             return f"{steps / size:.4g} {word}"
     return f"{steps:.0f}"
+
+
+def duration(seconds: float) -> str:
+    """Returns a length of time in a unit that suits it: ``12 s``, ``34 minutes``, ``5.6 hours``."""
+    if seconds < 120:
+        return f"{seconds:.0f} s"
+    return f"{seconds / 60:.0f} minutes" if seconds < 7200 else f"{seconds / 3600:.1f} hours"

@@ -13,7 +13,7 @@ from analysis.comparison import Measured
 from analysis.curriculum import PANELS, POINTS, Curriculum, curriculum_strip, stack
 from analysis.figures import Axis, final_bars, learning_curve, mastery_map
 from analysis.load import Frames, parsed
-from analysis.measures import mastered_tasks
+from analysis.measures import RECENT, mastered_tasks
 from analysis.style import label, png, teacher_order
 from tma_ray.tasks import MASTERY_RETURN
 
@@ -80,6 +80,8 @@ def _curve_caption(value: str, table: pd.DataFrame) -> str:
     if (table["status"] == "running").any():
         text += " A line is thin where some of its runs have yet to arrive."
     if value == "training_return":
+        if table["smoothed"].any():
+            text += f" A run counts with the mean of its latest {RECENT} episodes."
         text += " Each teacher chooses its own training tasks: a low return may mean hard tasks."
     return text
 

@@ -14,7 +14,7 @@ from jinja2 import Environment, PackageLoader, StrictUndefined
 
 from analysis import measures
 from analysis.comparison import Measured, measure
-from analysis.formatting import amount, number
+from analysis.formatting import amount, duration, number
 from analysis.load import GROUP, STATUSES, Frames, load, parsed
 from analysis.pictures import Picture
 from analysis.sections import Section, sections
@@ -181,7 +181,7 @@ def _machines(attempts: pd.DataFrame) -> list[dict[str, Any]]:
             {
                 "hosts": sorted(rows["host"].unique()),
                 "attempts": len(rows),
-                "hours": number(rows["wall_seconds"].sum() / 3600, 1),
+                "time": duration(rows["wall_seconds"].sum()),
                 "speed": number(rows["env_steps_per_second"].median(), 0),
                 "content": content,
             }

@@ -9,7 +9,7 @@ from typing import Any
 import pandas as pd
 
 from analysis.comparison import Measured
-from analysis.findings import findings, verdict
+from analysis.findings import Measure, compared_by, findings, verdict
 from analysis.formatting import amount, number, p_value, plus_minus
 from analysis.load import Frames
 from analysis.measures import is_baseline
@@ -26,6 +26,7 @@ class Section:
         anchor: identifier on the page.
         title: what is compared.
         sentences: what was found.
+        compared_by: measure of the comparison with Random.
         rows: cells of the table, one row per teacher.
         pictures: its figures.
     """
@@ -33,6 +34,7 @@ class Section:
     anchor: str
     title: str
     sentences: list[str]
+    compared_by: Measure
     rows: list[dict[str, Any]]
     pictures: list[Picture]
 
@@ -47,6 +49,7 @@ def sections(frames: Frames, measured: Measured) -> Iterator[Section]:
             anchor=anchor,
             title=_title(mine.cells.iloc[0], several),
             sentences=findings(mine.summary, mine.tests),
+            compared_by=compared_by(mine.summary),
             rows=_rows(mine),
             pictures=drawn,
         )
@@ -71,7 +74,7 @@ def _title(comparison: pd.Series, with_experiment: bool) -> str:
 
 
 def _rows(mine: Measured) -> list[dict[str, Any]]:
-    tests = mine.tests[mine.tests["measure"] == "mastered_percent"]
+    tests = mine.tests[mine.tests["measure"] == compared_by(mine.summary).column]
     rows = []
     for teacher in sorted(mine.summary["teacher"], key=teacher_order):
         group = mine.summary[mine.summary["teacher"] == teacher].iloc[0]

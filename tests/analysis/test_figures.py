@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 
 from analysis.curriculum import PANELS, Curriculum, curriculum_strip, ellipse
 from analysis.figures import Axis, final_bars, learning_curve, mastery_map
-from analysis.formatting import amount, number, plus_minus
+from analysis.formatting import amount, duration, number, plus_minus
 from analysis.load import GROUP
 from analysis.style import label, look, png, teacher_order
 
@@ -61,6 +61,13 @@ def test_a_curve_is_thin_where_runs_are_missing() -> None:
     thick = next(line for line in lines if line.get_label() == "ADR")
     assert list(thick.get_xdata()) == [0, 1000]
     assert max(max(line.get_xdata()) for line in lines) == 2000
+
+
+def test_a_curve_starts_where_all_runs_have_values() -> None:
+    rows = [("adr", "a", step, 1.0) for step in (0, 1000, 2000)]
+    rows += [("adr", "b", step, 1.0) for step in (1000, 2000)]
+    lines = learning_curve(curves(rows), "mastered_percent", "").axes[0].lines
+    assert min(min(line.get_xdata()) for line in lines) == 1000
 
 
 def test_bars_show_means_deviations_and_seeds() -> None:
@@ -144,6 +151,9 @@ def test_drawing_leaves_settings_alone_and_repeats_itself() -> None:
         (amount(20_000_000), "20 million"),
         (amount(12_500), "12.5 thousand"),
         (amount(500), "500"),
+        (duration(40), "40 s"),
+        (duration(600), "10 minutes"),
+        (duration(9000), "2.5 hours"),
     ],
 )
 def test_numbers_as_text(text: str, expected: str) -> None:

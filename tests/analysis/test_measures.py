@@ -144,18 +144,31 @@ def test_cells_that_share_runs_are_averaged_each_and_counted_once(tmp_path: Path
     assert list(summary["n"]) == [2, 2, 2]
 
 
-def test_training_returns_of_a_short_run_come_from_its_episodes(tmp_path: Path) -> None:
-    campaign = SyntheticCampaign(tmp_path, steps=40_000, evaluation_every=20_000, episode_steps=500, grid=3)
+def test_training_returns_of_a_short_run_are_means_of_its_latest_episodes(tmp_path: Path) -> None:
+    campaign = SyntheticCampaign(tmp_path, steps=40_000, evaluation_every=20_000, episode_steps=700, grid=3)
     run = campaign.run("random", 0)
     frames = load(tmp_path)
     episodes = frames.episode_returns([run])
-    curve = measures.training_curves(frames)
-    assert list(curve["step"]) == list(range(2_000, 40_001, 2_000))
-    first = episodes[episodes["step"] <= 2_000]["episodic_return"].mean()
-    assert curve["training_return"].iloc[0] == pytest.approx(first)
+    curve = measures.training_curves(frames).set_index("step")["training_return"]
+    assert list(curve.index) == list(range(1_000, 40_001, 1_000))
+    assert curve[1_000] == pytest.approx(episodes["episodic_return"][0])
+    assert curve[30_000] == pytest.approx(
+        episodes[episodes["step"] <= 30_000]["episodic_return"][-20:].mean()
+    )
     quarters = measures.training_quarters(frames).iloc[0]
-    late = episodes[episodes["step"] > 30_000]["episodic_return"].mean()
-    assert quarters["last_quarter"] == pytest.approx(late)
+    end = episodes["step"].max()
+    assert quarters["first_quarter"] == pytest.approx(
+        episodes[episodes["step"] <= end / 4]["episodic_return"].mean()
+    )
+    assert quarters["last_quarter"] == pytest.approx(
+        episodes[episodes["step"] > end * 3 / 4]["episodic_return"].mean()
+    )
+
+
+def test_the_training_curve_of_a_running_run_ends_with_its_last_episode(tmp_path: Path) -> None:
+    campaign = SyntheticCampaign(tmp_path, steps=40_000, evaluation_every=20_000, episode_steps=700, grid=3)
+    campaign.run("random", 0, "running", 0.5)
+    assert measures.training_curves(load(tmp_path))["step"].max() == 19_000  # the last ended at 19,600
 
 
 def test_training_returns_of_a_long_run_come_from_its_windows(tmp_path: Path) -> None:

@@ -170,7 +170,7 @@ def test_failed_runs_are_named_with_their_error(tmp_path: Path) -> None:
     page = report(tmp_path)
     assert "1 failed" in page.text
     assert "MemoryError: buffer of 2 GB" in page.text
-    assert "Start the same campaign again" in page.words
+    assert "Give the command that started the campaign once more" in page.words
     assert "1 of 2" in page.text
 
 
@@ -205,7 +205,9 @@ def test_nothing_mastered_compares_returns(tmp_path: Path) -> None:
     page = report(tmp_path)
     assert "No seed masters any test task" in page.text
     assert "ADR has the highest test return: 45.5 ± 0.5" in page.words
-    assert "no spread between seeds" in page.text  # of mastered tasks, in the table
+    assert "That is 40.0 more than Random (95 % confidence interval" in page.words
+    assert "Test return, minus Random" in page.words
+    assert "better" in page.text
 
 
 def test_no_teacher_better_than_random(tmp_path: Path) -> None:
