@@ -20,6 +20,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     from tma_ray.results import RootInUseError
 
     options = _parser().parse_args(arguments)
+    sys.path.insert(0, str(Path.cwd()))  # so that module:Name finds the user's own file
     command: Callable[[argparse.Namespace], int] = options.command
     warnings.showwarning = _show_warning
     try:

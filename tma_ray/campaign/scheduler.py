@@ -152,12 +152,12 @@ class Scheduler:
         """Deals with a run whose actor has returned, raised or died."""
         try:
             final: tuple[PartFile, ...] | None = ray.get(running.result)
+        except RayActorError as error:  # also when it is the teacher's process that died
+            self._lose(running, error)
         except RayTaskError as error:
             self._record(running, AttemptOutcome.FAILED)
             self._committer.fail(running.spec.record(), running.number, str(error))
             self._failed += 1
-        except RayActorError as error:
-            self._lose(running, error)
         else:
             self._hear_last(running)
             if final is None:

@@ -1,0 +1,33 @@
+"""Teachers that do what they should not; named as ``misbehaving:Name``."""
+
+from __future__ import annotations
+
+import os
+import signal
+from dataclasses import dataclass
+from pathlib import Path
+
+from tma_ray.tasks import Episode, Task
+from tma_ray.teachers.random import Random
+
+
+@dataclass
+class Raising(Random):
+    """Raises after some episodes."""
+
+    def sample(self) -> Task:
+        raise ZeroDivisionError("a teacher's own mistake")
+
+
+@dataclass
+class Dying(Random):
+    """Kills its process at its 40th episode, but only once: a marker file says that it has."""
+
+    marker: str = ""
+    episodes_: int = 0
+
+    def observe(self, episode: Episode) -> None:
+        self.episodes_ += 1
+        if self.episodes_ == 40 and not Path(self.marker).exists():
+            Path(self.marker).touch()
+            os.kill(os.getpid(), signal.SIGKILL)

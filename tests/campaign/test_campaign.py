@@ -1,0 +1,143 @@
+"""Campaigns of short real runs on a real Ray."""
+
+from __future__ import annotations
+
+import io
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import pytest
+from rich.console import Console
+from small_runs import SCHEDULE, STUDENTS, data_files, rows
+
+from tma_ray.campaign import Campaign
+from tma_ray.campaign.execution import run_campaign
+from tma_ray.campaign.overview import overview
+from tma_ray.campaign.progress import ProgressView, Snapshot
+from tma_ray.campaign.scheduler import Scheduler
+from tma_ray.campaign.settings import Resources, Settings, TeacherPlacement
+from tma_ray.results import Committer, Lease, Results, RootInUseError, RunStatus, Store, Table
+from tma_ray.runs import Cell, run_locally
+from tma_ray.tasks import KnowledgeLevel
+
+pytestmark = pytest.mark.usefixtures("cluster")
+
+
+def corridor(teacher: str, level: KnowledgeLevel = KnowledgeLevel.NONE, **hyperparameters: Any) -> Cell:
+    return Cell(
+        environment="corridor:Corridor",
+        embodiment="",
+        student="ppo",
+        teacher=teacher,
+        expert_knowledge=level,
+        teacher_hyperparameters=hyperparameters,
+        student_hyperparameters=STUDENTS["ppo"],
+    )
+
+
+def campaign(*cells: Cell, seeds: tuple[int, ...] = (0,)) -> Campaign:
+    return Campaign("short", cells, seeds, SCHEDULE)
+
+
+def settings(**changes: Any) -> Settings:
+    return Settings(**{"resources": Resources(memory_gib=0.5), "poll_seconds": 0.1, **changes})
+
+
+def quiet() -> ProgressView:
+    return ProgressView(Console(file=io.StringIO()))
+
+
+def execute(what: Campaign, root: Path, **changes: Any) -> Snapshot:
+    return run_campaign(what, root, settings(**changes), view=quiet())
+
+
+def test_actors_give_the_files_of_a_run_in_one_process(tmp_path: Path) -> None:
+    what = campaign(corridor("random"), corridor("alp_gmm", fit_every=20))
+    ended = execute(what, tmp_path / "actors", checkpoint_seconds=0.5)
+    assert (ended.done, ended.failed, ended.total) == (2, 0, 2)
+    execute(what, tmp_path / "inline", teachers=TeacherPlacement.INLINE)
+    for spec in what.plan().runs:
+        run_locally(spec, Committer.open(tmp_path / "alone"))
+    expected = data_files(tmp_path / "alone")
+    assert len(expected) == 10
+    assert data_files(tmp_path / "actors") == expected
+    assert data_files(tmp_path / "inline") == expected
+    attempts = rows(tmp_path / "actors", Table.ATTEMPTS)
+    assert [(row["outcome"], row["attempt"]) for row in attempts] == [("done", 0)] * 2
+    assert all(row["env_steps_per_second"] > 0 and row["host"] for row in attempts)
+
+
+def test_running_again_does_only_what_is_missing(tmp_path: Path) -> None:
+    execute(campaign(corridor("random")), tmp_path)
+    assert execute(campaign(corridor("random"), seeds=(0, 1)), tmp_path).done == 2
+    attempts = rows(tmp_path, Table.ATTEMPTS)
+    assert sorted((row["attempt"], row["outcome"]) for row in attempts) == [(0, "done"), (0, "done")]
+    assert {
+        state.state for cells in overview(tmp_path).values() for runs in cells.values() for state in runs
+    } == {"done"}
+
+
+def test_cells_share_runs(tmp_path: Path) -> None:
+    what = campaign(*(corridor("random", level) for level in (KnowledgeLevel.NONE, KnowledgeLevel.LOW)))
+    assert len(what.plan().runs) == 1
+    execute(what, tmp_path)
+    cells = rows(tmp_path, Table.CELLS)
+    assert [cell["expert_knowledge"] for cell in cells] == ["low", "none"]
+    assert len({cell["run_id"] for cell in cells}) == 1
+
+
+def test_an_exception_fails_its_run_and_the_rest_goes_on(tmp_path: Path) -> None:
+    ended = execute(campaign(corridor("misbehaving:Raising"), corridor("random")), tmp_path)
+    assert (ended.done, ended.failed) == (1, 1)
+    failed = [run for run in Results.open(tmp_path).runs() if run.status is RunStatus.FAILED]
+    assert [run.run.teacher for run in failed] == ["misbehaving:Raising"]
+    assert "a teacher's own mistake" in str(failed[0].error)
+    assert "sample" in str(failed[0].error), "the traceback names the function"
+
+
+def test_a_killed_process_is_replaced_and_nothing_is_lost_or_doubled(tmp_path: Path) -> None:
+    cell = corridor("misbehaving:Dying", marker=str(tmp_path / "died"))
+    ended = execute(campaign(cell), tmp_path / "killed", checkpoint_seconds=0.2)
+    assert (tmp_path / "died").exists()
+    assert ended.done == 1
+    attempts = rows(tmp_path / "killed", Table.ATTEMPTS)
+    assert [(row["attempt"], row["outcome"]) for row in attempts] == [(0, "lost"), (1, "done")]
+    execute(campaign(cell), tmp_path / "undisturbed")
+    assert data_files(tmp_path / "killed") == data_files(tmp_path / "undisturbed")
+
+
+def test_a_stopped_campaign_leaves_checkpoints_and_continues(tmp_path: Path) -> None:
+    cells = corridor("random"), corridor("alp_gmm", fit_every=20)
+    what = Campaign("long", cells, (0,), replace(SCHEDULE, steps=10_000))
+    committer = Committer(Store.open(tmp_path / "stopped"))
+    scheduler = Scheduler(committer, settings(), quiet(), lambda: None)
+    checkpoints = tmp_path / "stopped" / "checkpoints"
+    ended = scheduler.execute(what.plan().runs, lambda: any(checkpoints.rglob("index.json")))
+    assert ended.stopped >= 1
+    assert ended.done + ended.stopped == 2
+    assert "stopped" in {row["outcome"] for row in rows(tmp_path / "stopped", Table.ATTEMPTS)}
+    assert execute(what, tmp_path / "stopped").done == 2
+    execute(what, tmp_path / "undisturbed")
+    assert data_files(tmp_path / "stopped") == data_files(tmp_path / "undisturbed")
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"resources": Resources(cpus=64)}, "no node can hold a run of 64 CPUs"),
+        ({"resources": Resources(gpus=1, memory_gib=0.5)}, "1 GPUs"),
+        ({"resources": Resources(memory_gib=10_000)}, "10000 GiB"),
+    ],
+)
+def test_impossible_resources_are_refused_before_anything_starts(
+    tmp_path: Path, changes: dict[str, Any], message: str
+) -> None:
+    with pytest.raises(ValueError, match=message):
+        execute(campaign(corridor("random")), tmp_path / "root", **changes)
+    assert not (tmp_path / "root").exists()
+
+
+def test_a_second_campaign_on_the_same_root_is_refused(tmp_path: Path) -> None:
+    with Lease(Store.open(tmp_path), "the first one"), pytest.raises(RootInUseError, match="the first one"):
+        execute(campaign(corridor("random")), tmp_path)

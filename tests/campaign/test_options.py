@@ -1,0 +1,137 @@
+from __future__ import annotations
+
+import argparse
+import io
+import math
+from pathlib import Path
+
+import pytest
+from rich.console import Console
+
+from tma_ray.campaign import Campaign, cells_of
+from tma_ray.campaign.options import add_options, chosen_campaign, parse_seeds, whole_number
+from tma_ray.campaign.progress import ProgressView, Snapshot, Standing, duration
+from tma_ray.campaign.settings import Resources
+from tma_ray.cli import main
+from tma_ray.runs import Status
+
+CAMPAIGN = Campaign("small", cells_of(("random", "alp_gmm"), ("ppo",)), seeds=(0, 1))
+
+
+def chosen(*arguments: str) -> Campaign:
+    parser = argparse.ArgumentParser()
+    add_options(parser)
+    return chosen_campaign(CAMPAIGN, parser.parse_args(arguments))
+
+
+def test_flags_replace_what_they_name_and_nothing_else() -> None:
+    assert chosen() == CAMPAIGN
+    teachers = chosen("--teachers", "random,mine:Teacher", "--seeds", "3-5", "--steps", "2M")
+    assert [cell.teacher for cell in teachers.cells] == ["random", "mine:Teacher"]
+    assert {cell.student for cell in teachers.cells} == {"ppo"}
+    assert teachers.seeds == (3, 4, 5)
+    assert teachers.schedule.steps == 2_000_000
+    assert len(chosen("--students", "ppo,sac", "--expert-knowledge", "none,low,high").cells) == 12
+    with pytest.raises(ValueError, match="'medium' is no level"):
+        chosen("--expert-knowledge", "medium")
+
+
+@pytest.mark.parametrize("text", ["", "0", "x", "5-3", "-1", "1,-2", "1.5"])
+def test_seeds_that_are_none_are_refused(text: str) -> None:
+    with pytest.raises(argparse.ArgumentTypeError):
+        parse_seeds(text)
+
+
+def test_numbers_of_steps() -> None:
+    assert [whole_number(text) for text in ("5e5", "500k", "20M", "500_000", "7")] == [
+        500_000, 500_000, 20_000_000, 500_000, 7,
+    ]  # fmt: skip
+    for text in ("0", "-5", "1.5", "many", ""):
+        with pytest.raises(argparse.ArgumentTypeError):
+            whole_number(text)
+
+
+def test_a_plan_counts_cells_and_runs() -> None:
+    plan = chosen("--expert-knowledge", "none,low", "--steps", "1000").plan()
+    assert (len(plan.campaign.cells), len(plan.cell_rows), len(plan.runs), plan.steps) == (4, 8, 4, 4000)
+    assert plan.describe().startswith(
+        "campaign 'small': 4 cells x 2 seeds = 4 runs (4 more cells share them)"
+    )
+
+
+def test_refusals_leave_no_files_and_exit_2(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    root = tmp_path / "root"
+    wrong = [
+        (["run", "--teacher", "alp_gm"], "did you mean 'alp_gmm'"),
+        (["run", "--expert-knowledge", "hgih"], "'hgih' is no level"),
+        (["campaign", "--students", "pppo"], "did you mean 'ppo'"),
+        (["campaign", "--challenges", "originall"], "did you mean 'original'"),
+    ]
+    for arguments, message in wrong:
+        assert main([*arguments, "--results", str(root)]) == 2
+        assert message in capsys.readouterr().err
+    assert not root.exists()
+    (tmp_path / "precious.txt").write_text("keep me")
+    assert main(["run", "--steps", "10", "--results", str(tmp_path)]) == 2
+    assert "precious.txt" in capsys.readouterr().err
+    assert main(["status", str(tmp_path)]) == 2
+
+
+def test_a_root_of_another_schema_version_is_refused(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "root.json").write_text('{"format": "tma_ray results", "schema_version": 99}')
+    assert main(["run", "--results", str(tmp_path)]) == 2
+    assert "schema version 99" in capsys.readouterr().err
+
+
+def test_dry_run_and_list_start_nothing(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["campaign", "--dry-run", "--seeds", "4", "--results", str(tmp_path / "root")]) == 0
+    assert "4 runs, 80,000,000 environment steps" in capsys.readouterr().out
+    assert not (tmp_path / "root").exists()
+    assert main(["list", "teachers"]) == 0
+    assert "  alp_gmm\n" in capsys.readouterr().out
+
+
+def test_resources_decide_how_many_runs_fit() -> None:
+    node = {"CPU": 16.0, "GPU": 1.0, "memory": 10 * 2**30}
+    assert Resources(cpus=1, memory_gib=1.5).fit_into(node) == 6
+    assert Resources(cpus=4, memory_gib=1).fit_into(node) == 4
+    assert Resources(gpus=0.5, memory_gib=0).fit_into(node) == 2
+    assert Resources(gpus=1).fit_into({"CPU": 4.0, "memory": 2.0**40}) == 0
+    with pytest.raises(ValueError, match="cpus = 0"):
+        Resources(cpus=0)
+
+
+def test_progress_without_a_terminal_is_plain_lines() -> None:
+    text = io.StringIO()
+    view = ProgressView(Console(file=text, width=200), line_seconds=0)
+    running = [Standing("run", 1000, Status(500, 100.0, 7.0))]
+    view.update(Snapshot(3, 1, 0, 0, 1, 1000, running))
+    view.close(Snapshot(3, 2, 1, 0, 0, 0, []))
+    assert text.getvalue().splitlines() == [
+        "1/3 runs done, 1 running, 100 steps/s, about 15 s left",
+        "2/3 runs done, 1 failed",
+    ]
+
+
+def test_progress_on_a_terminal_shows_the_runs() -> None:
+    text = io.StringIO()
+    view = ProgressView(Console(file=text, width=200, force_terminal=True))
+    view.update(
+        Snapshot(30, 0, 0, 0, 5, 5, [Standing(f"run-{i}", 9, Status(4, 1.0, math.nan)) for i in range(25)])
+    )
+    view.close(Snapshot(30, 30, 0, 0, 0, 0, []))
+    assert "run-19" in text.getvalue()
+    assert "and 5 more running" in text.getvalue()
+    assert "run-20" not in text.getvalue()
+
+
+def test_durations() -> None:
+    assert [duration(s) for s in (0, 59.9, 60, 3599, 90_000)] == [
+        "0 s",
+        "59 s",
+        "1 min 0 s",
+        "59 min 59 s",
+        "1 d 1 h",
+    ]
