@@ -1,7 +1,7 @@
-"""Training steps per second of our loop beside stable-baselines3's own `learn`, on the same environment.
+"""Training steps per CPU second of our loop beside stable-baselines3's own `learn`, on the same environment.
 
-Both are measured alternately in one process with one torch thread, so that the ratio means something on
-a noisy machine: python benchmarks/student_training.py --students ppo sac --steps 20000
+Both are measured alternately in one process with one torch thread, by the processor's time, so that the
+ratio means something on a noisy machine: python benchmarks/student_training.py --students ppo sac --steps 20000
 """
 
 from __future__ import annotations
@@ -105,10 +105,10 @@ def measure(name: str, env_name: str, steps: int, repeats: int) -> dict[str, Any
     speeds: dict[str, list[float]] = {loop: [] for loop in loops}
     for repeat in range(repeats + 1):
         for loop, runner in loops.items():
-            start = time.perf_counter()
+            start = time.process_time()
             runner.train(steps if repeat else max(values["steps_per_update"], 2_000))
             if repeat:
-                speeds[loop].append(steps / (time.perf_counter() - start))
+                speeds[loop].append(steps / (time.process_time() - start))
     ratios = [ours / stock for ours, stock in zip(speeds["ours"], speeds["stock"], strict=True)]
     return {
         "student": name,
@@ -124,7 +124,7 @@ def main() -> None:
     """Prints a line per student and writes all of it as JSON."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else None)
     parser.add_argument("--students", nargs="+", default=["ppo", "sac"])
-    parser.add_argument("--environment", default="tma_ray/StumpTracks-v0")
+    parser.add_argument("--environment", default="tma_ray.envs:tma_ray/StumpTracks-v0")
     parser.add_argument("--steps", type=int, help="steps per stretch (ppo 10,000, sac 1,000)")
     parser.add_argument("--repeats", type=int, default=3)
     parser.add_argument("--output", type=Path, default=Path("student_training.json"))
