@@ -60,7 +60,7 @@ def add_joints(
         limit.max_bias = settings.limit_correction_speed
         pivot = pymunk.PivotJoint(parts[a], parts[b], *map(tuple, anchors))
         limit.error_bias = pivot.error_bias = settings.joint_error_bias
-        space.add(motor, limit, pivot)  # the pivot last: what is solved last is solved best
+        space.add(motor, limit, pivot)  # the order in which Box2D solves a joint
         motors.append(motor)
         limits.append(limit)
     return motors, limits
