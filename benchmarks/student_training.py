@@ -1,7 +1,9 @@
 """Training steps per CPU second of our loop beside stable-baselines3's own `learn`, on the same environment.
 
 Both are measured alternately in one process with one torch thread, by the processor's time, so that the
-ratio means something on a noisy machine: python benchmarks/student_training.py --students ppo sac --steps 20000
+ratio means something on a noisy machine:
+
+    python benchmarks/student_training.py --students ppo sac --steps 20000
 """
 
 from __future__ import annotations
