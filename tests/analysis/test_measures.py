@@ -141,7 +141,9 @@ def test_cells_that_share_runs_are_averaged_each_and_counted_once(tmp_path: Path
         campaign.cell(campaign.record("random", seed, "none"), "none")
     summary = measures.summarise(frames := load(tmp_path), measures.readings(frames))
     assert list(summary["expert_knowledge"]) == ["high", "low", "none"]
-    assert list(summary["n"]) == [2, 2, 2]
+    assert list(summary["n"]) == list(summary["done"]) == [2, 2, 2]
+    curves = measures.aggregate(measures.evaluation_curves(frames), "mastered_percent")
+    assert set(curves["n"]) == {2}
 
 
 def test_training_returns_of_a_short_run_are_means_of_its_latest_episodes(tmp_path: Path) -> None:
