@@ -1,3 +1,10 @@
-"""tma_ray: fair, distributed comparison of automatic curriculum learning teachers."""
+"""tma_ray: fair, distributed comparison of automatic curriculum learning teachers.
+
+Importing it makes the environments known to `gymnasium.make`.
+"""
+
+from tma_ray.envs.registration import register_environments
 
 __version__ = "0.1.0"
+
+register_environments()

@@ -110,7 +110,7 @@ def test_progress_without_a_terminal_is_plain_lines() -> None:
     view.update(Snapshot(3, 1, 0, 0, 1, 1000, running))
     view.close(Snapshot(3, 2, 1, 0, 0, 0, []))
     assert text.getvalue().splitlines() == [
-        "1/3 runs done, 1 running, 100 steps/s, about 15 s left",
+        "1/3 runs done, 1 waiting, 1 running, 100 steps/s, about 15 s left",
         "2/3 runs done, 1 failed",
     ]
 

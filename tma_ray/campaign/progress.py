@@ -36,9 +36,9 @@ class Snapshot:
         done: runs whose results are published.
         failed: runs that raised, or died too often.
         stopped: runs that left with a checkpoint.
-        waiting: runs not yet started.
+        waiting: runs not yet started, or still starting.
         waiting_steps: environment steps of those.
-        running: runs that have an actor.
+        running: runs that train.
     """
 
     total: int
@@ -65,6 +65,7 @@ class Snapshot:
         parts = [f"{self.done}/{self.total} runs done"]
         parts += [f"{self.failed} failed"] if self.failed else []
         parts += [f"{self.stopped} stopped"] if self.stopped else []
+        parts += [f"{self.waiting} waiting"] if self.waiting else []
         if self.running:
             parts += [f"{len(self.running)} running", f"{self.steps_per_second:,.0f} steps/s"]
             parts += [f"about {duration(self.seconds_left)} left"] if math.isfinite(self.seconds_left) else []

@@ -19,7 +19,6 @@ from tma_ray.campaign.progress import ProgressView, Snapshot, Standing
 from tma_ray.campaign.settings import Settings
 from tma_ray.results import AttemptOutcome, AttemptRecord, Committer, DamagedFileError, PartFile, RunStatus
 from tma_ray.runs.checkpoints import Checkpoints
-from tma_ray.runs.placement import Status
 from tma_ray.runs.spec import RunSpec
 
 logger = logging.getLogger(__name__)
@@ -213,12 +212,14 @@ class Scheduler:
         )
 
     def _snapshot(self) -> Snapshot:
-        unknown = Status(0, 0.0, float("nan"))
+        starting = [r.spec for r in self._running.values() if r.report is None]
+        waiting = [*self._waiting, *starting]
         standings = [
-            Standing(r.spec.run_id, r.spec.schedule.steps, r.report.status if r.report else unknown)
+            Standing(r.spec.run_id, r.spec.schedule.steps, r.report.status)
             for r in self._running.values()
+            if r.report is not None
         ]
-        waiting_steps = sum(spec.schedule.steps for spec in self._waiting)
+        waiting_steps = sum(spec.schedule.steps for spec in waiting)
         return Snapshot(
-            self._total, self._done, self._failed, self._stopped, len(self._waiting), waiting_steps, standings
+            self._total, self._done, self._failed, self._stopped, len(waiting), waiting_steps, standings
         )

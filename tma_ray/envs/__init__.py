@@ -2,6 +2,4 @@
 
 from tma_ray.envs.registration import ENVIRONMENTS, Environment, make_environment, register_environments
 
-register_environments()
-
 __all__ = ["ENVIRONMENTS", "Environment", "make_environment", "register_environments"]

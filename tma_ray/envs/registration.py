@@ -23,7 +23,7 @@ GYMNASIUM_IDS = {"tma_ray/StumpTracks-v0": "tma_ray.envs.stump_tracks:StumpTrack
 
 
 def register_environments() -> None:
-    """Registers the environments with gymnasium; importing tma_ray.envs does it."""
+    """Registers the environments with gymnasium; importing tma_ray does it."""
     for name, target in GYMNASIUM_IDS.items():
         if name not in gymnasium.registry:
             gymnasium.register(id=name, entry_point=target)

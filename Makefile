@@ -1,0 +1,46 @@
+# The one place that says how the project is installed, tried, tested and measured.
+PYTHON ?= python3
+VENV := .venv
+BIN := $(VENV)/bin
+INSTALLED := $(VENV)/.installed
+RESULTS ?= results
+
+.DEFAULT_GOAL := help
+.PHONY: help install quickstart test static check bench lock
+
+help: ## show this list
+	@grep -hE '^[a-z]+:.*##' $(MAKEFILE_LIST) | sed 's/:.*##/:/' | column -t -s ':'
+
+install: $(INSTALLED) ## make the virtual environment .venv with everything in it
+
+$(INSTALLED): pyproject.toml requirements.lock
+	$(PYTHON) -m venv $(VENV)
+	$(BIN)/python -m pip install --quiet --requirement requirements.lock
+	$(BIN)/python -m pip install --quiet --no-deps --editable .
+	@touch $@
+
+quickstart: $(INSTALLED) ## train two teachers' students for a few minutes and write a report
+	$(BIN)/python experiments/quickstart.py --results $(RESULTS)
+	@echo "The report:"
+	@$(BIN)/tma-ray report $(RESULTS)
+
+test: $(INSTALLED) ## the fast test suite
+	$(BIN)/python -m pytest -m "not slow and not chaos" --numprocesses auto --dist loadfile
+
+static: $(INSTALLED) ## format, lint, types, layers
+	$(BIN)/ruff format --check .
+	$(BIN)/ruff check .
+	$(BIN)/mypy
+	$(BIN)/lint-imports
+
+check: static test ## all that a change must pass
+
+bench: $(INSTALLED) ## measure speed, as ratios within one run
+	$(BIN)/python benchmarks/run_all.py
+
+lock: $(INSTALLED) ## renew requirements.lock from pyproject.toml
+	echo "torch==2.13.0" > $(VENV)/torch.txt
+	$(BIN)/python -m piptools compile --quiet --extra dev --strip-extras --no-emit-index-url \
+		--no-emit-find-links --no-annotate --constraint $(VENV)/torch.txt \
+		--output-file requirements.lock pyproject.toml
+	sed -i 's/+cpu$$//' requirements.lock

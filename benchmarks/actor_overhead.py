@@ -1,0 +1,97 @@
+"""What actors cost: the same run in this process, in a seed actor, and with its teacher in an actor, too.
+
+Prints a table and writes JSON. The three give the same files; carry the ratios.
+
+    python benchmarks/actor_overhead.py --repeats 3 --output actor_overhead.json
+"""
+
+from __future__ import annotations
+
+import argparse
+import io
+import json
+import platform
+import statistics
+import tempfile
+from pathlib import Path
+
+import numpy as np
+from rich.console import Console
+
+from tma_ray.campaign import Campaign
+from tma_ray.campaign.execution import run_campaign
+from tma_ray.campaign.progress import ProgressView
+from tma_ray.campaign.settings import Settings, TeacherPlacement
+from tma_ray.results import Committer, Results, Table
+from tma_ray.runs import Cell, Schedule, run_locally
+from tma_ray.tasks import TaskSpace, TestSet
+
+STEPS = {"ppo": 40_000, "sac": 4_000}
+HYPERPARAMETERS = {"ppo": {}, "sac": {"exploration_steps": 1_000}}
+
+
+def campaign(student: str, folder: Path) -> Campaign:
+    """Returns one run without evaluations but the first and last, of three tasks."""
+    space = TaskSpace.from_bounds({"stump_height": (0, 3), "obstacle_spacing": (0, 6)})
+    tests = folder / "three.csv"
+    tests.write_text(TestSet("three", space.names, space.sample(np.random.default_rng(0), 3)).to_csv())
+    cell = Cell(
+        student=student,
+        teacher="alp_gmm",
+        student_hyperparameters=HYPERPARAMETERS[student],
+        test_set=str(tests),
+    )
+    return Campaign("overhead", (cell,), (0,), Schedule(steps=STEPS[student]))
+
+
+def steps_per_second(student: str, where: str) -> tuple[float, int]:
+    """Returns the speed of a run's loop (without its set-up), and its number of episodes."""
+    with tempfile.TemporaryDirectory() as place:
+        folder = Path(place)
+        what, root = campaign(student, folder), folder / "root"
+        if where == "process":
+            run_locally(what.plan().runs[0], Committer.open(root))
+        else:
+            view = ProgressView(Console(file=io.StringIO()))
+            run_campaign(what, root, Settings(teachers=TeacherPlacement(where), poll_seconds=0.1), view=view)
+        results = Results.open(root)
+        (attempt,) = results.table(Table.ATTEMPTS).to_pylist()
+        return attempt["env_steps_per_second"], len(results.table(Table.EPISODES))
+
+
+def main() -> None:
+    """Measures both students in the three places, in turn."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--repeats", type=int, default=3)
+    parser.add_argument("--output", type=Path)
+    options = parser.parse_args()
+    places = ("process", TeacherPlacement.INLINE.value, TeacherPlacement.ACTOR.value)
+    rows = []
+    for student in STEPS:
+        measured = {place: [] for place in places}
+        for _ in range(options.repeats):
+            for place in places:
+                speed, episodes = steps_per_second(student, place)
+                measured[place].append(speed)
+        medians = {place: statistics.median(values) for place, values in measured.items()}
+        seconds = {place: STEPS[student] / medians[place] for place in places}
+        rows.append(
+            {
+                "student": student,
+                "episodes": episodes,
+                "steps_per_second": medians,
+                "ratio_seed_actor": medians["inline"] / medians["process"],
+                "ratio_seed_and_teacher_actor": medians["actor"] / medians["process"],
+                "milliseconds_per_episode_of_teacher_actor": 1e3
+                * (seconds["actor"] - seconds["inline"])
+                / episodes,
+            }
+        )
+        print(json.dumps(rows[-1], indent=1))
+    if options.output:
+        content = {"machine": platform.machine(), "rows": rows}
+        options.output.write_text(json.dumps(content, indent=1))
+
+
+if __name__ == "__main__":
+    main()
