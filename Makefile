@@ -40,7 +40,7 @@ bench: $(INSTALLED) ## measure speed, as ratios within one run
 
 lock: $(INSTALLED) ## renew requirements.lock from pyproject.toml
 	echo "torch==2.13.0" > $(VENV)/torch.txt
-	$(BIN)/python -m piptools compile --quiet --extra dev --strip-extras --no-emit-index-url \
-		--no-emit-find-links --no-annotate --constraint $(VENV)/torch.txt \
-		--output-file requirements.lock pyproject.toml
-	sed -i 's/+cpu$$//' requirements.lock
+	echo "# Every version that the project is tested with; 'make lock' renews it from pyproject.toml." > requirements.lock
+	$(BIN)/python -m piptools compile --quiet --extra dev --strip-extras --allow-unsafe --no-header --no-annotate \
+		--no-emit-index-url --no-emit-find-links --constraint $(VENV)/torch.txt --output-file - pyproject.toml \
+		| sed 's/+cpu$$//' >> requirements.lock

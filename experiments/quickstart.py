@@ -13,7 +13,7 @@ CAMPAIGN = Campaign(
     cells=cells_of(teachers=("random", "alp_gmm"), students=("ppo",)),
     seeds=(0, 1),
     schedule=Schedule(
-        steps=400_000, evaluation_interval=100_000, probe_interval=50_000, training_window=50_000
+        steps=600_000, evaluation_interval=100_000, probe_interval=50_000, training_window=50_000
     ),
 )
 

@@ -131,3 +131,7 @@ def _names(kind: str) -> Sequence[str]:
 
 def _show_warning(message: Warning | str, *_: object, **__: object) -> None:
     sys.stderr.write(f"tma-ray: warning: {message}\n")
+
+
+if __name__ == "__main__":
+    sys.exit(main())
