@@ -11,9 +11,6 @@ from tma_ray.envs import make_environment
 from tma_ray.results import Committer, RunStatus, Table
 from tma_ray.runs.evaluation import Evaluation
 from tma_ray.runs.streams import Streams, evaluation_seeds, placement_generator
-from tma_ray.tasks import Episode, Query, QueryKind, Task
-from tma_ray.teachers import register_teacher
-from tma_ray.teachers.random import Random
 
 
 @pytest.fixture(scope="module")
@@ -109,38 +106,11 @@ def test_lock_step_equals_one_task_after_the_other(tmp_path: Path) -> None:
     assert together == one_by_one
 
 
-class _Inquisitive(Random):
-    """Asks V of the initial observation after every episode."""
-
-    def observe(self, episode: Episode) -> Query:
-        return Query(QueryKind.STATE_VALUES, episode.initial_observation[None])
-
-    def answer(self, values: np.ndarray) -> None:
-        assert values.shape == (1,)
-        self.answers_ = [*getattr(self, "answers_", []), float(values[0])]
-
-    def sample(self) -> Task:
-        assert len(getattr(self, "answers_", [])) == self.samples_
-        self.samples_ += 1
-        return super().sample()
-
-    samples_ = 0
-
-
-class _Outsider(Random):
-    """Leaves its space."""
-
-    def sample(self) -> Task:
-        return super().sample() + np.float32(100)
-
-
-register_teacher("inquisitive")(_Inquisitive)
-register_teacher("outsider")(_Outsider)
-
-
 @pytest.mark.parametrize("student", ["ppo", "sac"])
 def test_queries_are_answered_without_disturbing_training(tmp_path: Path, student: str) -> None:
-    asked, silent = (small_spec(tmp_path, student, teacher=name) for name in ("inquisitive", "random"))
+    asked, silent = (
+        small_spec(tmp_path, student, teacher=name) for name in ("odd_teachers:Inquisitive", "random")
+    )
     same_streams = replace(silent, plugins={})
     vars(asked)["entropy"] = vars(same_streams)["entropy"] = 1
     run(asked, tmp_path / "asked")
@@ -153,10 +123,10 @@ def test_queries_are_answered_without_disturbing_training(tmp_path: Path, studen
 
 
 def test_a_teacher_that_leaves_its_space_fails_the_run_by_name(tmp_path: Path) -> None:
-    spec = small_spec(tmp_path, teacher="outsider")
-    with pytest.raises(ValueError, match="teacher 'outsider' left its task space"):
+    spec = small_spec(tmp_path, teacher="odd_teachers:Outsider")
+    with pytest.raises(ValueError, match="teacher 'odd_teachers:Outsider' left its task space"):
         run(spec, tmp_path / "root")
     manifest = Committer.open(tmp_path / "root").manifest(spec.run_id)
     assert manifest is not None
     assert manifest.status is RunStatus.FAILED
-    assert "outsider" in str(manifest.error)
+    assert "Outsider" in str(manifest.error)

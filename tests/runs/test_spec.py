@@ -11,7 +11,6 @@ from small_runs import small_spec
 from tma_ray.registry import UnknownNameError
 from tma_ray.runs import Cell, RunSpec, Schedule, effective_spec
 from tma_ray.tasks import KnowledgeLevel, TaskSpace
-from tma_ray.teachers import Teacher, register_teacher
 
 
 def spec_of(**changes: object) -> RunSpec:
@@ -83,17 +82,15 @@ def test_what_cannot_run_is_refused_with_a_hint(wrong: dict[str, object], messag
 
 
 def test_a_teacher_without_its_knowledge_is_refused_by_name() -> None:
-    @register_teacher("needs_low")
-    class NeedsLow(Teacher):
-        knowledge_levels = (KnowledgeLevel.LOW,)
-
-        def sample(self) -> np.ndarray:
-            return self.space.low
-
-    with pytest.raises(ValueError, match="'needs_low' cannot run with expert knowledge 'none'"):
-        spec_of(teacher="needs_low")
-    assert spec_of(teacher="needs_low", expert_knowledge=KnowledgeLevel.HIGH).expert_knowledge == "low"
-    assert set(spec_of(teacher="needs_low", expert_knowledge=KnowledgeLevel.LOW).plugins) == {"needs_low"}
+    with pytest.raises(ValueError, match="'odd_teachers:NeedsLow' cannot run with expert knowledge 'none'"):
+        spec_of(teacher="odd_teachers:NeedsLow")
+    assert (
+        spec_of(teacher="odd_teachers:NeedsLow", expert_knowledge=KnowledgeLevel.HIGH).expert_knowledge
+        == "low"
+    )
+    assert set(spec_of(teacher="odd_teachers:NeedsLow", expert_knowledge=KnowledgeLevel.LOW).plugins) == {
+        "odd_teachers:NeedsLow"
+    }
 
 
 def test_a_test_set_outside_the_valid_domain_is_refused(tmp_path: Path) -> None:
