@@ -76,6 +76,25 @@ class Registry(Generic[T]):
             raise UnknownNameError(self._explain(name))
         return self._load(target)
 
+    def plugin_digest(self, name: str) -> str | None:
+        """Returns a hash of the source file of a plug-in, so that an edited one is never taken for the old.
+
+        Returns None for what ships with tma_ray, whose version is part of every run already; that is
+        not even imported.
+
+        Raises:
+            UnknownNameError: nothing answers to `name`.
+        """
+        target = self._targets.get(name, name)
+        if name not in self._decorated and target.split(".")[0] == __package__:
+            return None
+        implementation: Any = self.get(name)
+        if implementation.__module__.split(".")[0] == __package__:
+            return None
+        source = inspect.getsourcefile(implementation)
+        assert source is not None, f"{implementation} has no source file"
+        return hashlib.sha256(Path(source).read_bytes()).hexdigest()[:16]
+
     def _installed(self) -> dict[str, str]:
         return {point.name: point.value for point in entry_points(group=self.entry_point_group)}
 
@@ -99,19 +118,6 @@ class Registry(Generic[T]):
         near = difflib.get_close_matches(name, self.names(), n=1)
         hint = f"did you mean {near[0]!r}? " if near else ""
         return f"unknown {self.kind} {name!r}: {hint}known: {', '.join(self.names())}, or module:Name"
-
-
-def plugin_digest(implementation: object) -> str | None:
-    """Returns a hash of the source file of a plug-in, so that an edited one is never taken for the old.
-
-    Returns None for what ships with tma_ray, whose version is part of every run already.
-    """
-    cls: Any = implementation if inspect.isclass(implementation) else type(implementation)
-    if cls.__module__.split(".")[0] == __package__:
-        return None
-    source = inspect.getsourcefile(cls)
-    assert source is not None, f"{cls} has no source file"
-    return hashlib.sha256(Path(source).read_bytes()).hexdigest()[:16]
 
 
 def _identity(implementation: object) -> str:

@@ -85,6 +85,13 @@ def test_a_root_of_another_schema_version_is_refused(
     assert "schema version 99" in capsys.readouterr().err
 
 
+def test_a_campaign_of_nothing_is_refused() -> None:
+    with pytest.raises(ValueError, match="0 cells"):
+        Campaign("empty", ())
+    with pytest.raises(ValueError, match="part of file names"):
+        Campaign("../elsewhere", cells_of(("random",)))
+
+
 def test_dry_run_and_list_start_nothing(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["campaign", "--dry-run", "--seeds", "4", "--results", str(tmp_path / "root")]) == 0
     assert "4 runs, 80,000,000 environment steps" in capsys.readouterr().out

@@ -1,10 +1,12 @@
 from __future__ import annotations
 
+import importlib
+import sys
 from pathlib import Path
 
 import pytest
 
-from tma_ray.registry import Registry, UnknownNameError, plugin_digest
+from tma_ray.registry import Registry, UnknownNameError
 
 
 @pytest.fixture
@@ -37,10 +39,9 @@ def test_a_name_is_taken_once(registry: Registry[type]) -> None:
         registry.register("circle")(float)
 
 
-def test_an_edited_plugin_has_another_digest(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    import importlib
-    import sys
-
+def test_an_edited_plugin_has_another_digest(
+    registry: Registry[type], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     module = tmp_path / "my_plugin.py"
     monkeypatch.syspath_prepend(tmp_path)
     digests = set()
@@ -48,7 +49,26 @@ def test_an_edited_plugin_has_another_digest(tmp_path: Path, monkeypatch: pytest
         module.write_text(text)
         sys.modules.pop("my_plugin", None)
         importlib.invalidate_caches()
-        digests.add(plugin_digest(importlib.import_module("my_plugin").Thing))
+        digests.add(registry.plugin_digest("my_plugin:Thing"))
     assert len(digests) == 2
     assert None not in digests
-    assert plugin_digest(Registry) is None
+
+
+def test_what_ships_with_the_package_needs_no_digest_and_no_import() -> None:
+    shipped: Registry[type] = Registry("thing", "tma_ray.things", {"gone": "tma_ray.nowhere:Thing"})
+    assert shipped.plugin_digest("gone") is None
+    assert shipped.plugin_digest("tma_ray.teachers.random:Random") is None
+    with pytest.raises(UnknownNameError, match="did you mean 'gone'"):
+        shipped.plugin_digest("gon")
+
+
+def test_an_installed_package_offers_names_through_entry_points(
+    registry: Registry[type], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    package = tmp_path / "shapes-1.0.dist-info"
+    package.mkdir()
+    (package / "METADATA").write_text("Metadata-Version: 2.1\nName: shapes\nVersion: 1.0\n")
+    (package / "entry_points.txt").write_text("[tma_ray.test_shapes]\nsquare = decimal:Decimal\n")
+    monkeypatch.syspath_prepend(tmp_path)
+    assert registry.get("square").__name__ == "Decimal"
+    assert registry.names() == ["fraction", "square"]

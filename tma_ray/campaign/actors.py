@@ -2,12 +2,9 @@
 
 from __future__ import annotations
 
-import platform
 import threading
-import time
 from collections.abc import Sequence
 from dataclasses import dataclass
-from datetime import UTC, datetime
 from typing import Any, cast
 
 import numpy as np
@@ -16,7 +13,7 @@ from numpy.typing import NDArray
 from ray.util.scheduling_strategies import NodeAffinitySchedulingStrategy
 
 from tma_ray.campaign.settings import GIB, Resources, TeacherPlacement
-from tma_ray.results import PartFile, Store
+from tma_ray.results import AttemptOutcome, AttemptRecord, PartFile, Store
 from tma_ray.runs.placement import Placement, Status
 from tma_ray.runs.spec import RunSpec
 from tma_ray.runs.teaching import InlineTeacher, Reply, TeacherLink
@@ -28,18 +25,12 @@ class Report:
     """What a seed actor tells the scheduler.
 
     Attributes:
-        host: machine it runs on.
-        started_at: when the attempt began.
-        wall_seconds: since then, s.
-        fingerprint: of machine and libraries, JSON.
+        record: of the attempt, as if its process were lost now.
         status: where the run stands.
         parts: result files that its newest checkpoint holds; None before the first.
     """
 
-    host: str
-    started_at: datetime
-    wall_seconds: float
-    fingerprint: str
+    record: AttemptRecord
     status: Status
     parts: tuple[PartFile, ...] | None
 
@@ -122,7 +113,6 @@ class SeedActor:
         self._placement = placement
         self._teachers = teachers
         self._stop = threading.Event()
-        self._started_at, self._started = datetime.now(UTC), time.monotonic()
         self._attempt: Any = None
         self._parts: tuple[PartFile, ...] | None = None
 
@@ -157,12 +147,7 @@ class SeedActor:
         if self._attempt is None:
             return None
         return Report(
-            host=platform.node(),
-            started_at=self._started_at,
-            wall_seconds=time.monotonic() - self._started,
-            fingerprint=self._attempt.fingerprint,
-            status=self._attempt.status(),
-            parts=self._parts,
+            record=self._attempt.record(AttemptOutcome.LOST), status=self._attempt.status(), parts=self._parts
         )
 
     def request_stop(self) -> None:

@@ -9,6 +9,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
+from tma_ray.results import check_id
 from tma_ray.runs import Cell, RunSpec, Schedule, effective_spec
 from tma_ray.tasks import KnowledgeLevel
 
@@ -31,6 +32,13 @@ class Campaign:
     seeds: tuple[int, ...] = tuple(range(32))
     schedule: Schedule = field(default_factory=Schedule)
     independent_levels: bool = False
+
+    def __post_init__(self) -> None:
+        check_id(self.name)
+        if not self.cells or not self.seeds:
+            raise ValueError(
+                f"campaign {self.name!r} has {len(self.cells)} cells and {len(self.seeds)} seeds"
+            )
 
     def plan(self) -> Plan:
         """Returns the runs of all cells and seeds, each once.

@@ -10,7 +10,7 @@ from tma_ray.campaign.progress import ProgressView, Snapshot
 from tma_ray.campaign.scheduler import Scheduler
 from tma_ray.campaign.settings import Settings
 from tma_ray.campaign.stopping import StopSignals
-from tma_ray.results import Committer, Lease, Store
+from tma_ray.results import Committer, Lease, Store, check_usable
 
 
 def run_campaign(
@@ -43,6 +43,7 @@ def run_campaign(
     settings = settings or Settings()
     plan = campaign.plan()
     store = Store.open(results)
+    check_usable(store)
     connect(address)
     check_feasible(settings.resources)
     committer = Committer(store)

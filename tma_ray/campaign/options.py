@@ -68,8 +68,8 @@ def chosen_address(options: argparse.Namespace) -> str | None:
 
 
 def names(text: str) -> tuple[str, ...]:
-    """Parses a list of names."""
-    return tuple(name.strip() for name in text.split(",") if name.strip())
+    """Parses a list of names; an empty text is the one empty name, of an environment without bodies."""
+    return tuple(name.strip() for name in text.split(","))
 
 
 def parse_seeds(text: str) -> tuple[int, ...]:

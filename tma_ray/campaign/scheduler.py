@@ -6,7 +6,7 @@ import logging
 import time
 from collections import deque
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 from typing import Any
 
@@ -197,19 +197,11 @@ class Scheduler:
             return  # what it reported before stands
 
     def _record(self, running: _Running, outcome: AttemptOutcome) -> None:
-        report = running.report
-        self._committer.record_attempt(
-            AttemptRecord(
-                run_id=running.spec.run_id,
-                attempt=running.number,
-                started_at=report.started_at if report else running.submitted_at,
-                wall_seconds=report.wall_seconds if report else 0.0,
-                env_steps_per_second=report.status.steps_per_second if report else 0.0,
-                host=report.host if report else "",
-                fingerprint=report.fingerprint if report else "{}",
-                outcome=outcome,
-            )
+        unheard = AttemptRecord(
+            running.spec.run_id, running.number, running.submitted_at, 0.0, 0.0, "", "{}", outcome
         )
+        record = running.report.record if running.report else unheard
+        self._committer.record_attempt(replace(record, outcome=outcome))
 
     def _snapshot(self) -> Snapshot:
         starting = [r.spec for r in self._running.values() if r.report is None]

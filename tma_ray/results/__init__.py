@@ -7,6 +7,7 @@ from tma_ray.results.layout import (
     ResultsRootError,
     check_id,
     check_root,
+    check_usable,
     create_root,
 )
 from tma_ray.results.lease import Lease, RootInUseError
@@ -43,6 +44,7 @@ __all__ = [
     "Table",
     "check_id",
     "check_root",
+    "check_usable",
     "create_root",
     "teacher_log_row",
 ]

@@ -24,22 +24,33 @@ class ResultsRootError(ValueError):
     """A place that cannot be used as a results root; the message says why and what to do."""
 
 
+def check_usable(store: Store) -> None:
+    """Refuses a place that neither is a results root of this version nor could become one; writes nothing.
+
+    Raises:
+        ResultsRootError: other files are there, or a root of another version.
+    """
+    if store.exists(ROOT_FILE):
+        check_root(store)
+        return
+    ours = (LEASE_FILE, f"{TEMPORARY}/")
+    foreign = [path for path in store.files() if not path.startswith(ours)]
+    if foreign:
+        raise ResultsRootError(
+            f"{store} is not empty ({foreign[0]}) and is no results root; choose a new or empty folder"
+        )
+
+
 def create_root(store: Store) -> None:
     """Makes an empty place a results root; leaves one of this version as it is.
 
     Raises:
         ResultsRootError: other files are there, or a root of another version.
     """
+    check_usable(store)
     if not store.exists(ROOT_FILE):
-        ours = (LEASE_FILE, f"{TEMPORARY}/")
-        foreign = [path for path in store.files() if not path.startswith(ours)]
-        if foreign:
-            raise ResultsRootError(
-                f"{store} is not empty ({foreign[0]}) and is no results root; choose a new or empty folder"
-            )
         content = {"format": FORMAT, "schema_version": SCHEMA_VERSION}
         store.write_bytes(ROOT_FILE, json.dumps(content, indent=1).encode())
-    check_root(store)
 
 
 def check_root(store: Store) -> None:

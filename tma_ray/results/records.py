@@ -68,8 +68,8 @@ class AttemptRecord:
         run_id: of the run.
         attempt: its number, from 0.
         started_at: when it began, with a time zone.
-        wall_seconds: how long it took, s.
-        env_steps_per_second: environment steps of this attempt over `wall_seconds`, 1/s.
+        wall_seconds: how long it took, set-up included, s.
+        env_steps_per_second: environment steps over the time of the loop, set-up left out, 1/s.
         host: where it ran.
         fingerprint: of the CPU model, thread count and library versions, JSON.
         outcome: how it ended.

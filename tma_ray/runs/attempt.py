@@ -4,14 +4,16 @@ from __future__ import annotations
 
 import json
 import logging
+import platform
 import tempfile
 import time
 from collections.abc import Callable, Sequence
+from datetime import UTC, datetime
 from pathlib import Path
 
 import numpy as np
 
-from tma_ray.results import POLICIES, PartFile, RunWriter, Store
+from tma_ray.results import POLICIES, AttemptOutcome, AttemptRecord, PartFile, RunWriter, Store
 from tma_ray.runs.checkpoints import Checkpoints
 from tma_ray.runs.fingerprint import fingerprint
 from tma_ray.runs.placement import Placement, Status
@@ -43,6 +45,7 @@ class Attempt:
         teacher: TeacherLink,
         placement: Placement | None = None,
     ) -> None:
+        self._started_at, self._created = datetime.now(UTC), time.monotonic()
         self.spec = spec
         self._store = store
         self._number = number
@@ -88,6 +91,19 @@ class Attempt:
         step, seconds = self._run.progress.step, time.monotonic() - self._started
         recent = float(np.mean(self._returns)) if self._returns else float("nan")
         return Status(step, (step - self._first_step) / max(seconds, 1e-9), recent)
+
+    def record(self, outcome: AttemptOutcome) -> AttemptRecord:
+        """Returns the row of the table of attempts, as if the attempt ended now with `outcome`."""
+        return AttemptRecord(
+            run_id=self.spec.run_id,
+            attempt=self._number,
+            started_at=self._started_at,
+            wall_seconds=time.monotonic() - self._created,
+            env_steps_per_second=self.status().steps_per_second,
+            host=platform.node(),
+            fingerprint=self.fingerprint,
+            outcome=outcome,
+        )
 
     def close(self) -> None:
         """Closes the run's environments."""

@@ -12,7 +12,6 @@ import numpy as np
 from tma_ray.benchmark import challenges_of, find_challenge, load_test_set
 from tma_ray.envs import ENVIRONMENTS, make_environment
 from tma_ray.physics import PHYSICS_VERSION
-from tma_ray.registry import plugin_digest
 from tma_ray.runs.spec import RunSpec, Schedule
 from tma_ray.students import STUDENTS, check_hyperparameters
 from tma_ray.students.hyperparameters import as_plain_values
@@ -148,10 +147,9 @@ def _own_test_set(name: str, space: TaskSpace) -> TestSet:
 
 
 def _plugins(cell: Cell) -> dict[str, str]:
-    parts = {
-        cell.environment: ENVIRONMENTS.get(cell.environment),
-        cell.student: STUDENTS.get(cell.student),
-        cell.teacher: TEACHERS.get(cell.teacher),
+    digests = {
+        cell.environment: ENVIRONMENTS.plugin_digest(cell.environment),
+        cell.student: STUDENTS.plugin_digest(cell.student),
+        cell.teacher: TEACHERS.plugin_digest(cell.teacher),
     }
-    digests = {name: plugin_digest(part) for name, part in parts.items()}
     return {name: digest for name, digest in digests.items() if digest is not None}

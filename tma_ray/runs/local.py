@@ -2,13 +2,10 @@
 
 from __future__ import annotations
 
-import platform
-import time
 import traceback
 from collections.abc import Callable
-from datetime import UTC, datetime
 
-from tma_ray.results import AttemptOutcome, AttemptRecord, Committer, RunStatus
+from tma_ray.results import AttemptOutcome, Committer, RunStatus
 from tma_ray.runs.attempt import Attempt
 from tma_ray.runs.checkpoints import Checkpoints
 from tma_ray.runs.placement import Placement, Status
@@ -42,17 +39,13 @@ def run_locally(
     if published is not None and published.status is RunStatus.DONE:
         return AttemptOutcome.DONE
     number = committer.start(record)
-    started_at, started = datetime.now(UTC), time.monotonic()
-    outcome, attempt = AttemptOutcome.FAILED, None
+    attempt, outcome = None, AttemptOutcome.FAILED
     try:
         attempt = Attempt(spec, committer.store, number, InlineTeacher(spec), placement)
-
-        def stop_asked() -> bool:
-            assert attempt is not None
-            on_status(attempt.status())
-            return should_stop()
-
-        final = attempt.execute(stop_asked, lambda parts: committer.publish(record, number, parts))
+        final = attempt.execute(
+            _reporting(attempt, should_stop, on_status),
+            lambda parts: committer.publish(record, number, parts),
+        )
         outcome = AttemptOutcome.STOPPED if final is None else AttemptOutcome.DONE
         if final is not None:
             committer.finish(record, number, final)
@@ -62,18 +55,16 @@ def run_locally(
         raise
     finally:
         if attempt is not None:
-            seconds = time.monotonic() - started
-            committer.record_attempt(
-                AttemptRecord(
-                    run_id=spec.run_id,
-                    attempt=number,
-                    started_at=started_at,
-                    wall_seconds=seconds,
-                    env_steps_per_second=attempt.status().steps_per_second,
-                    host=platform.node(),
-                    fingerprint=attempt.fingerprint,
-                    outcome=outcome,
-                )
-            )
+            committer.record_attempt(attempt.record(outcome))
             attempt.close()
     return outcome
+
+
+def _reporting(
+    attempt: Attempt, should_stop: Callable[[], bool], on_status: Callable[[Status], None]
+) -> Callable[[], bool]:
+    def asked() -> bool:
+        on_status(attempt.status())
+        return should_stop()
+
+    return asked

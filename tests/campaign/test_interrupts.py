@@ -1,0 +1,81 @@
+"""Ctrl-C on a real campaign in a process of its own."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+pytestmark = pytest.mark.slow
+
+HELPERS = Path(__file__).parents[1] / "runs"
+ARGUMENTS = (
+    "campaign --environment corridor:Corridor --embodiments= --teachers random,alp_gmm --students ppo "
+    "--seeds 1 --steps 60000 --evaluation-interval 10000 --memory-per-run 0.5 --checkpoint-seconds 1 "
+    "--results"
+)
+
+
+def start(root: Path) -> subprocess.Popen[bytes]:
+    command = [sys.executable, "-m", "tma_ray.cli", *ARGUMENTS.split(), str(root)]
+    return subprocess.Popen(
+        command, env={**os.environ, "PYTHONPATH": str(HELPERS)}, stdout=subprocess.DEVNULL
+    )
+
+
+def wait_for_a_checkpoint(root: Path, process: subprocess.Popen[bytes]) -> None:
+    while not any(root.glob("checkpoints/*/*/index.json")):
+        assert process.poll() is None, "the campaign ended before its first checkpoint"
+        time.sleep(0.2)
+
+
+def descendants(pid: int) -> set[int]:
+    children = set()
+    for path in Path("/proc").glob("[0-9]*/stat"):
+        try:
+            fields = path.read_text().rpartition(")")[2].split()
+        except OSError:
+            continue
+        if int(fields[1]) == pid:
+            children.add(int(path.parent.name))
+    return children.union(*(descendants(child) for child in children)) if children else set()
+
+
+def alive(pids: set[int]) -> set[int]:
+    return {pid for pid in pids if Path(f"/proc/{pid}").exists()}
+
+
+def table_bytes(root: Path) -> dict[str, bytes]:
+    tables = (
+        root / "tables" / name
+        for name in ("evaluations", "training", "episodes", "curriculum", "teacher_log")
+    )
+    return {
+        path.name + path.parent.name: path.read_bytes()
+        for table in tables
+        for path in table.glob("*.parquet")
+    }
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGKILL])
+def test_stopped_by_a_signal_and_continued(tmp_path: Path, number: signal.Signals) -> None:
+    process = start(tmp_path / "stopped")
+    wait_for_a_checkpoint(tmp_path / "stopped", process)
+    family = descendants(process.pid)
+    process.send_signal(number)
+    code = process.wait(timeout=90)
+    assert code == (130 if number != signal.SIGKILL else -signal.SIGKILL)
+    deadline = time.monotonic() + 30
+    while alive(family) and time.monotonic() < deadline:
+        time.sleep(0.5)
+    assert not alive(family), "orphans"
+    assert start(tmp_path / "stopped").wait(timeout=300) == 0
+    assert start(tmp_path / "undisturbed").wait(timeout=300) == 0
+    expected = table_bytes(tmp_path / "undisturbed")
+    assert len(expected) == 10
+    assert table_bytes(tmp_path / "stopped") == expected
