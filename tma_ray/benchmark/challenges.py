@@ -46,8 +46,19 @@ CHALLENGES: tuple[Challenge, ...] = (
         test_set="stump_tracks",
         easy_task=(0, 6),
     ),
+    Challenge(
+        environment="stump_tracks",
+        name="easy",
+        title="Easy task space",
+        task_space=TaskSpace.from_bounds(
+            {"stump_height": (0, 0.3), "obstacle_spacing": (3, 6)}, STUMP_TRACKS_UNITS
+        ),
+        test_set="stump_tracks_easy",
+        easy_task=(0, 6),
+    ),
 )
-"""Paper, appendix C: the space that the challenges vary, with the task [0, 6] as the easy one."""
+"""The original space of the paper's appendix C, whose easy task is [0, 6], and a corner of it in which every
+working student learns to walk: for trying out students, bodies and settings."""
 
 
 def challenges_of(environment: str) -> dict[str, Challenge]:
