@@ -38,7 +38,8 @@ def summarise(root: str) -> None:
     last = curves.groupby("run_id", observed=True).tail(1)
     walking = ((last.mean_return > WALKS_RETURN) & (last.mastered > WALKS_SHARE)).sum()
     print(
-        f"{walking} of {len(last)} seeds walk (mean return over {WALKS_RETURN:g}, over {WALKS_SHARE:.0%} mastered)"
+        f"{walking} of {len(last)} seeds walk: mean return over {WALKS_RETURN:g} "
+        f"and over {WALKS_SHARE:.0%} of the tasks mastered"
     )
 
 

@@ -114,10 +114,10 @@ def test_progress_without_a_terminal_is_plain_lines() -> None:
     text = io.StringIO()
     view = ProgressView(Console(file=text, width=200), line_seconds=0)
     running = [Standing("run", 1000, Status(500, 100.0, 7.0))]
-    view.update(Snapshot(3, 1, 0, 0, 1, 1000, running))
-    view.close(Snapshot(3, 2, 1, 0, 0, 0, []))
+    view.update(Snapshot(3, 1, 0, 0, 1, 1000, 3000, running))
+    view.close(Snapshot(3, 2, 1, 0, 0, 0, 3000, []))
     assert text.getvalue().splitlines() == [
-        "1/3 runs done, 1 waiting, 1 running, 100 steps/s, about 15 s left",
+        "1/3 runs done, 1 waiting, 1 running, 50% of 3,000 steps, 100 steps/s, about 15 s left",
         "2/3 runs done, 1 failed",
     ]
 
@@ -126,9 +126,11 @@ def test_progress_on_a_terminal_shows_the_runs() -> None:
     text = io.StringIO()
     view = ProgressView(Console(file=text, width=200, force_terminal=True))
     view.update(
-        Snapshot(30, 0, 0, 0, 5, 5, [Standing(f"run-{i}", 9, Status(4, 1.0, math.nan)) for i in range(25)])
+        Snapshot(
+            30, 0, 0, 0, 5, 5, 300, [Standing(f"run-{i}", 9, Status(4, 1.0, math.nan)) for i in range(25)]
+        )
     )
-    view.close(Snapshot(30, 30, 0, 0, 0, 0, []))
+    view.close(Snapshot(30, 30, 0, 0, 0, 0, 99, []))
     assert "run-19" in text.getvalue()
     assert "and 5 more running" in text.getvalue()
     assert "run-20" not in text.getvalue()

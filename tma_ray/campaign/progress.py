@@ -38,6 +38,7 @@ class Snapshot:
         stopped: runs that left with a checkpoint.
         waiting: runs not yet started, or still starting.
         waiting_steps: environment steps of those.
+        total_steps: environment steps of all runs.
         running: runs that train.
     """
 
@@ -47,6 +48,7 @@ class Snapshot:
     stopped: int
     waiting: int
     waiting_steps: int
+    total_steps: int
     running: Sequence[Standing]
 
     @property
@@ -55,10 +57,14 @@ class Snapshot:
         return sum(standing.status.steps_per_second for standing in self.running)
 
     @property
+    def steps_left(self) -> int:
+        """Environment steps that waiting and running runs have before them."""
+        return self.waiting_steps + sum(standing.steps - standing.status.step for standing in self.running)
+
+    @property
     def seconds_left(self) -> float:
         """Time to the end at the present speed, s; infinite before anything moves."""
-        left = self.waiting_steps + sum(standing.steps - standing.status.step for standing in self.running)
-        return left / self.steps_per_second if self.steps_per_second else math.inf
+        return self.steps_left / self.steps_per_second if self.steps_per_second else math.inf
 
     def headline(self) -> str:
         """Returns the campaign in one line."""
@@ -67,7 +73,9 @@ class Snapshot:
         parts += [f"{self.stopped} stopped"] if self.stopped else []
         parts += [f"{self.waiting} waiting"] if self.waiting else []
         if self.running:
-            parts += [f"{len(self.running)} running", f"{self.steps_per_second:,.0f} steps/s"]
+            share = 1 - self.steps_left / self.total_steps
+            parts += [f"{len(self.running)} running", f"{share:.0%} of {self.total_steps:,} steps"]
+            parts += [f"{self.steps_per_second:,.0f} steps/s"]
             parts += [f"about {duration(self.seconds_left)} left"] if math.isfinite(self.seconds_left) else []
         return ", ".join(parts)
 

@@ -80,7 +80,7 @@ class Scheduler:
                 self._done += 1
             else:
                 self._waiting.append(spec)
-        self._total = len(specs)
+        self._total, self._total_steps = len(specs), sum(spec.schedule.steps for spec in specs)
         try:
             while self._waiting or self._running:
                 if stop_requested():
@@ -213,5 +213,12 @@ class Scheduler:
         ]
         waiting_steps = sum(spec.schedule.steps for spec in waiting)
         return Snapshot(
-            self._total, self._done, self._failed, self._stopped, len(waiting), waiting_steps, standings
+            total=self._total,
+            done=self._done,
+            failed=self._failed,
+            stopped=self._stopped,
+            waiting=len(waiting),
+            waiting_steps=waiting_steps,
+            total_steps=self._total_steps,
+            running=standings,
         )

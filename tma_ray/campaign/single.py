@@ -46,13 +46,15 @@ def run_single(options: argparse.Namespace) -> int:
 
     def show(status: Status) -> None:
         lease.keep()
-        view.update(Snapshot(1, 0, 0, 0, 0, 0, [Standing(spec.run_id, schedule.steps, status)]))
+        view.update(
+            Snapshot(1, 0, 0, 0, 0, 0, schedule.steps, [Standing(spec.run_id, schedule.steps, status)])
+        )
 
     placement = Placement(options.device, options.threads, options.checkpoint_seconds)
     with Lease(committer.store, lease_holder(CAMPAIGN)) as lease, StopSignals() as signals:
         committer.write_cells(CAMPAIGN, plan.cell_rows)
         outcome = run_locally(spec, committer, placement, lambda: signals.requested, show)
     done = outcome is AttemptOutcome.DONE
-    view.close(Snapshot(1, int(done), 0, int(not done), 0, 0, []))
+    view.close(Snapshot(1, int(done), 0, int(not done), 0, 0, schedule.steps, []))
     console.print(f"{spec.run_id}: {outcome} in {options.results}", highlight=False, soft_wrap=True)
     return 0 if done else EXIT_STOPPED
