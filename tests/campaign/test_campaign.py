@@ -117,6 +117,9 @@ def test_a_stopped_campaign_leaves_checkpoints_and_continues(tmp_path: Path) -> 
     assert ended.stopped >= 1
     assert ended.done + ended.stopped == 2
     assert "stopped" in {row["outcome"] for row in rows(tmp_path / "stopped", Table.ATTEMPTS)}
+    committer.write_cells("long", what.plan().cell_rows)
+    states = [run for runs in overview(tmp_path / "stopped")["long"].values() for run in runs]
+    assert any(run.state == "interrupted" and 0 < run.step < 10_000 for run in states)
     assert execute(what, tmp_path / "stopped").done == 2
     execute(what, tmp_path / "undisturbed")
     assert data_files(tmp_path / "stopped") == data_files(tmp_path / "undisturbed")

@@ -88,14 +88,11 @@ def _state(manifest: Manifest, step: int, outcome: tuple[int, str] | None) -> Ru
 
 
 def _published_steps(results: Results) -> dict[str, int]:
-    """Step of the last published episode or evaluation of every run."""
-    steps: dict[str, int] = {}
-    for table in (Table.EVALUATIONS, Table.TRAINING):
-        rows = results.table(table, columns=["run_id", "step"])
-        grouped = rows.group_by("run_id").aggregate([("step", "max")]).to_pylist()
-        for row in grouped:
-            steps[row["run_id"]] = max(steps.get(row["run_id"], 0), row["step_max"])
-    return steps
+    """Step of the last published episode of every unfinished run."""
+    unfinished = [m.run.run_id for m in results.runs() if m.status is not RunStatus.DONE]
+    rows = results.table(Table.EPISODES, unfinished, ["run_id", "step"])
+    grouped = rows.group_by("run_id").aggregate([("step", "max")]).to_pylist()
+    return {row["run_id"]: row["step_max"] for row in grouped}
 
 
 def _last_outcomes(results: Results) -> dict[str, tuple[int, str]]:
