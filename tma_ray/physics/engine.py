@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import Protocol
+from typing import NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -21,8 +20,7 @@ GRAVITY = -10.0
 """In m/s²."""
 
 
-@dataclass(frozen=True)
-class SolverSettings:
+class SolverSettings(NamedTuple):
     """How Chipmunk solves contacts and joints; see docs/fidelity.md for the measurements behind them.
 
     Attributes:
