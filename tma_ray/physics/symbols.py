@@ -12,6 +12,7 @@ import sys
 from typing import Any
 
 import llvmlite.binding
+import numba
 import pymunk
 from llvmlite import ir
 from numba import types
@@ -30,8 +31,10 @@ def load() -> None:
     """Makes the symbols known to compiled code.
 
     Raises:
-        RuntimeError: this machine or this build of pymunk passes arguments in another way.
+        RuntimeError: numba is switched off, or this machine or this build of pymunk passes arguments in another way.
     """
+    if numba.config.DISABLE_JIT:
+        raise RuntimeError("NUMBA_DISABLE_JIT is set")
     if sys.platform == "win32" or platform.machine().lower() not in MACHINES:
         raise RuntimeError(f"no known way to pass structs on {sys.platform} {platform.machine()}")
     for name, size in SIZES.items():
@@ -46,6 +49,7 @@ def load() -> None:
 
 
 _NAMES: list[str] = []
+"""Symbols that are declared below."""
 
 
 def _function(name: str, result: types.Type, *arguments: types.Type) -> types.ExternalFunction:
@@ -113,3 +117,5 @@ constraint_free = _function("cpConstraintFree", _void, _pointer)
 constraint_set_max_force = _function("cpConstraintSetMaxForce", _void, _pointer, _double)
 constraint_set_max_bias = _function("cpConstraintSetMaxBias", _void, _pointer, _double)
 constraint_set_error_bias = _function("cpConstraintSetErrorBias", _void, _pointer, _double)
+
+load()

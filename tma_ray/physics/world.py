@@ -19,7 +19,7 @@ from tma_ray.terrain import Terrain
 
 Floats = NDArray[np.float64]
 Handles = NDArray[np.int64]
-"""Pointers: the space, p bodies, j motors, j limits, j pivots, then all shapes."""
+"""Pointers into Chipmunk."""
 
 PARTS_GROUP = 1
 """Shapes of one group do not collide."""
@@ -36,23 +36,27 @@ def count_contact(_body, _arbiter, count):  # type: ignore[no-untyped-def]
 
 @kernel
 def build(
-    body: BodyArrays, terrain: Terrain, settings: SolverSettings, gravity: float, impulse: float
+    body: BodyArrays,
+    terrain: Terrain,
+    settings: SolverSettings,
+    forces: tuple[float, float],
+    handles: Handles,
 ) -> Handles:
     """Builds a world.
 
     Args:
-        body: the body, settled.
+        body: the body of p parts and j joints, settled.
         terrain: what it stands on.
         settings: how Chipmunk solves.
-        gravity: upwards, in m/s².
-        impulse: forwards on the head, in N s.
+        forces: gravity upwards in m/s², and an impulse forwards on the head in N s.
+        handles: pointers to space, parts, motors, limits and pivots, written (1 + p + 3 j,).
 
     Returns:
-        What `release` must free.
+        Pointers to the shapes; `release` needs them too.
     """
-    parts, joints, solids = len(body.mass), len(body.limits), len(terrain.solids)
-    handles = np.zeros(1 + parts + 3 * joints + solids + parts, dtype=np.int64)
-    shapes = handles[1 + parts + 3 * joints :]
+    gravity, impulse = forces
+    parts, solids = len(body.mass), len(terrain.solids)
+    shapes = np.empty(solids + parts, dtype=np.int64)
     space = symbols.space_new()
     handles[0] = space
     symbols.space_set_iterations(space, settings.iterations)
@@ -64,19 +68,19 @@ def build(
     add_joints(space, body, settings, handles)
     head = body.head
     symbols.body_push(handles[1 + head], impulse, 0.0, body.centre[head, 0], body.centre[head, 1])
-    return handles
+    return shapes
 
 
 @kernel
-def release(handles: Handles, parts: int, joints: int) -> None:
-    """Frees a world of `parts` parts and `joints` joints."""
+def release(handles: Handles, shapes: Handles, parts: int) -> None:
+    """Frees a world of `parts` parts."""
     symbols.space_free(handles[0])
-    for index in range(1 + parts + 3 * joints, len(handles)):
-        symbols.shape_free(handles[index])
-    for index in range(1 + parts, 1 + parts + 3 * joints):
-        symbols.constraint_free(handles[index])
-    for index in range(1, 1 + parts):
-        symbols.body_free(handles[index])
+    for shape in shapes:
+        symbols.shape_free(shape)
+    for constraint in handles[1 + parts :]:
+        symbols.constraint_free(constraint)
+    for part in handles[1 : 1 + parts]:
+        symbols.body_free(part)
 
 
 @kernel
