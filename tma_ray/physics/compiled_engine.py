@@ -59,6 +59,8 @@ class CompiledEngine:
     def step(self, action: ArrayLike) -> tuple[NDArray[np.float32], float, bool]:
         """Advances the world by TIME_STEP; see `Engine`."""
         values = np.asarray(action)
+        if self._release is None:
+            raise RuntimeError("this engine has no world yet: call reset first")
         if values.shape != self._action_shape:
             raise ValueError(f"an action has shape {self._action_shape}, got {values.shape}")
         self._action[:] = values
