@@ -36,7 +36,9 @@ def test_states_and_contacts_are_pymunks_bit_for_bit(seed: int) -> None:
     assert digest(fast, seed, 400) == digest(oracle, seed, 400)
 
 
-@pytest.mark.parametrize("copied", [copy.copy, copy.deepcopy, lambda engine: pickle.loads(pickle.dumps(engine))])
+@pytest.mark.parametrize(
+    "copied", [copy.copy, copy.deepcopy, lambda engine: pickle.loads(pickle.dumps(engine))]
+)
 def test_a_copy_is_an_engine_of_its_own(copied: Callable[[CompiledEngine], CompiledEngine]) -> None:
     engine = CompiledEngine(BODY, LIDAR_ANGLES)
     engine.reset(some_world(), 0.0)
@@ -129,7 +131,9 @@ def test_the_cache_notices_changes_of_any_kernel(tmp_path: Path) -> None:
 
     def observed() -> list[str]:
         command = [sys.executable, "-c", code]
-        run = subprocess.run(command, env=environment, cwd=tmp_path, capture_output=True, text=True, check=True)
+        run = subprocess.run(
+            command, env=environment, cwd=tmp_path, capture_output=True, text=True, check=True
+        )
         return run.stdout.split()
 
     value, engine = observed()

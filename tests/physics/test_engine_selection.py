@@ -63,9 +63,9 @@ def test_an_engine_with_other_results_is_not_taken(
     with caplog.at_level(logging.WARNING):
         assert isinstance(engine(), PymunkEngine)
         assert isinstance(engine(), PymunkEngine)
-    assert [record.message for record in caplog.records] == [
-        "Simulating with pymunk, several times slower: the compiled engine fails: its trajectory is not pymunk's"
-    ]
+    (record,) = caplog.records
+    assert record.message.startswith("Simulating with pymunk, several times slower")
+    assert record.message.endswith("its trajectory is not pymunk's")
     assert engine_in_use().name == "pymunk"
     assert "not pymunk's" in engine_in_use().reason
 
@@ -79,7 +79,7 @@ def test_a_demanded_engine_that_fails_is_an_error(monkeypatch: pytest.MonkeyPatc
 
 def test_a_machine_with_other_calling_conventions_takes_pymunk(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("platform.machine", lambda: "riscv64")
-    for name in ("symbols", "world", "compiled_step", "compiled_engine"):
+    for name in ("symbols", "compiled_world", "compiled_step", "compiled_engine"):
         monkeypatch.delitem(sys.modules, f"tma_ray.physics.{name}")
         monkeypatch.delattr(f"tma_ray.physics.{name}", raising=False)
     assert engine_in_use().name == "pymunk"

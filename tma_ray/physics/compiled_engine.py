@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import math
 import weakref
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -12,9 +13,12 @@ from tma_ray.embodiments import Embodiment
 from tma_ray.physics.arrays import observation_size, step_arrays
 from tma_ray.physics.chipmunk import settled
 from tma_ray.physics.compiled_step import new_memory, step, views
+from tma_ray.physics.compiled_world import build, count_contact, release
 from tma_ray.physics.engine import GRAVITY, TIME_STEP, SolverSettings
-from tma_ray.physics.world import build, count_contact, release
 from tma_ray.terrain import Terrain
+
+COUNT_CONTACT = cast("int", count_contact.address)
+"""Address of the function that Chipmunk calls for every contact."""
 
 
 class CompiledEngine:
@@ -37,7 +41,8 @@ class CompiledEngine:
         self._body = settled(body, self.settings)
         self._floats, self._integers = new_memory(self.arrays)
         self._floats[2] = TIME_STEP / self.settings.substeps
-        self._integers[4:6] = self.settings.substeps, count_contact.address
+        self._integers[4] = self.settings.substeps
+        self._integers[5] = COUNT_CONTACT
         _, self._simulation = views(self._floats, self._integers)
         self.state, self.contacts = self._simulation.state, self._simulation.contacts
         self._action = self._simulation.action
@@ -66,7 +71,7 @@ class CompiledEngine:
         self._action[:] = values
         observation = np.empty(self._observation_size, np.float32)
         reward, ended = step(self._floats, self._integers, self._surface, observation)
-        if reward != reward:
+        if math.isnan(reward):
             raise ValueError(f"an action must be finite, got {values.tolist()}")
         return observation, reward, ended
 

@@ -89,9 +89,7 @@ def views(floats: Floats, integers: Integers) -> tuple[StepArrays, Simulation]:
         floats[1],
         ends.reshape(rays, 2),
     )
-    return body, Simulation(
-        action, commands.reshape(joints, 2), state.reshape(parts, 6), contacts, handles
-    )
+    return body, Simulation(action, commands.reshape(joints, 2), state.reshape(parts, 6), contacts, handles)
 
 
 @kernel

@@ -82,8 +82,7 @@ def engine_in_use() -> EngineChoice:
 
 
 def warm() -> EngineChoice:
-    """Compiles the engine, or loads it from numba's cache on disk, so that no later process of this machine
-    has to compile; seconds the first time.
+    """Compiles the engine into numba's cache on disk, so that later processes of this machine start at once.
 
     Returns:
         The engine in use.

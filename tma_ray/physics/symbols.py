@@ -11,7 +11,7 @@ import platform
 import sys
 from typing import Any
 
-import llvmlite.binding
+import llvmlite.binding  # type: ignore[import-untyped]
 import numba
 import pymunk
 from llvmlite import ir
@@ -31,17 +31,16 @@ def load() -> None:
     """Makes the symbols known to compiled code.
 
     Raises:
-        RuntimeError: numba is switched off, or this machine or this build of pymunk passes arguments in another way.
+        RuntimeError: numba is switched off, or this machine or pymunk passes arguments in another way.
     """
-    if numba.config.DISABLE_JIT:
+    if numba.config.DISABLE_JIT:  # type: ignore[attr-defined]
         raise RuntimeError("NUMBA_DISABLE_JIT is set")
     if sys.platform == "win32" or platform.machine().lower() not in MACHINES:
         raise RuntimeError(f"no known way to pass structs on {sys.platform} {platform.machine()}")
-    for name, size in SIZES.items():
-        if _chipmunk.ffi.sizeof(name) != size:
-            raise RuntimeError(
-                f"pymunk {pymunk.version} has a {name} of {_chipmunk.ffi.sizeof(name)} bytes instead of {size}"
-            )
+    for name, expected in SIZES.items():
+        size = _chipmunk.ffi.sizeof(name)
+        if size != expected:
+            raise RuntimeError(f"a {name} of pymunk {pymunk.version} has {size} bytes instead of {expected}")
     llvmlite.binding.load_library_permanently(_chipmunk.__file__)
     for name in _NAMES:
         if llvmlite.binding.address_of_symbol(name) is None:
@@ -52,7 +51,7 @@ _NAMES: list[str] = []
 """Symbols that are declared below."""
 
 
-def _function(name: str, result: types.Type, *arguments: types.Type) -> types.ExternalFunction:
+def _function(name: str, result: types.Type, *arguments: types.Type) -> Any:
     _NAMES.append(name)
     return types.ExternalFunction(name, result(*arguments))
 
@@ -66,12 +65,13 @@ def _vector_of(name: str) -> Any:
         def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
             vector = ir.LiteralStructType([ir.DoubleType(), ir.DoubleType()])
             kind = ir.FunctionType(vector, [argument.type for argument in arguments])
-            function = cgutils.get_or_insert_function(builder.module, kind, name)
+            function = cgutils.get_or_insert_function(builder.module, kind, name)  # type: ignore[no-untyped-call]
             result = builder.call(function, arguments)
             values = [builder.extract_value(result, index) for index in range(2)]
             return context.make_tuple(builder, signature.return_type, values)
 
-        return types.UniTuple(types.float64, 2)(types.intp), generate
+        pair: Any = types.UniTuple(types.float64, 2)  # type: ignore[no-untyped-call]
+        return pair(types.intp), generate
 
     return getter
 

@@ -8,7 +8,7 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import carray, cfunc, types
+from numba import carray, cfunc  # type: ignore[attr-defined]
 from numpy.typing import NDArray
 
 from tma_ray.physics import symbols
@@ -28,7 +28,7 @@ EVERY_CATEGORY = -1
 """All bits of a filter's categories and mask."""
 
 
-@cfunc(types.void(types.voidptr, types.voidptr, types.CPointer(types.int64)), cache=True)
+@cfunc("void(voidptr, voidptr, CPointer(int64))", cache=True)
 def count_contact(_body, _arbiter, count):  # type: ignore[no-untyped-def]
     """Adds one to `count`; for cpBodyEachArbiter."""
     carray(count, 1)[0] += 1
