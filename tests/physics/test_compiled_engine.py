@@ -53,6 +53,15 @@ def test_a_step_before_a_reset_is_refused() -> None:
         CompiledEngine(BODY, LIDAR_ANGLES).step(np.zeros(4))
 
 
+def test_a_step_after_a_failed_reset_is_refused() -> None:
+    engine = CompiledEngine(BODY, LIDAR_ANGLES)
+    engine.reset(some_world(), 0.0)
+    with pytest.raises(TypeError):
+        engine.reset(some_world(), None)
+    with pytest.raises(RuntimeError, match="no world yet: call reset"):
+        engine.step(np.zeros(4))
+
+
 def test_two_engines_do_not_disturb_each_other() -> None:
     alone = CompiledEngine(BODY, LIDAR_ANGLES)
     expected = digest(alone, 1)

@@ -54,6 +54,7 @@ class CompiledEngine:
         """Builds a new world and lets one step without torque pass; see `Engine`."""
         if self._release is not None:
             self._release()
+            self._release = None  # no step in a world that is gone, should the next not come about
         handles = self._simulation.handles
         shapes = build(self._body, terrain, self.settings, (GRAVITY, push * TIME_STEP), handles)
         self._release = weakref.finalize(self, release, handles.copy(), shapes, len(self.state))
