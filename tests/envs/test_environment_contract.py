@@ -14,6 +14,7 @@ from stable_baselines3.common.env_checker import check_env as stable_baselines_c
 
 from tma_ray.embodiments import embodiment_names
 from tma_ray.envs import ENVIRONMENTS, Environment, make_environment
+from tma_ray.physics import engine_in_use
 from tma_ray.tasks import TaskSpace
 
 CATALOGUE = [(name, body) for name in ENVIRONMENTS.names() for body in embodiment_names()]
@@ -60,6 +61,17 @@ def test_it_repeats_bit_for_bit_in_another_process(name: str, body: str) -> None
         [sys.executable, "-c", code], env=environment, capture_output=True, text=True, check=True
     )
     assert result.stdout.strip() == play(make_environment(name, embodiment=body), 1)
+
+
+def test_both_engines_give_the_same_bits(name: str, body: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    seen = []
+    for engine in ("compiled", "pymunk"):
+        monkeypatch.setenv("TMA_RAY_ENGINE", engine)
+        engine_in_use.cache_clear()
+        assert engine_in_use().name == engine
+        seen.append(play(make_environment(name, embodiment=body), 3, steps=2000))
+    engine_in_use.cache_clear()
+    assert seen[0] == seen[1]
 
 
 def test_it_declares_its_tasks(name: str, body: str) -> None:

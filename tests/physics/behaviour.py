@@ -17,7 +17,7 @@ from measures import Floats, joint_drift, limit_overshoot, penetration
 
 from tma_ray.embodiments import load_embodiment
 from tma_ray.envs.stump_tracks import LIDAR_ANGLES, PUSH
-from tma_ray.physics import PymunkEngine
+from tma_ray.physics import Engine, make_engine
 from tma_ray.physics.arrays import body_arrays
 from tma_ray.terrain import GROUND_HEIGHT, Terrain, stump_tracks
 
@@ -27,7 +27,7 @@ BODY = load_embodiment("classic_bipedal")
 Figures = dict[str, Floats]
 
 
-def start(engine: PymunkEngine, task: tuple[float, float], rng: np.random.Generator) -> Terrain:
+def start(engine: Engine, task: tuple[float, float], rng: np.random.Generator) -> Terrain:
     """Resets `engine` as the environment does and returns the new world."""
     terrain = stump_tracks(np.array(task, dtype=np.float32), rng)
     engine.reset(terrain, rng.uniform(-PUSH, PUSH))
@@ -36,7 +36,7 @@ def start(engine: PymunkEngine, task: tuple[float, float], rng: np.random.Genera
 
 def zero_action(count: int = 20) -> Figures:
     """Returns what 100 steps without torque lead to, going on after termination."""
-    engine, rows = PymunkEngine(BODY, LIDAR_ANGLES), []
+    engine, rows = make_engine(BODY, LIDAR_ANGLES), []
     for seed in range(count):
         start(engine, TASKS[0], np.random.default_rng(seed))
         begin = engine.state[0, 0]
@@ -49,7 +49,7 @@ def zero_action(count: int = 20) -> Figures:
 
 def episodes(task: tuple[float, float], count: int, cap: int = 2000) -> Figures:
     """Returns figures of `count` episodes of uniform actions."""
-    engine, rows = PymunkEngine(BODY, LIDAR_ANGLES), []
+    engine, rows = make_engine(BODY, LIDAR_ANGLES), []
     for seed in range(count):
         rng = np.random.default_rng([seed, 1])
         start(engine, task, rng)
@@ -70,7 +70,7 @@ def episodes(task: tuple[float, float], count: int, cap: int = 2000) -> Figures:
 
 def gaits(count: int = 100) -> Figures:
     """Returns how far and fast random sinusoidal gaits go in 200 steps or until termination."""
-    engine, distances, speeds, lengths = PymunkEngine(BODY, LIDAR_ANGLES), [], [], []
+    engine, distances, speeds, lengths = make_engine(BODY, LIDAR_ANGLES), [], [], []
     for seed in range(count):
         rng = np.random.default_rng([seed, 2])
         start(engine, TASKS[0], rng)
@@ -97,7 +97,7 @@ def gaits(count: int = 100) -> Figures:
 
 def full_torque(steps: int, seed: int = 0, task: tuple[float, float] = (1.5, 1.0)) -> Iterator[Figures]:
     """Yields the errors of the simulation after each step of random full torques, in worlds of 500 steps."""
-    rng, engine, body = np.random.default_rng([seed, 3]), PymunkEngine(BODY, LIDAR_ANGLES), body_arrays(BODY)
+    rng, engine, body = np.random.default_rng([seed, 3]), make_engine(BODY, LIDAR_ANGLES), body_arrays(BODY)
     for step in range(steps):
         if step % 500 == 0:
             terrain = start(engine, task, rng)

@@ -12,11 +12,13 @@ from trajectory import digest
 
 from tma_ray.embodiments import BodyType, Embodiment, Part, Polygon, embodiment_names, load_embodiment
 from tma_ray.envs.stump_tracks import LIDAR_ANGLES
-from tma_ray.physics import TIME_STEP, PymunkEngine
+from tma_ray.physics import TIME_STEP
 from tma_ray.physics.arrays import body_arrays
+from tma_ray.physics.compiled_engine import CompiledEngine
+from tma_ray.physics.pymunk_engine import PymunkEngine
 from tma_ray.terrain import GROUND_HEIGHT, stump_tracks
 
-ENGINES = [PymunkEngine]
+ENGINES = [CompiledEngine, PymunkEngine]
 
 
 @pytest.fixture(params=ENGINES, ids=lambda engine: engine.__name__)

@@ -7,11 +7,11 @@ import numpy as np
 
 from tma_ray.embodiments import load_embodiment
 from tma_ray.envs.stump_tracks import LIDAR_ANGLES
-from tma_ray.physics import PymunkEngine
+from tma_ray.physics import Engine, make_engine
 from tma_ray.terrain import stump_tracks
 
 
-def digest(engine: PymunkEngine, seed: int, steps: int = 150) -> str:
+def digest(engine: Engine, seed: int, steps: int = 150) -> str:
     """Returns a hash of every observation, reward and state of a random episode."""
     rng, content = np.random.default_rng(seed), hashlib.sha256()
     terrain = stump_tracks(np.array([1.5, 1.0], dtype=np.float32), rng)
@@ -24,4 +24,4 @@ def digest(engine: PymunkEngine, seed: int, steps: int = 150) -> str:
 
 
 if __name__ == "__main__":
-    sys.stdout.write(digest(PymunkEngine(load_embodiment(sys.argv[1]), LIDAR_ANGLES), seed=1))
+    sys.stdout.write(digest(make_engine(load_embodiment(sys.argv[1]), LIDAR_ANGLES), seed=1))

@@ -11,7 +11,7 @@ from gymnasium import spaces
 from numpy.typing import ArrayLike, NDArray
 
 from tma_ray.embodiments import Embodiment, load_embodiment
-from tma_ray.physics import LIDARS, TIME_STEP, PymunkEngine, observation_size
+from tma_ray.physics import LIDARS, TIME_STEP, make_engine, observation_size
 from tma_ray.tasks import MASTERY_RETURN, Task, TaskSpace, check_task
 from tma_ray.terrain import stump_tracks
 
@@ -74,7 +74,7 @@ class StumpTracks(gymnasium.Env[Observation, NDArray[np.float32]]):
             raise ValueError(f"render_mode {render_mode!r}: expected None, 'human' or 'rgb_array'")
         self.render_mode = render_mode
         self.embodiment = embodiment if isinstance(embodiment, Embodiment) else load_embodiment(embodiment)
-        self._engine = PymunkEngine(self.embodiment, LIDAR_ANGLES)
+        self._engine = make_engine(self.embodiment, LIDAR_ANGLES)
         size, actions = observation_size(self._engine.arrays), self.embodiment.action_size
         # Only lidars have bounds that always hold: a joint that is hit hard overshoots its limits.
         low, high = np.full(size, -np.inf, np.float32), np.full(size, np.inf, np.float32)

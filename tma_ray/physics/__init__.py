@@ -1,8 +1,11 @@
-"""Engines: a body in a world, simulated by Chipmunk."""
+"""Engines: a body in a world, simulated by Chipmunk.
+
+Importing this package loads neither numba nor pymunk; making an engine does.
+"""
 
 from tma_ray.physics.arrays import LIDAR_RANGE, LIDARS, observation_size
 from tma_ray.physics.engine import PHYSICS_VERSION, TIME_STEP, Engine, SolverSettings
-from tma_ray.physics.pymunk_engine import PymunkEngine
+from tma_ray.physics.selection import EngineChoice, engine_in_use, make_engine, warm
 
 __all__ = [
     "LIDARS",
@@ -10,7 +13,10 @@ __all__ = [
     "PHYSICS_VERSION",
     "TIME_STEP",
     "Engine",
-    "PymunkEngine",
+    "EngineChoice",
     "SolverSettings",
+    "engine_in_use",
+    "make_engine",
     "observation_size",
+    "warm",
 ]

@@ -66,7 +66,7 @@ class StepArrays(NamedTuple):
     """
 
     head: int
-    critical: NDArray[np.bool_]
+    critical: NDArray[np.bool_ | np.int64]
     joint_parts: NDArray[np.int64]
     contact_part: NDArray[np.int64]
     motors: NDArray[np.float64]

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import math
+from functools import cache
 
 import numpy as np
 import pymunk
 from numpy.typing import NDArray
 
-from tma_ray.physics.arrays import BodyArrays
+from tma_ray.embodiments import Embodiment
+from tma_ray.physics.arrays import BodyArrays, body_arrays
 from tma_ray.physics.engine import TIME_STEP, SolverSettings
 from tma_ray.terrain import Terrain
 
@@ -66,12 +68,14 @@ def add_joints(
     return motors, limits
 
 
-def settled(body: BodyArrays, settings: SolverSettings) -> BodyArrays:
-    """Returns `body` bent into its joints' limits.
+@cache
+def settled(embodiment: Embodiment, settings: SolverSettings) -> BodyArrays:
+    """Returns `embodiment` bent into its joints' limits.
 
     Bodies are drawn straight, which may be outside their limits. Box2D puts that right within the first step
     and without a velocity, Chipmunk could only at the price of one: hence here, in a space with nothing else.
     """
+    body = body_arrays(embodiment)
     space = pymunk.Space()
     space.damping = 0.0  # no velocity outlives its step
     parts = add_parts(space, body, np.zeros(2), settings.skin_radius)

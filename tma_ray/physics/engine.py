@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import Protocol
+from typing import NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -11,7 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 from tma_ray.physics.arrays import StepArrays
 from tma_ray.terrain import Terrain
 
-PHYSICS_VERSION = 1
+PHYSICS_VERSION = 2
 """Rises whenever a trajectory changes; part of every run's identity."""
 
 TIME_STEP = 1 / 50
@@ -21,8 +20,7 @@ GRAVITY = -10.0
 """In m/s²."""
 
 
-@dataclass(frozen=True)
-class SolverSettings:
+class SolverSettings(NamedTuple):
     """How Chipmunk solves contacts and joints; see docs/fidelity.md for the measurements behind them.
 
     Attributes:
@@ -36,7 +34,7 @@ class SolverSettings:
         skin_radius: rounding added around every part, in m (Box2D's polygons have it too).
     """
 
-    iterations: int = 50
+    iterations: int = 30
     substeps: int = 2
     joint_error_bias: float = 0.5**60
     limit_correction_speed: float = 0.1

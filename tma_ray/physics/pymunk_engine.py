@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 from pymunk import batch
 
 from tma_ray.embodiments import Embodiment
-from tma_ray.physics.arrays import body_arrays, observation_size, step_arrays
+from tma_ray.physics.arrays import observation_size, step_arrays
 from tma_ray.physics.chipmunk import add_joints, add_parts, add_terrain, settled
 from tma_ray.physics.engine import GRAVITY, TIME_STEP, SolverSettings
 from tma_ray.physics.kernels import command_motors, judge, observe
@@ -39,7 +39,7 @@ class PymunkEngine:
         self.settings = settings or SolverSettings()
         self.state = np.zeros((len(body.parts), 6))
         self.contacts = np.zeros(len(body.parts), dtype=np.int64)
-        self._body = settled(body_arrays(body), self.settings)
+        self._body = settled(body, self.settings)
         self.arrays = step_arrays(body, lidar_angles)
         self._observation_size = observation_size(self.arrays)
         self._action = np.zeros(body.action_size)

@@ -1,0 +1,143 @@
+"""The compiled counterpart of chipmunk.py: a body and a terrain in a Chipmunk space, built from arrays.
+
+Builds the same things in the same order as pymunk does there, since the order changes trajectories.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numba import carray, cfunc  # type: ignore[attr-defined]
+from numpy.typing import NDArray
+
+from tma_ray.physics import symbols
+from tma_ray.physics.arrays import BodyArrays
+from tma_ray.physics.engine import SolverSettings
+from tma_ray.physics.jit import kernel
+from tma_ray.terrain import Terrain
+
+Floats = NDArray[np.float64]
+Handles = NDArray[np.int64]
+"""Pointers into Chipmunk."""
+
+PARTS_GROUP = 1
+"""Shapes of one group do not collide."""
+
+EVERY_CATEGORY = -1
+"""All bits of a filter's categories and mask."""
+
+
+@cfunc("void(voidptr, voidptr, CPointer(int64))", cache=True)
+def count_contact(_body, _arbiter, count):  # type: ignore[no-untyped-def]
+    """Adds one to `count`; for cpBodyEachArbiter."""
+    carray(count, 1)[0] += 1
+
+
+@kernel
+def build(
+    body: BodyArrays,
+    terrain: Terrain,
+    settings: SolverSettings,
+    forces: tuple[float, float],
+    handles: Handles,
+) -> Handles:
+    """Builds a world.
+
+    Args:
+        body: the body of p parts and j joints, settled.
+        terrain: what it stands on.
+        settings: how Chipmunk solves.
+        forces: gravity upwards in m/s², and an impulse forwards on the head in N s.
+        handles: pointers to space, parts, motors, limits and pivots, written (1 + p + 3 j,).
+
+    Returns:
+        Pointers to the shapes; `release` needs them too.
+    """
+    gravity, impulse = forces
+    parts, solids = len(body.mass), len(terrain.solids)
+    shapes = np.empty(solids + parts, dtype=np.int64)
+    space = symbols.space_new()
+    handles[0] = space
+    symbols.space_set_iterations(space, settings.iterations)
+    symbols.space_set_gravity(space, 0.0, gravity)
+    symbols.space_set_collision_slop(space, settings.collision_slop)
+    symbols.space_set_collision_bias(space, settings.collision_bias)
+    add_terrain(space, terrain, shapes)
+    add_parts(space, body, terrain.spawn, settings.skin_radius, handles[1 : 1 + parts], shapes[solids:])
+    add_joints(space, body, settings, handles)
+    head = body.head
+    symbols.body_push(handles[1 + head], impulse, 0.0, body.centre[head, 0], body.centre[head, 1])
+    return shapes
+
+
+@kernel
+def release(handles: Handles, shapes: Handles, parts: int) -> None:
+    """Frees a world of `parts` parts."""
+    symbols.space_free(handles[0])
+    for shape in shapes:
+        symbols.shape_free(shape)
+    for constraint in handles[1 + parts :]:
+        symbols.constraint_free(constraint)
+    for part in handles[1 : 1 + parts]:
+        symbols.body_free(part)
+
+
+@kernel
+def polygon(body: int, corners: Floats, radius: float) -> int:
+    """Returns a new shape with the convex hull of `corners` (v, 2), from the corner where Chipmunk begins."""
+    hull = corners.copy()
+    count = symbols.convex_hull(len(hull), hull.ctypes.data, hull.ctypes.data, 0, 0.0)
+    shape: int = symbols.polygon_new(body, count, hull.ctypes.data, radius)
+    return shape
+
+
+@kernel
+def add_terrain(space: int, terrain: Terrain, shapes: Handles) -> None:
+    """Adds the solids of `terrain` and writes their shapes to `shapes`."""
+    ground = symbols.space_static_body(space)
+    for index in range(len(terrain.solids)):
+        shapes[index] = polygon(ground, terrain.solids[index], 0.0)
+        symbols.shape_set_friction(shapes[index], math.sqrt(terrain.friction))
+        symbols.space_add_shape(space, shapes[index])
+
+
+@kernel
+def add_parts(
+    space: int, body: BodyArrays, spawn: Floats, radius: float, parts: Handles, shapes: Handles
+) -> None:
+    """Adds the parts of `body` and writes their bodies to `parts`, their shapes to `shapes`."""
+    for index in range(len(body.mass)):
+        part = symbols.body_new(body.mass[index], body.inertia[index])
+        symbols.body_set_centre(part, body.centre[index, 0], body.centre[index, 1])
+        symbols.body_set_angle(part, body.angle[index])
+        x, y = spawn[0] + body.position[index, 0], spawn[1] + body.position[index, 1]
+        symbols.body_set_position(part, x, y)
+        corners = body.vertices[body.first_vertex[index] : body.first_vertex[index + 1]]
+        shape = polygon(part, corners, radius)
+        symbols.shape_set_friction(shape, math.sqrt(body.friction[index]))
+        symbols.shape_set_filter(shape, PARTS_GROUP, EVERY_CATEGORY)
+        symbols.space_add_body(space, part)
+        symbols.space_add_shape(space, shape)
+        parts[index], shapes[index] = part, shape
+
+
+@kernel
+def add_joints(space: int, body: BodyArrays, settings: SolverSettings, handles: Handles) -> None:
+    """Adds the joints of `body`, whose parts are in `handles`, and writes their constraints there."""
+    joints = len(body.limits)
+    parts = handles[1 : 1 + len(body.mass)]
+    constraints = handles[1 + len(body.mass) :]
+    for index in range(joints):
+        a, b = parts[body.joint_parts[index, 0]], parts[body.joint_parts[index, 1]]
+        motor = symbols.motor_new(a, b, 0.0)
+        symbols.constraint_set_max_force(motor, 0.0)
+        limit = symbols.limit_new(a, b, body.limits[index, 0], body.limits[index, 1])
+        symbols.constraint_set_max_bias(limit, settings.limit_correction_speed)
+        symbols.constraint_set_error_bias(limit, settings.joint_error_bias)
+        anchor = body.anchors[index]
+        pivot = symbols.pivot_new(a, b, anchor[0, 0], anchor[0, 1], anchor[1, 0], anchor[1, 1])
+        symbols.constraint_set_error_bias(pivot, settings.joint_error_bias)
+        for kind, constraint in enumerate((motor, limit, pivot)):  # the order in which Box2D solves a joint
+            symbols.space_add_constraint(space, constraint)
+            constraints[index + kind * joints] = constraint

@@ -1,0 +1,119 @@
+"""Which engine simulates: the compiled one where it works, else pymunk's. The results are the same bits."""
+
+from __future__ import annotations
+
+import logging
+import os
+from dataclasses import dataclass
+from functools import cache
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tma_ray.embodiments import Embodiment, load_embodiment
+from tma_ray.physics.engine import Engine, SolverSettings
+from tma_ray.terrain import stump_tracks
+
+if TYPE_CHECKING:
+    from tma_ray.physics.compiled_engine import CompiledEngine
+    from tma_ray.physics.pymunk_engine import PymunkEngine
+
+logger = logging.getLogger(__name__)
+
+VARIABLE = "TMA_RAY_ENGINE"
+"""Environment variable that demands an engine: "compiled" (an error where it does not work) or "pymunk"."""
+
+TRIAL_STEPS = 40
+"""Steps that both engines must agree on before the compiled one is trusted."""
+
+
+@dataclass(frozen=True)
+class EngineChoice:
+    """The engine of this process.
+
+    Attributes:
+        name: "compiled" or "pymunk".
+        reason: why this one, as a sentence without a full stop.
+    """
+
+    name: str
+    reason: str
+
+
+def make_engine(
+    body: Embodiment, lidar_angles: NDArray[np.float64], settings: SolverSettings | None = None
+) -> Engine:
+    """Returns a new engine of the kind that `engine_in_use` names.
+
+    Args:
+        body: the body.
+        lidar_angles: directions of the rays (r,), in rad; 0 is straight down, pi/2 forward.
+        settings: how Chipmunk solves.
+
+    Raises:
+        ValueError: TMA_RAY_ENGINE is neither "compiled" nor "pymunk".
+        RuntimeError: TMA_RAY_ENGINE demands the compiled engine, which does not work here.
+    """
+    return _engine_class(engine_in_use().name)(body, lidar_angles, settings)
+
+
+@cache
+def engine_in_use() -> EngineChoice:
+    """Returns which engine this process uses, and why; the choice is made, and logged, once.
+
+    Raises:
+        ValueError: TMA_RAY_ENGINE is neither "compiled" nor "pymunk".
+        RuntimeError: TMA_RAY_ENGINE demands the compiled engine, which does not work here.
+    """
+    demanded = os.environ.get(VARIABLE, "")
+    if demanded not in ("", "compiled", "pymunk"):
+        raise ValueError(f"{VARIABLE}={demanded}: expected 'compiled' or 'pymunk', or unset for the fastest")
+    if demanded == "pymunk":
+        return EngineChoice("pymunk", f"{VARIABLE}=pymunk demands it")
+    try:
+        _try_compiled()
+    except Exception as error:
+        if demanded:
+            raise RuntimeError(f"{VARIABLE}=compiled, but the compiled engine fails: {error}") from error
+        logger.warning("Simulating with pymunk, several times slower: the compiled engine fails: %s", error)
+        return EngineChoice("pymunk", f"the compiled engine fails: {error}")
+    return EngineChoice("compiled", "it works and gives the same bits as pymunk")
+
+
+def warm() -> EngineChoice:
+    """Compiles the engine into numba's cache on disk, so that later processes of this machine start at once.
+
+    Returns:
+        The engine in use.
+    """
+    return engine_in_use()
+
+
+def _engine_class(name: str) -> type[CompiledEngine | PymunkEngine]:
+    if name == "compiled":
+        from tma_ray.physics.compiled_engine import CompiledEngine
+
+        return CompiledEngine
+    from tma_ray.physics.pymunk_engine import PymunkEngine
+
+    return PymunkEngine
+
+
+def _try_compiled() -> None:
+    """Plays with both engines.
+
+    Raises:
+        RuntimeError: they differ, or this machine has no known way to call Chipmunk.
+    """
+    body, angles = load_embodiment("classic_bipedal"), np.linspace(0.0, 1.5, 10)
+    terrain = stump_tracks(np.array([1.0, 0.5], dtype=np.float32), np.random.default_rng(0))
+    actions = np.random.default_rng(1).uniform(-1.0, 1.0, (TRIAL_STEPS, body.action_size))
+    fast, oracle = (_engine_class(name)(body, angles) for name in ("compiled", "pymunk"))
+    same = fast.reset(terrain, 3.0).tobytes() == oracle.reset(terrain, 3.0).tobytes()
+    for action in actions:
+        (seen, *outcome), (expected, *expected_outcome) = fast.step(action), oracle.step(action)
+        same &= seen.tobytes() == expected.tobytes() and outcome == expected_outcome
+        same &= fast.state.tobytes() == oracle.state.tobytes()
+    if not same:
+        raise RuntimeError("its trajectory is not pymunk's")
