@@ -21,7 +21,12 @@ from tma_ray.students.hyperparameters import (
 STUDENTS: Registry[type[Student]] = Registry(
     "student",
     "tma_ray.students",
-    {"ppo": "tma_ray.students.ppo:PPO", "sac": "tma_ray.students.sac:SAC"},
+    {
+        "ppo": "tma_ray.students.ppo:PPO",
+        "sac": "tma_ray.students.sac:SAC",
+        "stock:ppo": "tma_ray.students.ppo:StockPPO",
+        "stock:sac": "tma_ray.students.sac:StockSAC",
+    },
 )
 
 _BUILTIN_HYPERPARAMETERS: dict[str, type] = {"ppo": PPOHyperparameters, "sac": SACHyperparameters}

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import json
 from abc import abstractmethod
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, Generic, TypeVar
 
@@ -79,7 +81,11 @@ class StableBaselinesStudent(Student, Generic[H, M]):
 
     @abstractmethod
     def _connect(self) -> None:
-        """Empties the buffer and joins it and the fast passes to `self.model`, which is new."""
+        """Empties the buffer and joins it, updates and acting to `self.model`, which is new."""
+
+    @abstractmethod
+    def _refresh(self) -> None:
+        """Takes over the parameters of `self.model`, which have changed, wherever they are copied to."""
 
     @abstractmethod
     def _save_experience(self, folder: Path, previous: Path | None, /) -> dict[str, Any]:
@@ -118,6 +124,8 @@ class StableBaselinesStudent(Student, Generic[H, M]):
             generator.bit_generator.state = saved
         self.model._n_updates = state["updates"]
         self._load_experience(folder, state["counters"])
+        self._restore_update()
+        self._refresh()
 
     def reset(self) -> None:  # noqa: D102
         self._build()
@@ -130,13 +138,32 @@ class StableBaselinesStudent(Student, Generic[H, M]):
         recorded = self.model.logger.name_to_value
         return {name.removeprefix("train/"): float(value) for name, value in recorded.items()}
 
+    def _restore_update(self) -> None:
+        """Takes over the optimisers' states after they were loaded; stable-baselines3's own need nothing."""
+
+    @contextmanager
+    def _updating(self) -> Iterator[None]:
+        """Lends the block the student's torch stream and precision; refreshes copied parameters after it."""
+        outside = torch.get_float32_matmul_precision()
+        torch.set_float32_matmul_precision(self._precision)
+        try:
+            with self._torch_stream.active():
+                yield
+        finally:
+            torch.set_float32_matmul_precision(outside)
+        self._refresh()
+
+    @property
+    def _precision(self) -> str:
+        return self.hyperparameters.matmul_precision
+
     @property
     def _generators(self) -> list[np.random.Generator]:
         return [self._exploration, self._batches, self._values]
 
     def _noise(self) -> NDArray[np.float32]:
-        """Draws the standard normal noise (1, a) of one exploring action."""
-        return self._exploration.standard_normal((1, self.action_space.shape[0]), dtype=np.float32)
+        """Draws the standard normal noise (a,) of one exploring action."""
+        return self._exploration.standard_normal(self._low.size, dtype=np.float32)
 
     def _build(self) -> None:
         """Makes model, networks and optimisers anew."""
