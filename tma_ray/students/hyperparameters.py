@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import difflib
+import json
 import math
 import types
 from collections.abc import Mapping
@@ -163,6 +164,8 @@ def _converted(key: str, value: Any, annotation: Any) -> Any:
         annotation = next(choice for choice in get_args(annotation) if choice is not type(None))
     if get_origin(annotation) is tuple and isinstance(value, (list, tuple)):
         return tuple(_converted(key, item, get_args(annotation)[0]) for item in value)
+    if annotation is Any:
+        return _json_value(key, value)
     is_number = isinstance(value, (int, float)) and not isinstance(value, bool)
     if annotation is float and is_number and math.isfinite(value):
         return float(value)
@@ -174,6 +177,14 @@ def _converted(key: str, value: Any, annotation: Any) -> Any:
         return value
     expected = getattr(annotation, "__name__", str(annotation)).replace("float", "finite float")
     raise ValueError(f"hyper-parameter {key} = {value!r}: expected {expected}")
+
+
+def _json_value(key: str, value: Any) -> Any:
+    try:
+        json.dumps(value, allow_nan=False)
+    except (TypeError, ValueError) as error:
+        raise ValueError(f"hyper-parameter {key} = {value!r}: expected a value that JSON has") from error
+    return value
 
 
 def _check_positive(hyperparameters: object, *names: str) -> None:

@@ -36,11 +36,12 @@ class Mirror:
 
     def refresh(self) -> None:
         """Takes over the layers' present parameters."""
-        parts = []
+        parts: list[torch.Tensor] = []
         with torch.no_grad():
             for block in self._blocks:
                 parts += [layer.bias for layer in block]
-                parts.append(torch.cat([layer.weight for layer in block]).t().reshape(-1))
+                weights: list[torch.Tensor] = [layer.weight for layer in block]
+                parts.append(torch.cat(weights).t().reshape(-1))
             self._weights: FloatArray = torch.cat(parts).numpy(force=True)
 
     def __call__(self, inputs: Observations) -> FloatArray:
@@ -61,9 +62,8 @@ class Mirror:
             noise: standard normal (a,).
             log_range: bounds of the log deviation.
         """
-        return _sample_squashed(
-            self._weights, self._sizes, self._work, self._active, inputs, noise, *log_range
-        )
+        outputs = _apply(self._weights, self._sizes, self._work, self._active, inputs)
+        return _squashed(outputs, noise, *log_range)
 
 
 @kernel
@@ -85,7 +85,8 @@ def _apply(
             for column in range(columns):
                 outputs[column] = max(outputs[column], np.float32(0))
         source, target = target, source
-    return source[: sizes[-1]]
+    results: FloatArray = source[: sizes[-1]]
+    return results
 
 
 @kernel
@@ -122,17 +123,7 @@ def _sample(
 
 
 @kernel
-def _sample_squashed(
-    weights: FloatArray,
-    sizes: IntArray,
-    work: FloatArray,
-    active: IntArray,
-    inputs: Observations,
-    noise: FloatArray,
-    lowest: float,
-    highest: float,
-) -> Actions:
-    outputs = _apply(weights, sizes, work, active, inputs)
+def _squashed(outputs: FloatArray, noise: FloatArray, lowest: float, highest: float) -> Actions:
     count = len(noise)
     actions = np.empty_like(noise)
     for k in range(count):

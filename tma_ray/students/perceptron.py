@@ -7,7 +7,7 @@ reads, and with gradients written where the optimiser wants them.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import NamedTuple, TypeAlias
+from typing import NamedTuple, TypeAlias, cast
 
 import torch
 from torch import nn
@@ -16,10 +16,13 @@ Blocks: TypeAlias = Sequence[Sequence[nn.Linear]]
 """Layers in order. Those of one block share their inputs; their outputs follow one another."""
 
 
-def blocks_of(module: nn.Module, *heads: nn.Linear) -> Blocks:
+def blocks_of(module: nn.Module, *heads: nn.Module) -> Blocks:
     """Returns the linear layers of `module` in a row, and `heads` after them, which share their inputs."""
     rows: list[Sequence[nn.Linear]] = [[part] for part in module.modules() if isinstance(part, nn.Linear)]
-    return [*rows, heads] if heads else rows
+    if heads:
+        rows.append([head for head in heads if isinstance(head, nn.Linear)])
+        assert len(rows[-1]) == len(heads)
+    return rows
 
 
 class Layer(NamedTuple):
@@ -90,8 +93,9 @@ class FlatParameters:
     def __init__(self, networks: Sequence[Blocks], others: Sequence[nn.Parameter] = ()) -> None:
         self.parameters: list[nn.Parameter] = []
         for block in (block for blocks in networks for block in blocks):
-            self.parameters += [layer.weight for layer in block] + [layer.bias for layer in block]
-        self.parameters += others
+            self.parameters += [cast("nn.Parameter", layer.weight) for layer in block]
+            self.parameters += [layer.bias for layer in block]
+        self.parameters.extend(others)
         self.values = torch.cat([parameter.detach().reshape(-1) for parameter in self.parameters])
         self.gradient = torch.zeros_like(self.values)
         for parameter, view in zip(self.parameters, self.views(self.values), strict=True):
@@ -100,7 +104,7 @@ class FlatParameters:
 
     def views(self, buffer: torch.Tensor) -> list[torch.Tensor]:
         """Returns the parts of `buffer` (p,) that belong to the parameters, in their shapes."""
-        parts = buffer.split([parameter.numel() for parameter in self.parameters])
+        parts = torch.split(buffer, [parameter.numel() for parameter in self.parameters])
         return [part.view_as(own) for part, own in zip(parts, self.parameters, strict=True)]
 
     def _networks(self, networks: Sequence[Blocks]) -> list[Perceptron]:

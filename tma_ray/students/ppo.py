@@ -17,7 +17,7 @@ from tma_ray.students.mirror import Mirror
 from tma_ray.students.networks import Pass, Trunk, as_batch
 from tma_ray.students.normaliser import Normaliser
 from tma_ray.students.perceptron import blocks_of
-from tma_ray.students.ppo_update import PPOUpdate
+from tma_ray.students.ppo_update import PPOUpdate, gaussian_log_probability
 from tma_ray.students.rollout import Rollout
 from tma_ray.students.stable_baselines import POLICY_FILE, StableBaselinesStudent
 
@@ -163,13 +163,13 @@ class PPO(StableBaselinesStudent[PPOHyperparameters, stable_baselines3.PPO]):
         self._episode_starts = True  # states are saved at the end of an episode
 
     def _finish_rollout(self, next_observation: Observations) -> None:
-        rollout, policy = self._rollout, self.model.policy
-        with torch.no_grad():  # once for all steps: the policy that took them is still the same
-            values, log_probabilities, _ = policy.evaluate_actions(
-                as_batch(rollout.observations, self.device), as_batch(rollout.actions, self.device)
-            )
+        rollout, log_std = self._rollout, self.model.policy.log_std.detach()
+        # once for all steps: the policy that took them is still the same
+        features = self._trunk(as_batch(rollout.observations, self.device))
+        error = (as_batch(rollout.actions, self.device) - self._mean_head(features)) / log_std.exp()
+        log_probabilities = gaussian_log_probability(error, log_std)
         rollout.finish(
-            values[:, 0].numpy(force=True),
+            self._value_head(features)[:, 0].numpy(force=True),
             log_probabilities.numpy(force=True),
             self._normalised_values(next_observation)[0],
             self.gamma,

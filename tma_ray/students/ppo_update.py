@@ -20,6 +20,11 @@ Losses = tuple[torch.Tensor, torch.Tensor, torch.Tensor, torch.Tensor]
 """Of the policy and of the value, approximate divergence from the old policy, share of clipped ratios."""
 
 
+def gaussian_log_probability(error: torch.Tensor, log_std: torch.Tensor) -> torch.Tensor:
+    """Returns the log density (n,) of actions that are `error` (n, a) deviations from the mean."""
+    return -(0.5 * error.square() + (log_std + _HALF_LOG_2PI)).sum(dim=1)
+
+
 class PPOUpdate:
     """Trains the networks of `model`, whose policy and value share a `Trunk`.
 
@@ -81,8 +86,7 @@ class PPOUpdate:
         advantages = batch.advantages
         advantages = (advantages - advantages.mean()) / (advantages.std() + 1e-8)
         error = (batch.actions - mean) / self._log_std.exp()  # in deviations
-        log_probability = -(0.5 * error.square() + (self._log_std + _HALF_LOG_2PI)).sum(dim=1)
-        log_ratio = log_probability - batch.old_log_prob
+        log_ratio = gaussian_log_probability(error, self._log_std) - batch.old_log_prob
         ratio = log_ratio.exp()
         free, bounded = advantages * ratio, advantages * ratio.clamp(1 - clip, 1 + clip)
         # the smaller of the two counts; where that is the bounded one, and bound, nothing flows back
