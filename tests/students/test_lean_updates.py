@@ -216,5 +216,5 @@ def test_stock_goes_on_from_a_lean_optimisers_state():
     for train in (lambda: update(batch), lambda: stock.train(1, 50)):
         torch.manual_seed(0)
         train()
-    assert largest_difference(model, stock) < 1e-12
+    assert largest_difference(model, stock) < 1e-9
     assert {float(state["step"]) for state in stock.actor.optimizer.state.values()} == {4.0}

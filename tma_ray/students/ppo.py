@@ -117,9 +117,9 @@ class PPO(StableBaselinesStudent[PPOHyperparameters, stable_baselines3.PPO]):
             self._finish_rollout(transition.next_observation)
 
     def act_greedily(self, observations: Observations) -> Actions:  # noqa: D102
-        normalised = self.normaliser.normalise(observations)
         if len(observations) == 1:
-            return self._clip(self._mirror(normalised[0])[None])
+            return self._clip(self._mirror(self.normaliser.normalise(observations[0]))[None])
+        normalised = self.normaliser.normalise(observations)
         mean: Actions = self._mean_head(self._trunk(as_batch(normalised, self.device))).numpy(force=True)
         return self._clip(mean)
 
