@@ -44,7 +44,7 @@ class Drift(gymnasium.Env):
 
 def small_student(name: str, seed: int = 0, **hyperparameters) -> Student:
     env = Drift()
-    values = {**SMALL[name], **hyperparameters}
+    values = {**SMALL[name.removeprefix("stock:")], **hyperparameters}
     return make_student(name, env.observation_space, env.action_space, np.random.SeedSequence(seed), values)
 
 

@@ -40,6 +40,53 @@ def test_greedy_acting_leaves_no_trace(trained, tmp_path):
     assert digest(trained, tmp_path / "after") == before
 
 
+@pytest.mark.parametrize("name", ["ppo", "sac", "stock:ppo", "stock:sac"])
+def test_acting_never_lags_behind_the_policy(name, tmp_path):
+    """After updates, resets and loads, one observation's actions are those of the model."""
+    student = small_student(name)
+    student.kind = name.removeprefix("stock:")
+
+    def gap() -> float:
+        expected = student.model.predict(seen_by_the_model(student), deterministic=True)[0]
+        actions = np.concatenate([student.act_greedily(row[None]) for row in OBSERVATIONS])
+        return np.abs(actions - expected).max()
+
+    def exploring() -> np.ndarray:
+        """The mean of exploring actions, without the noise."""
+        student._noise = lambda: np.zeros(2, np.float32)
+        student._episode_starts = False
+        actions = np.array([student.act(row) for row in OBSERVATIONS])
+        del student._noise
+        return actions
+
+    train(student, Drift(), 70)  # past the uniform actions of SAC
+    changes = (
+        lambda: train(student, Drift(), 60),
+        student.reset,
+        lambda: train(student, Drift(), 60),
+        lambda: student.load(tmp_path),
+    )
+    student.save(tmp_path)
+    for change in changes:
+        before = student.act_greedily(OBSERVATIONS)
+        change()
+        assert gap() < 1e-5
+        np.testing.assert_allclose(exploring(), student.act_greedily(OBSERVATIONS), atol=1e-5)
+        assert np.abs(student.act_greedily(OBSERVATIONS) - before).max() > 1e-3
+
+
+def test_exploring_adds_the_deviation_times_the_noise():
+    student = small_student("ppo")
+    with torch.no_grad():
+        student.model.policy.log_std.copy_(torch.tensor([-1.0, -2.0]))
+    student._refresh()
+    student._noise = lambda: np.array([0.1, -0.2], np.float32)
+    student.act(OBSERVATIONS[0])
+    mean = student.model.predict(student.normaliser.normalise(OBSERVATIONS[:1]), deterministic=True)[0][0]
+    expected = mean + np.exp([-1, -2]) * [0.1, -0.2]
+    np.testing.assert_allclose(student._sampled, expected, atol=1e-6)
+
+
 def test_ppo_plays_clipped_actions_and_learns_from_them_as_sampled():
     student = small_student("ppo")
     transitions = train(student, Drift(), 70)

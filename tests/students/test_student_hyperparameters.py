@@ -90,7 +90,7 @@ def test_a_student_of_someone_else_is_made_and_checked_alike(monkeypatch):
 
 def test_unknown_students_are_refused():
     for name in ("pp", "PPO"):
-        with pytest.raises(UnknownNameError, match="known: ppo, sac"):
+        with pytest.raises(UnknownNameError, match="known: ppo, sac, stock:ppo, stock:sac"):
             default_hyperparameters(name)
 
 

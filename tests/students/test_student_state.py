@@ -143,6 +143,7 @@ def test_a_reset_does_not_repeat_the_uniform_exploration():
         log_std = student.model.actor.get_action_dist_params(torch.from_numpy(OBSERVATIONS[:1]))[1]
         student.model.actor.log_std.weight.zero_()
         student.model.actor.log_std.bias.fill_(-8)
+    student._refresh()
     assert log_std.abs().max() < 1
     np.testing.assert_allclose(student.act(OBSERVATIONS[0]), mean, atol=0.01)
     updates = student.model._n_updates

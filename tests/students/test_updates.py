@@ -149,3 +149,42 @@ def test_scalars_tell_of_the_last_update():
         losses = {key: value for key, value in student.scalars().items() if "loss" in key}
         assert losses
         assert np.isfinite(list(losses.values())).all()
+
+
+@pytest.mark.parametrize("name", ["ppo", "sac", "stock:ppo", "stock:sac"])
+def test_the_precision_is_set_during_updates_only(name, monkeypatch):
+    student, seen = small_student(name, matmul_precision="medium"), set()
+    train_once = student._train
+
+    def spy() -> None:
+        seen.add(torch.get_float32_matmul_precision())
+        train_once()
+
+    monkeypatch.setattr(student, "_train", spy)
+    train(student, Drift(), 100)
+    assert seen == {"medium"}
+    assert torch.get_float32_matmul_precision() == "highest"
+
+
+@pytest.mark.parametrize("name", ["ppo", "sac"])
+def test_lean_and_stock_students_learn_the_same(name):
+    lean, stock = small_student(name, seed=3), small_student(f"stock:{name}", seed=3)
+    for student in (lean, stock):
+        train(student, Drift(seed=1), 130)
+    theirs = parameters(stock)
+    for key, value in parameters(lean).items():
+        np.testing.assert_allclose(value, theirs[key], atol=2e-5, err_msg=key)
+
+
+@pytest.mark.parametrize("name", ["ppo", "sac"])
+def test_a_lean_state_loads_into_stock_and_back(name, tmp_path):
+    lean, stock = small_student(name, seed=3), small_student(f"stock:{name}", seed=4)
+    train(lean, Drift(seed=1), 130)
+    lean.save(tmp_path)
+    stock.load(tmp_path)
+    for student in (lean, stock):
+        student._episode_starts = True
+        train(student, Drift(seed=2), 60)
+    theirs = parameters(stock)
+    for key, value in parameters(lean).items():
+        np.testing.assert_allclose(value, theirs[key], atol=2e-5, err_msg=key)

@@ -9,7 +9,8 @@ from typing import Any
 import numpy as np
 from gymnasium import Space
 
-from tma_ray.registry import Registry
+from tma_ray.registry import Registry, UnknownNameError
+from tma_ray.students.algorithm_names import ALGORITHMS
 from tma_ray.students.base import Policy, Student
 from tma_ray.students.hyperparameters import (
     PPOHyperparameters,
@@ -18,10 +19,40 @@ from tma_ray.students.hyperparameters import (
     parse_hyperparameters,
 )
 
-STUDENTS: Registry[type[Student]] = Registry(
+STOCK = "stock:"
+"""Before a name: updated by stable-baselines3 itself, not by our equal but leaner code."""
+
+
+class StudentRegistry(Registry[type[Student]]):
+    """Students by name, and the algorithms of stable-baselines3 and sb3-contrib by theirs."""
+
+    def names(self) -> list[str]:  # noqa: D102
+        return sorted({*super().names(), *ALGORITHMS}, key=lambda name: (name in ALGORITHMS, name))
+
+    def get(self, name: str) -> type[Student]:
+        """Returns the student called `name`; ``stock:SAC`` and ``stock:sac`` are one.
+
+        Raises:
+            UnknownNameError: nothing answers to `name`, or its package is not installed.
+        """
+        if name in ALGORITHMS and name not in self._decorated:
+            from tma_ray.students.algorithms import student_of  # it imports torch
+
+            return student_of(name)
+        if name.startswith(STOCK) and name.lower() not in self._targets:
+            raise UnknownNameError(self._explain(name))
+        return super().get(name.lower() if name.startswith(STOCK) else name)
+
+
+STUDENTS: Registry[type[Student]] = StudentRegistry(
     "student",
     "tma_ray.students",
-    {"ppo": "tma_ray.students.ppo:PPO", "sac": "tma_ray.students.sac:SAC"},
+    {
+        "ppo": "tma_ray.students.ppo:PPO",
+        "sac": "tma_ray.students.sac:SAC",
+        "stock:ppo": "tma_ray.students.ppo:StockPPO",
+        "stock:sac": "tma_ray.students.sac:StockSAC",
+    },
 )
 
 _BUILTIN_HYPERPARAMETERS: dict[str, type] = {"ppo": PPOHyperparameters, "sac": SACHyperparameters}
@@ -39,7 +70,7 @@ def make_student(
     """Returns a new student.
 
     Args:
-        name: "ppo", "sac", or any other registered student.
+        name: "ppo", "sac", "stock:ppo", "stock:sac", an algorithm like "TQC", or any registered student.
         observation_space: a one-dimensional box, of size o.
         action_space: a bounded one-dimensional box, of size a.
         seed: source of all its randomness; not changed, so that the same seed gives the same student.
@@ -69,7 +100,9 @@ def check_hyperparameters(name: str, given: Mapping[str, Any] | None = None) -> 
         UnknownNameError: no student answers to `name`.
         ValueError: an unknown key, a wrong type or a value outside its range.
     """
-    kind = _BUILTIN_HYPERPARAMETERS.get(name) or STUDENTS.get(name).hyperparameters_type
+    kind = _BUILTIN_HYPERPARAMETERS.get(name.removeprefix(STOCK))
+    if kind is None or name.startswith(STOCK):
+        kind = STUDENTS.get(name).hyperparameters_type
     return parse_hyperparameters(kind, given)
 
 

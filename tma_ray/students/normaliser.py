@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tma_ray.students.base import Observations
+from tma_ray.students.jit import kernel
 
 EPSILON = 1e-8
 """Added to every variance before its root is taken."""
@@ -43,17 +44,8 @@ class Normaliser:
 
     def update(self, observation: Observations) -> None:
         """Counts one more observation (o,)."""
-        count = self._count
-        total = count + 1
-        delta = observation - self._mean
-        self._mean += delta / total
-        np.square(delta, out=delta)
-        delta *= count
-        delta /= total
-        self._variance *= count
-        self._variance += delta
-        self._variance /= total
-        self._count = total
+        _count_in(observation, self._mean, self._variance, self._count)
+        self._count += 1
 
     def update_reward(self, reward: float) -> None:
         """Counts one more reward of the running episode."""
@@ -71,6 +63,8 @@ class Normaliser:
 
     def normalise(self, observations: Observations) -> Observations:
         """Returns `observations` (..., o) normalised and clipped."""
+        if observations.ndim == 1:
+            return _scaled(observations, self._mean, self._variance, self.observation_clip)
         scaled = (observations - self._mean) / np.sqrt(self._variance + EPSILON)
         clipped = np.minimum(np.maximum(scaled, -self.observation_clip), self.observation_clip)
         return clipped.astype(np.float32)
@@ -119,3 +113,25 @@ class Normaliser:
         normaliser._return_count = content["return_count"]
         normaliser._discounted_return = content["discounted_return"]
         return normaliser
+
+
+@kernel
+def _count_in(
+    observation: Observations, mean: NDArray[np.float64], variance: NDArray[np.float64], count: float
+) -> None:
+    total = count + 1
+    for k in range(len(mean)):
+        delta = observation[k] - mean[k]
+        mean[k] += delta / total
+        variance[k] = (variance[k] * count + delta * delta * count / total) / total
+
+
+@kernel
+def _scaled(
+    observation: Observations, mean: NDArray[np.float64], variance: NDArray[np.float64], clip: float
+) -> Observations:
+    scaled = np.empty(len(mean), dtype=np.float32)
+    for k in range(len(mean)):
+        value = (observation[k] - mean[k]) / math.sqrt(variance[k] + EPSILON)
+        scaled[k] = min(max(value, -clip), clip)
+    return scaled

@@ -13,8 +13,11 @@ from torch import nn
 
 from tma_ray.students.base import Actions, Observations, Policy, Transition
 from tma_ray.students.hyperparameters import PPOHyperparameters
+from tma_ray.students.mirror import Mirror
 from tma_ray.students.networks import Pass, Trunk, as_batch
 from tma_ray.students.normaliser import Normaliser
+from tma_ray.students.perceptron import blocks_of
+from tma_ray.students.ppo_update import PPOUpdate, gaussian_log_probability
 from tma_ray.students.rollout import Rollout
 from tma_ray.students.stable_baselines import POLICY_FILE, StableBaselinesStudent
 
@@ -69,19 +72,33 @@ class PPO(StableBaselinesStudent[PPOHyperparameters, stable_baselines3.PPO]):
         policy = self.model.policy
         self.model.rollout_buffer = self._rollout  # type: ignore[assignment]
         self._rollout.clear()
+        self._prepare_update()
         self._trunk = Pass(policy.features_extractor, relu=True)
         self._mean_head = Pass(policy.action_net, relu=False)
         self._value_head = Pass(policy.value_net, relu=False)
-        self._log_std = policy.log_std.detach()
+        self._mirror = Mirror(blocks_of(policy.features_extractor, policy.action_net))
+        self._refresh()
+
+    def _refresh(self) -> None:
+        self._mirror.refresh()
+        self._deviation = self.model.policy.log_std.detach().exp().numpy(force=True)
+
+    def _prepare_update(self) -> None:
+        """Makes what `_train` needs for `self.model`, before anything else shares its parameters."""
+        self._update = PPOUpdate(self.model, self.hyperparameters)
+
+    def _restore_update(self) -> None:
+        self._update.restore()
+
+    def _train(self) -> None:
+        """Updates the networks with the finished rollout."""
+        self._update(self._rollout)
 
     def act(self, observation: Observations) -> Actions:  # noqa: D102
         if self._episode_starts:
             self.normaliser.update(observation)
         self._normalised = self.normaliser.normalise(observation)
-        features = self._trunk(as_batch(self._normalised, self.device))
-        noise = torch.from_numpy(self._noise()).to(self.device)
-        sampled = torch.addcmul(self._mean_head(features), self._log_std.exp(), noise)
-        self._sampled: Actions = sampled.numpy(force=True)[0]
+        self._sampled = self._mirror.sample(self._normalised, self._deviation, self._noise())
         return self._clip(self._sampled)
 
     def observe(self, transition: Transition) -> None:  # noqa: D102
@@ -97,11 +114,13 @@ class PPO(StableBaselinesStudent[PPOHyperparameters, stable_baselines3.PPO]):
         self._rollout.add(self._normalised, self._sampled, reward, ended)
         self._episode_starts = ended
         if self._rollout.is_full:
-            self._update(transition.next_observation)
+            self._finish_rollout(transition.next_observation)
 
     def act_greedily(self, observations: Observations) -> Actions:  # noqa: D102
-        features = self._trunk(as_batch(self.normaliser.normalise(observations), self.device))
-        mean: Actions = self._mean_head(features).numpy(force=True)
+        if len(observations) == 1:
+            return self._clip(self._mirror(self.normaliser.normalise(observations[0]))[None])
+        normalised = self.normaliser.normalise(observations)
+        mean: Actions = self._mean_head(self._trunk(as_batch(normalised, self.device))).numpy(force=True)
         return self._clip(mean)
 
     def state_values(self, observations: Observations) -> NDArray[np.float64]:
@@ -143,21 +162,21 @@ class PPO(StableBaselinesStudent[PPOHyperparameters, stable_baselines3.PPO]):
             self._rollout.restore(dict(state))
         self._episode_starts = True  # states are saved at the end of an episode
 
-    def _update(self, next_observation: Observations) -> None:
-        rollout, policy = self._rollout, self.model.policy
-        with torch.no_grad():  # once for all steps: the policy that took them is still the same
-            values, log_probabilities, _ = policy.evaluate_actions(
-                as_batch(rollout.observations, self.device), as_batch(rollout.actions, self.device)
-            )
+    def _finish_rollout(self, next_observation: Observations) -> None:
+        rollout, log_std = self._rollout, self.model.policy.log_std.detach()
+        # once for all steps: the policy that took them is still the same
+        features = self._trunk(as_batch(rollout.observations, self.device))
+        error = (as_batch(rollout.actions, self.device) - self._mean_head(features)) / log_std.exp()
+        log_probabilities = gaussian_log_probability(error, log_std)
         rollout.finish(
-            values[:, 0].numpy(force=True),
+            self._value_head(features)[:, 0].numpy(force=True),
             log_probabilities.numpy(force=True),
             self._normalised_values(next_observation)[0],
             self.gamma,
             self.hyperparameters.gae_lambda,
         )
-        with self._torch_stream.active():
-            self.model.train()
+        with self._updating():
+            self._train()
         rollout.clear()
 
     def _normalised_values(self, observations: Observations) -> NDArray[np.float64]:
@@ -168,3 +187,16 @@ class PPO(StableBaselinesStudent[PPOHyperparameters, stable_baselines3.PPO]):
     def _clip(self, actions: Actions) -> Actions:
         clipped: Actions = np.minimum(np.maximum(actions, self._low), self._high)
         return clipped
+
+
+class StockPPO(PPO):
+    """PPO whose update is stable-baselines3's own `train`; all else is alike."""
+
+    def _prepare_update(self) -> None:
+        """Prepares nothing."""
+
+    def _restore_update(self) -> None:
+        """Restores nothing: the model's optimiser is the only one."""
+
+    def _train(self) -> None:
+        self.model.train()

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from stable_baselines3.common.type_aliases import RolloutBufferSamples
 
 from tma_ray.students.base import Actions, Observations
+from tma_ray.students.jit import kernel
 
 
 class Rollout:
@@ -101,21 +102,18 @@ class Rollout:
         next_values = np.append(self.values[1:], np.float32(last_value))
         errors = self.rewards + gamma * next_values * goes_on - self.values
         decays = gamma * gae_lambda * goes_on
-        advantage = np.float32(0)
-        for index in range(len(errors) - 1, -1, -1):
-            advantage = errors[index] + decays[index] * advantage
-            self.advantages[index] = advantage
+        _discounted_sums(errors, decays, self.advantages)
         self.returns = self.advantages + self.values
 
-    def get(self, batch_size: int) -> Iterator[RolloutBufferSamples]:
-        """Yields all steps once, shuffled, in mini-batches of tensors."""
+    def get(self, batch_size: int | None = None) -> Iterator[RolloutBufferSamples]:
+        """Yields all steps once, shuffled, in mini-batches of tensors; without a size, in a single one."""
         order = self._generator.permutation(len(self.rewards))
         columns = (
             *(self.observations, self.actions, self.values),
             *(self.log_probabilities, self.advantages, self.returns),
         )
-        for start in range(0, len(order), batch_size):
-            rows = order[start : start + batch_size]
+        for start in range(0, len(order), batch_size or len(order)):
+            rows = order[start : start + (batch_size or len(order))]
             yield RolloutBufferSamples(*(torch.from_numpy(c[rows]).to(self._device) for c in columns))
 
     def state(self) -> dict[str, Any]:
@@ -127,6 +125,16 @@ class Rollout:
         self._size = len(state["rewards"])
         for name in _STORED:
             getattr(self, name)[: self._size] = state[name]
+
+
+@kernel
+def _discounted_sums(
+    errors: NDArray[np.float32], decays: NDArray[np.float32], sums: NDArray[np.float32]
+) -> None:
+    total = np.float32(0)
+    for index in range(len(errors) - 1, -1, -1):
+        total = errors[index] + decays[index] * total
+        sums[index] = total
 
 
 _STORED = ("observations", "actions", "rewards", "ended")

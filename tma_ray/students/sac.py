@@ -15,12 +15,12 @@ from torch import nn
 
 from tma_ray.students.base import Actions, Observations, Policy, Transition
 from tma_ray.students.hyperparameters import SACHyperparameters
+from tma_ray.students.mirror import Mirror
 from tma_ray.students.networks import Pass, as_batch
+from tma_ray.students.perceptron import blocks_of
 from tma_ray.students.replay import ReplayBuffer
+from tma_ray.students.sac_update import SQUASH_EPSILON, SACUpdate
 from tma_ray.students.stable_baselines import POLICY_FILE, StableBaselinesStudent
-
-SQUASH_EPSILON = 1e-6
-"""Keeps the logarithm of the squashing's derivative finite, as in stable-baselines3."""
 
 
 class SAC(StableBaselinesStudent[SACHyperparameters, stable_baselines3.SAC]):
@@ -63,27 +63,44 @@ class SAC(StableBaselinesStudent[SACHyperparameters, stable_baselines3.SAC]):
     def _connect(self) -> None:
         actor = self.model.actor
         self._replay.clear()
+        self._prepare_update()
         self._hidden = Pass(actor.latent_pi, relu=True)
         self._mean_head = Pass(actor.mu, relu=False)
         self._log_std_head = Pass(actor.log_std, relu=False)  # type: ignore[arg-type]
+        self._mirror = Mirror(blocks_of(actor.latent_pi, actor.mu, actor.log_std))  # type: ignore[arg-type]
+
+    def _refresh(self) -> None:
+        self._mirror.refresh()
+
+    def _prepare_update(self) -> None:
+        """Makes what `_train` needs for `self.model`, before anything else shares its parameters."""
+        self._update = SACUpdate(self.model, self.hyperparameters)
+
+    def _restore_update(self) -> None:
+        self._update.restore()
+
+    def _train(self) -> None:
+        """Updates the networks once."""
+        self._update(self._replay.sample(self.hyperparameters.batch_size))
 
     def act(self, observation: Observations) -> Actions:  # noqa: D102
         if self._steps < self.hyperparameters.exploration_steps:
             return self._exploration.uniform(self._low, self._high).astype(np.float32)
-        hidden = self._hidden(as_batch(observation, self.device))
-        mean, std = self._mean_head(hidden), self._std(hidden)
-        noise = torch.from_numpy(self._noise()).to(self.device)
-        return self._unscale(torch.addcmul(mean, std, noise).tanh_().numpy(force=True)[0])
+        squashed = self._mirror.sample_squashed(observation, self._noise(), (LOG_STD_MIN, LOG_STD_MAX))
+        return self._unscale(squashed)
 
     def observe(self, transition: Transition) -> None:  # noqa: D102
         self._replay.add(transition, self._scale(transition.action))
         self._steps += 1
         hyper = self.hyperparameters
         if self._steps > hyper.exploration_steps and self._steps % hyper.steps_per_update == 0:
-            with self._torch_stream.active():
-                self.model.train(gradient_steps=1, batch_size=hyper.batch_size)
+            with self._updating():
+                self._train()
 
     def act_greedily(self, observations: Observations) -> Actions:  # noqa: D102
+        if len(observations) == 1:
+            mean = self._mirror(observations[0])[: self._low.size]
+            return self._unscale(np.tanh(mean)[None])
         hidden = self._hidden(as_batch(observations, self.device))
         return self._unscale(self._mean_head(hidden).tanh_().numpy(force=True))
 
@@ -136,3 +153,16 @@ class SAC(StableBaselinesStudent[SACHyperparameters, stable_baselines3.SAC]):
     def _unscale(self, actions: Actions) -> Actions:
         """Returns `actions` mapped from [-1, 1] to the action space."""
         return self._low + np.float32(0.5) * (actions + 1) * (self._high - self._low)
+
+
+class StockSAC(SAC):
+    """SAC whose update is stable-baselines3's own `train`; all else is alike."""
+
+    def _prepare_update(self) -> None:
+        """Prepares nothing."""
+
+    def _restore_update(self) -> None:
+        """Restores nothing: the model's optimisers are the only ones."""
+
+    def _train(self) -> None:
+        self.model.train(gradient_steps=1, batch_size=self.hyperparameters.batch_size)

@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import json
 from abc import abstractmethod
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
-from typing import Any, Generic, TypeVar
+from typing import Any, Generic, Protocol, TypeVar
 
 import numpy as np
 import torch
@@ -15,10 +17,23 @@ from stable_baselines3.common.base_class import BaseAlgorithm
 from stable_baselines3.common.logger import Logger
 
 from tma_ray.students.base import Student
-from tma_ray.students.hyperparameters import PPOHyperparameters, SACHyperparameters, as_plain_values
+from tma_ray.students.hyperparameters import MatmulPrecision, as_plain_values
 from tma_ray.students.randomness import TorchStream, streams
 
-H = TypeVar("H", bound=PPOHyperparameters | SACHyperparameters)
+
+class Hyperparameters(Protocol):
+    """What the hyper-parameters of all these students have."""
+
+    @property
+    def gamma(self) -> float:
+        """Discount factor."""
+
+    @property
+    def matmul_precision(self) -> MatmulPrecision:
+        """Of the updates' matrix products."""
+
+
+H = TypeVar("H", bound=Hyperparameters)
 M = TypeVar("M", bound=BaseAlgorithm)
 
 POLICY_FILE = "policy.zip"
@@ -79,7 +94,11 @@ class StableBaselinesStudent(Student, Generic[H, M]):
 
     @abstractmethod
     def _connect(self) -> None:
-        """Empties the buffer and joins it and the fast passes to `self.model`, which is new."""
+        """Empties the buffer and joins it, updates and acting to `self.model`, which is new."""
+
+    @abstractmethod
+    def _refresh(self) -> None:
+        """Takes over the parameters of `self.model`, which have changed, wherever they are copied to."""
 
     @abstractmethod
     def _save_experience(self, folder: Path, previous: Path | None, /) -> dict[str, Any]:
@@ -97,7 +116,11 @@ class StableBaselinesStudent(Student, Generic[H, M]):
             "counters": self._save_experience(folder, previous),
         }
         (folder / "student.json").write_text(json.dumps(state, indent=1))
-        networks = {"parameters": self.model.get_parameters(), "torch_stream": self._torch_stream.state}
+        networks = {
+            "parameters": self.model.get_parameters(),
+            "variables": {name: getattr(self.model, name).detach() for name in self._variables},
+            "torch_stream": self._torch_stream.state,
+        }
         torch.save(networks, folder / "networks.pt")
 
     def load(self, folder: Path) -> None:  # noqa: D102
@@ -113,11 +136,15 @@ class StableBaselinesStudent(Student, Generic[H, M]):
             )
         networks = torch.load(folder / "networks.pt", map_location="cpu", weights_only=True)
         self.model.set_parameters(networks["parameters"], device=self.device)
+        for name, value in networks["variables"].items():
+            getattr(self.model, name).data.copy_(value)
         self._torch_stream.state = networks["torch_stream"]
         for generator, saved in zip(self._generators, state["generators"], strict=True):
             generator.bit_generator.state = saved
         self.model._n_updates = state["updates"]
         self._load_experience(folder, state["counters"])
+        self._restore_update()
+        self._refresh()
 
     def reset(self) -> None:  # noqa: D102
         self._build()
@@ -130,13 +157,33 @@ class StableBaselinesStudent(Student, Generic[H, M]):
         recorded = self.model.logger.name_to_value
         return {name.removeprefix("train/"): float(value) for name, value in recorded.items()}
 
+    def _restore_update(self) -> None:
+        """Takes over the optimisers' states after they were loaded; stable-baselines3's own need nothing."""
+
+    @contextmanager
+    def _updating(self) -> Iterator[None]:
+        """Lends the block the student's torch stream and precision; refreshes copied parameters after it."""
+        outside = torch.get_float32_matmul_precision()
+        torch.set_float32_matmul_precision(self.hyperparameters.matmul_precision)
+        try:
+            with self._torch_stream.active():
+                yield
+        finally:
+            torch.set_float32_matmul_precision(outside)
+        self._refresh()
+
+    @property
+    def _variables(self) -> list[str]:
+        """Names of the model's tensors that belong to no module, such as a learned entropy coefficient."""
+        return list(self.model._get_torch_save_params()[1])
+
     @property
     def _generators(self) -> list[np.random.Generator]:
         return [self._exploration, self._batches, self._values]
 
     def _noise(self) -> NDArray[np.float32]:
-        """Draws the standard normal noise (1, a) of one exploring action."""
-        return self._exploration.standard_normal((1, self.action_space.shape[0]), dtype=np.float32)
+        """Draws the standard normal noise (a,) of one exploring action."""
+        return self._exploration.standard_normal(self._low.size, dtype=np.float32)
 
     def _build(self) -> None:
         """Makes model, networks and optimisers anew."""

@@ -1,0 +1,135 @@
+"""Students by the names of stable-baselines3's and sb3-contrib's algorithms."""
+
+import json
+import sys
+
+import numpy as np
+import pytest
+import torch
+from students_support import Drift, digest, parameters, train, train_episodes
+
+from tma_ray.registry import UnknownNameError
+from tma_ray.students import (
+    STUDENTS,
+    check_hyperparameters,
+    default_hyperparameters,
+    load_policy,
+    make_student,
+)
+from tma_ray.students.algorithm_names import ALGORITHMS
+from tma_ray.students.algorithms import student_of
+
+OBSERVATIONS = np.random.default_rng(0).normal(size=(20, 3)).astype(np.float32)
+SMALL = {"policy_kwargs": {"net_arch": [16, 8]}}
+OFF_POLICY = {**SMALL, "buffer_size": 150, "batch_size": 20, "learning_starts": 60, "train_freq": 10}
+VALUES = {
+    "A2C": {**SMALL, "n_steps": 20},
+    "CrossQ": OFF_POLICY,
+    "DDPG": OFF_POLICY,
+    "TD3": OFF_POLICY,
+    "TQC": OFF_POLICY,
+    "TRPO": {**SMALL, "n_steps": 60, "batch_size": 30},
+}
+
+
+def student(name: str, seed: int = 0):
+    if ALGORITHMS[name] == "sb3_contrib":
+        pytest.importorskip("sb3_contrib")
+    env = Drift()
+    return make_student(
+        name, env.observation_space, env.action_space, np.random.SeedSequence(seed), VALUES[name]
+    )
+
+
+NAMES = pytest.mark.parametrize("name", sorted(VALUES))
+
+
+@NAMES
+def test_every_algorithm_learns_resumes_and_leaves_the_global_generators(name, tmp_path):
+    before = torch.get_rng_state().tolist(), np.random.get_state()[1].tolist()  # noqa: NPY002
+    first = student(name)
+    initial = parameters(first)
+    train_episodes(first, range(12))
+    assert any((initial[key] != value).any() for key, value in parameters(first).items())
+    digest(first, tmp_path / "first")
+    second = student(name, seed=9)
+    second.load(tmp_path / "first")
+    assert train_episodes(first, range(12, 24)) == train_episodes(second, range(12, 24))
+    assert digest(first, tmp_path / "a") == digest(second, tmp_path / "b")
+    values = first.state_values(OBSERVATIONS)
+    assert values.shape == (20,)
+    assert values.dtype == np.float64
+    assert np.isfinite(values).all()
+    actions = first.act_greedily(OBSERVATIONS)
+    first.save_policy(tmp_path)
+    np.testing.assert_allclose(load_policy(name, tmp_path)(OBSERVATIONS), actions, atol=1e-6)
+    first.reset()
+    train(first, Drift(), 80)
+    assert (torch.get_rng_state().tolist(), np.random.get_state()[1].tolist()) == before  # noqa: NPY002
+
+
+def test_a_deterministic_policy_explores_with_noise():
+    td3 = student("TD3")
+    train(td3, Drift(), 60)
+    actions = np.array([td3.act(OBSERVATIONS[0]) for _ in range(2000)])
+    mean = td3.act_greedily(OBSERVATIONS[:1])[0]
+    half_widths = (td3.action_space.high - td3.action_space.low) / 2
+    np.testing.assert_allclose(np.std(actions, axis=0) / half_widths, 0.1, rtol=0.1)
+    np.testing.assert_allclose(actions.mean(axis=0), mean, atol=0.02)
+
+
+def test_values_of_a_deterministic_policy_are_the_smaller_critics():
+    td3 = student("TD3")
+    train(td3, Drift(), 130)
+    seen = torch.from_numpy(OBSERVATIONS)
+    with torch.no_grad():
+        expected = torch.stack(td3.model.critic(seen, td3.model.actor(seen))).amin(dim=0)[:, 0]
+    np.testing.assert_allclose(td3.state_values(OBSERVATIONS), expected.numpy(), rtol=1e-5)
+
+
+@NAMES
+def test_defaults_survive_json(name):
+    if ALGORITHMS[name] == "sb3_contrib":
+        pytest.importorskip("sb3_contrib")
+    values = json.loads(json.dumps(default_hyperparameters(name)))
+    assert check_hyperparameters(name, values) == check_hyperparameters(name)
+    assert values["gamma"] == 0.99
+
+
+@pytest.mark.parametrize(
+    ("key", "value", "message"),
+    [
+        ("learning_rat", 1e-3, "did you mean 'learning_rate'"),
+        ("batch_size", 1.5, "expected int"),
+        ("batch_size", 0, "expected more than 0"),
+        ("policy_kwargs", {"activation_fn": torch.nn.ReLU}, "that JSON has"),
+        ("seed", 1, "unknown hyper-parameter 'seed'"),
+        ("exploration_deviation", -1, "expected 0 or more"),
+        ("matmul_precision", "low", "expected one of highest, medium"),
+    ],
+)
+def test_unfit_arguments_are_refused(key, value, message):
+    with pytest.raises(ValueError, match=message):
+        check_hyperparameters("TD3", {key: value})
+
+
+def test_a_missing_package_is_named(monkeypatch):
+    monkeypatch.setitem(sys.modules, "sb3_contrib", None)
+    student_of.cache_clear()
+    with pytest.raises(UnknownNameError, match="pip install sb3-contrib"):
+        STUDENTS.get("TQC")
+
+
+@pytest.mark.parametrize(
+    ("name", "nearest"),
+    [("TQX", "'TQC'"), ("stock:pp", "'stock:ppo'"), ("stock:ac", "'stock:sac'"), ("TD", "'TD3'")],
+)
+def test_unknown_names_have_their_nearest(name, nearest):
+    with pytest.raises(UnknownNameError, match=f"did you mean {nearest}"):
+        STUDENTS.get(name)
+
+
+def test_stock_students_are_found_however_spelt():
+    for name in ("ppo", "sac"):
+        assert STUDENTS.get(f"stock:{name.upper()}") is STUDENTS.get(f"stock:{name}")
+        assert default_hyperparameters(f"stock:{name.upper()}") == default_hyperparameters(name)

@@ -1,0 +1,236 @@
+"""Any stable-baselines3 or sb3-contrib algorithm for continuous actions as a student, by its name.
+
+Acting and updating are the library's own; the loop, the buffers, the randomness and the files are ours.
+Nothing is normalised, as in the algorithm's own `learn`.
+"""
+
+from __future__ import annotations
+
+import importlib
+from functools import cache
+from pathlib import Path
+from typing import Any, ClassVar
+
+import gymnasium
+import numpy as np
+import torch
+from gymnasium import spaces
+from numpy.typing import NDArray
+from stable_baselines3.common.base_class import BaseAlgorithm
+from stable_baselines3.common.on_policy_algorithm import OnPolicyAlgorithm
+
+from tma_ray.registry import UnknownNameError
+from tma_ray.students.algorithm_hyperparameters import constructor_arguments, hyperparameters_of
+from tma_ray.students.algorithm_names import ALGORITHMS, PACKAGES
+from tma_ray.students.base import Actions, Observations, Policy, Student, Transition
+from tma_ray.students.networks import as_batch
+from tma_ray.students.replay import ReplayBuffer
+from tma_ray.students.rollout import Rollout
+from tma_ray.students.stable_baselines import POLICY_FILE, StableBaselinesStudent
+
+
+@cache
+def student_of(name: str) -> type[Student]:
+    """Returns the student that the algorithm called `name` is.
+
+    Raises:
+        UnknownNameError: the package that offers it is not installed.
+    """
+    module = ALGORITHMS[name]
+    try:
+        algorithm: type[BaseAlgorithm] = getattr(importlib.import_module(module), name)
+    except ModuleNotFoundError as error:
+        if error.name != module:
+            raise
+        package = PACKAGES[module]
+        raise UnknownNameError(
+            f"student {name!r} is part of {package}, which is not installed: pip install {package}"
+        ) from error
+    on_policy = issubclass(algorithm, OnPolicyAlgorithm)
+    members = {
+        "__doc__": f"{name} of {PACKAGES[module]}.",
+        "__module__": __name__,
+        "algorithm": algorithm,
+        "hyperparameters_type": hyperparameters_of(algorithm, off_policy=not on_policy),
+    }
+    return type(name, (OnPolicyStudent if on_policy else OffPolicyStudent,), members)
+
+
+class SpacesOnly(gymnasium.Env[Any, Any]):
+    """Tells a model its spaces; the run has the environment."""
+
+    def __init__(self, observation_space: spaces.Box, action_space: spaces.Box) -> None:
+        self.observation_space = observation_space
+        self.action_space = action_space
+
+
+class AlgorithmStudent(StableBaselinesStudent[Any, Any]):
+    """What students of on-policy and of off-policy algorithms share.
+
+    Attributes:
+        algorithm: constructs the model.
+    """
+
+    algorithm: ClassVar[type[BaseAlgorithm]]
+
+    def _make_model(self) -> BaseAlgorithm:
+        constructor: Any = self.algorithm
+        model: BaseAlgorithm = constructor(
+            "MlpPolicy",
+            SpacesOnly(self.observation_space, self.action_space),
+            device=self.device,
+            _init_setup_model=False,
+            **constructor_arguments(self.hyperparameters),
+        )
+        return model
+
+    def _refresh(self) -> None:
+        """Nothing is copied from the model."""
+
+    def act_greedily(self, observations: Observations) -> Actions:  # noqa: D102
+        actions: Actions = self.model.predict(observations, deterministic=True)[0]
+        return actions
+
+    def _predict(self, observation: Observations) -> Actions:
+        """Returns an action (a,) of the exploring policy, drawn from the student's own stream."""
+        with self._torch_stream.active():
+            action: Actions = self.model.predict(observation, deterministic=False)[0]
+        return action
+
+    @classmethod
+    def load_policy(cls, folder: Path, device: str = "cpu") -> Policy:  # noqa: D102
+        with torch.random.fork_rng():  # loading initialises networks before it fills them
+            model = cls.algorithm.load(folder / POLICY_FILE, device=device)
+        return lambda observations: model.predict(observations, deterministic=True)[0]
+
+
+class OnPolicyStudent(AlgorithmStudent):
+    """An algorithm that updates from `n_steps` consecutive steps."""
+
+    def _start(self) -> None:
+        sizes = self.observation_space.shape[0], self.action_space.shape[0]
+        self._rollout = Rollout(self.hyperparameters.n_steps, *sizes, self._batches, self.device)
+
+    def _connect(self) -> None:
+        self.model.rollout_buffer = self._rollout
+        self._rollout.clear()
+
+    def act(self, observation: Observations) -> Actions:  # noqa: D102
+        with self._torch_stream.active(), torch.no_grad():
+            inputs = as_batch(observation, self.device)
+            sampled: Actions = self.model.policy.get_distribution(inputs).sample().numpy(force=True)[0]
+        self._sampled = sampled
+        return np.clip(sampled, self._low, self._high)
+
+    def observe(self, transition: Transition) -> None:  # noqa: D102
+        ended = transition.terminated or transition.truncated
+        reward = transition.reward
+        if transition.truncated and not transition.terminated:
+            reward += self.gamma * self.state_values(transition.next_observation[None]).item()
+        self._rollout.add(transition.observation, self._sampled, reward, ended)
+        if self._rollout.is_full:
+            self._train(transition.next_observation)
+
+    def state_values(self, observations: Observations) -> NDArray[np.float64]:  # noqa: D102
+        with torch.no_grad():
+            values = self.model.policy.predict_values(as_batch(observations, self.device))
+        state_values: NDArray[np.float64] = values[:, 0].numpy(force=True).astype(np.float64)
+        return state_values
+
+    def _train(self, next_observation: Observations) -> None:
+        rollout, hyper = self._rollout, self.hyperparameters
+        with torch.no_grad():
+            values, log_probabilities, _ = self.model.policy.evaluate_actions(
+                as_batch(rollout.observations, self.device), as_batch(rollout.actions, self.device)
+            )
+        rollout.finish(
+            values[:, 0].numpy(force=True),
+            log_probabilities.numpy(force=True),
+            self.state_values(next_observation[None])[0],
+            self.gamma,
+            hyper.gae_lambda,
+        )
+        with self._updating():
+            self.model.train()
+        rollout.clear()
+
+    def _save_experience(self, folder: Path, _previous: Path | None) -> dict[str, Any]:
+        np.savez(folder / "rollout.npz", **self._rollout.state())
+        return {}
+
+    def _load_experience(self, folder: Path, _counters: dict[str, Any]) -> None:
+        with np.load(folder / "rollout.npz") as state:
+            self._rollout.restore(dict(state))
+
+
+class OffPolicyStudent(AlgorithmStudent):
+    """An algorithm that updates from a replay buffer, after `learning_starts` steps of uniform actions."""
+
+    def _start(self) -> None:
+        sizes = self.observation_space.shape[0], self.action_space.shape[0]
+        self._replay = ReplayBuffer(self.hyperparameters.buffer_size, *sizes, self._batches, self.device)
+        self._steps = 0
+
+    def _make_model(self) -> BaseAlgorithm:
+        model: Any = super()._make_model()
+        model.replay_buffer = self._replay
+        return model  # type: ignore[no-any-return]
+
+    def _connect(self) -> None:
+        self._replay.clear()
+
+    def act(self, observation: Observations) -> Actions:  # noqa: D102
+        hyper = self.hyperparameters
+        if self._steps < hyper.learning_starts:
+            return self._exploration.uniform(self._low, self._high).astype(np.float32)
+        action = self._predict(observation)
+        if hyper.exploration_deviation:
+            noise = np.float32(hyper.exploration_deviation / 2) * (self._high - self._low) * self._noise()
+            action = np.clip(action + noise, self._low, self._high)
+        return action
+
+    def observe(self, transition: Transition) -> None:  # noqa: D102
+        scaled = 2 * ((transition.action - self._low) / (self._high - self._low)) - 1
+        self._replay.add(transition, scaled)
+        self._steps += 1
+        hyper = self.hyperparameters
+        if self._steps > hyper.learning_starts and self._steps % hyper.train_freq == 0:
+            count = hyper.gradient_steps if hyper.gradient_steps >= 0 else hyper.train_freq
+            with self._updating():
+                self.model.train(gradient_steps=count, batch_size=hyper.batch_size)
+
+    def state_values(self, observations: Observations) -> NDArray[np.float64]:
+        """Returns V(s) (n,): the critics' smallest value of the policy's actions, entropy bonus included.
+
+        A stochastic policy's is averaged over actions drawn for it.
+        """
+        model, inputs = self.model, as_batch(observations, self.device)
+        model.policy.set_training_mode(False)
+        with torch.no_grad(), torch.random.fork_rng():
+            if not hasattr(model.actor, "action_log_prob"):
+                values: NDArray[np.float64]
+                values = self._smallest(inputs, model.actor(inputs)).double().numpy(force=True)
+                return values
+            torch.manual_seed(int(self._values.integers(2**62)))
+            log_coefficient = getattr(model, "log_ent_coef", None)
+            alpha = model.ent_coef_tensor if log_coefficient is None else log_coefficient.exp()
+            total = torch.zeros(len(inputs), dtype=torch.float64, device=self.device)
+            for _ in range(self.hyperparameters.value_samples):
+                actions, log_probabilities = model.actor.action_log_prob(inputs)
+                total += self._smallest(inputs, actions) - alpha * log_probabilities.reshape(-1)
+        averages: NDArray[np.float64] = (total / self.hyperparameters.value_samples).numpy(force=True)
+        return averages
+
+    def _smallest(self, inputs: torch.Tensor, actions: torch.Tensor) -> torch.Tensor:
+        values = self.model.critic(inputs, actions)
+        if isinstance(values, torch.Tensor):  # quantiles (n, critics, q), whose mean is the value
+            return values.mean(dim=(1, 2))
+        return torch.cat(values, dim=1).amin(dim=1)
+
+    def _save_experience(self, folder: Path, previous: Path | None) -> dict[str, Any]:
+        self._replay.save(folder, previous)
+        return {"steps": self._steps}
+
+    def _load_experience(self, folder: Path, counters: dict[str, Any]) -> None:
+        self._replay.load(folder)
+        self._steps = counters["steps"]
