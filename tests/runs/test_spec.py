@@ -35,7 +35,7 @@ def test_whatever_changes_the_result_changes_the_id(tmp_path: Path) -> None:
         replace(spec, student_hyperparameters={**spec.student_hyperparameters, "gamma": 0.9}),
         replace(spec, schedule=Schedule(steps=5)),
         replace(spec, task_space=spec.task_space.with_bounds("distance", 0, 9)),
-        replace(spec, physics_version=2),
+        replace(spec, physics_version=spec.physics_version + 1),
         replace(spec, plugins={**spec.plugins, "mine": "abc"}),
         replace(spec, repeat="low"),
     ]

@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 from tma_ray.physics.arrays import StepArrays
 from tma_ray.terrain import Terrain
 
-PHYSICS_VERSION = 2
+PHYSICS_VERSION = 1
 """Rises whenever a trajectory changes; part of every run's identity."""
 
 TIME_STEP = 1 / 50
