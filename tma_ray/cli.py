@@ -43,6 +43,9 @@ def _parser() -> argparse.ArgumentParser:
     report.add_argument("root", metavar="ROOT")
     report.add_argument("-o", "--output", type=Path, metavar="FOLDER", help="default: ROOT/report")
     report.set_defaults(command=_report)
+    doctor = commands.add_parser("doctor", help="what this machine offers a campaign")
+    doctor.add_argument("--results", type=Path, default=Path("results"), metavar="FOLDER")
+    doctor.set_defaults(command=_doctor)
     listing = commands.add_parser("list", help="what can be named: teachers, students, ...")
     listing.add_argument("kind", nargs="?", choices=KINDS)
     listing.set_defaults(command=_list)
@@ -102,6 +105,13 @@ def _report(options: argparse.Namespace) -> int:
     from analysis.report import write_report
 
     print(write_report(options.root, options.output))
+    return 0
+
+
+def _doctor(options: argparse.Namespace) -> int:
+    from tma_ray.campaign.doctor import show
+
+    show(options.results)
     return 0
 
 

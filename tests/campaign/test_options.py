@@ -13,6 +13,7 @@ from tma_ray.campaign.options import add_options, chosen_campaign, parse_seeds, 
 from tma_ray.campaign.progress import ProgressView, Snapshot, Standing, duration
 from tma_ray.campaign.settings import Resources
 from tma_ray.cli import main
+from tma_ray.physics import engine_in_use
 from tma_ray.runs import Status
 
 CAMPAIGN = Campaign("small", cells_of(("random", "alp_gmm"), ("ppo",)), seeds=(0, 1))
@@ -98,6 +99,17 @@ def test_dry_run_and_list_start_nothing(tmp_path: Path, capsys: pytest.CaptureFi
     assert not (tmp_path / "root").exists()
     assert main(["list", "teachers"]) == 0
     assert "  alp_gmm\n" in capsys.readouterr().out
+
+
+def test_the_doctor_says_which_engine_simulates(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("COLUMNS", "500")
+    assert main(["doctor"]) == 0
+    shown = capsys.readouterr().out
+    assert f"{engine_in_use().name}: {engine_in_use().reason}" in shown
+    for topic in ("pymunk 7", "cores", "GPU", "no RAY_ADDRESS", "GiB at"):
+        assert topic in shown
 
 
 def test_resources_decide_how_many_runs_fit() -> None:

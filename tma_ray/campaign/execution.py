@@ -10,6 +10,7 @@ from tma_ray.campaign.progress import ProgressView, Snapshot
 from tma_ray.campaign.scheduler import Scheduler
 from tma_ray.campaign.settings import Settings
 from tma_ray.campaign.stopping import StopSignals
+from tma_ray.campaign.warming import warm_nodes
 from tma_ray.results import Committer, Lease, Store, check_usable
 
 
@@ -47,6 +48,7 @@ def run_campaign(
     connect(address)
     check_feasible(settings.resources)
     committer = Committer(store)
+    warm_nodes(plan.runs)
     with Lease(store, lease_holder(campaign.name)) as lease:
         committer.write_cells(campaign.name, plan.cell_rows)
         committer.sweep()

@@ -16,7 +16,7 @@ def fingerprint(threads: int, device: str) -> str:
         "tma_ray": version("tma_ray"),
         "python": platform.python_version(),
         "system": platform.platform(terse=True),
-        "cpu": _cpu_model(),
+        "cpu": cpu_model(),
         "threads": threads,
         "device": device,
         **{library: version(library) for library in LIBRARIES},
@@ -24,7 +24,8 @@ def fingerprint(threads: int, device: str) -> str:
     return json.dumps(content, sort_keys=True)
 
 
-def _cpu_model() -> str:
+def cpu_model() -> str:
+    """Returns the name of the processor."""
     description = Path("/proc/cpuinfo")
     if description.exists():
         for line in description.read_text().splitlines():

@@ -1,0 +1,86 @@
+"""What this machine offers a campaign: versions, engine, CPU, GPU, Ray, disk."""
+
+from __future__ import annotations
+
+import os
+import platform
+import shutil
+from importlib.metadata import version
+from pathlib import Path
+
+from rich.console import Console
+from rich.table import Table
+
+from tma_ray import __version__
+from tma_ray.runs.fingerprint import LIBRARIES, cpu_model
+
+GIB = 2**30
+
+CPU_FEATURES = {"avx2": "AVX2", "avx512f": "AVX-512", "avx512_bf16": "AVX-512 BF16", "amx_bf16": "AMX BF16"}
+"""What matters to matrix products, by its name in /proc/cpuinfo."""
+
+
+def examine(root: Path) -> dict[str, str]:
+    """Returns what was found, by topic.
+
+    Args:
+        root: folder whose disk the results would go to.
+    """
+    return {
+        "tma_ray": f"{__version__}, Python {platform.python_version()}, {platform.platform(terse=True)}",
+        "libraries": ", ".join(f"{library} {version(library)}" for library in (*LIBRARIES, "ray", "pyarrow")),
+        "physics engine": _engine(),
+        "CPU": f"{cpu_model()}, {os.cpu_count()} cores, {_cpu_features()}",
+        "memory": _memory(),
+        "GPU": _gpu(),
+        "Ray": _ray(),
+        "free disk": _disk(root),
+    }
+
+
+def show(root: Path, console: Console | None = None) -> None:
+    """Prints what `examine` finds."""
+    table = Table(box=None, show_header=False, pad_edge=False)
+    for topic, finding in examine(root).items():
+        table.add_row(topic, finding)
+    (console or Console()).print(table)
+
+
+def _engine() -> str:
+    from tma_ray.physics import engine_in_use
+
+    choice = engine_in_use()
+    return f"{choice.name}: {choice.reason}"
+
+
+def _cpu_features() -> str:
+    description = Path("/proc/cpuinfo")
+    if not description.exists():
+        return "features unknown"
+    flags = set(description.read_text().split())
+    found = [name for flag, name in CPU_FEATURES.items() if flag in flags]
+    return ", ".join(found) or "without vector extensions that matter here"
+
+
+def _memory() -> str:
+    pages = os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE")
+    return f"{pages / GIB:.1f} GiB"
+
+
+def _gpu() -> str:
+    import torch
+
+    if not torch.cuda.is_available():
+        return "none that torch can use"
+    names = [torch.cuda.get_device_name(index) for index in range(torch.cuda.device_count())]
+    return ", ".join(names)
+
+
+def _ray() -> str:
+    address = os.environ.get("RAY_ADDRESS")
+    return f"would join {address} (RAY_ADDRESS)" if address else "would start on this machine; no RAY_ADDRESS"
+
+
+def _disk(root: Path) -> str:
+    place = next(path for path in (root.absolute(), *root.absolute().parents) if path.exists())
+    return f"{shutil.disk_usage(place).free / GIB:.1f} GiB at {place}"
