@@ -44,16 +44,16 @@ class Perceptron:
     def __init__(self, layers: Sequence[Layer]) -> None:
         self._layers = layers
         self._inputs: list[torch.Tensor] = []  # of every layer, at the last forward pass
+        self._buffers: dict[tuple[str, int], torch.Tensor] = {}
 
     def forward(self, inputs: torch.Tensor) -> torch.Tensor:
         """Returns the outputs (n, h) for `inputs` (n, i), and remembers what a backward pass needs."""
-        self._inputs = []
-        for layer in self._layers:
-            if self._inputs:
-                inputs = inputs.relu_()
+        self._inputs = [inputs]
+        for index, layer in enumerate(self._layers[:-1]):
+            buffer = self._buffer("outputs", index, inputs)
+            inputs = torch.addmm(layer.bias, inputs, layer.weight.t(), out=buffer).relu_()
             self._inputs.append(inputs)
-            inputs = torch.addmm(layer.bias, inputs, layer.weight.t())
-        return inputs
+        return torch.addmm(self._layers[-1].bias, inputs, self._layers[-1].weight.t())
 
     def backward(self, gradient: torch.Tensor) -> None:
         """Writes the parameters' gradients, from the outputs' `gradient` (n, h) at the last forward pass."""
@@ -62,7 +62,8 @@ class Perceptron:
             torch.mm(gradient.t(), inputs, out=layer.weight_gradient)
             torch.sum(gradient, dim=0, out=layer.bias_gradient)
             if index:
-                gradient = _through_relu(torch.mm(gradient, layer.weight), inputs)
+                buffer = self._buffer("gradient", index - 1, inputs)
+                gradient = _through_relu(torch.mm(gradient, layer.weight, out=buffer), inputs)
 
     def input_gradient(self, gradient: torch.Tensor, rows: torch.Tensor) -> torch.Tensor:
         """Returns the inputs' gradient (m, i) at some rows of the last forward pass; writes none.
@@ -74,6 +75,14 @@ class Perceptron:
         for layer, inputs in zip(reversed(self._layers[1:]), reversed(self._inputs[1:]), strict=True):
             gradient = _through_relu(torch.mm(gradient, layer.weight), inputs[rows])
         return torch.mm(gradient, self._layers[0].weight)
+
+    def _buffer(self, use: str, index: int, like: torch.Tensor) -> torch.Tensor:
+        """Returns memory for hidden layer `index`, kept from pass to pass: new pages cost time."""
+        shape = len(like), len(self._layers[index].bias)
+        buffer = self._buffers.get((use, index))
+        if buffer is None or buffer.shape != shape:
+            buffer = self._buffers[use, index] = like.new_empty(shape)
+        return buffer
 
 
 class FlatParameters:
