@@ -10,7 +10,7 @@ import subprocess
 import sys
 from pathlib import Path
 
-SCRIPTS = ("env_step", "acting", "student_training", "actor_overhead")
+SCRIPTS = ("env_step", "acting", "student_training", "evaluation", "teacher_cost", "actor_overhead")
 
 
 def main() -> None:

@@ -62,14 +62,25 @@ def table_bytes(root: Path) -> dict[str, bytes]:
     }
 
 
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGKILL])
-def test_stopped_by_a_signal_and_continued(tmp_path: Path, number: signal.Signals) -> None:
+@pytest.mark.parametrize(
+    ("numbers", "code"),
+    [
+        ((signal.SIGINT,), 130),
+        ((signal.SIGTERM,), 130),
+        ((signal.SIGINT, signal.SIGINT), 130),
+        ((signal.SIGKILL,), -signal.SIGKILL),
+    ],
+)
+def test_stopped_by_a_signal_and_continued(
+    tmp_path: Path, numbers: tuple[signal.Signals, ...], code: int
+) -> None:
     process = start(tmp_path / "stopped")
     wait_for_a_checkpoint(tmp_path / "stopped", process)
     family = descendants(process.pid)
-    process.send_signal(number)
-    code = process.wait(timeout=90)
-    assert code == (130 if number != signal.SIGKILL else -signal.SIGKILL)
+    for number in numbers:
+        process.send_signal(number)
+        time.sleep(0.05)
+    assert process.wait(timeout=90) == code
     deadline = time.monotonic() + 30
     while alive(family) and time.monotonic() < deadline:
         time.sleep(0.5)

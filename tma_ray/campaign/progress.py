@@ -129,7 +129,7 @@ class ProgressView:
             self._write(snapshot)
 
     def _write(self, snapshot: Snapshot) -> None:
-        self._console.print(snapshot.headline(), highlight=False)
+        self._console.print(snapshot.headline(), highlight=False, soft_wrap=True)
 
 
 def _table(snapshot: Snapshot) -> Group:

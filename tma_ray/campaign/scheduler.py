@@ -182,8 +182,13 @@ class Scheduler:
 
     def _leave(self) -> None:
         """Asks all runs for a checkpoint and waits for them, for the grace period at most."""
-        for running in self._running.values():
-            running.actor.request_stop.remote()
+        for result, running in list(self._running.items()):
+            if running.report is None:  # it has not begun to train: there is nothing to save
+                self._record(running, AttemptOutcome.LOST)
+                self._waiting.append(self._running.pop(result).spec)
+                ray.kill(running.actor)
+            else:
+                running.actor.request_stop.remote()
         deadline = time.monotonic() + self._settings.grace_seconds
         while self._running and time.monotonic() < deadline:
             self._wait(0.2)

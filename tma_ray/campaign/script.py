@@ -42,6 +42,8 @@ def execute(campaign: Campaign, options: argparse.Namespace) -> int:
     except (ValueError, ConnectionError, RootInUseError) as error:
         sys.stderr.write(f"{campaign.name}: {error}\n")
         return EXIT_REFUSED
+    except KeyboardInterrupt:  # the second one: runs go on from the checkpoints they had
+        return EXIT_STOPPED
     return _conclude(ended, options.results, console)
 
 
