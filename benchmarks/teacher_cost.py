@@ -2,7 +2,8 @@
 
     python benchmarks/teacher_cost.py --episodes 40000 --output teacher_cost.json
 
-The student is a formula. A teacher whose late episodes cost much more than its early ones grows with its history.
+The student is a formula. A teacher whose late episodes cost much more than its early ones grows with its
+history.
 """
 
 from __future__ import annotations
