@@ -13,7 +13,7 @@ CAMPAIGN = Campaign(
     cells=cells_of(teachers=("random", "alp_gmm"), students=("ppo",)),
     seeds=(0, 1),
     schedule=Schedule(
-        steps=1_200_000, evaluation_interval=200_000, probe_interval=100_000, training_window=100_000
+        steps=800_000, evaluation_interval=100_000, probe_interval=50_000, training_window=50_000
     ),
 )
 

@@ -115,8 +115,9 @@ class Registry(Generic[T]):
             ) from error
 
     def _explain(self, name: str) -> str:
-        near = difflib.get_close_matches(name, self.names(), n=1)
-        hint = f"did you mean {near[0]!r}? " if near else ""
+        by_lower_case = {known.lower(): known for known in self.names()}
+        near = difflib.get_close_matches(name.lower(), by_lower_case, n=1)
+        hint = f"did you mean {by_lower_case[near[0]]!r}? " if near else ""
         return f"unknown {self.kind} {name!r}: {hint}known: {', '.join(self.names())}, or module:Name"
 
 

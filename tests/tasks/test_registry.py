@@ -27,6 +27,8 @@ def test_builtin_decorated_and_module_names_are_found(registry: Registry[type]) 
 def test_unknown_names_say_the_nearest(registry: Registry[type]) -> None:
     with pytest.raises(UnknownNameError, match="did you mean 'fraction'"):
         registry.get("fractoin")
+    with pytest.raises(UnknownNameError, match="did you mean 'fraction'"):
+        registry.get("FRACTION")
     with pytest.raises(UnknownNameError, match="no module 'no_such_module'"):
         registry.get("no_such_module:Thing")
     with pytest.raises(UnknownNameError, match="has no 'Decimall'"):
