@@ -10,6 +10,7 @@ from tma_ray.tasks.episode import (
     WeightedGaussian,
 )
 from tma_ray.tasks.knowledge import ExpertKnowledge, Gaussian, KnowledgeLevel, expert_knowledge
+from tma_ray.tasks.shuffled_space import ShuffledSpace
 from tma_ray.tasks.space import Dimension, Task, TaskSpace, check_task
 from tma_ray.tasks.test_set import TestSet
 
@@ -23,6 +24,7 @@ __all__ = [
     "Query",
     "QueryKind",
     "ScoredBox",
+    "ShuffledSpace",
     "Task",
     "TaskSpace",
     "TeacherUpdate",
