@@ -15,9 +15,9 @@ from which its episodic return follows, R = -100 + 400 k(q) + noise. An episode 
   what lies within one zone of the easiest task needs no preparation (r = 1). It is a smooth form of the toy
   spaces of Portelas et al. 2019, whose hypercubes are locked until a neighbour has been trained enough;
 - K_i: experience carries to similar tasks and no further (gradients of generalisation, Shepard 1987);
-- 1 - k_i: returns diminish, mastered tasks teach nothing (exponential learning curves, Heathcote et al. 2000);
-- 1 - D_i / L: the closer a region's difficulty D_i, the mean of its demands, comes to the student's limit L, the
-  slower it is learned; beyond L, or where a demand is over 1, tasks are unfeasible;
+- 1 - k_i: learning slows down, and mastered tasks teach nothing (exponential curves, Heathcote et al. 2000);
+- 1 - D_i / L: the closer a region's difficulty D_i, the mean of its demands, comes to the student's limit L,
+  the slower it is learned; beyond L, or where a demand is over 1, tasks are unfeasible;
 - phi: what is not practised fades exponentially (after Ebbinghaus 1885), everywhere and in every episode.
 
 What it leaves out: returns do not depend on the world drawn for a task, learning has no plateaus, and every
@@ -40,8 +40,8 @@ RETURN_RANGE = 400.0
 """What full competence adds; mastery, a return over 230, takes a competence over 0.825."""
 
 STEADY_SPREAD = 0.02
-"""Standard deviation of an episode's competence around the student's at a hopeless or a mastered task: 8 units
-of return, as random walkers vary (docs/fidelity.md)."""
+"""Standard deviation of an episode's competence around the student's at a hopeless or a mastered task: 8
+units of return, as random walkers vary (docs/fidelity.md)."""
 
 UNSTEADY_SPREAD = 0.4
 """Times k (1 - k) added to it: who half masters a task now falls, now arrives."""
@@ -114,17 +114,9 @@ class SimulatedStudent:
         self, easy: ArrayLike, hard: ArrayLike, rng: np.random.Generator, aptitude: Aptitude | None = None
     ) -> None:
         self.aptitude = aptitude = aptitude or Aptitude()
-        self._easy, self._rng = np.asarray(easy, dtype=np.float64), rng
-        self._span = np.asarray(hard, dtype=np.float64) - self._easy
-        if self._easy.ndim != 1 or self._span.shape != self._easy.shape or not np.all(self._span):
-            raise ValueError(
-                f"easy {easy} and hard {hard}: expected two tasks that differ in every dimension"
-            )
-        if aptitude.regions**self._easy.size > MOST_REGIONS:
-            raise ValueError(
-                f"regions = {aptitude.regions} in each of {self._easy.size} dimensions are more than "
-                f"{MOST_REGIONS:,} in all; choose fewer"
-            )
+        self._easy, self._hard = np.asarray(easy, dtype=np.float64), np.asarray(hard, dtype=np.float64)
+        self._check()
+        self._rng = rng
         self._axis = (np.arange(aptitude.regions) + 0.5) / aptitude.regions
         self._precision = -0.5 * (aptitude.regions / aptitude.reach) ** 2
         difficulty = np.stack(np.meshgrid(*[self._axis] * self._easy.size, indexing="ij")).mean(axis=0)
@@ -157,7 +149,7 @@ class SimulatedStudent:
         They tell more than the lidars of a walker would, so that teachers which ask for values get all that
         there is to know.
         """
-        demands = (np.asarray(tasks, dtype=np.float64) - self._easy) / self._span
+        demands = (np.asarray(tasks, dtype=np.float64) - self._easy) / (self._hard - self._easy)
         return np.maximum(demands, 0.0).astype(np.float32)
 
     def expected_returns(self, tasks: ArrayLike) -> Array:
@@ -168,14 +160,26 @@ class SimulatedStudent:
         """Returns the expected discounted returns (n,) of initial observations (n, d)."""
         return DISCOUNTED_SHARE * self._expected(observations)
 
+    def _check(self) -> None:
+        easy, hard, regions = self._easy, self._hard, self.aptitude.regions
+        if easy.ndim != 1 or easy.shape != hard.shape or np.any(easy == hard):
+            raise ValueError(
+                f"easy {easy} and hard {hard}: expected two tasks that differ in every dimension"
+            )
+        if regions**easy.size > MOST_REGIONS:
+            raise ValueError(
+                f"regions = {regions} in each of {easy.size} dimensions are over {MOST_REGIONS:,} in all; "
+                f"choose fewer"
+            )
+
     def _expected(self, observations: NDArray[np.float32]) -> Array:
         demands = observations.astype(np.float64)
         competence = np.where(self._feasible(demands), self._read(self._kernels(demands)), 0.0)
         return WORST_RETURN + RETURN_RANGE * competence
 
     def _feasible(self, demands: Array) -> NDArray[np.bool_]:
-        possible: NDArray[np.bool_] = np.max(demands, axis=-1) <= 1
-        return possible & (np.mean(demands, axis=-1) <= self.aptitude.limit)
+        feasible: NDArray[np.bool_] = (demands.max(-1) <= 1) & (demands.mean(-1) <= self.aptitude.limit)
+        return feasible
 
     def _kernels(self, demands: Array) -> Array:
         """Factors (d, n, regions) of the kernel, which is a product over dimensions."""
@@ -186,7 +190,7 @@ class SimulatedStudent:
         """Kernel averages (n,) of the competence, one dimension after the other."""
         count, regions = kernels.shape[1:]
         weights = kernels / kernels.sum(axis=-1, keepdims=True)
-        average = weights[0] @ self._competence.reshape(regions, -1)
+        average: Array = weights[0] @ self._competence.reshape(regions, -1)
         for axis in weights[1:]:
             average = (axis[:, None] @ average.reshape(count, regions, -1))[:, 0]
         return average[:, 0]
