@@ -103,10 +103,9 @@ def apply(
 def _add_products(matrix: FloatArray, source: FloatArray, active: IntArray, outputs: FloatArray) -> None:
     """Adds `source` (r,) times `matrix` (r, c) to `outputs` (c,), four rows at a time and no zero ones."""
     count = 0
-    for row in range(len(matrix)):
-        if source[row] != 0:
-            active[count] = row
-            count += 1
+    for row in range(len(matrix)):  # without a branch, which nobody could predict
+        active[count] = row
+        count += source[row] != 0
     for k in range(0, count - 3, 4):
         i0, i1, i2, i3 = active[k], active[k + 1], active[k + 2], active[k + 3]
         x0, x1, x2, x3 = source[i0], source[i1], source[i2], source[i3]
