@@ -69,7 +69,7 @@ class ADR(Teacher):
 
     def sample(self) -> Task:
         """Returns a task (d,) of the box, or on one of its boundaries."""
-        task = draw_in_box(self.space, *self.bounds_, self.rng)
+        task = draw_in_box(self.space, self.bounds_, self.rng)
         self.boundary_ = self._draw_boundary() if self.rng.random() < self.boundary_share else None
         if self.boundary_ is not None:
             task[self.boundary_.dimension] = self.bounds_[self.boundary_]
@@ -89,7 +89,7 @@ class ADR(Teacher):
     def probe(self, count: int) -> Task:
         """Returns `count` uniform tasks (count, d) of the box."""
         rng = self.probe_rng()
-        return np.stack([draw_in_box(self.space, *self.bounds_, rng) for _ in range(count)])
+        return np.stack([draw_in_box(self.space, self.bounds_, rng) for _ in range(count)])
 
     def _draw_boundary(self) -> Boundary | None:
         """Returns a boundary of a uniform dimension; None if that spans the task space already."""

@@ -17,8 +17,7 @@ def draw_in_proportion(scores: ArrayLike, rng: np.random.Generator) -> int:
     return int(np.searchsorted(cumulative, rng.random() * total, side="right"))
 
 
-def draw_in_box(
-    space: TaskSpace, low: NDArray[np.float64], high: NDArray[np.float64], rng: np.random.Generator
-) -> Task:
-    """Returns a uniform task (d,) between the corners `low` (d,) and `high` (d,) of a box in `space`."""
+def draw_in_box(space: TaskSpace, box: NDArray[np.float64], rng: np.random.Generator) -> Task:
+    """Returns a uniform task (d,) of a `box` in `space`, given by its lower and upper corner (2, d)."""
+    low, high = box
     return space.clip(low + rng.random(space.size) * (high - low))

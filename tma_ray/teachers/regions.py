@@ -15,7 +15,7 @@ Array = NDArray[np.float64]
 
 
 class Cut(NamedTuple):
-    """A cut across `dimension`: tasks up to `threshold` lie left of it, the others right."""
+    """A cut across `dimension`: tasks up to `threshold`, a float32, lie left of it, the others right."""
 
     dimension: int
     threshold: float
@@ -31,18 +31,17 @@ class Split:
 
 
 class Region:
-    """A box of tasks, and the latest episodes in it.
+    """A closed box of float32 tasks, and the latest episodes in it.
 
     Attributes:
-        low: corner (d,).
-        high: corner (d,).
+        bounds: its lower and upper corner (2, d), float32 values.
         tasks: the latest `capacity` tasks, oldest first.
         returns: their episodic returns.
         split: how it was divided; None as long as it is whole.
     """
 
-    def __init__(self, low: Array, high: Array, capacity: int) -> None:
-        self.low, self.high = low, high
+    def __init__(self, bounds: Array, capacity: int) -> None:
+        self.bounds = bounds
         self.tasks: deque[Task] = deque(maxlen=capacity)
         self.returns: deque[float] = deque(maxlen=capacity)
         self.split: Split | None = None
@@ -94,9 +93,9 @@ class Region:
         """Returns the regions left and right of `cut`, each with the episodes that lie in it."""
         capacity = self.returns.maxlen
         assert capacity is not None
-        low, high = self.low.copy(), self.high.copy()
-        low[cut.dimension] = high[cut.dimension] = cut.threshold
-        left, right = Region(self.low, high, capacity), Region(low, self.high, capacity)
+        left, right = Region(self.bounds.copy(), capacity), Region(self.bounds.copy(), capacity)
+        left.bounds[1, cut.dimension] = cut.threshold
+        right.bounds[0, cut.dimension] = np.nextafter(np.float32(cut.threshold), np.float32(np.inf))
         for task, episodic_return in zip(self.tasks, self.returns, strict=True):
             (left if task[cut.dimension] <= cut.threshold else right).add(task, episodic_return)
         return left, right
@@ -117,35 +116,37 @@ def best_cut(
         smallest: (d,) sides that each part must keep, in task units.
         rng: draws the cuts.
     """
-    tasks = np.array(region.tasks, dtype=np.float64)
-    dimensions, thresholds = random_cuts(region, tasks, attempts, fewest, rng)
+    tasks = np.array(region.tasks)
+    dimensions, thresholds = random_cuts(region.bounds, tasks, attempts, fewest, rng)
     if not len(dimensions):
         return None
     left = (tasks[:, dimensions] <= thresholds).T
     scores = cut_scores(left, np.array(region.returns))
-    sides = np.minimum(thresholds - region.low[dimensions], region.high[dimensions] - thresholds)
+    sides = np.abs(thresholds - region.bounds[:, dimensions]).min(axis=0)
     scores[sides < smallest[dimensions]] = -1
     best = int(np.argmax(scores))
     return Cut(int(dimensions[best]), float(thresholds[best])) if scores[best] >= 0 else None
 
 
 def random_cuts(
-    region: Region, tasks: Array, count: int, fewest: int, rng: np.random.Generator
-) -> tuple[NDArray[np.intp], Array]:
+    bounds: Array, tasks: Task, count: int, fewest: int, rng: np.random.Generator
+) -> tuple[NDArray[np.intp], NDArray[np.float32]]:
     """Returns dimensions and thresholds of `count` random cuts; none if the tasks coincide too much.
 
-    Their distribution is that of a uniform dimension and a uniform threshold in `region`, drawn again
-    until each part keeps `fewest` of the tasks (n, d). Such thresholds lie between two order
-    statistics, so nothing needs to be drawn again.
+    Their distribution is that of a uniform dimension and a uniform threshold in the box `bounds`
+    (2, d), drawn again until each part keeps `fewest` of the tasks (n, d). Such thresholds lie between
+    two order statistics, so nothing needs to be drawn again.
     """
     ordered = np.sort(tasks, axis=0)
-    first, last = ordered[fewest - 1], ordered[-fewest]
-    width = region.high - region.low
-    room = np.where(width > 0, (last - first).clip(min=0) / np.where(width > 0, width, 1.0), 0.0)
-    if not room.any():
-        return np.empty(0, dtype=np.intp), np.empty(0)
-    dimensions = rng.choice(len(room), size=count, p=room / room.sum())
-    return dimensions, first[dimensions] + rng.random(count) * (last - first)[dimensions]
+    least, most = ordered[fewest - 1], np.nextafter(ordered[-fewest], np.float32(-np.inf))
+    room = (most.astype(np.float64) - least).clip(min=0)
+    width = bounds[1] - bounds[0]
+    chances = np.where(width > 0, room / np.where(width > 0, width, 1.0), 0.0)
+    if not chances.any():
+        return np.empty(0, dtype=np.intp), np.empty(0, dtype=np.float32)
+    dimensions = rng.choice(len(room), size=count, p=chances / chances.sum())
+    thresholds = least[dimensions] + rng.random(count) * room[dimensions]
+    return dimensions, thresholds.astype(np.float32)
 
 
 def cut_scores(left: NDArray[np.bool_], returns: Array) -> Array:

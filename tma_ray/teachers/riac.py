@@ -13,11 +13,11 @@ from tma_ray.teachers.base import Teacher
 from tma_ray.teachers.drawing import draw_in_box, draw_in_proportion
 from tma_ray.teachers.regions import Region, Split, best_cut
 
-FEWEST_SHARE = 1 / 20
-"""Episodes each part of a cut must hold, as a share of a region's capacity (the original release)."""
+KEPT_BY_PARTS = 20
+"""Each part of a cut keeps at least one in so many of a full region's episodes (the original release)."""
 
-FORGOTTEN_SHARE = 1 / 4
-"""Oldest episodes that a full region forgets if it cannot be cut, as a share of its capacity."""
+FORGOTTEN = 4
+"""A full region that cannot be cut forgets one in so many of its episodes (the original release)."""
 
 
 @dataclass
@@ -66,7 +66,7 @@ class RIAC(Teacher):
     def start(self, space: TaskSpace, knowledge: ExpertKnowledge, rng: np.random.Generator) -> None:
         """Starts with one empty region: the task space."""
         super().start(space, knowledge, rng)
-        root = Region(space.low.astype(np.float64), space.high.astype(np.float64), self.region_capacity)
+        root = Region(np.array([space.low, space.high], dtype=np.float64), self.region_capacity)
         self.regions_ = [root]
         self.progress_ = array("d", [0.0])
         self.episodes_since_log_ = 0
@@ -82,12 +82,13 @@ class RIAC(Teacher):
 
     def observe(self, episode: Episode) -> None:
         """Stores the episode in every region that holds its task; cuts the smallest if it is full."""
-        index = -1
-        for index in self._path(episode.task):
-            self.regions_[index].add(episode.task, episode.episodic_return)
+        task = episode.task.copy()
+        path = self._path(task)
+        for index in path:
+            self.regions_[index].add(task, episode.episodic_return)
             self.progress_[index] = self.regions_[index].progress
-        if self.regions_[index].full:
-            self._cut(index)
+        if self.regions_[path[-1]].full:
+            self._cut(path[-1])
         self.episodes_since_log_ += 1
         # At most one logged box per episode on average: the log grows no faster than the run.
         if self.episodes_since_log_ >= max(self.region_capacity, len(self.regions_)):
@@ -109,11 +110,11 @@ class RIAC(Teacher):
 
     def _cut(self, index: int) -> None:
         region = self.regions_[index]
-        fewest = math.ceil(FEWEST_SHARE * self.region_capacity)
+        fewest = math.ceil(self.region_capacity / KEPT_BY_PARTS)
         smallest = self.smallest_side * self.space.width
         cut = best_cut(region, self.split_attempts, fewest, smallest, self.rng)
         if cut is None:
-            region.forget(int(FORGOTTEN_SHARE * self.region_capacity))
+            region.forget(self.region_capacity // FORGOTTEN)
             self.progress_[index] = region.progress
             return
         region.split = Split(cut, left=len(self.regions_), right=len(self.regions_) + 1)
@@ -125,19 +126,18 @@ class RIAC(Teacher):
         return self.regions_[draw_in_proportion(self.progress_, rng)]
 
     def _exploit(self, rng: np.random.Generator) -> Task:
-        region = self._draw_region(rng)
-        return draw_in_box(self.space, region.low, region.high, rng)
+        return draw_in_box(self.space, self._draw_region(rng).bounds, rng)
 
     def _mutate(self) -> Task:
         region = self._draw_region(self.rng)
         if not len(region):  # nothing was played yet
             return self.space.sample(self.rng)
         mutated = self.rng.normal(region.worst_task(), self.mutation_std)
-        return self.space.clip(np.clip(mutated, region.low, region.high))
+        return self.space.clip(np.clip(mutated, *region.bounds))
 
     def _log_regions(self) -> None:
         boxes = tuple(
-            ScoredBox(region.low, region.high, progress)
+            ScoredBox(low=region.bounds[0], high=region.bounds[1], score=progress)
             for region, progress in zip(self.regions_, self.progress_, strict=True)
         )
         whole = [box.score for box, region in zip(boxes, self.regions_, strict=True) if region.split is None]
