@@ -19,10 +19,10 @@ import numpy as np
 
 from tma_ray.embodiments import embodiment_names
 from tma_ray.envs.stump_tracks import LIDAR_ANGLES, StumpTracks
+from tma_ray.jit import kernel
 from tma_ray.physics import PHYSICS_VERSION, Engine
 from tma_ray.physics.compiled_engine import CompiledEngine
 from tma_ray.physics.compiled_step import advance, views
-from tma_ray.physics.jit import kernel
 from tma_ray.physics.kernels import command_motors
 from tma_ray.physics.pymunk_engine import PymunkEngine
 

@@ -19,7 +19,8 @@ from tma_ray.embodiments import load_embodiment
 from tma_ray.envs.stump_tracks import LIDAR_ANGLES, PUSH
 from tma_ray.physics import Engine, make_engine
 from tma_ray.physics.arrays import body_arrays
-from tma_ray.terrain import GROUND_HEIGHT, Terrain, stump_tracks
+from tma_ray.terrain import GROUND_HEIGHT, Terrain
+from tma_ray.terrain.stump_tracks import stump_tracks
 
 TASKS = ((0.0, 6.0), (1.5, 3.0), (3.0, 1.0))
 BODY = load_embodiment("classic_bipedal")

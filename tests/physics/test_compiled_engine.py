@@ -20,7 +20,7 @@ from tma_ray.embodiments import load_embodiment
 from tma_ray.envs.stump_tracks import LIDAR_ANGLES, StumpTracks
 from tma_ray.physics.compiled_engine import CompiledEngine
 from tma_ray.physics.pymunk_engine import PymunkEngine
-from tma_ray.terrain import stump_tracks
+from tma_ray.terrain.stump_tracks import stump_tracks
 
 BODY = load_embodiment("classic_bipedal")
 STATM = Path("/proc/self/statm")

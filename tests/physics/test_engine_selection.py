@@ -9,7 +9,7 @@ import pytest
 
 from tma_ray.embodiments import load_embodiment
 from tma_ray.envs.stump_tracks import LIDAR_ANGLES
-from tma_ray.physics import engine_in_use, make_engine, selection, warm
+from tma_ray.physics import engine_in_use, make_engine, selection
 from tma_ray.physics.compiled_engine import CompiledEngine
 from tma_ray.physics.pymunk_engine import PymunkEngine
 
@@ -27,7 +27,6 @@ def engine() -> object:
 
 
 def test_the_compiled_engine_is_taken_where_it_works() -> None:
-    assert warm() == engine_in_use()
     assert engine_in_use().name == "compiled"
     assert isinstance(engine(), CompiledEngine)
 

@@ -11,7 +11,8 @@ from tma_ray.envs.stump_tracks import LIDAR_ANGLES
 from tma_ray.physics import LIDAR_RANGE, observation_size
 from tma_ray.physics.arrays import step_arrays
 from tma_ray.physics.kernels import command_motors, hit_fraction, judge, observe, shaping
-from tma_ray.terrain import GROUND_HEIGHT, stump_tracks
+from tma_ray.terrain import GROUND_HEIGHT
+from tma_ray.terrain.stump_tracks import stump_tracks
 
 BODY = load_embodiment("classic_bipedal")
 ARRAYS = step_arrays(BODY, LIDAR_ANGLES)

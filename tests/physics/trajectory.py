@@ -8,7 +8,7 @@ import numpy as np
 from tma_ray.embodiments import load_embodiment
 from tma_ray.envs.stump_tracks import LIDAR_ANGLES
 from tma_ray.physics import Engine, make_engine
-from tma_ray.terrain import stump_tracks
+from tma_ray.terrain.stump_tracks import stump_tracks
 
 
 def digest(engine: Engine, seed: int, steps: int = 150) -> str:

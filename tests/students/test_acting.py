@@ -80,11 +80,12 @@ def test_exploring_adds_the_deviation_times_the_noise():
     with torch.no_grad():
         student.model.policy.log_std.copy_(torch.tensor([-1.0, -2.0]))
     student._refresh()
-    student._noise = lambda: np.array([0.1, -0.2], np.float32)
+    noise = np.array([0.1, -0.2], np.float32)
+    student._noise = lambda: noise
     student.act(OBSERVATIONS[0])
     mean = student.model.predict(student.normaliser.normalise(OBSERVATIONS[:1]), deterministic=True)[0][0]
     expected = mean + np.exp([-1, -2]) * [0.1, -0.2]
-    np.testing.assert_allclose(student._sampled, expected, atol=1e-6)
+    np.testing.assert_allclose(student._step.sampled, expected, atol=1e-6)
 
 
 def test_ppo_plays_clipped_actions_and_learns_from_them_as_sampled():
@@ -149,3 +150,15 @@ def test_policy_and_value_of_ppo_share_the_papers_trunk():
     trunk, policy, value = 24 * 400 + 400 + 400 * 300 + 300, 300 * 4 + 4 + 4, 300 + 1
     count = sum(parameter.numel() for parameter in student.model.policy.parameters())
     assert count == trunk + policy + value
+
+
+def test_steps_of_ppo_carry_value_and_log_probability_of_the_policy():
+    student = small_student("ppo")
+    train(student, Drift(), 130)
+    for observation in OBSERVATIONS:
+        student.act(observation)
+        step = student._step
+        seen, action = torch.from_numpy(step.observation[None]), torch.from_numpy(step.sampled[None])
+        with torch.no_grad():
+            value, log_probability, _ = student.model.policy.evaluate_actions(seen, action)
+        np.testing.assert_allclose(step.judged, (value.item(), log_probability.item()), atol=1e-5)

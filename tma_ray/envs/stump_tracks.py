@@ -11,9 +11,9 @@ from gymnasium import spaces
 from numpy.typing import ArrayLike, NDArray
 
 from tma_ray.embodiments import Embodiment, load_embodiment
-from tma_ray.physics import LIDARS, TIME_STEP, make_engine, observation_size
+from tma_ray.physics import LIDARS, TIME_STEP, Engine, make_engine, observation_size
 from tma_ray.tasks import MASTERY_RETURN, Task, TaskSpace, check_task
-from tma_ray.terrain import stump_tracks
+from tma_ray.terrain.stump_tracks import stump_tracks
 
 if TYPE_CHECKING:
     from tma_ray.envs.rendering import Renderer
@@ -125,6 +125,19 @@ class StumpTracks(gymnasium.Env[Observation, NDArray[np.float32]]):
         if self.render_mode == "human":
             self.render()
         return observation, reward, terminated, truncated, {"success": self._return > MASTERY_RETURN}
+
+    def hand_over(self) -> Engine:
+        """Returns the engine, to play the episode that has begun without this environment.
+
+        The environment itself must be reset before its next step.
+
+        Raises:
+            gymnasium.error.ResetNeeded: the episode has ended, or not begun.
+        """
+        if not self._running:
+            raise gymnasium.error.ResetNeeded("the episode has ended or not begun; call reset()")
+        self._running = False
+        return self._engine
 
     def render(self) -> NDArray[np.uint8] | None:
         """Draws the world around the head: (400, 600, 3) for "rgb_array", a window for "human"."""

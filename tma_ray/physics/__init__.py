@@ -5,7 +5,8 @@ Importing this package loads neither numba nor pymunk; making an engine does.
 
 from tma_ray.physics.arrays import LIDAR_RANGE, LIDARS, observation_size
 from tma_ray.physics.engine import PHYSICS_VERSION, TIME_STEP, Engine, SolverSettings
-from tma_ray.physics.selection import EngineChoice, engine_in_use, make_engine, warm
+from tma_ray.physics.selection import EngineChoice, engine_in_use, make_engine
+from tma_ray.physics.together import Worlds, together
 
 __all__ = [
     "LIDARS",
@@ -15,8 +16,9 @@ __all__ = [
     "Engine",
     "EngineChoice",
     "SolverSettings",
+    "Worlds",
     "engine_in_use",
     "make_engine",
     "observation_size",
-    "warm",
+    "together",
 ]

@@ -76,5 +76,13 @@ class CompiledEngine:
             raise ValueError(f"an action must be finite, got {values.tolist()}")
         return observation, reward, ended
 
+    @property
+    def addresses(self) -> tuple[int, ...]:
+        """Where memory and surface of the present world lie, as `step_worlds` takes them."""
+        if self._release is None:
+            raise RuntimeError("this engine has no world yet: call reset first")
+        arrays = self._floats, self._integers, self._surface
+        return tuple(value for array in arrays for value in (array.ctypes.data, len(array)))
+
     def __reduce__(self) -> tuple[type[CompiledEngine], tuple[Any, ...]]:
         return CompiledEngine, self._recipe

@@ -6,11 +6,12 @@ import math
 from typing import NamedTuple
 
 import numpy as np
+from numba import carray  # type: ignore[attr-defined]
 from numpy.typing import NDArray
 
+from tma_ray.jit import kernel
 from tma_ray.physics import symbols
 from tma_ray.physics.arrays import StepArrays
-from tma_ray.physics.jit import kernel
 from tma_ray.physics.kernels import command_motors, judge, observe
 
 Floats = NDArray[np.float64]
@@ -139,3 +140,31 @@ def step(
     observe(state, contacts, body, surface, observation)
     reward, ended, floats[3] = judge(state, contacts, body, goal_x, cost, before)
     return reward, ended
+
+
+@kernel
+def step_worlds(
+    addresses: Integers,
+    actions: NDArray[np.float32],
+    observations: NDArray[np.float32],
+    rewards: Floats,
+    ended: NDArray[np.bool_],
+) -> None:
+    """Runs a step of k worlds of one body.
+
+    Args:
+        addresses: of each memory's floats and integers and of the terrain's surface, with their lengths
+            (k, 6).
+        actions: (k, j).
+        observations: written (k, o).
+        rewards: written (k,); NaN as `step` has it.
+        ended: written (k,).
+    """
+    for row in range(len(addresses)):
+        floats_at, floats_size, integers_at, integers_size, surface_at, segments = addresses[row]
+        floats = carray(symbols.as_pointer(floats_at), floats_size, np.float64)
+        integers = carray(symbols.as_pointer(integers_at), integers_size, np.int64)
+        surface = carray(symbols.as_pointer(surface_at), (segments, 4), np.float64)
+        _, simulation = views(floats, integers)
+        simulation.action[:] = actions[row]
+        rewards[row], ended[row] = step(floats, integers, surface, observations[row])

@@ -11,10 +11,10 @@ import numpy as np
 from numba import carray, cfunc  # type: ignore[attr-defined]
 from numpy.typing import NDArray
 
+from tma_ray.jit import kernel
 from tma_ray.physics import symbols
 from tma_ray.physics.arrays import BodyArrays
 from tma_ray.physics.engine import SolverSettings
-from tma_ray.physics.jit import kernel
 from tma_ray.terrain import Terrain
 
 Floats = NDArray[np.float64]

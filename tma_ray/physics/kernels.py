@@ -12,8 +12,8 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
+from tma_ray.jit import kernel
 from tma_ray.physics.arrays import StepArrays
-from tma_ray.physics.jit import kernel
 
 Floats = NDArray[np.float64]
 

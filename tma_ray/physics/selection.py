@@ -13,7 +13,6 @@ from numpy.typing import NDArray
 
 from tma_ray.embodiments import Embodiment, load_embodiment
 from tma_ray.physics.engine import Engine, SolverSettings
-from tma_ray.terrain import stump_tracks
 
 if TYPE_CHECKING:
     from tma_ray.physics.compiled_engine import CompiledEngine
@@ -81,15 +80,6 @@ def engine_in_use() -> EngineChoice:
     return EngineChoice("compiled", "it works and gives the same bits as pymunk")
 
 
-def warm() -> EngineChoice:
-    """Compiles the engine into numba's cache on disk, so that later processes of this machine start at once.
-
-    Returns:
-        The engine in use.
-    """
-    return engine_in_use()
-
-
 def _engine_class(name: str) -> type[CompiledEngine | PymunkEngine]:
     if name == "compiled":
         from tma_ray.physics.compiled_engine import CompiledEngine
@@ -106,6 +96,8 @@ def _try_compiled() -> None:
     Raises:
         RuntimeError: they differ, or this machine has no known way to call Chipmunk.
     """
+    from tma_ray.terrain.stump_tracks import stump_tracks  # here, since it loads numba
+
     body, angles = load_embodiment("classic_bipedal"), np.linspace(0.0, 1.5, 10)
     terrain = stump_tracks(np.array([1.0, 0.5], dtype=np.float32), np.random.default_rng(0))
     actions = np.random.default_rng(1).uniform(-1.0, 1.0, (TRIAL_STEPS, body.action_size))

@@ -76,6 +76,16 @@ def _vector_of(name: str) -> Any:
     return getter
 
 
+@intrinsic
+def as_pointer(_context: Any, _address: Any) -> Any:
+    """Returns an address (intp) as the pointer that numba's carray takes."""
+
+    def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        return builder.inttoptr(arguments[0], context.get_value_type(signature.return_type))
+
+    return types.voidptr(types.intp), generate
+
+
 _void, _pointer, _int, _double = types.void, types.intp, types.intc, types.float64
 _vector = (_double, _double)
 

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tma_ray.envs import make_environment
+from tma_ray.envs.lock_step import lock_step
 from tma_ray.runs.spec import RunSpec
 from tma_ray.runs.streams import evaluation_seeds
 
@@ -36,6 +37,7 @@ class Evaluation:
         self._environments = [
             make(spec.environment, **spec.environment_options) for _ in range(len(spec.test_set))
         ]
+        self._worlds = lock_step(self._environments)
 
     def __call__(self, policy: GreedyPolicy) -> list[dict[str, Any]]:
         """Plays one episode of every test task.
@@ -43,30 +45,20 @@ class Evaluation:
         Returns:
             Rows of the table of evaluations, without run and step.
         """
-        observations = np.stack([self._reset(index) for index in range(len(self.test_set))])
+        observations = self._worlds.reset(self._seeds, self.test_set.tasks)
         returns, lengths = np.zeros(len(observations)), np.zeros(len(observations), dtype=int)
         running = np.arange(len(observations))
         while len(running):
-            actions = policy.act_greedily(observations[running])
-            over = np.zeros(len(running), dtype=bool)
-            for row, index in enumerate(running):
-                observation, reward, terminated, truncated, _ = self._environments[index].step(actions[row])
-                observations[index] = observation
-                returns[index] += float(reward)
-                over[row] = terminated or truncated
+            observations, rewards, over = self._worlds.step(running, policy.act_greedily(observations))
+            returns[running] += rewards
             lengths[running] += 1
-            running = running[~over]
-        return [self._row(index, returns[index], lengths[index]) for index in range(len(observations))]
+            running, observations = running[~over], observations[~over]
+        return [self._row(index, returns[index], lengths[index]) for index in range(len(returns))]
 
     def close(self) -> None:
         """Closes all worlds."""
         for environment in self._environments:
             environment.close()
-
-    def _reset(self, index: int) -> NDArray[np.float32]:
-        options = {"task": self.test_set.tasks[index]}
-        observation, _ = self._environments[index].reset(seed=self._seeds[index], options=options)
-        return np.asarray(observation, dtype=np.float32)
 
     def _row(self, index: int, episodic_return: float, length: int) -> dict[str, Any]:
         return {

@@ -117,17 +117,17 @@ class OnPolicyStudent(AlgorithmStudent):
 
     def act(self, observation: Observations) -> Actions:  # noqa: D102
         with self._torch_stream.active(), torch.no_grad():
-            inputs = as_batch(observation, self.device)
-            sampled: Actions = self.model.policy.get_distribution(inputs).sample().numpy(force=True)[0]
-        self._sampled = sampled
-        return np.clip(sampled, self._low, self._high)
+            sampled, value, log_probability = self.model.policy(as_batch(observation, self.device))
+        self._sampled: Actions = sampled.numpy(force=True)[0]
+        self._judged = value.item(), log_probability.item()
+        return np.clip(self._sampled, self._low, self._high)
 
     def observe(self, transition: Transition) -> None:  # noqa: D102
         ended = transition.terminated or transition.truncated
         reward = transition.reward
         if transition.truncated and not transition.terminated:
             reward += self.gamma * self.state_values(transition.next_observation[None]).item()
-        self._rollout.add(transition.observation, self._sampled, reward, ended)
+        self._rollout.add(transition.observation, self._sampled, reward, ended, self._judged)
         if self._rollout.is_full:
             self._train(transition.next_observation)
 
@@ -138,21 +138,11 @@ class OnPolicyStudent(AlgorithmStudent):
         return state_values
 
     def _train(self, next_observation: Observations) -> None:
-        rollout, hyper = self._rollout, self.hyperparameters
-        with torch.no_grad():
-            values, log_probabilities, _ = self.model.policy.evaluate_actions(
-                as_batch(rollout.observations, self.device), as_batch(rollout.actions, self.device)
-            )
-        rollout.finish(
-            values[:, 0].numpy(force=True),
-            log_probabilities.numpy(force=True),
-            self.state_values(next_observation[None])[0],
-            self.gamma,
-            hyper.gae_lambda,
-        )
+        last_value = self.state_values(next_observation[None])[0]
+        self._rollout.finish(last_value, self.gamma, self.hyperparameters.gae_lambda)
         with self._updating():
             self.model.train()
-        rollout.clear()
+        self._rollout.clear()
 
     def _save_experience(self, folder: Path, _previous: Path | None) -> dict[str, Any]:
         np.savez(folder / "rollout.npz", **self._rollout.state())

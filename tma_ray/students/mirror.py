@@ -6,8 +6,8 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
+from tma_ray.jit import kernel
 from tma_ray.students.base import Actions, Observations
-from tma_ray.students.jit import kernel
 from tma_ray.students.perceptron import Blocks
 
 FloatArray = NDArray[np.float32]
@@ -46,11 +46,12 @@ class Mirror:
 
     def __call__(self, inputs: Observations) -> FloatArray:
         """Returns the last block's outputs (h,) for `inputs` (i,)."""
-        return _apply(self._weights, self._sizes, self._work, self._active, inputs).copy()
+        return apply(*self.arrays, inputs).copy()
 
-    def sample(self, inputs: Observations, deviation: FloatArray, noise: FloatArray) -> Actions:
-        """Returns the outputs plus `noise` (a,) times `deviation` (a,)."""
-        return _sample(self._weights, self._sizes, self._work, self._active, inputs, deviation, noise)
+    @property
+    def arrays(self) -> tuple[FloatArray, IntArray, FloatArray, IntArray]:
+        """What `apply` takes before the inputs."""
+        return self._weights, self._sizes, self._work, self._active
 
     def sample_squashed(
         self, inputs: Observations, noise: FloatArray, log_range: tuple[float, float]
@@ -62,14 +63,23 @@ class Mirror:
             noise: standard normal (a,).
             log_range: bounds of the log deviation.
         """
-        outputs = _apply(self._weights, self._sizes, self._work, self._active, inputs)
+        outputs = apply(*self.arrays, inputs)
         return _squashed(outputs, noise, *log_range)
 
 
 @kernel
-def _apply(
+def apply(
     weights: FloatArray, sizes: IntArray, work: FloatArray, active: IntArray, inputs: Observations
 ) -> FloatArray:
+    """Returns the outputs (h,) for `inputs` (i,), in memory that the next call overwrites.
+
+    Args:
+        weights: of all layers, biases first, each matrix transposed.
+        sizes: units of the inputs and of every layer (l,).
+        work: overwritten (2, largest size).
+        active: overwritten (largest size,).
+        inputs: (i,).
+    """
     source, target = work[0], work[1]
     source[: sizes[0]] = inputs
     start = 0
@@ -107,19 +117,6 @@ def _add_products(matrix: FloatArray, source: FloatArray, active: IntArray, outp
         x, last = source[active[k]], matrix[active[k]]
         for j in range(len(outputs)):
             outputs[j] += x * last[j]
-
-
-@kernel
-def _sample(
-    weights: FloatArray,
-    sizes: IntArray,
-    work: FloatArray,
-    active: IntArray,
-    inputs: Observations,
-    deviation: FloatArray,
-    noise: FloatArray,
-) -> Actions:
-    return _apply(weights, sizes, work, active, inputs) + deviation * noise
 
 
 @kernel

@@ -9,8 +9,8 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from tma_ray.jit import kernel
 from tma_ray.students.base import Observations
-from tma_ray.students.jit import kernel
 
 EPSILON = 1e-8
 """Added to every variance before its root is taken."""
@@ -63,11 +63,13 @@ class Normaliser:
 
     def normalise(self, observations: Observations) -> Observations:
         """Returns `observations` (..., o) normalised and clipped."""
-        if observations.ndim == 1:
-            return _scaled(observations, self._mean, self._variance, self.observation_clip)
-        scaled = (observations - self._mean) / np.sqrt(self._variance + EPSILON)
-        clipped = np.minimum(np.maximum(scaled, -self.observation_clip), self.observation_clip)
-        return clipped.astype(np.float32)
+        rows = np.ascontiguousarray(observations).reshape(-1, len(self._mean))
+        return scaled(rows, *self.statistics).reshape(observations.shape)
+
+    @property
+    def statistics(self) -> tuple[NDArray[np.float64], NDArray[np.float64], float]:
+        """What `scaled` takes after the observations."""
+        return self._mean, self._variance, self.observation_clip
 
     def normalise_reward(self, reward: float) -> float:
         """Returns `reward` scaled and clipped; the mean is not taken off."""
@@ -127,11 +129,14 @@ def _count_in(
 
 
 @kernel
-def _scaled(
-    observation: Observations, mean: NDArray[np.float64], variance: NDArray[np.float64], clip: float
+def scaled(
+    observations: Observations, mean: NDArray[np.float64], variance: NDArray[np.float64], clip: float
 ) -> Observations:
-    scaled = np.empty(len(mean), dtype=np.float32)
-    for k in range(len(mean)):
-        value = (observation[k] - mean[k]) / math.sqrt(variance[k] + EPSILON)
-        scaled[k] = min(max(value, -clip), clip)
-    return scaled
+    """Returns `observations` (n, o) normalised and clipped."""
+    deviation = np.sqrt(variance + EPSILON)
+    results = np.empty(observations.shape, dtype=np.float32)
+    for row in range(len(observations)):
+        for k in range(len(mean)):
+            value = (observations[row, k] - mean[k]) / deviation[k]
+            results[row, k] = min(max(value, -clip), clip)
+    return results

@@ -13,11 +13,10 @@ from torch import nn
 
 from tma_ray.students.base import Actions, Observations, Policy, Transition
 from tma_ray.students.hyperparameters import PPOHyperparameters
-from tma_ray.students.mirror import Mirror
 from tma_ray.students.networks import Pass, Trunk, as_batch
 from tma_ray.students.normaliser import Normaliser
-from tma_ray.students.perceptron import blocks_of
-from tma_ray.students.ppo_update import PPOUpdate, gaussian_log_probability
+from tma_ray.students.ppo_acting import Actor
+from tma_ray.students.ppo_update import PPOUpdate
 from tma_ray.students.rollout import Rollout
 from tma_ray.students.stable_baselines import POLICY_FILE, StableBaselinesStudent
 
@@ -76,12 +75,10 @@ class PPO(StableBaselinesStudent[PPOHyperparameters, stable_baselines3.PPO]):
         self._trunk = Pass(policy.features_extractor, relu=True)
         self._mean_head = Pass(policy.action_net, relu=False)
         self._value_head = Pass(policy.value_net, relu=False)
-        self._mirror = Mirror(blocks_of(policy.features_extractor, policy.action_net))
-        self._refresh()
+        self._actor = Actor(self.model, np.stack([self._low, self._high]))
 
     def _refresh(self) -> None:
-        self._mirror.refresh()
-        self._deviation = self.model.policy.log_std.detach().exp().numpy(force=True)
+        self._actor.refresh()
 
     def _prepare_update(self) -> None:
         """Makes what `_train` needs for `self.model`, before anything else shares its parameters."""
@@ -97,9 +94,8 @@ class PPO(StableBaselinesStudent[PPOHyperparameters, stable_baselines3.PPO]):
     def act(self, observation: Observations) -> Actions:  # noqa: D102
         if self._episode_starts:
             self.normaliser.update(observation)
-        self._normalised = self.normaliser.normalise(observation)
-        self._sampled = self._mirror.sample(self._normalised, self._deviation, self._noise())
-        return self._clip(self._sampled)
+        self._step = self._actor.act(observation, self.normaliser, self._noise())
+        return self._step.action
 
     def observe(self, transition: Transition) -> None:  # noqa: D102
         ended = transition.terminated or transition.truncated
@@ -111,17 +107,17 @@ class PPO(StableBaselinesStudent[PPOHyperparameters, stable_baselines3.PPO]):
             self.normaliser.end_episode()
         if transition.truncated and not transition.terminated:
             reward += self.gamma * self._normalised_values(transition.next_observation).item()
-        self._rollout.add(self._normalised, self._sampled, reward, ended)
+        step = self._step
+        self._rollout.add(step.observation, step.sampled, reward, ended, step.judged)
         self._episode_starts = ended
         if self._rollout.is_full:
             self._finish_rollout(transition.next_observation)
 
     def act_greedily(self, observations: Observations) -> Actions:  # noqa: D102
         if len(observations) == 1:
-            return self._clip(self._mirror(self.normaliser.normalise(observations[0]))[None])
-        normalised = self.normaliser.normalise(observations)
-        mean: Actions = self._mean_head(self._trunk(as_batch(normalised, self.device))).numpy(force=True)
-        return self._clip(mean)
+            return self._clip(self._actor.greedy(self.normaliser.normalise(observations[0]))[None])
+        inputs = as_batch(self.normaliser.normalise(observations), self.device)
+        return self._clip(self._mean_head(self._trunk(inputs)).numpy(force=True))
 
     def state_values(self, observations: Observations) -> NDArray[np.float64]:
         """Returns V(s) (n,) of `observations` (n, o), rescaled from normalised to raw rewards.
@@ -143,11 +139,15 @@ class PPO(StableBaselinesStudent[PPOHyperparameters, stable_baselines3.PPO]):
     def load_policy(cls, folder: Path, device: str = "cpu") -> Policy:  # noqa: D102
         with torch.random.fork_rng():  # loading initialises networks before it fills them
             model = stable_baselines3.PPO.load(folder / POLICY_FILE, device=device)
+        trunk = Pass(model.policy.features_extractor, relu=True)
+        mean_head = Pass(model.policy.action_net, relu=False)
+        low, high = model.action_space.low, model.action_space.high  # type: ignore[attr-defined]
         normaliser = Normaliser.load(folder / NORMALISER_FILE)
 
         def act(observations: Observations) -> Actions:
-            actions: Actions = model.predict(normaliser.normalise(observations), deterministic=True)[0]
-            return actions
+            inputs = as_batch(normaliser.normalise(observations), model.device)
+            actions: Actions = mean_head(trunk(inputs)).numpy(force=True)
+            return np.minimum(np.maximum(actions, low), high)
 
         return act
 
@@ -163,21 +163,11 @@ class PPO(StableBaselinesStudent[PPOHyperparameters, stable_baselines3.PPO]):
         self._episode_starts = True  # states are saved at the end of an episode
 
     def _finish_rollout(self, next_observation: Observations) -> None:
-        rollout, log_std = self._rollout, self.model.policy.log_std.detach()
-        # once for all steps: the policy that took them is still the same
-        features = self._trunk(as_batch(rollout.observations, self.device))
-        error = (as_batch(rollout.actions, self.device) - self._mean_head(features)) / log_std.exp()
-        log_probabilities = gaussian_log_probability(error, log_std)
-        rollout.finish(
-            self._value_head(features)[:, 0].numpy(force=True),
-            log_probabilities.numpy(force=True),
-            self._normalised_values(next_observation)[0],
-            self.gamma,
-            self.hyperparameters.gae_lambda,
-        )
+        last_value = self._normalised_values(next_observation)[0]
+        self._rollout.finish(last_value, self.gamma, self.hyperparameters.gae_lambda)
         with self._updating():
             self._train()
-        rollout.clear()
+        self._rollout.clear()
 
     def _normalised_values(self, observations: Observations) -> NDArray[np.float64]:
         features = self._trunk(as_batch(self.normaliser.normalise(observations), self.device))

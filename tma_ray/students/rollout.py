@@ -3,15 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import Any
+from typing import Any, TypeAlias
 
 import numpy as np
 import torch
 from numpy.typing import NDArray
 from stable_baselines3.common.type_aliases import RolloutBufferSamples
 
+from tma_ray.jit import kernel
 from tma_ray.students.base import Actions, Observations
-from tma_ray.students.jit import kernel
+
+Judgement: TypeAlias = tuple[float, float]
+"""What the networks say of a step: value of its observation, log probability of its action."""
 
 
 class Rollout:
@@ -64,6 +67,7 @@ class Rollout:
         action: Actions,
         reward: float,
         ended: bool,
+        judged: Judgement,
     ) -> None:
         """Appends a step.
 
@@ -72,32 +76,24 @@ class Rollout:
             action: as sampled, not clipped to the action space (a,).
             reward: normalised; the value of what a time limit cut off is part of it.
             ended: the episode ended with this step, by itself or by a time limit.
+            judged: value of the observation, in normalised reward, and log probability of the action.
         """
         index = self._size
         self.observations[index] = observation
         self.actions[index] = action
         self.rewards[index] = reward
         self.ended[index] = ended
+        self.values[index], self.log_probabilities[index] = judged
         self._size = index + 1
 
-    def finish(
-        self,
-        values: NDArray[np.float32],
-        log_probabilities: NDArray[np.float32],
-        last_value: float,
-        gamma: float,
-        gae_lambda: float,
-    ) -> None:
+    def finish(self, last_value: float, gamma: float, gae_lambda: float) -> None:
         """Computes returns and advantages (generalised advantage estimation, arXiv:1506.02438).
 
         Args:
-            values: of the observations (n,), in normalised reward.
-            log_probabilities: of the actions (n,).
             last_value: value of the observation after the last step.
             gamma: discount factor.
             gae_lambda: lambda of the estimator.
         """
-        self.values, self.log_probabilities = values, log_probabilities
         goes_on = 1 - self.ended.astype(np.float32)
         next_values = np.append(self.values[1:], np.float32(last_value))
         errors = self.rewards + gamma * next_values * goes_on - self.values
@@ -137,4 +133,4 @@ def _discounted_sums(
         sums[index] = total
 
 
-_STORED = ("observations", "actions", "rewards", "ended")
+_STORED = ("observations", "actions", "rewards", "ended", "values", "log_probabilities")

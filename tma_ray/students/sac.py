@@ -122,7 +122,14 @@ class SAC(StableBaselinesStudent[SACHyperparameters, stable_baselines3.SAC]):
     def load_policy(cls, folder: Path, device: str = "cpu") -> Policy:  # noqa: D102
         with torch.random.fork_rng():  # loading initialises networks before it fills them
             model = stable_baselines3.SAC.load(folder / POLICY_FILE, device=device, buffer_size=1)
-        return lambda observations: model.predict(observations, deterministic=True)[0]
+        hidden, mean_head = Pass(model.actor.latent_pi, relu=True), Pass(model.actor.mu, relu=False)
+        low, high = model.action_space.low, model.action_space.high  # type: ignore[attr-defined]
+
+        def act(observations: Observations) -> Actions:
+            mean = mean_head(hidden(as_batch(observations, model.device)))
+            return _between(low, high, mean.tanh_().numpy(force=True))
+
+        return act
 
     def _save_experience(self, folder: Path, previous: Path | None) -> dict[str, Any]:
         self._replay.save(folder, previous)
@@ -152,7 +159,7 @@ class SAC(StableBaselinesStudent[SACHyperparameters, stable_baselines3.SAC]):
 
     def _unscale(self, actions: Actions) -> Actions:
         """Returns `actions` mapped from [-1, 1] to the action space."""
-        return self._low + np.float32(0.5) * (actions + 1) * (self._high - self._low)
+        return _between(self._low, self._high, actions)
 
 
 class StockSAC(SAC):
@@ -166,3 +173,8 @@ class StockSAC(SAC):
 
     def _train(self) -> None:
         self.model.train(gradient_steps=1, batch_size=self.hyperparameters.batch_size)
+
+
+def _between(low: Actions, high: Actions, actions: Actions) -> Actions:
+    """Returns `actions` mapped from [-1, 1] to [low, high]."""
+    return low + np.float32(0.5) * (actions + 1) * (high - low)

@@ -1,6 +1,5 @@
-"""Worlds as arrays, built from a task and a random generator."""
+"""Worlds as arrays. Each kind has a module that builds them from a task and a random generator."""
 
-from tma_ray.terrain.stump_tracks import stump_tracks
 from tma_ray.terrain.terrain import GROUND_HEIGHT, Terrain
 
-__all__ = ["GROUND_HEIGHT", "Terrain", "stump_tracks"]
+__all__ = ["GROUND_HEIGHT", "Terrain"]

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from tma_ray.jit import kernel
 from tma_ray.tasks import Task
 from tma_ray.terrain.terrain import GROUND_HEIGHT, STARTPAD_STEPS, STEP, Terrain
 
@@ -13,6 +14,9 @@ TRACK_LENGTH = 200 * STEP
 
 GOAL_X = 190 * STEP
 """x of the goal, in m."""
+
+FIRST_STUMP = STARTPAD_STEPS * STEP
+"""x of the first stump's left side, in m."""
 
 STUMP_HEIGHT_STD = 0.1
 """Standard deviation of stump heights around the task's mean, in terrain steps."""
@@ -35,6 +39,8 @@ MARGIN = 20.0
 DEPTH = 10.0
 """How deep ground and stumps reach under the surface, in m: nothing is pushed out below."""
 
+Floats = NDArray[np.float64]
+
 
 def stump_tracks(task: Task, rng: np.random.Generator) -> Terrain:
     """Returns the world of `task`.
@@ -45,34 +51,45 @@ def stump_tracks(task: Task, rng: np.random.Generator) -> Terrain:
         rng: draws one height per stump.
     """
     mean_height, spacing = max(0.0, float(task[0])), max(MINIMUM_SPACING, float(task[1]))
-    first = STARTPAD_STEPS * STEP
-    count = int((TRACK_LENGTH - first + spacing) / (STUMP_WIDTH + spacing))
-    left = first + np.arange(count, dtype=np.float64) * (STUMP_WIDTH + spacing)
-    heights = np.maximum(MINIMUM_STUMP_HEIGHT, rng.normal(mean_height, STUMP_HEIGHT_STD, count)) * STEP
-    right, top = left + STUMP_WIDTH, GROUND_HEIGHT + heights
+    count = int((TRACK_LENGTH - FIRST_STUMP + spacing) / (STUMP_WIDTH + spacing))
+    solids, surface = _lay_out(rng.normal(mean_height, STUMP_HEIGHT_STD, count), spacing)
+    spawn = np.array([FIRST_STUMP / 2, GROUND_HEIGHT])
+    return Terrain(solids, FRICTION, surface, spawn, GOAL_X)
+
+
+@kernel
+def _lay_out(heights: Floats, spacing: float) -> tuple[Floats, Floats]:
+    """Returns the solids and the surface of stumps with `heights` (n,) in terrain steps."""
+    count = len(heights)
+    solids, surface = np.empty((count + 1, 4, 2)), np.empty((4 * count + 1, 4))
     start, end = -MARGIN, TRACK_LENGTH + MARGIN
-    ground = _boxes(np.array([start]), np.array([end]), np.array([GROUND_HEIGHT]))
-    return Terrain(
-        solids=np.concatenate([ground, _boxes(left, right, top)]),
-        friction=FRICTION,
-        surface=_surface(left, right, top, start, end),
-        spawn=np.array([first / 2, GROUND_HEIGHT]),
-        goal_x=GOAL_X,
-    )
+    _fill_box(solids[0], start, end, GROUND_HEIGHT)
+    for index in range(count):
+        left = FIRST_STUMP + index * (STUMP_WIDTH + spacing)
+        right = left + STUMP_WIDTH
+        top = GROUND_HEIGHT + max(MINIMUM_STUMP_HEIGHT, heights[index]) * STEP
+        _fill_box(solids[index + 1], left, right, top)
+        outline = (
+            (start, GROUND_HEIGHT),
+            (left, GROUND_HEIGHT),
+            (left, top),
+            (right, top),
+            (right, GROUND_HEIGHT),
+        )
+        for side in range(4):
+            segment = surface[4 * index + side]
+            segment[0], segment[1] = outline[side]
+            segment[2], segment[3] = outline[side + 1]
+        start = right
+    surface[4 * count] = np.array((start, GROUND_HEIGHT, end, GROUND_HEIGHT))
+    return solids, surface
 
 
-def _boxes(
-    left: NDArray[np.float64], right: NDArray[np.float64], top: NDArray[np.float64]
-) -> NDArray[np.float64]:
-    bottom = np.full_like(top, GROUND_HEIGHT - DEPTH)
-    corners = [(left, bottom), (right, bottom), (right, top), (left, top)]
-    return np.stack([np.stack(corner, axis=-1) for corner in corners], axis=1)
-
-
-def _surface(
-    left: NDArray[np.float64], right: NDArray[np.float64], top: NDArray[np.float64], start: float, end: float
-) -> NDArray[np.float64]:
-    ground = np.full_like(top, GROUND_HEIGHT)
-    outline = np.stack([left, ground, left, top, right, top, right, ground], axis=-1).reshape(-1, 2)
-    points = np.concatenate([[[start, GROUND_HEIGHT]], outline, [[end, GROUND_HEIGHT]]])
-    return np.ascontiguousarray(np.concatenate([points[:-1], points[1:]], axis=1))
+@kernel
+def _fill_box(corners: Floats, left: float, right: float, top: float) -> None:
+    """Writes the corners (4, 2) of a solid that reaches DEPTH under the ground's surface."""
+    bottom = GROUND_HEIGHT - DEPTH
+    corners[0, 0], corners[0, 1] = left, bottom
+    corners[1, 0], corners[1, 1] = right, bottom
+    corners[2, 0], corners[2, 1] = right, top
+    corners[3, 0], corners[3, 1] = left, top

@@ -1,0 +1,77 @@
+"""Several worlds of one body, stepped in one call: no Python between them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tma_ray.physics.arrays import observation_size
+from tma_ray.physics.engine import Engine
+from tma_ray.physics.selection import engine_in_use
+
+if TYPE_CHECKING:
+    from tma_ray.physics.compiled_engine import CompiledEngine
+
+Outcome = tuple[NDArray[np.float32], NDArray[np.float64], NDArray[np.bool_]]
+"""Observations (k, o), rewards (k,) and ends of episodes (k,) of k worlds."""
+
+
+class Worlds(Protocol):
+    """Engines of one body that have been reset, until one of them is reset again."""
+
+    def step(self, rows: NDArray[np.int64], actions: NDArray[np.float32]) -> Outcome:
+        """Advances some worlds by TIME_STEP, with the same bits as their engines one by one.
+
+        Args:
+            rows: which engines (k,).
+            actions: theirs (k, j), as `Engine.step` takes them.
+
+        Raises:
+            ValueError: actions of another shape, or not finite.
+        """
+        ...
+
+
+def together(engines: Sequence[Engine]) -> Worlds:
+    """Returns the worlds of `engines`, all made by `make_engine` for one body and reset."""
+    return CompiledWorlds(engines) if engine_in_use().name == "compiled" else SeparateWorlds(engines)
+
+
+class SeparateWorlds:
+    """Worlds of any engines, stepped one by one; see `Worlds`."""
+
+    def __init__(self, engines: Sequence[Engine]) -> None:
+        self._engines = engines
+
+    def step(self, rows: NDArray[np.int64], actions: NDArray[np.float32]) -> Outcome:
+        """Advances some worlds; see `Worlds`."""
+        outcomes = [self._engines[row].step(action) for row, action in zip(rows, actions, strict=True)]
+        observations, rewards, ended = zip(*outcomes, strict=True)
+        return np.stack(observations), np.array(rewards), np.array(ended)
+
+
+class CompiledWorlds:
+    """Worlds of compiled engines, stepped by one compiled loop; see `Worlds`."""
+
+    def __init__(self, engines: Sequence[CompiledEngine]) -> None:
+        from tma_ray.physics.compiled_step import step_worlds  # here, since it loads numba
+
+        self._step_worlds = step_worlds
+        self._engines = engines  # whose memories must live as long as their addresses are used
+        self._addresses = np.array([engine.addresses for engine in engines], dtype=np.int64)
+        self._observation_size = observation_size(engines[0].arrays)
+
+    def step(self, rows: NDArray[np.int64], actions: NDArray[np.float32]) -> Outcome:
+        """Advances some worlds; see `Worlds`."""
+        expected = len(rows), len(self._engines[0].arrays.motors)
+        if actions.shape != expected:
+            raise ValueError(f"actions of {len(rows)} worlds have shape {expected}, got {actions.shape}")
+        observations = np.empty((len(rows), self._observation_size), np.float32)
+        rewards, ended = np.empty(len(rows)), np.empty(len(rows), np.bool_)
+        self._step_worlds(self._addresses[rows], actions, observations, rewards, ended)
+        if np.isnan(rewards).any():
+            raise ValueError(f"actions must be finite, got {actions[np.isnan(rewards)][0].tolist()}")
+        return observations, rewards, ended
