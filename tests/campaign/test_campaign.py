@@ -53,18 +53,19 @@ def execute(what: Campaign, root: Path, **changes: Any) -> Snapshot:
 
 
 def test_actors_give_the_files_of_a_run_in_one_process(tmp_path: Path) -> None:
-    what = campaign(corridor("random"), corridor("alp_gmm", fit_every=20))
+    asking = corridor("odd_teachers:Scrutinising")
+    what = campaign(corridor("random"), corridor("alp_gmm", fit_every=20), asking)
     ended = execute(what, tmp_path / "actors", checkpoint_seconds=0.5)
-    assert (ended.done, ended.failed, ended.total) == (2, 0, 2)
+    assert (ended.done, ended.failed, ended.total) == (3, 0, 3)
     execute(what, tmp_path / "inline", teachers=TeacherPlacement.INLINE)
     for spec in what.plan().runs:
         run_locally(spec, Committer.open(tmp_path / "alone"))
     expected = data_files(tmp_path / "alone")
-    assert len(expected) == 10
+    assert len(expected) == 15
     assert data_files(tmp_path / "actors") == expected
     assert data_files(tmp_path / "inline") == expected
     attempts = rows(tmp_path / "actors", Table.ATTEMPTS)
-    assert [(row["outcome"], row["attempt"]) for row in attempts] == [("done", 0)] * 2
+    assert [(row["outcome"], row["attempt"]) for row in attempts] == [("done", 0)] * 3
     assert all(row["env_steps_per_second"] > 0 and row["host"] for row in attempts)
 
 

@@ -7,9 +7,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, cast
 
-import numpy as np
 import ray
-from numpy.typing import NDArray
 from ray.util.scheduling_strategies import NodeAffinitySchedulingStrategy
 
 from tma_ray.campaign.settings import GIB, Resources, TeacherPlacement
@@ -17,7 +15,7 @@ from tma_ray.results import AttemptOutcome, AttemptRecord, PartFile, Store
 from tma_ray.runs.placement import Placement, Status
 from tma_ray.runs.spec import RunSpec
 from tma_ray.runs.teaching import InlineTeacher, Reply, TeacherLink
-from tma_ray.tasks import Episode, Task
+from tma_ray.tasks import Answer, Episode, Task
 
 
 @dataclass(frozen=True)
@@ -45,9 +43,9 @@ class TeacherActor:
         """See `TeacherLink`."""
         return self._teacher.exchange(episode)
 
-    def answer(self, values: NDArray[np.float64]) -> Reply:
+    def answer(self, answer: Answer) -> Reply:
         """See `TeacherLink`."""
-        return self._teacher.answer(values)
+        return self._teacher.answer(answer)
 
     def probe(self, count: int) -> Task:
         """See `TeacherLink`."""
@@ -75,9 +73,9 @@ class RemoteTeacher:
         """Reports a finished episode and asks for the next task: one message each way."""
         return cast("Reply", ray.get(self._actor.exchange.remote(episode)))
 
-    def answer(self, values: NDArray[np.float64]) -> Reply:
+    def answer(self, answer: Answer) -> Reply:
         """Answers the query of the last reply."""
-        return cast("Reply", ray.get(self._actor.answer.remote(values)))
+        return cast("Reply", ray.get(self._actor.answer.remote(answer)))
 
     def probe(self, count: int) -> Task:
         """Returns tasks (count, d) without exploration; leaves no trace."""

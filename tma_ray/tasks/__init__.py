@@ -2,11 +2,13 @@
 
 from tma_ray.tasks.episode import (
     MASTERY_RETURN,
+    Answer,
     Episode,
     Query,
     QueryKind,
     ScoredBox,
     TeacherUpdate,
+    Trajectory,
     WeightedGaussian,
 )
 from tma_ray.tasks.knowledge import ExpertKnowledge, Gaussian, KnowledgeLevel, expert_knowledge
@@ -16,6 +18,7 @@ from tma_ray.tasks.test_set import TestSet
 
 __all__ = [
     "MASTERY_RETURN",
+    "Answer",
     "Dimension",
     "Episode",
     "ExpertKnowledge",
@@ -29,6 +32,7 @@ __all__ = [
     "TaskSpace",
     "TeacherUpdate",
     "TestSet",
+    "Trajectory",
     "WeightedGaussian",
     "check_task",
     "expert_knowledge",
