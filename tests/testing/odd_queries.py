@@ -1,4 +1,4 @@
-"""A teacher that asks after every episode, as plug-ins may."""
+"""Teachers that ask after every episode, as plug-ins may."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tma_ray.tasks import Episode, ExpertKnowledge, Query, QueryKind, Task, TaskSpace
+from tma_ray.tasks import Episode, ExpertKnowledge, Query, QueryKind, Task, TaskSpace, Trajectory
 from tma_ray.teachers import Teacher
 
 
@@ -29,3 +29,22 @@ class AsksForValues(Teacher):
         assert values.shape == (1,)
         if values[0] > self.value_:
             self.best_, self.value_ = self.last_, float(values[0])
+
+
+@dataclass
+class AsksForTrajectories(AsksForValues):
+    """Values tasks by the mean value along their trajectory."""
+
+    wants_trajectory = True
+
+    def observe(self, episode: Episode) -> Query:
+        super().observe(episode)
+        self.length_ = episode.length
+        return Query(QueryKind.TRAJECTORY)
+
+    def answer(self, answer: np.ndarray | Trajectory) -> Query | None:
+        if isinstance(answer, Trajectory):
+            assert len(answer.observations) == len(answer.actions) + 1 == len(answer.rewards) + 1
+            assert len(answer.rewards) == self.length_
+            return Query(QueryKind.STATE_VALUES, answer.observations)
+        return super().answer(answer.mean(keepdims=True))

@@ -11,7 +11,7 @@ from pathlib import Path
 import broken_teachers
 import numpy as np
 import pytest
-from odd_queries import AsksForValues
+from odd_queries import AsksForTrajectories, AsksForValues
 
 from tma_ray.teachers import Teacher
 from tma_ray.teachers.random import Random
@@ -86,7 +86,7 @@ def test_the_broken_promise_is_found_and_no_other(name: str) -> None:
     assert re.search(message, failed[promise]), failed[promise]
 
 
-@pytest.mark.parametrize("teacher", [Random, AsksForValues])
+@pytest.mark.parametrize("teacher", [Random, AsksForValues, AsksForTrajectories])
 def test_who_keeps_the_contract_passes(teacher: type[Teacher]) -> None:
     assert failures(teacher, new_process=True) == {}
 
@@ -97,6 +97,13 @@ def test_a_teacher_that_no_process_can_import_is_told_so() -> None:
     kit = type("Kit", (TeacherConformance,), {"teacher": Local, "scenarios": SCENARIOS[:1]})()
     with pytest.raises(RuntimeError, match=r"find it as test_conformance\..*Local"):
         getattr(kit, NEW_PROCESS)()
+
+
+def test_trajectories_have_to_be_declared(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(AsksForTrajectories, "wants_trajectory", False)
+    kit = type("Kit", (TeacherConformance,), {"teacher": AsksForTrajectories})()
+    with pytest.raises(ValueError, match="wants_trajectory = True"):
+        kit.test_tasks_stay_inside_the_space(SCENARIOS[0])
 
 
 def test_a_third_party_runs_it_with_pytest(tmp_path: Path) -> None:

@@ -15,14 +15,13 @@ from tma_ray.tasks import (
     MASTERY_RETURN,
     Episode,
     KnowledgeLevel,
-    Query,
-    QueryKind,
     ShuffledSpace,
     Task,
     TaskSpace,
     expert_knowledge,
 )
 from tma_ray.teachers import Teacher
+from tma_ray.testing.conversation import tell
 
 STEPS = 1_000
 """Length of every episode, so that a few hundred reach what teachers do every 100,000 steps."""
@@ -118,15 +117,12 @@ def play(
     for index in range(first, last):
         task = teacher.sample()
         tasks.append(task)
-        query = teacher.observe(scenario.episode(task, index, pupil))
-        if query is not None:
-            teacher.answer(_answer(query))
+        tell(teacher, scenario.episode(task, index, pupil), _state_values)
     return tasks
 
 
-def _answer(query: Query) -> NDArray[np.float64]:
-    assert query.kind is QueryKind.STATE_VALUES, f"pupils cannot answer {query.kind.value!r}"
-    return VALUE_SHARE * _returns(query.observations)
+def _state_values(observations: NDArray[np.float32]) -> NDArray[np.float64]:
+    return VALUE_SHARE * _returns(observations)
 
 
 def _returns(observations: NDArray[np.float32]) -> NDArray[np.float64]:

@@ -7,14 +7,11 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from tma_ray.tasks import (
     MASTERY_RETURN,
     Episode,
     KnowledgeLevel,
-    Query,
-    QueryKind,
     ShuffledSpace,
     Task,
     check_task,
@@ -22,6 +19,7 @@ from tma_ray.tasks import (
 )
 from tma_ray.teachers import TEACHERS, Teacher, effective_level, make_teacher
 from tma_ray.testing.challenges import SimulatedChallenge
+from tma_ray.testing.conversation import tell
 from tma_ray.testing.students import DISCOUNTED_SHARE, EPISODE_STEPS, SimulatedStudent
 
 EPISODES = 10_000
@@ -107,26 +105,13 @@ class Simulation:
             discounted_return=DISCOUNTED_SHARE * episodic_return,
             step=EPISODE_STEPS * self.episodes,
         )
-        query = self.teacher.observe(episode)
-        if query is not None:
-            self.teacher.answer(answer(self.student, query))
+        tell(self.teacher, episode, self.student.state_values)
         self.teacher.drain_updates()
         return episode
 
     def mastered(self, tests: Task) -> float:
         """Returns the share of `tests` (n, d) that the student masters, in per cent."""
         return 100 * float(np.mean(self.student.expected_returns(tests) > MASTERY_RETURN))
-
-
-def answer(student: SimulatedStudent, query: Query) -> NDArray[np.float64]:
-    """Returns what `student` knows about `query`, one value per row.
-
-    Raises:
-        ValueError: a kind of query that a simulated student cannot answer.
-    """
-    if query.kind is not QueryKind.STATE_VALUES:
-        raise ValueError(f"a simulated student cannot answer a query of the kind {query.kind.value!r}")
-    return student.state_values(query.observations)
 
 
 def simulate(
