@@ -45,13 +45,15 @@ def commands() -> list[str]:
 
 @pytest.mark.parametrize("command", commands())
 def test_every_command_is_understood(command: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Campaigns are planned but not run; a root that does not exist is refused as such."""
+    """Campaigns are planned but not run, simulations short; a root that does not exist is refused as such."""
     monkeypatch.chdir(tmp_path)
     (teacher,) = (block for block in blocks("python") if "class Frontier" in block)
     Path("frontier.py").write_text(teacher)
     arguments = shlex.split(command)[1:]
     if arguments[0] == "campaign":
         assert main([*arguments, "--dry-run"]) == 0
+    elif arguments[0] == "simulate":
+        assert main([*arguments, "--episodes", "20"]) == 0
     else:
         assert main(arguments) == (0 if arguments[0] == "list" else 2)
 

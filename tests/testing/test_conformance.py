@@ -107,15 +107,12 @@ def test_trajectories_have_to_be_declared(monkeypatch: pytest.MonkeyPatch) -> No
 
 
 def test_a_third_party_runs_it_with_pytest(tmp_path: Path) -> None:
-    """The teacher of the README, in a project of its own."""
+    """Teacher and test of the README, in a project of their own."""
     readme = (Path(__file__).parents[2] / "README.md").read_text()
-    (teacher,) = (b for b in re.findall(r"```python\n(.*?)```", readme, re.DOTALL) if "class Frontier" in b)
-    (tmp_path / "frontier.py").write_text(teacher)
-    (tmp_path / "test_frontier.py").write_text(
-        "from frontier import Frontier\n"
-        "from tma_ray.testing import TeacherConformance\n\n\n"
-        "class TestFrontier(TeacherConformance):\n    teacher = Frontier\n"
-    )
+    blocks = re.findall(r"```python\n(.*?)```", readme, re.DOTALL)
+    for file, sign in (("frontier.py", "class Frontier("), ("test_frontier.py", "class TestFrontier(")):
+        (block,) = (block for block in blocks if sign in block)
+        (tmp_path / file).write_text(block)
     command = [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", str(tmp_path)]
     result = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False)
     assert result.returncode == 0, result.stdout
