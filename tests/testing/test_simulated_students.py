@@ -135,12 +135,12 @@ def test_values_are_expected_discounted_returns() -> None:
     learner, tasks = trained(), [[0.2, 5.5], [1.0, 4.0], [3, 0]]
     per_step = learner.expected_returns(tasks)[:, None] / EPISODE_STEPS
     expected = np.sum(per_step * DISCOUNT ** np.arange(EPISODE_STEPS), axis=1)
-    np.testing.assert_allclose(learner.state_values(learner.observe(tasks)), expected)
+    np.testing.assert_allclose(learner.state_values(learner.initial_observations(tasks)), expected)
 
 
 def test_what_is_easier_than_the_easiest_counts_as_the_easiest() -> None:
     learner = trained()
-    observations = learner.observe([[-2, 7], [0, 6]])
+    observations = learner.initial_observations([[-2, 7], [0, 6]])
     np.testing.assert_array_equal(observations, [[0, 0], [0, 0]])
     assert observations.dtype == np.float32
 

@@ -156,6 +156,12 @@ def test_the_table_shows_intervals_sharing_and_refusals() -> None:
     assert lines[2] == "| random | none = low = high | 10.0 ± 1.0 |"
 
 
+def test_a_matrix_that_is_refused_as_a_whole_is_a_row_of_dashes(capsys: pytest.CaptureFixture[str]) -> None:
+    arguments = ["simulate", "--teachers", "odd_levels:NeedsLow", "--expert-knowledge", "none"]
+    assert main([*arguments, "--challenges", "original"]) == 0
+    assert capsys.readouterr().out.splitlines()[-1].split()[-2:] == ["none", "–"]  # noqa: RUF001
+
+
 def test_the_command_writes_rows_and_shows_tables(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     command = ["simulate", "--teachers", "random,odd_levels:NeedsLow", "--challenges", "forgetting_student"]
     command += ["--expert-knowledge", "none,low", "--seeds", "2", "--episodes", "100"]

@@ -16,6 +16,17 @@ from tma_ray.teachers import TEACHERS, effective_level
 from tma_ray.testing.challenges import SimulatedChallenge
 from tma_ray.testing.simulation import POINTS, SimulatedRun, simulate
 
+NAMES = ("teacher", "challenge", "expert_knowledge", "seed", "effective_knowledge")
+"""Columns that say what a row is of."""
+
+RECOVERY = {"before_reset": 0.0, "tenth_later": 0.1, "three_tenths_later": 0.3}
+"""Columns around the first reset, and how much later they are read, as shares of all episodes."""
+
+MEASURES = ("mastered_percent", *RECOVERY)
+
+CURVE = tuple(f"at_{100 * (point + 1) // POINTS:02}" for point in range(POINTS))
+"""Columns of the learning curve."""
+
 
 @dataclass(frozen=True)
 class SimulatedCell:
@@ -113,7 +124,7 @@ def tabulate(cells: Sequence[SimulatedCell], runs: Iterable[SimulatedRun]) -> pd
         else:
             key = cell.challenge.name, cell.teacher, cell.effective_level
             rows += [names | _row(cell.challenge, run) for run in played[key]]
-    return pd.DataFrame(rows).astype({"seed": "Int64"})
+    return pd.DataFrame(rows, columns=[*NAMES, *MEASURES, *CURVE]).astype({"seed": "Int64"})
 
 
 def _row(challenge: SimulatedChallenge, run: SimulatedRun) -> dict[str, object]:
@@ -122,17 +133,17 @@ def _row(challenge: SimulatedChallenge, run: SimulatedRun) -> dict[str, object]:
         "effective_knowledge": run.level.value,
         "mastered_percent": run.mastered,
         **_recovery(challenge, run),
-        **{f"at_{100 * (i + 1) // POINTS:02}": share for i, share in enumerate(run.curve)},
+        **dict(zip(CURVE, run.curve, strict=True)),
     }
 
 
 def _recovery(challenge: SimulatedChallenge, run: SimulatedRun) -> dict[str, float]:
-    """Mastered shares around the first reset."""
-    names = ("before_reset", "tenth_later", "three_tenths_later")
+    """Mastered shares around the first reset, if there is one."""
     if not challenge.resets:
-        return dict.fromkeys(names, float("nan"))
-    points = [round((challenge.resets[0] + later) * POINTS) - 1 for later in (0, 0.1, 0.3)]
-    return {name: run.curve[point] for name, point in zip(names, points, strict=True)}
+        return {}
+    return {
+        name: run.curve[round((challenge.resets[0] + later) * POINTS) - 1] for name, later in RECOVERY.items()
+    }
 
 
 def _use_one_thread() -> None:

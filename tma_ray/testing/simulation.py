@@ -93,7 +93,7 @@ class Simulation:
         """Plays one episode, tells the teacher, and returns it."""
         task = check_task(self.teacher.sample(), self.teacher.space)
         world: Task = task if self.landscape is None else self.landscape.to_world(task)
-        observation = self.student.observe(world)
+        observation = self.student.initial_observations(world)
         episodic_return = self.student.play(world)
         self.episodes += 1
         episode = Episode(

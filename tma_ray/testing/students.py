@@ -130,7 +130,7 @@ class SimulatedStudent:
 
     def play(self, task: ArrayLike) -> float:
         """Plays one episode of `task` (d,), learns from it, and returns its episodic return."""
-        demands = self.observe(task).astype(np.float64)
+        demands = self.initial_observations(task).astype(np.float64)
         competence = 0.0
         if self._feasible(demands):
             before = demands - self.aptitude.zone
@@ -143,7 +143,7 @@ class SimulatedStudent:
         spread = STEADY_SPREAD + UNSTEADY_SPREAD * competence * (1 - competence)
         return WORST_RETURN + RETURN_RANGE * (competence + spread * float(self._rng.standard_normal()))
 
-    def observe(self, tasks: ArrayLike) -> NDArray[np.float32]:
+    def initial_observations(self, tasks: ArrayLike) -> NDArray[np.float32]:
         """Returns the initial observations (..., d) of `tasks` (..., d): their demands.
 
         They tell more than the lidars of a walker would, so that teachers which ask for values get all that
@@ -154,7 +154,7 @@ class SimulatedStudent:
 
     def expected_returns(self, tasks: ArrayLike) -> Array:
         """Returns the expected episodic returns (n,) of `tasks` (n, d), from which nothing is learned."""
-        return self._expected(self.observe(tasks))
+        return self._expected(self.initial_observations(tasks))
 
     def state_values(self, observations: NDArray[np.float32]) -> Array:
         """Returns the expected discounted returns (n,) of initial observations (n, d)."""
