@@ -2,37 +2,24 @@
 
 from __future__ import annotations
 
-from collections import deque
 from dataclasses import dataclass
-from typing import ClassVar
 
 import numpy as np
 
-from tma_ray.tasks import (
-    Episode,
-    ExpertKnowledge,
-    KnowledgeLevel,
-    Task,
-    TaskSpace,
-    TeacherUpdate,
-    WeightedGaussian,
-)
-from tma_ray.teachers.base import Teacher
+from tma_ray.tasks import Episode, ExpertKnowledge, TaskSpace
 from tma_ray.teachers.learning_progress import AbsoluteLearningProgress
-from tma_ray.teachers.mixtures import Mixture, fit_mixture
+from tma_ray.teachers.mixture_teacher import MixtureTeacher
+from tma_ray.teachers.mixtures import Array, Mixture
 
 
 @dataclass
-class ALPGMM(Teacher):
+class ALPGMM(MixtureTeacher):
     """Samples where the absolute learning progress of recent tasks is high.
 
-    Every `fit_every` episodes a Gaussian mixture is fitted on the latest tasks, each with its absolute
-    learning progress (ALP) as a further coordinate; a component is chosen in proportion to its mean
-    ALP. Until the first fit tasks are uniform, or from the initial Gaussian at high expert knowledge.
+    The mixture is fitted on the latest tasks, each with its absolute learning progress (ALP) as a
+    further coordinate; a component is chosen in proportion to its mean ALP.
 
-    Sources: Portelas et al. 2019, algorithm 1; paper, appendix A and table of hyper-parameters. The
-    original release tries 2 to `most_components` - 1 components; here, as the paper says, the
-    maximum is included.
+    Sources: Portelas et al. 2019, algorithm 1; paper, appendix A and table of hyper-parameters.
 
     Attributes:
         fit_every: episodes between two fits, and rows in each (paper: n).
@@ -40,72 +27,15 @@ class ALPGMM(Teacher):
         explore: share of uniform tasks after the first fit, in [0, 1] (paper: r_p).
     """
 
-    knowledge_levels: ClassVar[tuple[KnowledgeLevel, ...]] = (KnowledgeLevel.NONE, KnowledgeLevel.HIGH)
-
-    fit_every: int = 150
-    most_components: int = 10
-    explore: float = 0.05
-
-    def __post_init__(self) -> None:
-        if self.fit_every < 3:
-            raise ValueError(f"fit_every = {self.fit_every}: a mixture needs at least 3 episodes")
-        if self.most_components < 2:
-            raise ValueError(f"most_components = {self.most_components}: expected at least 2")
-        if not 0 <= self.explore <= 1:
-            raise ValueError(f"explore = {self.explore} is a share; expected a number in [0, 1]")
-
     def start(self, space: TaskSpace, knowledge: ExpertKnowledge, rng: np.random.Generator) -> None:
         """Starts with an empty history."""
         super().start(space, knowledge, rng)
-        self.fit_seed_ = int(rng.integers(2**31))
         self.learning_progress_ = AbsoluteLearningProgress(space.size)
-        self.recent_: deque[np.ndarray] = deque(maxlen=self.fit_every)
-        self.episodes_ = 0
-        self.mixture_: Mixture | None = None
 
-    def sample(self) -> Task:
-        """Returns a task (d,): bootstrap, uniform exploration, or a draw from the mixture."""
-        if self.mixture_ is None:
-            return self._bootstrap(self.rng)
-        if self.rng.random() < self.explore:
-            return self.space.sample(self.rng)
-        return self._exploit(self.mixture_, self.rng)
+    def measure(self, episode: Episode) -> tuple[float]:
+        """Returns the ALP of `episode`, and stores it."""
+        return (self.learning_progress_(episode.task, episode.episodic_return),)
 
-    def observe(self, episode: Episode) -> None:
-        """Stores the task with its ALP, and fits a new mixture when due."""
-        progress = self.learning_progress_(episode.task, episode.episodic_return)
-        self.recent_.append(np.append(episode.task.astype(np.float64), progress))
-        self.episodes_ += 1
-        if self.episodes_ % self.fit_every == 0:
-            self.mixture_ = fit_mixture(np.array(self.recent_), self.most_components, self.fit_seed_)
-            self._log_fit(self.mixture_)
-
-    def probe(self, count: int) -> Task:
-        """Returns `count` tasks (count, d) from the mixture, or from the bootstrap before it."""
-        rng = self.probe_rng()
-        if self.mixture_ is None:
-            return np.stack([self._bootstrap(rng) for _ in range(count)])
-        return np.stack([self._exploit(self.mixture_, rng) for _ in range(count)])
-
-    def _bootstrap(self, rng: np.random.Generator) -> Task:
-        if self.knowledge.level is KnowledgeLevel.HIGH:
-            return self.knowledge.initial.sample(self.space, rng)
-        return self.space.sample(rng)
-
-    def _exploit(self, mixture: Mixture, rng: np.random.Generator) -> Task:
-        progress = mixture.means[:, -1].clip(min=0)
-        total = progress.sum()
-        component = rng.choice(len(mixture), p=progress / total if total > 0 else None)
-        return self.space.clip(mixture.draw(component, rng)[:-1])
-
-    def _log_fit(self, mixture: Mixture) -> None:
-        parts = zip(mixture.weights, mixture.means, mixture.covariances, strict=True)
-        self.log(
-            TeacherUpdate(
-                gaussians=tuple(WeightedGaussian(float(w), m[:-1], c[:-1, :-1]) for w, m, c in parts),
-                scalars={
-                    "components": float(len(mixture)),
-                    "mean_absolute_learning_progress": float(np.mean([row[-1] for row in self.recent_])),
-                },
-            )
-        )
+    def progress_of(self, mixture: Mixture) -> Array:
+        """Returns the mean ALP (k,) of each component."""
+        return mixture.means[:, -1].clip(min=0)

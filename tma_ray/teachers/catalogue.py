@@ -15,7 +15,10 @@ TEACHERS: Registry[type[Teacher]] = Registry(
     "tma_ray.teachers",
     {
         "random": "tma_ray.teachers.random:Random",
+        "adr": "tma_ray.teachers.adr:ADR",
         "alp_gmm": "tma_ray.teachers.alp_gmm:ALPGMM",
+        "covar_gmm": "tma_ray.teachers.covar_gmm:CovarGMM",
+        "riac": "tma_ray.teachers.riac:RIAC",
     },
 )
 

@@ -1,0 +1,125 @@
+"""Automatic domain randomization (OpenAI 2019)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from statistics import fmean
+from typing import ClassVar, NamedTuple
+
+import numpy as np
+
+from tma_ray.tasks import Episode, ExpertKnowledge, KnowledgeLevel, ScoredBox, Task, TaskSpace, TeacherUpdate
+from tma_ray.teachers.base import Teacher
+from tma_ray.teachers.drawing import draw_in_box
+
+
+class Boundary(NamedTuple):
+    """One face of the box: side 0 (lower) or 1 (upper) of a dimension."""
+
+    side: int
+    dimension: int
+
+
+@dataclass
+class ADR(Teacher):
+    """Grows a box of uniform tasks from a single one, wherever the student does well on its boundary.
+
+    With probability `boundary_share` one coordinate of a task is set to a boundary of the box, chosen
+    at random, and the return is queued for that boundary. The mean of a full queue moves it: out at
+    `expand_at` or more, in at `shrink_at` or less. It never passes the task space nor the boundary
+    opposite.
+
+    Sources: OpenAI 2019 (Solving Rubik's Cube with a Robot Hand), algorithm 1; paper, appendix A and
+    table of hyper-parameters. The paper's text grows the box at `shrink_at` and inverts the test for
+    queueing once: slips. The original release queues the return of every task that lies on a boundary.
+
+    Attributes:
+        shrink_at: mean return at which a boundary moves in (paper: t_L).
+        expand_at: mean return at which a boundary moves out (paper: t_H).
+        queue_size: returns that move a boundary (paper: m).
+        boundary_share: share of tasks set to a boundary, in [0, 1] (paper: p_b).
+        step: how far a boundary moves, in units of its dimension (paper: Delta).
+    """
+
+    knowledge_levels: ClassVar[tuple[KnowledgeLevel, ...]] = (KnowledgeLevel.LOW, KnowledgeLevel.HIGH)
+
+    shrink_at: float = 0.0
+    expand_at: float = 180.0
+    queue_size: int = 10
+    boundary_share: float = 0.7
+    step: float = 0.1
+
+    def __post_init__(self) -> None:
+        if not self.shrink_at < self.expand_at:
+            raise ValueError(f"shrink_at = {self.shrink_at}: expected less than expand_at = {self.expand_at}")
+        if self.queue_size < 1:
+            raise ValueError(f"queue_size = {self.queue_size}: expected at least 1 return")
+        if not 0 <= self.boundary_share <= 1:
+            raise ValueError(f"boundary_share = {self.boundary_share} is a share; expected it in [0, 1]")
+        if not self.step > 0:
+            raise ValueError(f"step = {self.step}: expected a distance over 0")
+
+    def start(self, space: TaskSpace, knowledge: ExpertKnowledge, rng: np.random.Generator) -> None:
+        """Starts with the mean of the initial Gaussian as the only task."""
+        super().start(space, knowledge, rng)
+        example = space.clip(knowledge.initial.mean).astype(np.float64)
+        self.bounds_ = np.stack([example, example])
+        self.queues_: dict[Boundary, list[float]] = {}
+        self.boundary_: Boundary | None = None
+
+    def sample(self) -> Task:
+        """Returns a task (d,) of the box, or on one of its boundaries."""
+        task = draw_in_box(self.space, self.bounds_, self.rng)
+        self.boundary_ = self._draw_boundary() if self.rng.random() < self.boundary_share else None
+        if self.boundary_ is not None:
+            task[self.boundary_.dimension] = self.bounds_[self.boundary_]
+        return task
+
+    def observe(self, episode: Episode) -> None:
+        """Queues the return if the task was set to a boundary, and moves that when its queue is full."""
+        if self.boundary_ is None:
+            return
+        queue = self.queues_.setdefault(self.boundary_, [])
+        queue.append(episode.episodic_return)
+        if len(queue) == self.queue_size:
+            del self.queues_[self.boundary_]
+            self._move(self.boundary_, fmean(queue))
+        self.boundary_ = None
+
+    def probe(self, count: int) -> Task:
+        """Returns `count` uniform tasks (count, d) of the box."""
+        rng = self.probe_rng()
+        return np.stack([draw_in_box(self.space, self.bounds_, rng) for _ in range(count)])
+
+    def _draw_boundary(self) -> Boundary | None:
+        """Returns a boundary of a uniform dimension; None if that spans the task space already."""
+        dimensions = np.flatnonzero(self.space.width > 0)
+        if not len(dimensions):
+            return None
+        dimension = int(self.rng.choice(dimensions))
+        lower, upper = self.bounds_[:, dimension].astype(np.float32)
+        if lower == self.space.low[dimension] and upper == self.space.high[dimension]:
+            return None
+        return Boundary(int(self.rng.integers(2)), dimension)
+
+    def _move(self, boundary: Boundary, mean_return: float) -> None:
+        if self.shrink_at < mean_return < self.expand_at:
+            return
+        side, dimension = boundary
+        outwards = mean_return >= self.expand_at
+        upwards = outwards == (side == 1)
+        edges = [self.bounds_[0, dimension], self.bounds_[1, dimension]]
+        edges[side] = (self.space.low, self.space.high)[side][dimension]
+        before = self.bounds_[boundary]
+        self.bounds_[boundary] = np.clip(before + (self.step if upwards else -self.step), *edges)
+        if self.bounds_[boundary] != before:
+            self._log_box(mean_return)
+
+    def _log_box(self, mean_return: float) -> None:
+        """Logs the box, scored by the mean return that moved a boundary."""
+        low, high = self.bounds_.copy()
+        width = self.space.width
+        shares = (high - low)[width > 0] / width[width > 0]
+        names = np.array(self.space.names)[width > 0]
+        scalars = {f"share_of_{name}": float(share) for name, share in zip(names, shares, strict=True)}
+        self.log(TeacherUpdate(boxes=(ScoredBox(low, high, mean_return),), scalars=scalars))

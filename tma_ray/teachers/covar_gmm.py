@@ -1,0 +1,63 @@
+"""Covar-GMM (Moulin-Frier et al. 2014, in the form of Portelas et al. 2019)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import StrEnum
+
+import numpy as np
+
+from tma_ray.tasks import Episode
+from tma_ray.teachers.mixture_teacher import MixtureTeacher
+from tma_ray.teachers.mixtures import Array, Mixture
+
+
+class CovarianceProgress(StrEnum):
+    """What the covariance of time and return says about learning progress.
+
+    Attributes:
+        ABSOLUTE: its absolute value, so that forgetting counts as much as learning.
+        POSITIVE: the covariance itself, 0 where it is negative.
+    """
+
+    ABSOLUTE = "absolute"
+    POSITIVE = "positive"
+
+
+@dataclass
+class CovarGMM(MixtureTeacher):
+    """Samples where the returns of recent tasks change with time.
+
+    The mixture is fitted on rows of a task, its time and its episodic return; a component is chosen
+    in proportion to the covariance of time and return in it. Time is the episode's place among those
+    of one fit, in [0, 1).
+
+    Sources: Moulin-Frier et al. 2014; Portelas et al. 2019, appendix; paper, appendix A and table of
+    hyper-parameters. The paper takes the absolute value; the original release does not unless told so.
+
+    Attributes:
+        fit_every: episodes between two fits, and rows in each (paper: n).
+        most_components: largest mixture tried (paper: max_k).
+        explore: share of uniform tasks after the first fit, in [0, 1] (paper: r_p).
+        progress: how progress is read from the covariance.
+    """
+
+    most_components: int = 15
+    explore: float = 0.1
+    progress: CovarianceProgress = CovarianceProgress.ABSOLUTE
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.progress not in list(CovarianceProgress):
+            raise ValueError(f"progress = {self.progress!r}: expected {' or '.join(CovarianceProgress)}")
+
+    def measure(self, episode: Episode) -> tuple[float, float]:
+        """Returns the time and the return of `episode`."""
+        return self.episodes_ % self.fit_every / self.fit_every, episode.episodic_return
+
+    def progress_of(self, mixture: Mixture) -> Array:
+        """Returns the progress (k,) of each component, in units of the return."""
+        covariance = mixture.covariances[:, -2, -1]
+        if self.progress == CovarianceProgress.ABSOLUTE:
+            return np.abs(covariance)
+        return covariance.clip(min=0)

@@ -1,0 +1,145 @@
+"""RIAC (Baranes and Oudeyer 2009, in the form of Portelas et al. 2019)."""
+
+from __future__ import annotations
+
+import math
+from array import array
+from dataclasses import dataclass
+
+import numpy as np
+
+from tma_ray.tasks import Episode, ExpertKnowledge, ScoredBox, Task, TaskSpace, TeacherUpdate
+from tma_ray.teachers.base import Teacher
+from tma_ray.teachers.drawing import draw_in_box, draw_in_proportion
+from tma_ray.teachers.regions import Region, Split, best_cut
+
+KEPT_BY_PARTS = 20
+"""Each part of a cut keeps at least one in so many of a full region's episodes (the original release)."""
+
+FORGOTTEN = 4
+"""A full region that cannot be cut forgets one in so many of its episodes (the original release)."""
+
+
+@dataclass
+class RIAC(Teacher):
+    """Samples regions of the task space in proportion to their absolute learning progress (ALP).
+
+    A region that is full is cut in two where the parts differ most in ALP. Tasks are uniform in a
+    region chosen in proportion to ALP among all, divided ones included; some are uniform over the task
+    space; and some are the task of lowest return in such a region, mutated.
+
+    Sources: Baranes and Oudeyer 2009; Portelas et al. 2019, appendix; paper, appendix A and table of
+    hyper-parameters. In the original release the score of a cut leaves out the parts' populations,
+    regions are cut at 151 episodes, and mutated tasks are lost where a dimension has no width.
+
+    Attributes:
+        region_capacity: episodes at which a region is cut, and of which its ALP is taken (paper: max_s).
+        split_attempts: random cuts among which the best is chosen (paper: n).
+        smallest_side: least side of a region as a share of each dimension's range (paper: min_d).
+        explore: share of tasks uniform over the space, in [0, 1].
+        mutate: share of mutated tasks, in [0, 1].
+        mutation_std: standard deviation of a mutation, in units of each dimension.
+    """
+
+    region_capacity: int = 150
+    split_attempts: int = 75
+    smallest_side: float = 0.1
+    explore: float = 0.2
+    mutate: float = 0.1
+    mutation_std: float = 0.1
+
+    def __post_init__(self) -> None:
+        if self.region_capacity < 4:
+            raise ValueError(f"region_capacity = {self.region_capacity}: expected at least 4 episodes")
+        if self.split_attempts < 1:
+            raise ValueError(f"split_attempts = {self.split_attempts}: expected at least 1")
+        if not 0 < self.smallest_side <= 1:
+            raise ValueError(f"smallest_side = {self.smallest_side} is a share; expected it in (0, 1]")
+        if min(self.explore, self.mutate) < 0 or self.explore + self.mutate > 1:
+            raise ValueError(
+                f"explore = {self.explore} and mutate = {self.mutate} are shares of the tasks; "
+                f"expected them in [0, 1] with a sum of at most 1"
+            )
+        if not self.mutation_std >= 0:
+            raise ValueError(f"mutation_std = {self.mutation_std}: expected at least 0")
+
+    def start(self, space: TaskSpace, knowledge: ExpertKnowledge, rng: np.random.Generator) -> None:
+        """Starts with one empty region: the task space."""
+        super().start(space, knowledge, rng)
+        root = Region(np.array([space.low, space.high], dtype=np.float64), self.region_capacity)
+        self.regions_ = [root]
+        self.progress_ = array("d", [0.0])
+        self.episodes_since_log_ = 0
+
+    def sample(self) -> Task:
+        """Returns a task (d,): mutated, uniform over the space, or uniform in a chosen region."""
+        strategy = self.rng.random()
+        if strategy < self.mutate:
+            return self._mutate()
+        if strategy < self.mutate + self.explore:
+            return self.space.sample(self.rng)
+        return self._exploit(self.rng)
+
+    def observe(self, episode: Episode) -> None:
+        """Stores the episode in every region that holds its task; cuts the smallest if it is full."""
+        task = episode.task.copy()
+        path = self._path(task)
+        for index in path:
+            self.regions_[index].add(task, episode.episodic_return)
+            self.progress_[index] = self.regions_[index].progress
+        if self.regions_[path[-1]].full:
+            self._cut(path[-1])
+        self.episodes_since_log_ += 1
+        # At most one logged box per episode on average: the log grows no faster than the run.
+        if self.episodes_since_log_ >= max(self.region_capacity, len(self.regions_)):
+            self.episodes_since_log_ = 0
+            self._log_regions()
+
+    def probe(self, count: int) -> Task:
+        """Returns `count` tasks (count, d), each uniform in a region chosen by ALP."""
+        rng = self.probe_rng()
+        return np.stack([self._exploit(rng) for _ in range(count)])
+
+    def _path(self, task: Task) -> list[int]:
+        """Returns the indices of the regions that hold `task`, from the task space to the smallest."""
+        path = [0]
+        while (split := self.regions_[path[-1]].split) is not None:
+            dimension, threshold = split.cut
+            path.append(split.left if task[dimension] <= threshold else split.right)
+        return path
+
+    def _cut(self, index: int) -> None:
+        region = self.regions_[index]
+        fewest = math.ceil(self.region_capacity / KEPT_BY_PARTS)
+        smallest = self.smallest_side * self.space.width
+        cut = best_cut(region, self.split_attempts, fewest, smallest, self.rng)
+        if cut is None:
+            region.forget(self.region_capacity // FORGOTTEN)
+            self.progress_[index] = region.progress
+            return
+        region.split = Split(cut, left=len(self.regions_), right=len(self.regions_) + 1)
+        for part in region.parts(cut):
+            self.regions_.append(part)
+            self.progress_.append(part.progress)
+
+    def _draw_region(self, rng: np.random.Generator) -> Region:
+        return self.regions_[draw_in_proportion(self.progress_, rng)]
+
+    def _exploit(self, rng: np.random.Generator) -> Task:
+        return draw_in_box(self.space, self._draw_region(rng).bounds, rng)
+
+    def _mutate(self) -> Task:
+        region = self._draw_region(self.rng)
+        if not len(region):  # nothing was played yet
+            return self.space.sample(self.rng)
+        mutated = self.rng.normal(region.worst_task(), self.mutation_std)
+        return self.space.clip(np.clip(mutated, *region.bounds))
+
+    def _log_regions(self) -> None:
+        boxes = tuple(
+            ScoredBox(low=region.bounds[0], high=region.bounds[1], score=progress)
+            for region, progress in zip(self.regions_, self.progress_, strict=True)
+        )
+        whole = [box.score for box, region in zip(boxes, self.regions_, strict=True) if region.split is None]
+        scalars = {"undivided_regions": float(len(whole)), "mean_progress": float(np.mean(whole))}
+        self.log(TeacherUpdate(boxes=boxes, scalars=scalars))
