@@ -42,7 +42,7 @@ def connect(address: str | None) -> None:
 
 def capacity(resources: Resources) -> int:
     """Returns how many runs the cluster's living nodes hold at once."""
-    return sum(resources.fit_into(node) for node in _nodes())
+    return sum(resources.fit_into(node["Resources"]) for node in living_nodes())
 
 
 def check_feasible(resources: Resources) -> None:
@@ -53,10 +53,9 @@ def check_feasible(resources: Resources) -> None:
     """
     if capacity(resources):
         return
-    nodes = _nodes()
     offers = "; ".join(
-        f"{node.get('CPU', 0):g} CPUs, {node.get('GPU', 0):g} GPUs, {node.get('memory', 0) / GIB:.1f} GiB"
-        for node in nodes
+        f"{has.get('CPU', 0):g} CPUs, {has.get('GPU', 0):g} GPUs, {has.get('memory', 0) / GIB:.1f} GiB"
+        for has in (node["Resources"] for node in living_nodes())
     )
     raise ValueError(
         f"no node can hold a run of {resources.cpus:g} CPUs, {resources.gpus:g} GPUs and "
@@ -64,7 +63,7 @@ def check_feasible(resources: Resources) -> None:
     )
 
 
-def _nodes() -> list[dict[str, float]]:
-    """Resources of the living nodes."""
+def living_nodes() -> list[dict[str, Any]]:
+    """Returns what Ray knows of each living node: "NodeID", "Resources" and more."""
     nodes: list[dict[str, Any]] = ray.nodes()  # type: ignore[no-untyped-call]
-    return [node["Resources"] for node in nodes if node["Alive"]]
+    return [node for node in nodes if node["Alive"]]

@@ -8,6 +8,7 @@ from typing import Any
 import ray
 from ray.util.scheduling_strategies import NodeAffinitySchedulingStrategy
 
+from tma_ray.campaign.cluster import living_nodes
 from tma_ray.envs import make_environment
 from tma_ray.runs.spec import RunSpec
 
@@ -19,8 +20,7 @@ def warm_nodes(specs: Sequence[RunSpec]) -> None:
     start their first run.
     """
     here = ray.get_runtime_context().get_node_id()
-    nodes: list[dict[str, Any]] = ray.nodes()  # type: ignore[no-untyped-call]
-    others = [node["NodeID"] for node in nodes if node["Alive"] and node["NodeID"] != here]
+    others = [node["NodeID"] for node in living_nodes() if node["NodeID"] != here]
     recipes = {(spec.environment, tuple(spec.environment_options.items())) for spec in specs}
     task: Any = ray.remote(_make)
     started = [

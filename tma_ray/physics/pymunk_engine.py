@@ -45,24 +45,23 @@ class PymunkEngine:
         self._action = np.zeros(body.action_size)
         self._commands = np.zeros((body.action_size, 2))
         self._buffer = batch.Buffer()
+        self._space: pymunk.Space | None = None
 
     def reset(self, terrain: Terrain, push: float) -> NDArray[np.float32]:
         """Builds a new world and lets one step without torque pass; see `Engine`."""
         self._surface, self._goal_x = terrain.surface, terrain.goal_x
         self.contacts = np.zeros_like(self.contacts)
         # A new Space every time: a reused one keeps counters that change later trajectories.
-        self._space = pymunk.Space()
-        self._space.iterations = self.settings.iterations
-        self._space.gravity = (0.0, GRAVITY)
-        self._space.collision_slop = self.settings.collision_slop
-        self._space.collision_bias = self.settings.collision_bias
-        add_terrain(self._space, terrain)  # before the body: the order of insertion changes trajectories
-        parts = add_parts(self._space, self._body, terrain.spawn, self.settings.skin_radius)
-        self._motors, _ = add_joints(self._space, self._body, parts, self.settings)
+        self._space = space = pymunk.Space()
+        space.iterations = self.settings.iterations
+        space.gravity = (0.0, GRAVITY)
+        space.collision_slop = self.settings.collision_slop
+        space.collision_bias = self.settings.collision_bias
+        add_terrain(space, terrain)  # before the body: the order of insertion changes trajectories
+        parts = add_parts(space, self._body, terrain.spawn, self.settings.skin_radius)
+        self._motors, _ = add_joints(space, self._body, parts, self.settings)
         for part in range(len(parts)):
-            self._space.on_collision(
-                part + 1, None, begin=_touch, separate=_release, data=(self.contacts, part)
-            )
+            space.on_collision(part + 1, None, begin=_touch, separate=_release, data=(self.contacts, part))
         head = parts[self._body.head]
         head.apply_impulse_at_local_point((push * TIME_STEP, 0.0), head.center_of_gravity)
         self._shaping = 0.0
@@ -71,6 +70,8 @@ class PymunkEngine:
     def step(self, action: ArrayLike) -> tuple[NDArray[np.float32], float, bool]:
         """Advances the world by TIME_STEP; see `Engine`."""
         values = np.asarray(action)
+        if self._space is None:
+            raise RuntimeError("this engine has no world yet: call reset first")
         if values.shape != self._action.shape:
             raise ValueError(f"an action has shape {self._action.shape}, got {values.shape}")
         self._action[:] = values
@@ -78,8 +79,9 @@ class PymunkEngine:
         if math.isnan(cost):
             raise ValueError(f"an action must be finite, got {values.tolist()}")
         self._set_motors()
-        self._advance()
-        self._read_state()
+        for _ in range(self.settings.substeps):
+            self._space.step(TIME_STEP / self.settings.substeps)
+        self._read_state(self._space)
         observation = np.empty(self._observation_size, dtype=np.float32)
         observe(self.state, self.contacts, self.arrays, self._surface, observation)
         reward, terminated, self._shaping = judge(
@@ -92,13 +94,9 @@ class PymunkEngine:
             motor.rate = -speed  # Chipmunk's rate is the speed of the first part relative to the second
             motor.max_force = torque
 
-    def _advance(self) -> None:
-        for _ in range(self.settings.substeps):
-            self._space.step(TIME_STEP / self.settings.substeps)
-
-    def _read_state(self) -> None:
+    def _read_state(self, space: pymunk.Space) -> None:
         self._buffer.clear()
-        batch.get_space_bodies(self._space, STATE_FIELDS, self._buffer)
+        batch.get_space_bodies(space, STATE_FIELDS, self._buffer)
         values = np.frombuffer(self._buffer.float_buf())  # the static body comes last
         self.state[:] = values[: self.state.size].reshape(self.state.shape)
 

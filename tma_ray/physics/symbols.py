@@ -77,13 +77,16 @@ def _vector_of(name: str) -> Any:
 
 
 @intrinsic
-def as_pointer(_context: Any, _address: Any) -> Any:
+def _as_pointer(_context: Any, _address: Any) -> Any:
     """Returns an address (intp) as the pointer that numba's carray takes."""
 
     def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
         return builder.inttoptr(arguments[0], context.get_value_type(signature.return_type))
 
     return types.voidptr(types.intp), generate
+
+
+as_pointer: Any = _as_pointer  # called with the address alone
 
 
 _void, _pointer, _int, _double = types.void, types.intp, types.intc, types.float64

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING, Protocol, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -37,7 +37,9 @@ class Worlds(Protocol):
 
 def together(engines: Sequence[Engine]) -> Worlds:
     """Returns the worlds of `engines`, all made by `make_engine` for one body and reset."""
-    return CompiledWorlds(engines) if engine_in_use().name == "compiled" else SeparateWorlds(engines)
+    if engine_in_use().name == "compiled":
+        return CompiledWorlds(cast("Sequence[CompiledEngine]", engines))
+    return SeparateWorlds(engines)
 
 
 class SeparateWorlds:

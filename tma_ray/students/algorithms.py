@@ -120,7 +120,8 @@ class OnPolicyStudent(AlgorithmStudent):
             sampled, value, log_probability = self.model.policy(as_batch(observation, self.device))
         self._sampled: Actions = sampled.numpy(force=True)[0]
         self._judged = value.item(), log_probability.item()
-        return np.clip(self._sampled, self._low, self._high)
+        clipped: Actions = np.clip(self._sampled, self._low, self._high)
+        return clipped
 
     def observe(self, transition: Transition) -> None:  # noqa: D102
         ended = transition.terminated or transition.truncated

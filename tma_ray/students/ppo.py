@@ -146,8 +146,8 @@ class PPO(StableBaselinesStudent[PPOHyperparameters, stable_baselines3.PPO]):
 
         def act(observations: Observations) -> Actions:
             inputs = as_batch(normaliser.normalise(observations), model.device)
-            actions: Actions = mean_head(trunk(inputs)).numpy(force=True)
-            return np.minimum(np.maximum(actions, low), high)
+            actions: Actions = np.clip(mean_head(trunk(inputs)).numpy(force=True), low, high)
+            return actions
 
         return act
 

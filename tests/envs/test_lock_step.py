@@ -1,0 +1,60 @@
+"""Environments stepped together play the same episodes as one by one."""
+
+import gymnasium
+import numpy as np
+import pytest
+
+from tma_ray.envs import ENVIRONMENTS, make_environment
+from tma_ray.envs.lock_step import EngineLockStep, PlainLockStep, lock_step
+
+COUNT = 5
+
+
+@pytest.fixture(params=ENVIRONMENTS.names())
+def environments(request):
+    return [make_environment(request.param) for _ in range(COUNT)]
+
+
+def play(worlds, tasks: np.ndarray, steps: int) -> list[tuple[bytes, list[float], list[bool]]]:
+    """Plays random episodes, twice, and returns all that is seen."""
+    seen = []
+    for episode in range(2):
+        rng = np.random.default_rng(episode)
+        observations = worlds.reset(list(range(COUNT)), tasks)
+        running = np.arange(COUNT)
+        for _ in range(steps):
+            actions = rng.uniform(-1, 1, (COUNT, 4)).astype(np.float32)[running]
+            seen.append((observations.tobytes(),))
+            observations, rewards, over = worlds.step(running, actions)
+            seen.append((observations.tobytes(), rewards.tolist(), over.tolist()))
+            running, observations = running[~over], observations[~over]
+            if not len(running):
+                break
+    return seen
+
+
+def test_together_equals_one_by_one(environments) -> None:
+    tasks = environments[0].task_space.sample(np.random.default_rng(0), COUNT)
+    steps = environments[0].max_episode_steps + 1
+    fast, plain = lock_step(environments), PlainLockStep(environments)
+    assert isinstance(fast, EngineLockStep)
+    seen = play(fast, tasks, steps)
+    assert seen == play(plain, tasks, steps)
+    assert len(seen) > 200
+
+
+def test_an_environment_of_somebody_else_is_stepped_one_by_one() -> None:
+    made = [gymnasium.make("Pendulum-v1") for _ in range(2)]
+    assert type(lock_step(made)) is PlainLockStep
+
+
+def test_who_handed_its_engine_over_is_reset_before_its_next_step(environments) -> None:
+    environment = environments[0]
+    with pytest.raises(gymnasium.error.ResetNeeded):
+        environment.hand_over()
+    environment.reset(seed=0)
+    environment.hand_over()
+    with pytest.raises(gymnasium.error.ResetNeeded):
+        environment.step(np.zeros(4))
+    environment.reset(seed=0)
+    environment.step(np.zeros(4))

@@ -1,0 +1,60 @@
+"""Worlds stepped together go the same ways as alone."""
+
+import numpy as np
+import pytest
+
+from tma_ray.embodiments import load_embodiment
+from tma_ray.envs.stump_tracks import LIDAR_ANGLES
+from tma_ray.physics import engine_in_use, make_engine, together
+from tma_ray.physics.together import CompiledWorlds, SeparateWorlds
+from tma_ray.terrain.stump_tracks import stump_tracks
+
+KINDS = {"compiled": CompiledWorlds, "pymunk": SeparateWorlds}
+COUNT = 6
+
+
+@pytest.fixture(params=KINDS)
+def kind(request, monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setenv("TMA_RAY_ENGINE", request.param)
+    engine_in_use.cache_clear()
+    yield request.param
+    engine_in_use.cache_clear()
+
+
+def engines():
+    """Engines in worlds of their own, with their first observations."""
+    made = [make_engine(load_embodiment("classic_bipedal"), LIDAR_ANGLES) for _ in range(COUNT)]
+    for index, engine in enumerate(made):
+        task = np.array([0.5 * index, 6 - index], dtype=np.float32)
+        engine.reset(stump_tracks(task, np.random.default_rng(index)), push=float(index))
+    return made
+
+
+def test_they_equal_single_engines_bit_for_bit(kind: str) -> None:
+    alone, joined = engines(), engines()
+    worlds, rng = together(joined), np.random.default_rng(0)
+    assert isinstance(worlds, KINDS[kind])
+    for _ in range(150):
+        rows = np.sort(rng.choice(COUNT, rng.integers(1, COUNT + 1), replace=False))
+        actions = rng.uniform(-1, 1, (len(rows), 4)).astype(np.float32)
+        observations, rewards, ended = worlds.step(rows, actions)
+        expected = [alone[row].step(action) for row, action in zip(rows, actions, strict=True)]
+        assert observations.tobytes() == np.stack([outcome[0] for outcome in expected]).tobytes()
+        assert rewards.tolist() == [outcome[1] for outcome in expected]
+        assert ended.tolist() == [outcome[2] for outcome in expected]
+    for one, other in zip(alone, joined, strict=True):
+        assert one.state.tobytes() == other.state.tobytes()
+
+
+@pytest.mark.usefixtures("kind")
+@pytest.mark.parametrize("actions", [np.zeros((2, 3)), np.zeros((2, 5)), np.full((2, 4), np.nan)])
+def test_malformed_actions_are_refused(actions: np.ndarray) -> None:
+    with pytest.raises(ValueError, match=r"shape|must be finite"):
+        together(engines()).step(np.array([0, 3]), actions.astype(np.float32))
+
+
+@pytest.mark.usefixtures("kind")
+def test_engines_without_a_world_are_refused() -> None:
+    engine = make_engine(load_embodiment("classic_bipedal"), LIDAR_ANGLES)
+    with pytest.raises(RuntimeError, match="call reset first"):
+        together([engine]).step(np.array([0]), np.zeros((1, 4), np.float32))
