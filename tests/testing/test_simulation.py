@@ -1,5 +1,8 @@
 from __future__ import annotations
 
+import subprocess
+import sys
+import time
 from dataclasses import replace
 from pathlib import Path
 
@@ -192,3 +195,16 @@ def test_the_command_refuses_before_it_runs(
 ) -> None:
     assert main(["simulate", *wrong]) == 2
     assert message in capsys.readouterr().err
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(not Path("/proc").exists(), reason="finds the workers through /proc")
+def test_a_killed_command_leaves_no_process_behind() -> None:
+    arguments = ["simulate", "--teachers", "random", "--challenges", "original", "--seeds", "500"]
+    command = subprocess.Popen([sys.executable, "-m", "tma_ray.cli", *arguments], stdout=subprocess.PIPE)
+    children = Path(f"/proc/{command.pid}/task/{command.pid}/children")
+    while len(children.read_text().split()) < 2:  # a worker, and the resource tracker of multiprocessing
+        assert command.poll() is None
+        time.sleep(0.1)
+    command.kill()
+    command.communicate(timeout=30)  # the pipe ends when nobody holds it any more

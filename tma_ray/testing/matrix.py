@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import multiprocessing
 import os
+import threading
 from collections.abc import Iterable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from dataclasses import dataclass
@@ -74,7 +75,7 @@ def run_cells(
 ) -> Iterator[SimulatedRun]:
     """Yields the runs of `cells` as they end, each once, played by `jobs` processes of one thread each."""
     spawn = multiprocessing.get_context("spawn")
-    with ProcessPoolExecutor(jobs, spawn, initializer=_use_one_thread) as pool:
+    with ProcessPoolExecutor(jobs, spawn, initializer=_settle) as pool:
         runs = [pool.submit(simulate, *key, seed, episodes) for key in _runs_of(cells) for seed in seeds]
         try:
             for run in as_completed(runs):
@@ -146,7 +147,15 @@ def _recovery(challenge: SimulatedChallenge, run: SimulatedRun) -> dict[str, flo
     }
 
 
-def _use_one_thread() -> None:
-    """For what has been imported, and for torch, which reads it when a teacher imports it."""
+def _settle() -> None:
+    """Prepares a worker: one thread, also in torch if a teacher imports it; no life after its parent's."""
     threadpool_limits(limits=1)
     os.environ["OMP_NUM_THREADS"] = "1"
+    parent = multiprocessing.parent_process()
+    assert parent is not None, "a worker has a parent"
+
+    def follow() -> None:
+        parent.join()
+        os._exit(1)
+
+    threading.Thread(target=follow, daemon=True).start()
