@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 import dataclasses
 import inspect
 import json
@@ -97,7 +98,7 @@ class TeacherConformance:
     def test_hyperparameters_never_change(self) -> None:
         """What is learned goes into attributes that end in an underscore, not into fields."""
         teacher = self._started(self.scenarios[0])
-        before = hyperparameters_of(teacher)
+        before = copy.deepcopy(hyperparameters_of(teacher))
         play(teacher, self.scenarios[0], 0, self.episodes // 2)
         after = hyperparameters_of(teacher)
         changed = [name for name in before if before[name] != after[name]]
