@@ -16,6 +16,9 @@ TEACHERS: Registry[type[Teacher]] = Registry(
     {
         "random": "tma_ray.teachers.random:Random",
         "alp_gmm": "tma_ray.teachers.alp_gmm:ALPGMM",
+        "spdl": "tma_ray.teachers.spdl:SPDL",
+        "goal_gan": "tma_ray.teachers.goal_gan:GoalGAN",
+        "setter_solver": "tma_ray.teachers.setter_solver:SetterSolver",
     },
 )
 
