@@ -9,7 +9,7 @@ import pytest
 from small_runs import small_spec
 
 from tma_ray.registry import UnknownNameError
-from tma_ray.runs import Cell, RunSpec, Schedule, effective_spec
+from tma_ray.runs import Cell, Plugin, RunSpec, Schedule, effective_spec
 from tma_ray.tasks import KnowledgeLevel, TaskSpace
 
 
@@ -36,7 +36,7 @@ def test_whatever_changes_the_result_changes_the_id(tmp_path: Path) -> None:
         replace(spec, schedule=Schedule(steps=5)),
         replace(spec, task_space=spec.task_space.with_bounds("distance", 0, 9)),
         replace(spec, physics_version=spec.physics_version + 1),
-        replace(spec, plugins={**spec.plugins, "mine": "abc"}),
+        replace(spec, plugins={"teacher": Plugin("mine", "abc")}),
         replace(spec, repeat="low"),
     ]
     assert len({spec.run_id, *(other.run_id for other in others)}) == 1 + len(others)
@@ -88,9 +88,8 @@ def test_a_teacher_without_its_knowledge_is_refused_by_name() -> None:
         spec_of(teacher="odd_teachers:NeedsLow", expert_knowledge=KnowledgeLevel.HIGH).expert_knowledge
         == "low"
     )
-    assert set(spec_of(teacher="odd_teachers:NeedsLow", expert_knowledge=KnowledgeLevel.LOW).plugins) == {
-        "odd_teachers:NeedsLow"
-    }
+    plugins = spec_of(teacher="odd_teachers:NeedsLow", expert_knowledge=KnowledgeLevel.LOW).plugins
+    assert {part: plugin.module for part, plugin in plugins.items()} == {"teacher": "odd_teachers"}
 
 
 def test_a_test_set_outside_the_valid_domain_is_refused(tmp_path: Path) -> None:
