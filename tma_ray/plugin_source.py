@@ -178,9 +178,12 @@ def _imports(code: bytes, package: str) -> Iterator[str]:
 def _imported_part(code: bytes) -> bytes:
     """Returns `code` without what runs only when its file is started as a script."""
     lines = code.splitlines(keepends=True)
+    end = len(lines)
     for node in reversed(ast.parse(code).body):
+        start = min([node.lineno, *(part.lineno for part in getattr(node, "decorator_list", ()))]) - 1
         if isinstance(node, ast.If) and not node.orelse and _is_main_guard(node.test):
-            del lines[node.lineno - 1 : node.end_lineno]
+            del lines[start:end]  # with the comments that follow
+        end = start
     return b"".join(lines)
 
 
