@@ -81,8 +81,7 @@ def _panel(axes: Axes, curriculum: Curriculum, step: int, colour: str, scores: S
     if update is not None:
         _draw_boxes(axes, boxes_of(update), colour, scores)
         _draw_gaussians(axes, gaussians_of(update), colour)
-    edge = "white" if scores is not None else "none"
-    axes.scatter(probes[:, 0], probes[:, 1], s=7, color=INK, alpha=0.75, linewidth=0.4, edgecolor=edge)
+    axes.scatter(probes[:, 0], probes[:, 1], s=8, color=INK, alpha=0.8, linewidth=0.35, edgecolor="white")
 
 
 def gaussians_of(update: pd.Series) -> list[dict[str, Any]]:
@@ -137,7 +136,7 @@ def ellipse(
         float(major),
         float(minor),
         angle=angle,
-        facecolor=(colour, 0.05 + 0.25 * share),
+        facecolor=(colour, 0.04 + 0.18 * share),
         edgecolor=(colour, 0.35 + 0.65 * share),
         linewidth=0.6 + 0.8 * share,
     )

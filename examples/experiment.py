@@ -8,8 +8,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tma_ray.campaign import Campaign, cells_of
-from tma_ray.runs import Schedule
+from tma_ray.campaign import Campaign
+from tma_ray.runs import Cell, Schedule
 from tma_ray.tasks import Episode, ExpertKnowledge, Task, TaskSpace
 from tma_ray.teachers import Teacher, register_teacher
 
@@ -33,13 +33,19 @@ class Staircase(Teacher):
         self.ceiling_ = min(max(moved, 0.2), 1.0)
 
 
+SMALL = {"policy_kwargs": {"net_arch": [64, 64]}, "learning_rate": 2e-3, "batch_size": 64, "train_freq": 2}
+
 CAMPAIGN = Campaign(
     name="pendulum",
-    cells=cells_of(
-        teachers=("staircase", "random"),
-        students=("cooling_sac:CoolingSAC",),
-        environment="swing_up:SwingUp",
-        embodiments=("",),
+    cells=tuple(
+        Cell(
+            environment="swing_up:SwingUp",
+            embodiment="",
+            student="cooling_sac:CoolingSAC",
+            student_hyperparameters=SMALL,
+            teacher=teacher,
+        )
+        for teacher in ("staircase", "random")
     ),
     seeds=(0, 1),
     schedule=Schedule(steps=20_000, evaluation_interval=5_000, probe_interval=2_500, training_window=2_500),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import secrets
 import signal
 import socket
@@ -167,15 +168,23 @@ def test_a_script_that_starts_its_campaign_on_import_is_refused_before_anything_
 def test_the_examples_learn(address: str, tmp_path: Path) -> None:
     (tmp_path / "three.csv").write_text("mass,length\n0.2,0.6\n0.5,0.6\n1,0.5\n")
     arguments = (
-        "campaign --environment swing_up:SwingUp --embodiments= --students cooling_sac:CoolingSAC "
-        "--teachers frontier_teacher:Frontier --seeds 1 --steps 2000 --evaluation-interval 2000 "
-        f"--probe-interval 1000 --test-set {tmp_path / 'three.csv'} --address {address} "
-        f"--results {tmp_path / 'root'}"
+        "experiment.py --teachers staircase,frontier_teacher:Frontier --seeds 1 --steps 2000 "
+        f"--evaluation-interval 2000 --probe-interval 1000 --test-set {tmp_path / 'three.csv'} "
+        f"--memory-per-run 0.5 --address {address} --results {tmp_path / 'root'}"
     )
-    done = start("-m", "tma_ray.cli", *arguments.split(), cwd=ROOT / "examples")
+    done = start(*arguments.split(), cwd=ROOT / "examples")
     assert done.returncode == 0, done.stdout + done.stderr
+    runs = Results.open(tmp_path / "root").runs()
+    assert {run.run.teacher for run in runs} == {"staircase", "frontier_teacher:Frontier"}
     evaluations = rows(tmp_path / "root", Table.EVALUATIONS)
-    first, last = (
-        sum(row["episodic_return"] for row in evaluations if row["step"] == step) for step in (0, 2000)
-    )
-    assert last > first / 2, "costs have more than halved"
+    for run in runs:
+        assert json.loads(run.run.spec)["mastery_threshold"] == -200
+        first, last = (
+            sum(
+                row["episodic_return"]
+                for row in evaluations
+                if (row["run_id"], row["step"]) == (run.run.run_id, step)
+            )
+            for step in (0, 2000)
+        )
+        assert last > 0.7 * first, "costs have fallen by more than 30 %"

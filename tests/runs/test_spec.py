@@ -4,8 +4,10 @@ import json
 from dataclasses import replace
 from pathlib import Path
 
+import gymnasium
 import numpy as np
 import pytest
+from corridor import Corridor
 from small_runs import small_spec
 
 from tma_ray.registry import UnknownNameError
@@ -102,3 +104,24 @@ def test_names_of_modules_and_unknown_kinds() -> None:
     with pytest.raises(UnknownNameError, match="no module"):
         spec_of(teacher="not_there:Teacher")
     assert isinstance(spec_of(teacher="tma_ray.teachers.random:Random").task_space, TaskSpace)
+
+
+class OfItsOwn(gymnasium.Wrapper):
+    """Any environment may say what counts as mastered, through wrappers as well."""
+
+    mastery_return: object = -12.5
+
+    def __init__(self) -> None:
+        super().__init__(Corridor())
+
+
+def test_an_environment_declares_when_a_task_is_mastered(monkeypatch: pytest.MonkeyPatch) -> None:
+    own = f"{__name__}:OfItsOwn"
+    assert spec_of(environment="corridor:Corridor", embodiment="").mastery_threshold == 230
+    spec = spec_of(environment=own, embodiment="")
+    assert spec.mastery_threshold == -12.5
+    assert RunSpec.from_dict(spec.to_dict()).mastery_threshold == -12.5
+    for wrong in ("230", np.inf, None):
+        monkeypatch.setattr(OfItsOwn, "mastery_return", wrong)
+        with pytest.raises(ValueError, match="mastery_return"):
+            spec_of(environment=own, embodiment="")
