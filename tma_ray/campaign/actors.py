@@ -11,6 +11,7 @@ import ray
 from ray.util.scheduling_strategies import NodeAffinitySchedulingStrategy
 
 from tma_ray.campaign.settings import GIB, Resources, TeacherPlacement
+from tma_ray.campaign.shipping import use_shipped
 from tma_ray.results import AttemptOutcome, AttemptRecord, PartFile, Store
 from tma_ray.runs.placement import Placement, Status
 from tma_ray.runs.spec import RunSpec
@@ -37,6 +38,7 @@ class TeacherActor:
     """A teacher in a process of its own; it imports torch only if its algorithm does."""
 
     def __init__(self, spec: dict[str, Any]) -> None:
+        use_shipped()
         self._teacher = InlineTeacher(RunSpec.from_dict(spec))
 
     def exchange(self, episode: Episode | None) -> Reply:
@@ -132,6 +134,7 @@ class SeedActor:
         Raises:
             Exception: whatever teacher, student or environment raise.
         """
+        use_shipped()
         # Imported here, so that a failing import is the run's error and not the actor's death.
         from tma_ray.runs.attempt import Attempt
 

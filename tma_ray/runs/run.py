@@ -11,6 +11,7 @@ import numpy as np
 from tma_ray.envs import make_environment
 from tma_ray.results import RunWriter, Table, teacher_log_row
 from tma_ray.runs.evaluation import Evaluation
+from tma_ray.runs.plugins import import_plugins
 from tma_ray.runs.recording import Recorder
 from tma_ray.runs.spec import RunSpec
 from tma_ray.runs.streams import Streams
@@ -52,6 +53,9 @@ class Run:
         writer: takes the rows of the result tables.
         device: torch's name of where the student's networks live.
         threads: torch's threads.
+
+    Raises:
+        ValueError: environment or student is a plug-in with another source than planned.
     """
 
     def __init__(
@@ -61,6 +65,7 @@ class Run:
         self.teacher = teacher
         self.writer = writer
         self.progress = Progress()
+        import_plugins(spec, "environment", "student")
         self.environment = make_environment(spec.environment, **spec.environment_options)
         streams = Streams.of(spec)
         self._episode_seeds = np.random.default_rng(streams.environment)

@@ -8,6 +8,7 @@ from typing import Any, Protocol
 
 import numpy as np
 
+from tma_ray.runs.plugins import import_plugins
 from tma_ray.runs.spec import RunSpec
 from tma_ray.runs.streams import Streams, placement_generator
 from tma_ray.tasks import Answer, Episode, Query, Task, TeacherUpdate, expert_knowledge
@@ -54,10 +55,11 @@ class InlineTeacher:
     """The teacher of `spec`, in this process.
 
     Raises:
-        ValueError: a hyper-parameter that the teacher refuses.
+        ValueError: a hyper-parameter that the teacher refuses, or a plug-in with another source.
     """
 
     def __init__(self, spec: RunSpec) -> None:
+        import_plugins(spec, "teacher")
         self._space = spec.task_space
         self._name = spec.teacher
         self._teacher = make_teacher(spec.teacher, spec.teacher_hyperparameters)
