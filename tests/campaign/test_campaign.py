@@ -145,3 +145,15 @@ def test_impossible_resources_are_refused_before_anything_starts(
 def test_a_second_campaign_on_the_same_root_is_refused(tmp_path: Path) -> None:
     with Lease(Store.open(tmp_path), "the first one"), pytest.raises(RootInUseError, match="the first one"):
         execute(campaign(corridor("random")), tmp_path)
+
+
+def test_a_plugin_that_the_workers_lack_is_refused_before_anything_starts(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "only_here.py").write_text(
+        "from tma_ray.teachers.random import Random\nclass Mine(Random): ...\n"
+    )
+    monkeypatch.syspath_prepend(tmp_path)
+    with pytest.raises(ValueError, match=r"no module 'only_here'.*Ray was connected before"):
+        execute(campaign(corridor("only_here:Mine")), tmp_path / "root")
+    assert not (tmp_path / "root").exists()

@@ -18,21 +18,24 @@ LOCAL_OBJECT_STORE_BYTES = 100_000_000
 """Next to nothing travels through the object store: results go to files."""
 
 
-def connect(address: str | None, plugins: Sequence[PluginSource] = ()) -> None:
+def connect(address: str | None, plugins: Sequence[PluginSource] = ()) -> bool:
     """Joins the cluster at `address`, or starts a Ray on this machine if that is None.
 
     An existing connection of this process is used as it is.
 
     Args:
         address: of a cluster, or "auto".
-        plugins: what to bring to the workers; with an existing connection they must be there already.
+        plugins: what to bring to the workers.
+
+    Returns:
+        Whether the workers get the plug-ins; with an existing connection they must have them already.
 
     Raises:
         ConnectionError: no cluster answers at `address`; nothing is started instead.
         ValueError: the plug-ins are too large.
     """
     if ray.is_initialized():
-        return
+        return False
     os.environ.setdefault("RAY_USAGE_STATS_ENABLED", "0")
     options: dict[str, Any] = {"log_to_driver": False, "logging_level": logging.ERROR}
     if address is not None:
@@ -44,6 +47,7 @@ def connect(address: str | None, plugins: Sequence[PluginSource] = ()) -> None:
         options |= {"address": "local", **local}
     with runtime_environment(plugins) as environment:
         ray.init(runtime_env=environment, **options)
+    return True
 
 
 def capacity(resources: Resources) -> int:

@@ -52,9 +52,9 @@ def run_campaign(
     plan = campaign.plan()
     store = Store.open(results)
     check_usable(store)
-    connect(address, plugin_sources(plan.runs))
+    shipped = connect(address, plugin_sources(plan.runs))
     check_feasible(settings.resources)
-    warm_nodes(plan.runs)
+    warm_nodes(plan.runs, shipped)
     committer = Committer(store)
     with Lease(store, lease_holder(campaign.name)) as lease:
         committer.write_cells(campaign.name, plan.cell_rows)

@@ -19,12 +19,16 @@ _tried: set[tuple[str, object]] = set()
 """Nodes and what this process has tried there."""
 
 
-def warm_nodes(specs: Sequence[RunSpec]) -> None:
+def warm_nodes(specs: Sequence[RunSpec], shipped: bool = True) -> None:
     """Makes every environment of `specs` once on every node, and imports every plug-in there.
 
     What is compiled on the way stays in the nodes' caches, so that actors do not all compile at once;
     the driver has done so for its own node in planning, which is left out where no plug-in is to be
     tried. Nodes that join later compile when they start their first run.
+
+    Args:
+        specs: the runs.
+        shipped: whether this connection to Ray brought the plug-ins to the workers.
 
     Raises:
         ValueError: a node cannot import a plug-in, or has another version of it.
@@ -50,8 +54,11 @@ def warm_nodes(specs: Sequence[RunSpec]) -> None:
         ray.get(started)
     except RayError as error:
         cause = error.cause if isinstance(error, RayTaskError) else error
+        hint = (
+            "" if shipped else "; Ray was connected before, so no plug-in was shipped: ray.shutdown() first"
+        )
         raise ValueError(
-            f"a plug-in or environment does not work on the workers: {type(cause).__name__}: {cause}"
+            f"a plug-in or environment does not work on the workers: {type(cause).__name__}: {cause}{hint}"
         ) from error
     _tried.update(due)
 
