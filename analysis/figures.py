@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
-
 import numpy as np
 import pandas as pd
 from matplotlib.axes import Axes
@@ -14,20 +12,13 @@ from matplotlib.ticker import FuncFormatter, MaxNLocator, PercentFormatter
 from analysis.formatting import amount
 from analysis.measures import aggregate
 from analysis.style import INK, MUTED, RULE, label, look, short_label, styled, teacher_order
+from analysis.task_axes import Axis
 
 LEAST_PERCENT = 5.0
 """Axes of mastered % reach at least this far, so that one task of a hundred never looks like a triumph."""
 
 SHARE_COLOURS = "Blues"
 """From paper white for nobody to dark for every seed; readable with any colour vision."""
-
-
-class Axis(NamedTuple):
-    """One dimension of the task plane: how it is called, with its unit, and its bounds."""
-
-    name: str
-    low: float
-    high: float
 
 
 @styled
@@ -47,7 +38,7 @@ def learning_curve(curves: pd.DataFrame, value: str, ylabel: str) -> Figure:
     table = aggregate(curves, value)
     for teacher in sorted(table["teacher"].unique(), key=teacher_order):
         _curve(axes, teacher, table[table["teacher"] == teacher])
-    _step_axis(axes)
+    step_axis(axes)
     axes.set_ylabel(ylabel)
     if value == "mastered_percent":
         axes.set_ylim(bottom=0)
@@ -80,16 +71,31 @@ def _curve(axes: Axes, teacher: str, rows: pd.DataFrame) -> None:
     )
 
 
-def _step_axis(axes: Axes) -> None:
-    high = max(axes.dataLim.x1, 1.0)
+def step_axis(axes: Axes, high: float | None = None, ticks: int = 6) -> None:
+    """Makes the horizontal axis one of training steps, in the unit that suits their number.
+
+    Args:
+        axes: where the steps are drawn.
+        high: last step; that of the data if None.
+        ticks: at most so many intervals.
+    """
+    high = max(axes.dataLim.x1, 1.0) if high is None else high
     unit, word = next(
         ((size, name) for size, name in ((1e6, "millions"), (1e3, "thousands")) if high >= 2 * size),
         (1.0, ""),
     )
     axes.set_xlim(0, high)
-    axes.xaxis.set_major_locator(MaxNLocator(6))
+    axes.xaxis.set_major_locator(MaxNLocator(ticks))
     axes.xaxis.set_major_formatter(FuncFormatter(lambda step, _: f"{step / unit:g}"))
     axes.set_xlabel(f"Training steps ({word})" if word else "Training steps")
+
+
+def share_step_label(figure: Figure, grid: np.ndarray) -> None:
+    """Names the steps once below a grid of panels that all have a `step_axis`."""
+    labels = [axes.get_xlabel() for axes in grid.ravel()]
+    for axes in grid.ravel():
+        axes.set_xlabel("")
+    figure.supxlabel(max(labels, key=len), fontsize=8.5)
 
 
 def _legend(figure: Figure, axes: Axes) -> None:

@@ -11,6 +11,7 @@ from typing import Any
 import pandas as pd
 
 from tma_ray.results import Results, Table
+from tma_ray.tasks import MASTERY_RETURN
 
 COMPARISON = ["experiment", "environment", "challenge", "embodiment", "student", "expert_knowledge"]
 """Columns that teachers must have in common to be compared."""
@@ -28,9 +29,10 @@ class Frames:
 
     Attributes:
         cells: one row per cell and run: `GROUP`, campaign, seed, run_id, status, error, spec, steps,
-            test_set and physics_version.
+            test_set, physics_version, and of the spec mastery_threshold and plugins (JSON).
         attempts: as stored.
-        evaluations: run_id, step, test_set, task_index, episodic_return.
+        evaluations: run_id, step, test_set, task_index, episodic_return, and mastered: whether that
+            is over the threshold of its run.
         training: as stored.
         test_tasks: test_set, task_index, task (float32 (d,)).
         warnings: what a reader must know before trusting a comparison.
@@ -59,8 +61,8 @@ class Frames:
         return _frame(self.results, Table.CURRICULUM, ["step", "sample", "task"], [run_id])
 
     def teacher_log(self, run_id: str) -> pd.DataFrame:
-        """Returns step, gaussians and boxes of every update of the teacher of one run."""
-        return _frame(self.results, Table.TEACHER_LOG, ["step", "gaussians", "boxes"], [run_id])
+        """Returns step, gaussians, boxes and scalars of every update of the teacher of one run."""
+        return _frame(self.results, Table.TEACHER_LOG, ["step", "gaussians", "boxes", "scalars"], [run_id])
 
 
 def load(root: str | Path) -> Frames:
@@ -73,10 +75,12 @@ def load(root: str | Path) -> Frames:
         FileNotFoundError: there is no such root.
     """
     results = Results.open(root)
-    runs = _frame(results, Table.RUNS)
-    cells = _join(_frame(results, Table.CELLS), runs)
+    runs = _with_settings(_plain(_frame(results, Table.RUNS)))
+    cells = _join(_plain(_frame(results, Table.CELLS)), runs)
     columns = ["run_id", "step", "test_set", "task_index", "episodic_return"]
     evaluations = _frame(results, Table.EVALUATIONS, columns)
+    thresholds = evaluations["run_id"].map(runs.set_index("run_id")["mastery_threshold"]).astype(float)
+    evaluations["mastered"] = evaluations["episodic_return"] > thresholds
     return Frames(
         cells=cells,
         attempts=_frame(results, Table.ATTEMPTS),
@@ -106,13 +110,22 @@ def _frame(
     return frame
 
 
+def _with_settings(runs: pd.DataFrame) -> pd.DataFrame:
+    """Adds what comparisons need of each run's spec: mastery_threshold and plugins."""
+    specs = runs["spec"].map(parsed)
+    return runs.assign(
+        mastery_threshold=[float(spec.get("mastery_threshold", MASTERY_RETURN)) for spec in specs],
+        plugins=[json.dumps(spec.get("plugins", {}), sort_keys=True) for spec in specs],
+    )
+
+
 def _join(cells: pd.DataFrame, runs: pd.DataFrame) -> pd.DataFrame:
     """Joins cells with the state of their runs; runs outside any campaign are cells of their own."""
-    cells, runs = _plain(cells), _plain(runs)
     alone = runs[~runs["run_id"].isin(cells["run_id"])]
     single = alone.reindex(columns=cells.columns).assign(campaign="", experiment="single runs")
     cells = pd.concat([cells, single], ignore_index=True) if len(single) else cells
-    state = runs[["run_id", "status", "error", "spec", "steps", "test_set", "physics_version"]]
+    names = ("run_id", "status", "error", "spec", "steps", "test_set", "physics_version")
+    state = runs[[*names, "mastery_threshold", "plugins"]]
     joined = cells.merge(state, on="run_id", how="left")
     joined["status"] = joined["status"].fillna("waiting")
     joined["error"] = joined["error"].fillna("")
@@ -146,7 +159,12 @@ def _warnings(cells: pd.DataFrame, evaluations: pd.DataFrame) -> list[str]:
             f"{version:g}" if isinstance(version, float) else str(version) for version in versions
         )
         found.append(f"Runs of different physics versions ({listed}) are mixed; do not compare them.")
-    for column, what in (("steps", "numbers of training steps"), ("test_set", "test sets")):
-        if (cells.groupby(COMPARISON)[column].nunique() > 1).any():
+    for column, what, common in (
+        ("steps", "numbers of training steps", COMPARISON),
+        ("test_set", "test sets", COMPARISON),
+        ("mastery_threshold", "mastery thresholds", COMPARISON),
+        ("plugins", "versions of a plug-in", GROUP),
+    ):
+        if (cells.groupby(common)[column].nunique() > 1).any():
             found.append(f"Some comparisons mix runs with different {what}.")
     return found

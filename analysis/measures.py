@@ -9,7 +9,6 @@ import pandas as pd
 
 from analysis.load import COMPARISON, GROUP, STATUSES, Frames
 from analysis.statistics import Comparison, describe, holm, welch
-from tma_ray.tasks import MASTERY_RETURN
 
 BASELINE = "random"
 """The teacher that all others are tested against (paper, section 5)."""
@@ -37,9 +36,9 @@ def is_baseline(teacher: str) -> bool:
 
 def evaluation_measures(evaluations: pd.DataFrame) -> pd.DataFrame:
     """Returns one row per run and evaluation: run_id, step, mastered_percent, evaluation_return, tasks."""
-    returns = evaluations["episodic_return"]
     table = evaluations[["run_id", "step"]].assign(
-        mastered_percent=100.0 * (returns > MASTERY_RETURN), evaluation_return=returns.astype(float)
+        mastered_percent=100.0 * evaluations["mastered"],
+        evaluation_return=evaluations["episodic_return"].astype(float),
     )
     grouped = table.groupby(["run_id", "step"], observed=True, sort=True)
     means = grouped.mean().assign(tasks=grouped.size()).reset_index()
@@ -112,7 +111,7 @@ def mastered_tasks(frames: Frames, reading: pd.DataFrame) -> pd.DataFrame:
     evaluations = frames.evaluations[frames.evaluations["step"].isin(reading["step"].unique())]
     evaluations = evaluations.astype({"run_id": object, "test_set": object})
     rows = reading[[*GROUP, "run_id", "step"]].merge(evaluations, on=["run_id", "step"])
-    rows["share"] = (rows["episodic_return"] > MASTERY_RETURN).astype(float)
+    rows["share"] = rows["mastered"].astype(float)
     grouped = rows.groupby([*GROUP, "test_set", "task_index"], sort=True)["share"]
     return grouped.agg(n="count", share="mean").reset_index()
 

@@ -16,7 +16,8 @@ from analysis import measures
 from analysis.comparison import Measured, measure
 from analysis.formatting import amount, duration, number
 from analysis.load import GROUP, STATUSES, Frames, load, parsed
-from analysis.pictures import Picture
+from analysis.picture import Picture
+from analysis.pictures import thresholds
 from analysis.sections import Section, sections
 from analysis.statistics import SIGNIFICANCE
 from analysis.style import label, teacher_order
@@ -114,7 +115,7 @@ def _render(frames: Frames, measured: Measured, parts: list[Section], downloads:
         unfinished=_unfinished(frames),
         machines=_machines(frames.attempts),
         downloads=downloads,
-        mastery=number(MASTERY_RETURN, 0),
+        mastery=thresholds(frames.cells) or number(MASTERY_RETURN, 0),
         significance=SIGNIFICANCE,
         version=version("tma_ray"),
         written=datetime.now(UTC),

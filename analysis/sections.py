@@ -13,7 +13,8 @@ from analysis.findings import Measure, compared_by, findings, verdict
 from analysis.formatting import amount, number, p_value, plus_minus
 from analysis.load import Frames
 from analysis.measures import is_baseline
-from analysis.pictures import Picture, pictures
+from analysis.picture import Picture
+from analysis.pictures import pictures
 from analysis.style import label, look, teacher_order
 from tma_ray.benchmark import find_challenge
 

@@ -73,8 +73,8 @@ def compare(root: str) -> None:
     rows["mastered"] = 100.0 * (rows.episodic_return > MASTERY_RETURN)
     step = rows.groupby("run_id", observed=True).step.max().min()
     means = rows[rows.step == step].groupby("run_id", observed=True)[["episodic_return", "mastered"]].mean()
-    joined = cells.drop_duplicates("run_id").merge(means, on="run_id").set_index("seed").sort_index()
-    print(joined[["medium", "episodic_return", "mastered"]].round(1).to_string())
+    joined = cells.drop_duplicates("run_id").set_index("run_id").join(means).sort_values(["medium", "seed"])
+    print(joined[["medium", "seed", "episodic_return", "mastered"]].round(1).to_string(index=False))
     for measure in ("episodic_return", "mastered"):
         samples = [joined[joined.medium == flag][measure] for flag in (True, False)]
         print(f"{measure} at {step:,} steps, medium - highest: {difference(*samples)}")

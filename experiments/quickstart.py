@@ -1,4 +1,4 @@
-"""Two teachers, two seeds each: a first campaign of a few minutes on a laptop.
+"""Two teachers, three seeds each: a first campaign of a few minutes on a laptop.
 
     python experiments/quickstart.py --results results
 
@@ -11,7 +11,7 @@ from tma_ray.runs import Schedule
 CAMPAIGN = Campaign(
     name="quickstart",
     cells=cells_of(teachers=("random", "alp_gmm"), students=("ppo",)),
-    seeds=(0, 1),
+    seeds=(0, 1, 2),
     schedule=Schedule(
         steps=800_000, evaluation_interval=100_000, probe_interval=50_000, training_window=50_000
     ),

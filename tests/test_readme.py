@@ -13,11 +13,13 @@ import pytest
 from tma_ray.cli import main
 from tma_ray.results import Results, RunStatus
 
-README = (Path(__file__).parents[1] / "README.md").read_text()
+ROOT = Path(__file__).parents[1]
+README = (ROOT / "README.md").read_text()
+EXAMPLES = (ROOT / "examples" / "README.md").read_text()
 
 
-def blocks(language: str) -> list[str]:
-    return re.findall(rf"```{language}\n(.*?)```", README, flags=re.DOTALL)
+def blocks(language: str, text: str = README) -> list[str]:
+    return re.findall(rf"```{language}\n(.*?)```", text, flags=re.DOTALL)
 
 
 def test_the_teacher_of_the_readme_trains_a_student(tmp_path: Path) -> None:
@@ -37,25 +39,42 @@ def test_the_environment_of_the_readme_is_known_to_gymnasium() -> None:
     subprocess.run([sys.executable, "-c", example + "\nassert observation.shape == (24,)"], check=True)
 
 
-def commands() -> list[str]:
-    lines = "".join(blocks("bash")).splitlines()
+def commands(text: str = README) -> list[str]:
+    lines = "".join(blocks("bash", text)).replace("\\\n", " ").splitlines()
     shown = [line.partition("#")[0].strip() for line in lines if line.startswith("tma-ray ")]
     return [command for command in shown if not command.startswith("tma-ray run ")]  # run for real above
 
 
 @pytest.mark.parametrize("command", commands())
 def test_every_command_is_understood(command: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Campaigns are planned but not run; a root that does not exist is refused as such."""
+    """Campaigns are planned but not run, simulations short; a root that does not exist is refused as such."""
     monkeypatch.chdir(tmp_path)
     (teacher,) = (block for block in blocks("python") if "class Frontier" in block)
     Path("frontier.py").write_text(teacher)
     arguments = shlex.split(command)[1:]
     if arguments[0] == "campaign":
         assert main([*arguments, "--dry-run"]) == 0
+    elif arguments[0] == "simulate":
+        assert main([*arguments, "--episodes", "20"]) == 0
     else:
         assert main(arguments) == (0 if arguments[0] == "list" else 2)
 
 
-def test_pictures_exist() -> None:
+@pytest.mark.parametrize("command", commands(EXAMPLES))
+def test_the_commands_of_the_examples_are_understood(
+    command: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(ROOT / "examples")
+    arguments = shlex.split(command)[1:]
+    if arguments[0] == "campaign":
+        assert main([*arguments, "--dry-run"]) == 0
+    else:
+        assert main([arguments[0], str(tmp_path)]) == 2
+
+
+def test_pictures_and_files_exist() -> None:
     for picture in re.findall(r"!\[.*?\]\((.*?)\)", README):
-        assert (Path(__file__).parents[1] / picture).stat().st_size > 10_000
+        assert (ROOT / picture).stat().st_size > 10_000
+    for text, folder in ((README, ROOT), (EXAMPLES, ROOT / "examples")):
+        for target in re.findall(r"\]\(((?!http)[^)]*)\)", text):
+            assert (folder / target).exists()

@@ -36,6 +36,7 @@ def _parser() -> argparse.ArgumentParser:
     commands = parser.add_subparsers(required=True, metavar="COMMAND")
     _add_run(commands.add_parser("run", help="one run in this process, without Ray"))
     _add_campaign(commands.add_parser("campaign", help="a matrix of runs on Ray"))
+    _add_simulate(commands.add_parser("simulate", help="teachers of simulated students, without physics"))
     status = commands.add_parser("status", help="how far the campaigns of a results root are")
     status.add_argument("root", metavar="ROOT")
     status.set_defaults(command=_status)
@@ -80,6 +81,20 @@ def _add_campaign(parser: argparse.ArgumentParser) -> None:
     parser.set_defaults(command=_campaign)
 
 
+def _add_simulate(parser: argparse.ArgumentParser) -> None:
+    from tma_ray.campaign.options import names, parse_seeds, whole_number
+    from tma_ray.tasks import KnowledgeLevel
+
+    parser.add_argument("--teachers", type=names, metavar="A,B", help="default: all of the catalogue")
+    parser.add_argument("--challenges", type=names, metavar="A,B", help="default: all six")
+    parser.add_argument("--expert-knowledge", type=names, metavar="A,B", default=tuple(KnowledgeLevel))
+    parser.add_argument("--seeds", type=parse_seeds, metavar="N|A-B|A,B", default=tuple(range(10)))
+    parser.add_argument("--episodes", type=whole_number, metavar="N", help="default: 10,000")
+    parser.add_argument("--jobs", type=whole_number, metavar="N", default=1, help="processes (%(default)s)")
+    parser.add_argument("-o", "--output", type=Path, metavar="FILE.csv", help="or FILE.parquet: a row a run")
+    parser.set_defaults(command=_simulate)
+
+
 def _run(options: argparse.Namespace) -> int:
     from tma_ray.campaign.single import run_single
 
@@ -92,6 +107,30 @@ def _campaign(options: argparse.Namespace) -> int:
     from tma_ray.runs import Cell
 
     return execute(Campaign(options.name, cells=(Cell(),)), options)
+
+
+def _simulate(options: argparse.Namespace) -> int:
+    from rich.console import Console
+    from rich.progress import track
+
+    from analysis import simulated
+    from tma_ray.campaign.options import parse_levels
+    from tma_ray.teachers import TEACHERS
+    from tma_ray.testing import EPISODES, SIMULATED_CHALLENGES, find_simulated_challenge, matrix
+
+    if options.output:
+        simulated.check_file(options.output)
+    names = options.challenges or [challenge.name for challenge in SIMULATED_CHALLENGES]
+    challenges = [find_simulated_challenge(name) for name in names]
+    teachers, levels = options.teachers or TEACHERS.names(), parse_levels(options.expert_knowledge)
+    cells = matrix.cells_of(teachers, challenges, levels)
+    runs = matrix.run_cells(cells, options.seeds, options.episodes or EPISODES, options.jobs)
+    total = matrix.run_count(cells, options.seeds)
+    frame = matrix.tabulate(cells, track(runs, "simulating", total, console=Console(stderr=True)))
+    if options.output:
+        simulated.write(frame, options.output)
+    simulated.show(frame)
+    return 0
 
 
 def _status(options: argparse.Namespace) -> int:

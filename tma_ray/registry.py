@@ -6,14 +6,15 @@ declares an entry point, or passes ``my_module:MyTeacher`` wherever a name is ex
 
 from __future__ import annotations
 
+import contextlib
 import difflib
-import hashlib
 import importlib
-import inspect
+import sys
 from collections.abc import Callable, Mapping
 from importlib.metadata import entry_points
-from pathlib import Path
-from typing import Any, Generic, TypeVar, cast
+from typing import Generic, TypeVar, cast
+
+from tma_ray.plugin_source import OURS, PluginSource, importable_name
 
 T = TypeVar("T")
 C = TypeVar("C")
@@ -37,6 +38,8 @@ class Registry(Generic[T]):
         self.entry_point_group = entry_point_group
         self._targets = dict(builtin)
         self._decorated: dict[str, T] = {}
+        self._origins: dict[str, str] = {}
+        self._sources: dict[tuple[str, T], PluginSource] = {}
 
     def register(self, name: str) -> Callable[[C], C]:
         """Returns a decorator that makes an implementation known under `name`.
@@ -50,6 +53,7 @@ class Registry(Generic[T]):
             if known is not None and _identity(known) != _identity(implementation):
                 raise ValueError(f"{self.kind} {name!r} is already {_identity(known)}; choose another name")
             self._decorated[name] = cast("T", implementation)
+            self._origins[name] = sys._getframe(1).f_globals["__name__"]
             return implementation
 
         return decorate
@@ -69,31 +73,60 @@ class Registry(Generic[T]):
         """
         if name in self._decorated:
             return self._decorated[name]
+        return self._load(self._target(name))
+
+    def origin(self, name: str) -> str | None:
+        """Returns the module whose import makes `name` known, None for what ships with tma_ray.
+
+        Raises:
+            UnknownNameError: nothing answers to `name`.
+        """
+        module = self._origins.get(name) or self._target(name).partition(":")[0]
+        return None if module.partition(".")[0] == OURS else module
+
+    def plugin(self, name: str) -> PluginSource | None:
+        """Returns the source of a plug-in, as it was when this process first asked for it.
+
+        The name's `data_files`, if it has such an attribute, are patterns of further files that it
+        reads, relative to its module's folder.
+
+        Returns:
+            None for what ships with tma_ray, whose version is part of every run already; that is not
+            even imported.
+
+        Raises:
+            UnknownNameError: nothing answers to `name`.
+            ValueError: it is defined where no other process can import it from.
+        """
+        module = self.origin(name)
+        if module is None:
+            return None
+        implementation = self.get(name)
+        key = module, implementation
+        if key not in self._sources:  # once: a file edited later is not what this process has imported
+            try:
+                self._sources[key] = PluginSource.of(module, getattr(implementation, "data_files", ()))
+            except ValueError as error:
+                raise ValueError(f"{self.kind} {name!r}: {error}") from error
+        return self._sources[key]
+
+    def plugin_digest(self, name: str) -> str | None:
+        """Returns the hash of `plugin`, so that an edited plug-in is never taken for the old."""
+        source = self.plugin(name)
+        return None if source is None else source.digest
+
+    def learn(self, name: str, module: str) -> None:
+        """Imports `module`, whose decorator makes `name` known, unless it is known already."""
+        if ":" not in name and name not in self.names():
+            importlib.import_module(module)
+
+    def _target(self, name: str) -> str:
         target = self._targets.get(name) or self._installed().get(name)
         if target is None and ":" in name:
             target = name
         if target is None:
             raise UnknownNameError(self._explain(name))
-        return self._load(target)
-
-    def plugin_digest(self, name: str) -> str | None:
-        """Returns a hash of the source file of a plug-in, so that an edited one is never taken for the old.
-
-        Returns None for what ships with tma_ray, whose version is part of every run already; that is
-        not even imported.
-
-        Raises:
-            UnknownNameError: nothing answers to `name`.
-        """
-        target = self._targets.get(name, name)
-        if name not in self._decorated and target.split(".")[0] == __package__:
-            return None
-        implementation: Any = self.get(name)
-        if implementation.__module__.split(".")[0] == __package__:
-            return None
-        source = inspect.getsourcefile(implementation)
-        assert source is not None, f"{implementation} has no source file"
-        return hashlib.sha256(Path(source).read_bytes()).hexdigest()[:16]
+        return target
 
     def _installed(self) -> dict[str, str]:
         return {point.name: point.value for point in entry_points(group=self.entry_point_group)}
@@ -122,5 +155,8 @@ class Registry(Generic[T]):
 
 
 def _identity(implementation: object) -> str:
+    """Returns module and name: the same for a script and for whoever imports it by its file's name."""
     module = getattr(implementation, "__module__", "?")
+    with contextlib.suppress(ValueError):  # an interactive session has no other name
+        module = importable_name(module)
     return f"{module}.{getattr(implementation, '__qualname__', implementation)}"

@@ -140,7 +140,18 @@ class SyntheticCampaign:
             ],
             Table.TRAINING: self._windows(steps, returns),
         }
-        return tables | (self._teacher(rng, end) if guided else {}), end
+        return tables | (self._teacher(rng, end) if guided else self._uniform_probes(rng, end)), end
+
+    def _uniform_probes(self, rng: np.random.Generator, end: int) -> dict[Table, Any]:
+        steps = range(0, end + 1, self.steps // 20)
+        tasks = (rng.random((len(steps), 40, 2)) * [3, 6]).astype(np.float32)
+        return {
+            Table.CURRICULUM: [
+                {"step": step, "sample": i, "task": task}
+                for step, probe in zip(steps, tasks, strict=True)
+                for i, task in enumerate(probe)
+            ]
+        }
 
     def returns(self, tasks: np.ndarray, ability: float, rng: np.random.Generator) -> np.ndarray:
         """Returns on `tasks` (n, 2): high when flat or widely spaced, falling off where ability ends."""

@@ -5,11 +5,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from analysis.curriculum import PANELS, Curriculum, curriculum_strip, ellipse
-from analysis.figures import Axis, final_bars, learning_curve, mastery_map
+from analysis.figures import final_bars, learning_curve, mastery_map
 from analysis.formatting import amount, duration, number, plus_minus
 from analysis.load import GROUP
 from analysis.style import label, look, png, teacher_order
+from analysis.task_axes import Axis
 
 LOOK_OF_FRONTIER = ("#aa4499", ">", (0, (6, 2)))
 PLANE = (Axis("Height", 0, 3), Axis("Spacing", 0, 6))
@@ -95,42 +95,6 @@ def test_the_map_of_scattered_tasks_is_one_row_per_teacher() -> None:
     shares = pd.DataFrame({"teacher": "adr", "task_index": range(3), "share": [0.0, 1.0, 0.5]})
     mesh = mastery_map(shares, tasks, PLANE).axes[0].collections[0]
     np.testing.assert_allclose(mesh.get_array(), [[1.0, 0.5, 0.0]])
-
-
-def test_an_ellipse_lies_along_its_covariance() -> None:
-    # Variances 9 and 1 along axes turned by 30 degrees.
-    turn = np.array([[np.cos(np.pi / 6), -np.sin(np.pi / 6)], [np.sin(np.pi / 6), np.cos(np.pi / 6)]])
-    outline = ellipse(np.array([1.0, 2.0]), turn @ np.diag([9.0, 1.0]) @ turn.T, 1.0)
-    assert outline.width == pytest.approx(12)  # two standard deviations of 3 on both sides
-    assert outline.height == pytest.approx(4)
-    assert outline.angle % 180 == pytest.approx(30)
-    assert outline.center == (1.0, 2.0)
-
-
-def curriculum(world_task: np.ndarray | None = None) -> Curriculum:
-    steps = np.arange(10, 101, 10)
-    tasks = [np.array([s / 50, s / 20], np.float32) for s in steps]
-    episodes = pd.DataFrame({"step": steps, "task": tasks, "episodic_return": steps.astype(float)})
-    episodes["world_task"] = [world_task] * len(episodes)
-    gaussian = {"weight": 1.0, "mean": [1.0, 1.0], "covariance": [[0.1, 0.0], [0.0, 0.2]]}
-    box = {"low": [0.0, 0.0], "high": [1.0, 2.0], "score": 0.0}
-    updates = pd.DataFrame({"step": [15, 95], "gaussians": [[gaussian], []], "boxes": [[], [box, box]]})
-    probes = pd.DataFrame({"step": [20, 20], "task": tasks[:2]})
-    return Curriculum(episodes, probes, updates, 100)
-
-
-def test_the_strip_shows_each_part_of_the_run() -> None:
-    panels = curriculum_strip({"adr": curriculum()}, PLANE).axes[:PANELS]
-    np.testing.assert_allclose(panels[1].collections[0].get_offsets(), [[0.6, 1.5], [0.8, 2.0]])
-    assert [len(panel.patches) for panel in panels] == [1, 0, 0, 0, 2]
-    assert len(panels[0].collections) == 2  # episodes and probes
-
-
-def test_a_shuffled_strip_shows_the_world_and_no_shapes() -> None:
-    world = np.array([0.5, 0.25], np.float32)
-    panels = curriculum_strip({"adr": curriculum(world)}, PLANE).axes[:PANELS]
-    np.testing.assert_allclose(panels[0].collections[0].get_offsets(), [world, world])
-    assert not any(panel.patches for panel in panels)
 
 
 def test_drawing_leaves_settings_alone_and_repeats_itself() -> None:

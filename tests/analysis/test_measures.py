@@ -191,3 +191,29 @@ def test_runs_outside_campaigns_are_read_too(campaign: SyntheticCampaign) -> Non
     cells = load(campaign.root).cells
     assert list(cells["experiment"]) == ["single runs"]
     assert list(cells["status"]) == ["running"]
+
+
+def test_each_run_is_judged_by_its_own_threshold(campaign: SyntheticCampaign) -> None:
+    own = json.dumps({"mastery_threshold": -50.0})
+    runs = [
+        campaign.plain_run("random", 0, {1000: [-60, -40, 231]}),
+        campaign.plain_run(
+            "random", 0, {1000: [-60, -40, 231]}, environment="pendulum", spec=own, run_id="own"
+        ),
+    ]
+    readings = readings_by_run(campaign)
+    assert list(readings.loc[runs, "mastered_percent"].round()) == [33, 67]
+    frames = load(campaign.root)
+    shares = measures.mastered_tasks(frames, measures.readings(frames)).set_index("environment")["share"]
+    assert shares["pendulum"].tolist() == [0, 1, 1]
+    assert not frames.warnings
+
+
+def test_mixed_thresholds_and_versions_of_a_plugin_are_warned_of(campaign: SyntheticCampaign) -> None:
+    for seed, (threshold, digest) in enumerate([(1.0, "old"), (2.0, "new")]):
+        plugins = {"teacher": {"module": "mine", "digest": digest}}
+        spec = json.dumps({"mastery_threshold": threshold, "plugins": plugins})
+        campaign.plain_run("mine", seed, {1000: [3]}, spec=spec)
+    warnings = " ".join(load(campaign.root).warnings)
+    assert "different mastery thresholds" in warnings
+    assert "different versions of a plug-in" in warnings

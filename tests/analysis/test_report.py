@@ -1,6 +1,7 @@
 import base64
 import csv
 import io
+import json
 import re
 import subprocess
 import sys
@@ -8,11 +9,12 @@ from collections.abc import Callable
 from html.parser import HTMLParser
 from pathlib import Path
 
+import numpy as np
 import pytest
 from synthetic_results import SyntheticCampaign
 
 from analysis.report import write_report
-from tma_ray.results import ResultsRootError
+from tma_ray.results import ResultsRootError, Table
 
 HOSTILE = "<script>alert('$x^')</script>"
 
@@ -90,7 +92,7 @@ def test_a_hostile_name_is_only_text(full: Page) -> None:
 def test_figures_are_embedded_described_and_lie_beside_the_page(full: Page, full_root: Path) -> None:
     beside = {path.read_bytes() for path in (full_root / "report").glob("*.png")}
     embedded = {base64.b64decode((image["src"] or "").partition("base64,")[2]) for image in full.images}
-    assert len(embedded) == 6  # three curves, bars, heat map, curriculum
+    assert len(embedded) == 8  # three curves, bars, heat map, what was taught, would be taught, is logged
     assert embedded == beside
     assert all(png.startswith(b"\x89PNG") for png in embedded)
     assert all("n = 3 seeds" in (image["alt"] or "") for image in full.images[:5])
@@ -221,7 +223,7 @@ def test_no_teacher_better_than_random(tmp_path: Path) -> None:
 
 def test_test_tasks_in_no_grid_and_a_larger_task_space(tmp_path: Path) -> None:
     campaign = small(tmp_path, steps=1000)
-    space = '{"task_space": [{"name": "a"}, {"name": "b"}, {"name": "c"}]}'
+    space = json.dumps({"task_space": [{"name": name, "low": 0, "high": 1, "unit": ""} for name in "abc"]})
     for seed in range(2):
         campaign.plain_run("random", seed, {1000: [300, 0, 300 * seed]}, spec=space)
     assert len(report(tmp_path).images) == 4  # two curves, bars, heat map
@@ -262,3 +264,26 @@ def test_analysis_needs_neither_torch_nor_ray() -> None:
         "assert not found, found"
     )
     subprocess.run([sys.executable, "-c", code], check=True, timeout=120)
+
+
+def test_a_world_with_a_threshold_and_three_dimensions_of_its_own(tmp_path: Path) -> None:
+    campaign = small(tmp_path, steps=1000)
+    space = [{"name": name, "low": 0, "high": 1, "unit": "m"} for name in "abc"]
+    spec = json.dumps({"mastery_threshold": -200.0, "task_space": space})
+    record = campaign.record("random", 0, "low", spec=spec)
+    campaign.cell(record, "low")
+    task = np.zeros(3, np.float32)
+    evaluation = {"step": 1000, "test_set": "own", "task_index": 0, "task": task, "length": 1}
+    episode = {"step": 10, "episode": 0, "task": task, "length": 10, "success": False}
+    tables = {
+        Table.EVALUATIONS: [evaluation | {"episodic_return": -100.0}],
+        Table.EPISODES: [episode | {"episodic_return": -300.0}],
+        Table.CURRICULUM: [{"step": step, "sample": 0, "task": task} for step in (0, 1000)],
+    }
+    campaign._write(record, "done", tables, 1000)
+    page = report(tmp_path)
+    captions = [image["alt"] or "" for image in page.images]
+    assert any("over \N{MINUS SIGN}200" in caption for caption in captions)
+    assert any("dimension by dimension" in caption for caption in captions)
+    assert "over \N{MINUS SIGN}200. Each seed" in page.words
+    assert "masters 100.0" in page.words

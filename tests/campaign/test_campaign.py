@@ -53,18 +53,19 @@ def execute(what: Campaign, root: Path, **changes: Any) -> Snapshot:
 
 
 def test_actors_give_the_files_of_a_run_in_one_process(tmp_path: Path) -> None:
-    what = campaign(corridor("random"), corridor("alp_gmm", fit_every=20))
+    asking = corridor("odd_teachers:Scrutinising")
+    what = campaign(corridor("random"), corridor("alp_gmm", fit_every=20), asking)
     ended = execute(what, tmp_path / "actors", checkpoint_seconds=0.5)
-    assert (ended.done, ended.failed, ended.total) == (2, 0, 2)
+    assert (ended.done, ended.failed, ended.total) == (3, 0, 3)
     execute(what, tmp_path / "inline", teachers=TeacherPlacement.INLINE)
     for spec in what.plan().runs:
         run_locally(spec, Committer.open(tmp_path / "alone"))
     expected = data_files(tmp_path / "alone")
-    assert len(expected) == 10
+    assert len(expected) == 15
     assert data_files(tmp_path / "actors") == expected
     assert data_files(tmp_path / "inline") == expected
     attempts = rows(tmp_path / "actors", Table.ATTEMPTS)
-    assert [(row["outcome"], row["attempt"]) for row in attempts] == [("done", 0)] * 2
+    assert [(row["outcome"], row["attempt"]) for row in attempts] == [("done", 0)] * 3
     assert all(row["env_steps_per_second"] > 0 and row["host"] for row in attempts)
 
 
@@ -115,7 +116,7 @@ def test_a_stopped_campaign_leaves_checkpoints_and_continues(tmp_path: Path) -> 
     checkpoints = tmp_path / "stopped" / "checkpoints"
     ended = scheduler.execute(what.plan().runs, lambda: any(checkpoints.rglob("index.json")))
     assert ended.stopped >= 1
-    assert ended.done + ended.stopped == 2
+    assert ended.done + ended.stopped + ended.waiting == 2
     assert "stopped" in {row["outcome"] for row in rows(tmp_path / "stopped", Table.ATTEMPTS)}
     committer.write_cells("long", what.plan().cell_rows)
     states = [run for runs in overview(tmp_path / "stopped")["long"].values() for run in runs]
@@ -144,3 +145,15 @@ def test_impossible_resources_are_refused_before_anything_starts(
 def test_a_second_campaign_on_the_same_root_is_refused(tmp_path: Path) -> None:
     with Lease(Store.open(tmp_path), "the first one"), pytest.raises(RootInUseError, match="the first one"):
         execute(campaign(corridor("random")), tmp_path)
+
+
+def test_a_plugin_that_the_workers_lack_is_refused_before_anything_starts(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "only_here.py").write_text(
+        "from tma_ray.teachers.random import Random\nclass Mine(Random): ...\n"
+    )
+    monkeypatch.syspath_prepend(tmp_path)
+    with pytest.raises(ValueError, match=r"no module 'only_here'.*Ray was connected before"):
+        execute(campaign(corridor("only_here:Mine")), tmp_path / "root")
+    assert not (tmp_path / "root").exists()

@@ -187,7 +187,7 @@ def test_make_environment_knows_its_own_and_others() -> None:
     assert isinstance(tma_ray.envs.make_environment("stump_tracks"), StumpTracks)
     with pytest.raises(ValueError, match="did you mean 'stump_tracks'"):
         tma_ray.envs.make_environment("stump_track")
-    with pytest.raises(TypeError, match="task_space"):
+    with pytest.raises(ValueError, match="task_space"):
         tma_ray.envs.make_environment("gymnasium.envs.classic_control:CartPoleEnv")
 
 

@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from tma_ray.tasks import Episode, KnowledgeLevel, Query, QueryKind, Task
+from tma_ray.tasks import Answer, Episode, KnowledgeLevel, Query, QueryKind, Task, TeacherUpdate, Trajectory
 from tma_ray.teachers import Teacher
 from tma_ray.teachers.random import Random
 
@@ -28,6 +28,47 @@ class Inquisitive(Random):
     def sample(self) -> Task:
         assert len(self.answers_) == self.asked_
         return super().sample()
+
+
+@dataclass
+class Scrutinising(Random):
+    """Asks for every trajectory, then for the values along it, and checks what it is given."""
+
+    wants_trajectory = True
+
+    episode_: Episode | None = field(default=None, init=False)
+    returns_: list[float] = field(default_factory=list, init=False)
+
+    def observe(self, episode: Episode) -> Query:
+        self.episode_ = episode
+        return Query(QueryKind.TRAJECTORY)
+
+    def answer(self, answer: Answer) -> Query | None:
+        assert self.episode_ is not None
+        length = self.episode_.length
+        if isinstance(answer, Trajectory):
+            assert answer.observations.shape == (length + 1, 3)
+            assert answer.actions.shape == (length, 2)
+            assert answer.rewards.shape == (length,)
+            assert answer.observations.dtype == answer.actions.dtype == np.float32
+            assert answer.terminated or length == 30, "the corridor is cut there"
+            np.testing.assert_array_equal(answer.observations[0], self.episode_.initial_observation)
+            np.testing.assert_allclose(answer.observations[:, 2], np.arange(length + 1) / 30, rtol=1e-6)
+            assert sum(answer.rewards.tolist()) == self.episode_.episodic_return
+            return Query(QueryKind.STATE_VALUES, answer.observations)
+        assert answer.shape == (length + 1,)
+        self.returns_.append(self.episode_.episodic_return)
+        update = TeacherUpdate(scalars={"heard": float(len(self.returns_)), "last_value": float(answer[-1])})
+        self.log(update)
+        return None
+
+
+@dataclass
+class Undeclared(Random):
+    """Asks for a trajectory without having said that it would."""
+
+    def observe(self, episode: Episode) -> Query:
+        return Query(QueryKind.TRAJECTORY)
 
 
 @dataclass

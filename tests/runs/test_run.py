@@ -106,10 +106,11 @@ def test_lock_step_equals_one_task_after_the_other(tmp_path: Path) -> None:
     assert together == one_by_one
 
 
+@pytest.mark.parametrize("teacher", ["Inquisitive", "Scrutinising"])
 @pytest.mark.parametrize("student", ["ppo", "sac"])
-def test_queries_are_answered_without_disturbing_training(tmp_path: Path, student: str) -> None:
+def test_queries_are_answered_without_disturbing_training(tmp_path: Path, student: str, teacher: str) -> None:
     asked, silent = (
-        small_spec(tmp_path, student, teacher=name) for name in ("odd_teachers:Inquisitive", "random")
+        small_spec(tmp_path, student, teacher=name) for name in (f"odd_teachers:{teacher}", "random")
     )
     same_streams = replace(silent, plugins={})
     vars(asked)["entropy"] = vars(same_streams)["entropy"] = 1
@@ -120,6 +121,18 @@ def test_queries_are_answered_without_disturbing_training(tmp_path: Path, studen
         for name in ("asked", "silent")
     ]
     assert returns[0] == returns[1]
+
+
+def test_every_trajectory_asked_for_is_given(tmp_path: Path) -> None:
+    run(small_spec(tmp_path, teacher="odd_teachers:Scrutinising"), tmp_path / "root")
+    episodes, heard = rows(tmp_path / "root", Table.EPISODES), rows(tmp_path / "root", Table.TEACHER_LOG)
+    assert [dict(row["scalars"])["heard"] for row in heard] == list(range(1, len(episodes) + 1))
+
+
+def test_a_trajectory_must_be_announced(tmp_path: Path) -> None:
+    spec = small_spec(tmp_path, teacher="odd_teachers:Undeclared")
+    with pytest.raises(ValueError, match="declare wants_trajectory = True"):
+        run(spec, tmp_path / "root")
 
 
 def test_a_teacher_that_leaves_its_space_fails_the_run_by_name(tmp_path: Path) -> None:

@@ -4,12 +4,14 @@ import json
 from dataclasses import replace
 from pathlib import Path
 
+import gymnasium
 import numpy as np
 import pytest
+from corridor import Corridor
 from small_runs import small_spec
 
 from tma_ray.registry import UnknownNameError
-from tma_ray.runs import Cell, RunSpec, Schedule, effective_spec
+from tma_ray.runs import Cell, Plugin, RunSpec, Schedule, effective_spec
 from tma_ray.tasks import KnowledgeLevel, TaskSpace
 
 
@@ -36,7 +38,7 @@ def test_whatever_changes_the_result_changes_the_id(tmp_path: Path) -> None:
         replace(spec, schedule=Schedule(steps=5)),
         replace(spec, task_space=spec.task_space.with_bounds("distance", 0, 9)),
         replace(spec, physics_version=spec.physics_version + 1),
-        replace(spec, plugins={**spec.plugins, "mine": "abc"}),
+        replace(spec, plugins={"teacher": Plugin("mine", "abc")}),
         replace(spec, repeat="low"),
     ]
     assert len({spec.run_id, *(other.run_id for other in others)}) == 1 + len(others)
@@ -88,9 +90,8 @@ def test_a_teacher_without_its_knowledge_is_refused_by_name() -> None:
         spec_of(teacher="odd_teachers:NeedsLow", expert_knowledge=KnowledgeLevel.HIGH).expert_knowledge
         == "low"
     )
-    assert set(spec_of(teacher="odd_teachers:NeedsLow", expert_knowledge=KnowledgeLevel.LOW).plugins) == {
-        "odd_teachers:NeedsLow"
-    }
+    plugins = spec_of(teacher="odd_teachers:NeedsLow", expert_knowledge=KnowledgeLevel.LOW).plugins
+    assert {part: plugin.module for part, plugin in plugins.items()} == {"teacher": "odd_teachers"}
 
 
 def test_a_test_set_outside_the_valid_domain_is_refused(tmp_path: Path) -> None:
@@ -103,3 +104,24 @@ def test_names_of_modules_and_unknown_kinds() -> None:
     with pytest.raises(UnknownNameError, match="no module"):
         spec_of(teacher="not_there:Teacher")
     assert isinstance(spec_of(teacher="tma_ray.teachers.random:Random").task_space, TaskSpace)
+
+
+class OfItsOwn(gymnasium.Wrapper):
+    """Any environment may say what counts as mastered, through wrappers as well."""
+
+    mastery_return: object = -12.5
+
+    def __init__(self) -> None:
+        super().__init__(Corridor())
+
+
+def test_an_environment_declares_when_a_task_is_mastered(monkeypatch: pytest.MonkeyPatch) -> None:
+    own = f"{__name__}:OfItsOwn"
+    assert spec_of(environment="corridor:Corridor", embodiment="").mastery_threshold == 230
+    spec = spec_of(environment=own, embodiment="")
+    assert spec.mastery_threshold == -12.5
+    assert RunSpec.from_dict(spec.to_dict()).mastery_threshold == -12.5
+    for wrong in ("230", np.inf, None):
+        monkeypatch.setattr(OfItsOwn, "mastery_return", wrong)
+        with pytest.raises(ValueError, match="mastery_return"):
+            spec_of(environment=own, embodiment="")

@@ -5,6 +5,7 @@ import sys
 
 import numpy as np
 import pytest
+import stable_baselines3
 import torch
 from students_support import Drift, digest, parameters, train, train_episodes
 
@@ -17,7 +18,8 @@ from tma_ray.students import (
     make_student,
 )
 from tma_ray.students.algorithm_names import ALGORITHMS
-from tma_ray.students.algorithms import student_of
+from tma_ray.students.algorithms import as_student, student_of
+from tma_ray.students.hyperparameters import as_plain_values
 
 OBSERVATIONS = np.random.default_rng(0).normal(size=(20, 3)).astype(np.float32)
 SMALL = {"policy_kwargs": {"net_arch": [16, 8]}}
@@ -133,3 +135,28 @@ def test_stock_students_are_found_however_spelt():
     for name in ("ppo", "sac"):
         assert STUDENTS.get(f"stock:{name.upper()}") is STUDENTS.get(f"stock:{name}")
         assert default_hyperparameters(f"stock:{name.upper()}") == default_hyperparameters(name)
+
+
+class Patient(stable_baselines3.TD3):
+    """An algorithm of somebody's own, with a new argument and another default."""
+
+    def __init__(self, policy, env, *, patience=3, gamma=0.5, **others):
+        super().__init__(policy, env, gamma=gamma, **others)
+        self.patience = patience
+
+
+def test_an_algorithm_of_ones_own_has_its_arguments_and_those_it_passes_on():
+    own = as_student(Patient)
+    values = as_plain_values(own.hyperparameters_type(**VALUES["TD3"], patience=7))
+    assert values.keys() == {*default_hyperparameters("TD3"), "patience"}
+    assert values["gamma"] == 0.5
+    env = Drift()
+    student = own(
+        env.observation_space,
+        env.action_space,
+        own.hyperparameters_type(**VALUES["TD3"], patience=7),
+        np.random.SeedSequence(0),
+    )
+    train(student, env, 80)
+    assert student.model.patience == 7
+    assert student.model._n_updates > 0

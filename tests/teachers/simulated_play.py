@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 
-from tma_ray.tasks import Episode, KnowledgeLevel, Task, TaskSpace, expert_knowledge
+from tma_ray.tasks import Answer, Episode, KnowledgeLevel, Query, QueryKind, Task, TaskSpace, expert_knowledge
 from tma_ray.teachers import Teacher, make_teacher
 
 SPACES = {
@@ -14,27 +16,59 @@ SPACES = {
     "twenty": TaskSpace.from_bounds({f"x{i}": (0, i + 1) for i in range(20)}),
 }
 
+QUICK: dict[str, dict[str, Any]] = {
+    "spdl": {"first_update": 10_000, "update_every": 5_000},
+    "goal_gan": {"iterations": 4, "pretraining_iterations": 10},
+    "setter_solver": {"hidden_units": 8},
+}
+"""Hyper-parameters under which a few hundred episodes of `EPISODE_LENGTH` steps show everything, fast."""
+
+EPISODE_LENGTH = 100
+
 
 def started(
-    name: str, space: TaskSpace, seed: int = 0, level: KnowledgeLevel = KnowledgeLevel.HIGH
+    name: str,
+    space: TaskSpace,
+    seed: int = 0,
+    level: KnowledgeLevel = KnowledgeLevel.HIGH,
+    **hyperparameters: Any,
 ) -> Teacher:
-    teacher = make_teacher(name)
+    teacher = make_teacher(name, QUICK.get(name, {}) | hyperparameters)
     knowledge = expert_knowledge(level, space, np.random.default_rng(seed), easy_task=space.low)
     teacher.start(space, knowledge, np.random.default_rng(seed))
     return teacher
 
 
 def play(teacher: Teacher, episodes: int, step: int = 0) -> list[Task]:
-    """Plays a student that gets better with time, best at the lower corner of the space."""
+    """Plays a student that gets better with time, best at the lower corner of the space.
+
+    Args:
+        step: episodes played before.
+    """
     tasks = []
-    for index in range(episodes):
+    for index in range(step, step + episodes):
         task = teacher.sample()
         difficulty = float(teacher.space.normalise(task).mean())
-        episodic_return = 300 - 400 * difficulty + 0.2 * (step + index)
-        teacher.observe(
+        episodic_return = 300 - 400 * difficulty + 0.2 * index
+        initial_observation = np.array([difficulty, 0, 0], dtype=np.float32)
+        query = teacher.observe(
             Episode(
-                task, episodic_return, episodic_return > 230, 100, np.zeros(3, np.float32), 1.0, step + index
+                task=task,
+                episodic_return=episodic_return,
+                success=episodic_return > 230,
+                length=EPISODE_LENGTH,
+                initial_observation=initial_observation,
+                discounted_return=episodic_return / 5,
+                step=EPISODE_LENGTH * (index + 1),
             )
         )
+        while query is not None:
+            query = teacher.answer(answer(query))
         tasks.append(task)
     return tasks
+
+
+def answer(query: Query) -> Answer:
+    assert query.kind is QueryKind.STATE_VALUES
+    assert query.observations is not None
+    return 60 - 80 * query.observations[:, 0].astype(np.float64)

@@ -87,9 +87,12 @@ def test_it_follows_forgetting_too_and_logs_every_fit() -> None:
     for update in updates:
         assert 2 <= len(update.gaussians) <= 15
         assert update.scalars["components"] == len(update.gaussians)
-        progress = [update.scalars[f"progress_{index}"] for index in range(len(update.gaussians))]
-        weights = [component.weight for component in update.gaussians]
-        assert update.scalars["mean_progress"] == pytest.approx(np.dot(weights, progress))
+    latest = teacher.mixture_
+    progress = np.abs(latest.covariances[:, -2, -1])
+    logged = [component.weight for component in updates[-1].gaussians]
+    np.testing.assert_allclose(logged, progress / progress.sum())
+    assert updates[-1].scalars["mean_progress"] == pytest.approx(latest.weights @ progress)
+    assert updates[-1].scalars["largest_progress"] == progress.max()
     assert np.mean(teacher.probe(200)[:, 0] < 1.2) > 0.8
 
 

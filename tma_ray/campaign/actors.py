@@ -7,17 +7,16 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, cast
 
-import numpy as np
 import ray
-from numpy.typing import NDArray
 from ray.util.scheduling_strategies import NodeAffinitySchedulingStrategy
 
 from tma_ray.campaign.settings import GIB, Resources, TeacherPlacement
+from tma_ray.campaign.shipping import use_shipped
 from tma_ray.results import AttemptOutcome, AttemptRecord, PartFile, Store
 from tma_ray.runs.placement import Placement, Status
 from tma_ray.runs.spec import RunSpec
 from tma_ray.runs.teaching import InlineTeacher, Reply, TeacherLink
-from tma_ray.tasks import Episode, Task
+from tma_ray.tasks import Answer, Episode, Task
 
 
 @dataclass(frozen=True)
@@ -39,15 +38,16 @@ class TeacherActor:
     """A teacher in a process of its own; it imports torch only if its algorithm does."""
 
     def __init__(self, spec: dict[str, Any]) -> None:
+        use_shipped()
         self._teacher = InlineTeacher(RunSpec.from_dict(spec))
 
     def exchange(self, episode: Episode | None) -> Reply:
         """See `TeacherLink`."""
         return self._teacher.exchange(episode)
 
-    def answer(self, values: NDArray[np.float64]) -> Reply:
+    def answer(self, answer: Answer) -> Reply:
         """See `TeacherLink`."""
-        return self._teacher.answer(values)
+        return self._teacher.answer(answer)
 
     def probe(self, count: int) -> Task:
         """See `TeacherLink`."""
@@ -75,9 +75,9 @@ class RemoteTeacher:
         """Reports a finished episode and asks for the next task: one message each way."""
         return cast("Reply", ray.get(self._actor.exchange.remote(episode)))
 
-    def answer(self, values: NDArray[np.float64]) -> Reply:
+    def answer(self, answer: Answer) -> Reply:
         """Answers the query of the last reply."""
-        return cast("Reply", ray.get(self._actor.answer.remote(values)))
+        return cast("Reply", ray.get(self._actor.answer.remote(answer)))
 
     def probe(self, count: int) -> Task:
         """Returns tasks (count, d) without exploration; leaves no trace."""
@@ -134,6 +134,7 @@ class SeedActor:
         Raises:
             Exception: whatever teacher, student or environment raise.
         """
+        use_shipped()
         # Imported here, so that a failing import is the run's error and not the actor's death.
         from tma_ray.runs.attempt import Attempt
 

@@ -11,6 +11,7 @@ from typing import Any
 
 from tma_ray.results import check_id
 from tma_ray.runs import Cell, RunSpec, Schedule, effective_spec
+from tma_ray.runs.plugins import importing_plugins
 from tma_ray.tasks import KnowledgeLevel
 
 
@@ -57,9 +58,14 @@ class Campaign:
         return Plan(self, tuple(runs.values()), tuple(rows))
 
     def main(self, arguments: Sequence[str] | None = None) -> None:
-        """Runs the campaign as a script, with the flags that all scripts share; exits with its code."""
+        """Runs the campaign as a script, with the flags that all scripts share; exits with its code.
+
+        Does nothing in a worker that imports the script for a plug-in that is defined in it.
+        """
         from tma_ray.campaign.script import main
 
+        if importing_plugins():
+            return
         raise SystemExit(main(self, arguments))
 
 

@@ -5,39 +5,49 @@ from __future__ import annotations
 import logging
 import os
 import secrets
+from collections.abc import Sequence
 from typing import Any
 
 import ray
 
 from tma_ray.campaign.settings import GIB, Resources
+from tma_ray.campaign.shipping import runtime_environment
+from tma_ray.plugin_source import PluginSource
 
 LOCAL_OBJECT_STORE_BYTES = 100_000_000
 """Next to nothing travels through the object store: results go to files."""
 
 
-def connect(address: str | None) -> None:
+def connect(address: str | None, plugins: Sequence[PluginSource] = ()) -> bool:
     """Joins the cluster at `address`, or starts a Ray on this machine if that is None.
 
     An existing connection of this process is used as it is.
 
+    Args:
+        address: of a cluster, or "auto".
+        plugins: what to bring to the workers.
+
+    Returns:
+        Whether the workers get the plug-ins; with an existing connection they must have them already.
+
     Raises:
         ConnectionError: no cluster answers at `address`; nothing is started instead.
+        ValueError: the plug-ins are too large.
     """
     if ray.is_initialized():
-        return
+        return False
     os.environ.setdefault("RAY_USAGE_STATS_ENABLED", "0")
+    options: dict[str, Any] = {"log_to_driver": False, "logging_level": logging.ERROR}
     if address is not None:
-        ray.init(address=address, log_to_driver=False, logging_level=logging.ERROR)
-        return
-    # Ray asks for a token even here, and would write one into the user's home.
-    os.environ.setdefault("RAY_AUTH_TOKEN", secrets.token_hex(32))
-    ray.init(
-        address="local",
-        include_dashboard=False,
-        object_store_memory=LOCAL_OBJECT_STORE_BYTES,
-        log_to_driver=False,
-        logging_level=logging.ERROR,
-    )
+        options["address"] = address
+    else:
+        # Ray asks for a token even here, and would write one into the user's home.
+        os.environ.setdefault("RAY_AUTH_TOKEN", secrets.token_hex(32))
+        local = {"include_dashboard": False, "object_store_memory": LOCAL_OBJECT_STORE_BYTES}
+        options |= {"address": "local", **local}
+    with runtime_environment(plugins) as environment:
+        ray.init(runtime_env=environment, **options)
+    return True
 
 
 def capacity(resources: Resources) -> int:

@@ -12,6 +12,7 @@ from tma_ray.campaign.settings import Settings
 from tma_ray.campaign.stopping import StopSignals
 from tma_ray.campaign.warming import warm_nodes
 from tma_ray.results import Committer, Lease, Store, check_usable
+from tma_ray.runs.plugins import importing_plugins, plugin_sources
 
 
 def run_campaign(
@@ -40,15 +41,21 @@ def run_campaign(
         ResultsRootError: the root belongs to something else or to another version.
         RootInUseError: another campaign is running on it.
         ConnectionError: no cluster answers at `address`.
+        RuntimeError: called by a module that is imported for its plug-in.
     """
+    if importing_plugins():
+        raise RuntimeError(
+            f"campaign {campaign.name!r} was started by a module that was imported for its plug-in: "
+            f"put the call below 'if __name__ == \"__main__\":'"
+        )
     settings = settings or Settings()
     plan = campaign.plan()
     store = Store.open(results)
     check_usable(store)
-    connect(address)
+    shipped = connect(address, plugin_sources(plan.runs))
     check_feasible(settings.resources)
+    warm_nodes(plan.runs, shipped)
     committer = Committer(store)
-    warm_nodes(plan.runs)
     with Lease(store, lease_holder(campaign.name)) as lease:
         committer.write_cells(campaign.name, plan.cell_rows)
         committer.sweep()

@@ -94,6 +94,18 @@ def parse_seeds(text: str) -> tuple[int, ...]:
     return seeds
 
 
+def parse_levels(given: Sequence[str]) -> tuple[KnowledgeLevel, ...]:
+    """Returns the levels of expert knowledge that are called so.
+
+    Raises:
+        ValueError: one that does not exist.
+    """
+    unknown = [level for level in given if level not in list(KnowledgeLevel)]
+    if unknown:
+        raise ValueError(f"expert knowledge {unknown[0]!r} is no level; expected {', '.join(KnowledgeLevel)}")
+    return tuple(KnowledgeLevel(level) for level in given)
+
+
 def whole_number(text: str) -> int:
     """Parses a number of steps: 500000, 500_000, 5e5, 500k or 20M."""
     factor = {"k": 1_000, "M": 1_000_000}.get(text[-1:], 1)
@@ -114,7 +126,7 @@ def _replace_cells(cells: Sequence[Cell], options: argparse.Namespace) -> tuple[
         "embodiment": options.embodiments,
         "student": options.students,
         "teacher": options.teachers,
-        "expert_knowledge": _levels(options.expert_knowledge),
+        "expert_knowledge": parse_levels(options.expert_knowledge) if options.expert_knowledge else None,
         "test_set": (options.test_set,) if options.test_set else None,
     }
     result = list(cells)
@@ -126,15 +138,6 @@ def _replace_cells(cells: Sequence[Cell], options: argparse.Namespace) -> tuple[
         if cell not in unique:
             unique.append(cell)
     return tuple(unique)
-
-
-def _levels(given: Sequence[str] | None) -> tuple[KnowledgeLevel, ...] | None:
-    if given is None:
-        return None
-    unknown = [level for level in given if level not in list(KnowledgeLevel)]
-    if unknown:
-        raise ValueError(f"expert knowledge {unknown[0]!r} is no level; expected {', '.join(KnowledgeLevel)}")
-    return tuple(KnowledgeLevel(level) for level in given)
 
 
 def _replace_schedule(schedule: Schedule, options: argparse.Namespace) -> Schedule:

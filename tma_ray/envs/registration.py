@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
+import math
+from numbers import Real
 from typing import Any
 
 import gymnasium
 
 from tma_ray.registry import Registry
-from tma_ray.tasks import TaskSpace
+from tma_ray.tasks import MASTERY_RETURN, TaskSpace
 
 Environment = gymnasium.Env[Any, Any]
 """Any Gymnasium environment with the attributes `task_space` and `valid_domain` (TaskSpace) whose `reset`
-takes ``options={"task": …}`` and whose `info` reports "success"."""
+takes ``options={"task": …}``. It may have an attribute `mastery_return`, the episodic return over which a
+task counts as mastered."""
 
 ENVIRONMENTS: Registry[type[Environment]] = Registry(
     "environment", "tma_ray.environments", {"stump_tracks": "tma_ray.envs.stump_tracks:StumpTracks"}
@@ -38,10 +41,27 @@ def make_environment(name: str, **kwargs: Any) -> Environment:
 
     Raises:
         UnknownNameError: nothing answers to `name`.
-        TypeError: it has no task space, so that no teacher could work with it.
+        ValueError: it has no task space, so that no teacher could work with it.
     """
     environment = ENVIRONMENTS.get(name)(**kwargs)
     for attribute in ("task_space", "valid_domain"):
-        if not isinstance(getattr(environment, attribute, None), TaskSpace):
-            raise TypeError(f"environment {name!r} must have an attribute {attribute} of type TaskSpace")
+        declared = environment.has_wrapper_attr(attribute)
+        if not declared or not isinstance(environment.get_wrapper_attr(attribute), TaskSpace):
+            raise ValueError(f"environment {name!r} must have an attribute {attribute} of type TaskSpace")
     return environment
+
+
+def mastery_return(environment: Environment) -> float:
+    """Returns the episodic return over which a task of `environment` is mastered.
+
+    That is its attribute `mastery_return`; without one, the benchmark's.
+
+    Raises:
+        ValueError: the attribute is no finite number.
+    """
+    if not environment.has_wrapper_attr("mastery_return"):
+        return MASTERY_RETURN
+    value = environment.get_wrapper_attr("mastery_return")
+    if not isinstance(value, Real) or not math.isfinite(value):
+        raise ValueError(f"mastery_return = {value!r} of {environment}: expected a finite number")
+    return float(value)

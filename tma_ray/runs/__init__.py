@@ -6,7 +6,7 @@ from tma_ray.runs.checkpoints import Checkpoints
 from tma_ray.runs.local import run_locally
 from tma_ray.runs.placement import Placement, Status
 from tma_ray.runs.run import Run
-from tma_ray.runs.spec import RunSpec, Schedule
+from tma_ray.runs.spec import Plugin, RunSpec, Schedule
 from tma_ray.runs.teaching import InlineTeacher, Reply, TeacherLink
 
 __all__ = [
@@ -15,6 +15,7 @@ __all__ = [
     "Checkpoints",
     "InlineTeacher",
     "Placement",
+    "Plugin",
     "Reply",
     "Run",
     "RunSpec",

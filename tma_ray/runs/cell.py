@@ -10,12 +10,13 @@ import gymnasium
 import numpy as np
 
 from tma_ray.benchmark import challenges_of, find_challenge, load_test_set
-from tma_ray.envs import ENVIRONMENTS, make_environment
+from tma_ray.envs import make_environment, mastery_return
 from tma_ray.physics import PHYSICS_VERSION
+from tma_ray.runs.plugins import plugins_of
 from tma_ray.runs.spec import RunSpec, Schedule
-from tma_ray.students import STUDENTS, check_hyperparameters
+from tma_ray.students import check_hyperparameters
 from tma_ray.students.hyperparameters import as_plain_values
-from tma_ray.tasks import MASTERY_RETURN, KnowledgeLevel, TaskSpace, TestSet
+from tma_ray.tasks import KnowledgeLevel, TaskSpace, TestSet
 from tma_ray.teachers import TEACHERS, effective_level, hyperparameters_of, make_teacher
 
 OWN_CHALLENGE = "original"
@@ -58,6 +59,7 @@ class _Setting:
 
     task_space: TaskSpace
     easy_task: tuple[float, ...] | None
+    mastery_threshold: float
     test_set: TestSet
 
 
@@ -91,7 +93,7 @@ def effective_spec(cell: Cell, seed: int, schedule: Schedule, *, independent_lev
         challenge=cell.challenge,
         task_space=setting.task_space,
         easy_task=setting.easy_task,
-        mastery_threshold=MASTERY_RETURN,
+        mastery_threshold=setting.mastery_threshold,
         test_set=setting.test_set,
         student=cell.student,
         student_hyperparameters=as_plain_values(student),
@@ -102,7 +104,7 @@ def effective_spec(cell: Cell, seed: int, schedule: Schedule, *, independent_lev
         seed=seed,
         repeat=cell.expert_knowledge.value if independent_levels else "",
         physics_version=PHYSICS_VERSION,
-        plugins=_plugins(cell),
+        plugins=plugins_of(vars(cell)),
     )
 
 
@@ -112,6 +114,7 @@ def _setting(cell: Cell, options: Mapping[str, Any]) -> _Setting:
         _check_spaces(cell, environment)
         own_space: TaskSpace = environment.get_wrapper_attr("task_space")
         domain: TaskSpace = environment.get_wrapper_attr("valid_domain")
+        threshold = mastery_return(environment)
     finally:
         environment.close()
     if challenges_of(cell.environment) or cell.challenge != OWN_CHALLENGE:
@@ -127,7 +130,7 @@ def _setting(cell: Cell, options: Mapping[str, Any]) -> _Setting:
             raise ValueError(
                 f"the task space of {cell.challenge!r} exceeds the valid domain at {corner.tolist()}"
             )
-    return _Setting(space, easy_task, tests)
+    return _Setting(space, easy_task, threshold, tests)
 
 
 def _check_spaces(cell: Cell, environment: gymnasium.Env[Any, Any]) -> None:
@@ -144,12 +147,3 @@ def _own_test_set(name: str, space: TaskSpace) -> TestSet:
     if space.size <= 2:
         return TestSet.grid(name, space, OWN_TEST_SET_SIZE if space.size == 1 else 10)
     return TestSet(name, space.names, space.sample(np.random.default_rng(0), OWN_TEST_SET_SIZE))
-
-
-def _plugins(cell: Cell) -> dict[str, str]:
-    digests = {
-        cell.environment: ENVIRONMENTS.plugin_digest(cell.environment),
-        cell.student: STUDENTS.plugin_digest(cell.student),
-        cell.teacher: TEACHERS.plugin_digest(cell.teacher),
-    }
-    return {name: digest for name, digest in digests.items() if digest is not None}

@@ -11,11 +11,13 @@ import numpy as np
 from tma_ray.envs import make_environment
 from tma_ray.results import RunWriter, Table, teacher_log_row
 from tma_ray.runs.evaluation import Evaluation
+from tma_ray.runs.plugins import import_plugins
+from tma_ray.runs.recording import Recorder
 from tma_ray.runs.spec import RunSpec
 from tma_ray.runs.streams import Streams
 from tma_ray.runs.teaching import Reply, TeacherLink
 from tma_ray.students import Transition, make_student
-from tma_ray.tasks import Episode, Task, TeacherUpdate
+from tma_ray.tasks import Answer, Episode, Query, QueryKind, Task, TeacherUpdate
 
 
 @dataclass
@@ -28,6 +30,7 @@ class Progress:
         evaluations: evaluations done.
         window: (return, length, success) of the episodes of the running training window.
         next_task: what the teacher chose for the next episode.
+        record_next: whether the teacher wants to see the steps of that episode.
     """
 
     step: int = 0
@@ -35,6 +38,7 @@ class Progress:
     evaluations: int = 0
     window: list[tuple[float, int, bool]] = field(default_factory=list)
     next_task: Task | None = None
+    record_next: bool = False
 
 
 class Run:
@@ -49,6 +53,9 @@ class Run:
         writer: takes the rows of the result tables.
         device: torch's name of where the student's networks live.
         threads: torch's threads.
+
+    Raises:
+        ValueError: environment or student is a plug-in with another source than planned.
     """
 
     def __init__(
@@ -58,6 +65,7 @@ class Run:
         self.teacher = teacher
         self.writer = writer
         self.progress = Progress()
+        import_plugins(spec, "environment", "student")
         self.environment = make_environment(spec.environment, **spec.environment_options)
         streams = Streams.of(spec)
         self._episode_seeds = np.random.default_rng(streams.environment)
@@ -125,13 +133,17 @@ class Run:
         assert task is not None, "a run that has begun has a next task"
         seed = int(self._episode_seeds.integers(2**31))
         initial, _ = environment.reset(seed=seed, options={"task": task})
+        recorder = Recorder(initial) if self.progress.record_next else None
         observation = initial
         episodic_return, discounted_return, discount, length = 0.0, 0.0, 1.0, 0
         while self.progress.step < self.spec.schedule.steps:
             action = student.act(observation)
             next_observation, reward, terminated, truncated, _ = environment.step(action)
             reward = float(reward)
-            student.observe(Transition(observation, action, reward, next_observation, terminated, truncated))
+            step = Transition(observation, action, reward, next_observation, terminated, truncated)
+            if recorder is not None:
+                recorder.add(step)
+            student.observe(step)
             observation = next_observation
             episodic_return += reward
             discounted_return += discount * reward
@@ -144,14 +156,14 @@ class Run:
                 episode = Episode(
                     task, episodic_return, success, length, initial, discounted_return, self.progress.step
                 )
-                self._end(episode)
+                self._end(episode, recorder)
             if self.progress.step >= self._next_event:
                 self._events(self.progress.step)
             if episode is not None:
                 return episode
         return None
 
-    def _end(self, episode: Episode) -> None:
+    def _end(self, episode: Episode, recorder: Recorder | None) -> None:
         self.progress.window.append((episode.episodic_return, episode.length, episode.success))
         row = {
             "step": episode.step,
@@ -163,15 +175,27 @@ class Run:
         }
         self.writer.add(Table.EPISODES, [row])
         self.progress.episodes += 1
-        self._receive(self.teacher.exchange(episode))
+        self._receive(self.teacher.exchange(episode), recorder)
 
-    def _receive(self, reply: Reply) -> None:
+    def _receive(self, reply: Reply, recorder: Recorder | None = None) -> None:
         self._log(reply.updates)
         while reply.query is not None:
-            reply = self.teacher.answer(self.student.state_values(reply.query.observations))
+            reply = self.teacher.answer(self._answer(reply.query, recorder))
             self._log(reply.updates)
         assert reply.task is not None, "a reply without a query holds a task"
         self.progress.next_task = reply.task
+        self.progress.record_next = reply.wants_trajectory
+
+    def _answer(self, query: Query, recorder: Recorder | None) -> Answer:
+        if query.kind is QueryKind.STATE_VALUES:
+            assert query.observations is not None, "a query for values holds observations"
+            return self.student.state_values(query.observations)
+        if recorder is None:
+            raise ValueError(
+                f"teacher {self.spec.teacher!r} asked for a trajectory that was not recorded: "
+                f"declare wants_trajectory = True in its class"
+            )
+        return recorder.trajectory()
 
     def _events(self, step: int) -> None:
         """Does what is due at `step`: evaluation, probe, training statistics."""

@@ -41,6 +41,19 @@ class Schedule:
                 raise ValueError(f"{name} = {value!r}: expected a whole number of at least 1")
 
 
+@dataclass(frozen=True)
+class Plugin:
+    """A part of a run that does not ship with tma_ray.
+
+    Attributes:
+        module: what to import to have it.
+        digest: hash of its source, so that an edited one makes another run.
+    """
+
+    module: str
+    digest: str
+
+
 @dataclass(frozen=True, eq=False)
 class RunSpec:
     """The effective spec and seed of one run: equal specs give equal results, bit for bit.
@@ -66,7 +79,7 @@ class RunSpec:
         seed: any whole number of at least 0.
         repeat: mixed into the seeds, for independent repeats of cells that would share a run.
         physics_version: version of the physics the run is simulated with.
-        plugins: source hashes of third-party parts by name.
+        plugins: which of "environment", "student" and "teacher" do not ship with tma_ray.
     """
 
     environment: str
@@ -85,7 +98,7 @@ class RunSpec:
     seed: int
     repeat: str = ""
     physics_version: int = 1
-    plugins: Mapping[str, str] = field(default_factory=dict)
+    plugins: Mapping[str, Plugin] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         if self.seed < 0:
@@ -142,6 +155,7 @@ class RunSpec:
         content["expert_knowledge"] = self.expert_knowledge.value
         content["schedule"] = asdict(self.schedule)
         content["easy_task"] = None if self.easy_task is None else list(self.easy_task)
+        content["plugins"] = {part: asdict(plugin) for part, plugin in self.plugins.items()}
         return content
 
     @classmethod
@@ -156,6 +170,7 @@ class RunSpec:
                 "expert_knowledge": KnowledgeLevel(content["expert_knowledge"]),
                 "schedule": Schedule(**content["schedule"]),
                 "easy_task": None if content["easy_task"] is None else tuple(content["easy_task"]),
+                "plugins": {part: Plugin(**plugin) for part, plugin in content["plugins"].items()},
             }
         )
 

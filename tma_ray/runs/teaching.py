@@ -7,11 +7,11 @@ from dataclasses import dataclass
 from typing import Any, Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
+from tma_ray.runs.plugins import import_plugins
 from tma_ray.runs.spec import RunSpec
 from tma_ray.runs.streams import Streams, placement_generator
-from tma_ray.tasks import Episode, Query, Task, TeacherUpdate, expert_knowledge
+from tma_ray.tasks import Answer, Episode, Query, Task, TeacherUpdate, expert_knowledge
 from tma_ray.teachers import make_teacher
 
 
@@ -23,11 +23,13 @@ class Reply:
         task: the next task float32 (d,), None while `query` waits for its answer.
         query: what the teacher wants to know first.
         updates: what it logged since its last reply.
+        wants_trajectory: whether the run shall record the next episode.
     """
 
     task: Task | None
     query: Query | None
     updates: tuple[TeacherUpdate, ...]
+    wants_trajectory: bool
 
 
 class TeacherLink(Protocol):
@@ -36,7 +38,7 @@ class TeacherLink(Protocol):
     def exchange(self, episode: Episode | None) -> Reply:
         """Reports a finished episode (none before the first) and asks for the next task."""
 
-    def answer(self, values: NDArray[np.float64]) -> Reply:
+    def answer(self, answer: Answer) -> Reply:
         """Answers the query of the last reply."""
 
     def probe(self, count: int) -> Task:
@@ -53,10 +55,11 @@ class InlineTeacher:
     """The teacher of `spec`, in this process.
 
     Raises:
-        ValueError: a hyper-parameter that the teacher refuses.
+        ValueError: a hyper-parameter that the teacher refuses, or a plug-in with another source.
     """
 
     def __init__(self, spec: RunSpec) -> None:
+        import_plugins(spec, "teacher")
         self._space = spec.task_space
         self._name = spec.teacher
         self._teacher = make_teacher(spec.teacher, spec.teacher_hyperparameters)
@@ -78,10 +81,9 @@ class InlineTeacher:
         query = None if episode is None else self._teacher.observe(episode)
         return self._reply(query)
 
-    def answer(self, values: NDArray[np.float64]) -> Reply:
+    def answer(self, answer: Answer) -> Reply:
         """Answers the query of the last reply."""
-        self._teacher.answer(values)
-        return self._reply(None)
+        return self._reply(self._teacher.answer(answer))
 
     def probe(self, count: int) -> Task:
         """Returns tasks (count, d) without exploration; leaves no trace."""
@@ -102,7 +104,8 @@ class InlineTeacher:
         if query is None:
             task = self._teacher.sample()
             self._check(task, (self._space.size,))
-        return Reply(task, query, tuple(self._teacher.drain_updates()))
+        updates = tuple(self._teacher.drain_updates())
+        return Reply(task, query, updates, self._teacher.wants_trajectory)
 
     def _check(self, tasks: Any, shape: tuple[int, ...]) -> None:
         if not isinstance(tasks, np.ndarray) or tasks.shape != shape or tasks.dtype != np.float32:

@@ -37,7 +37,7 @@ def hyperparameters_of(algorithm: type[BaseAlgorithm], off_policy: bool) -> type
     """
     left_out = NOT_OURS | ({"n_steps"} if off_policy else frozenset())
     fields: list[tuple[str, Any, Any]] = []
-    for name, parameter in inspect.signature(algorithm).parameters.items():
+    for name, parameter in _parameters(algorithm).items():
         if name not in left_out:
             default = parameter.default
             kind = type(default) if type(default) in (bool, int, float) else Any
@@ -50,6 +50,23 @@ def hyperparameters_of(algorithm: type[BaseAlgorithm], off_policy: bool) -> type
     fields.append(("matmul_precision", MatmulPrecision, precision))
     name = f"{algorithm.__name__}Hyperparameters"
     return dataclasses.make_dataclass(name, fields, frozen=True, namespace={"__post_init__": _check})
+
+
+def _parameters(algorithm: type[BaseAlgorithm]) -> dict[str, inspect.Parameter]:
+    """Returns the named arguments of the constructor, and of the next one while that takes any keyword."""
+    found: dict[str, inspect.Parameter] = {}
+    constructors = (vars(kind).get("__init__") for kind in algorithm.__mro__)
+    for constructor in filter(None, constructors):
+        parameters = inspect.signature(constructor).parameters
+        named = {
+            name: parameter
+            for name, parameter in parameters.items()
+            if parameter.kind not in (parameter.VAR_POSITIONAL, parameter.VAR_KEYWORD)
+        }
+        found = {**named, **found}
+        if not any(parameter.kind is parameter.VAR_KEYWORD for parameter in parameters.values()):
+            break
+    return found
 
 
 def constructor_arguments(hyperparameters: Any) -> dict[str, Any]:

@@ -46,14 +46,26 @@ def student_of(name: str) -> type[Student]:
         raise UnknownNameError(
             f"student {name!r} is part of {package}, which is not installed: pip install {package}"
         ) from error
+    return as_student(algorithm)
+
+
+def as_student(algorithm: type[BaseAlgorithm]) -> type[Student]:
+    """Returns the student that an algorithm is, one of your own included.
+
+    Its hyper-parameters are the arguments of its constructor, and of those that this one passes its
+    ``**keywords`` on to.
+
+    Args:
+        algorithm: for continuous actions, without memory; derived from one of stable-baselines3.
+    """
     on_policy = issubclass(algorithm, OnPolicyAlgorithm)
     members = {
-        "__doc__": f"{name} of {PACKAGES[module]}.",
+        "__doc__": f"{algorithm.__name__} of {algorithm.__module__}.",
         "__module__": __name__,
         "algorithm": algorithm,
         "hyperparameters_type": hyperparameters_of(algorithm, off_policy=not on_policy),
     }
-    return type(name, (OnPolicyStudent if on_policy else OffPolicyStudent,), members)
+    return type(algorithm.__name__, (OnPolicyStudent if on_policy else OffPolicyStudent,), members)
 
 
 class SpacesOnly(gymnasium.Env[Any, Any]):

@@ -43,6 +43,11 @@ class StudentRegistry(Registry[type[Student]]):
             raise UnknownNameError(self._explain(name))
         return super().get(name.lower() if name.startswith(STOCK) else name)
 
+    def origin(self, name: str) -> str | None:  # noqa: D102
+        if name not in self._decorated and (name in ALGORITHMS or name.startswith(STOCK)):
+            return None
+        return super().origin(name)
+
 
 STUDENTS: Registry[type[Student]] = StudentRegistry(
     "student",

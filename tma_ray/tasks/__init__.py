@@ -2,19 +2,23 @@
 
 from tma_ray.tasks.episode import (
     MASTERY_RETURN,
+    Answer,
     Episode,
     Query,
     QueryKind,
     ScoredBox,
     TeacherUpdate,
+    Trajectory,
     WeightedGaussian,
 )
 from tma_ray.tasks.knowledge import ExpertKnowledge, Gaussian, KnowledgeLevel, expert_knowledge
+from tma_ray.tasks.shuffled_space import ShuffledSpace
 from tma_ray.tasks.space import Dimension, Task, TaskSpace, check_task
 from tma_ray.tasks.test_set import TestSet
 
 __all__ = [
     "MASTERY_RETURN",
+    "Answer",
     "Dimension",
     "Episode",
     "ExpertKnowledge",
@@ -23,10 +27,12 @@ __all__ = [
     "Query",
     "QueryKind",
     "ScoredBox",
+    "ShuffledSpace",
     "Task",
     "TaskSpace",
     "TeacherUpdate",
     "TestSet",
+    "Trajectory",
     "WeightedGaussian",
     "check_task",
     "expert_knowledge",

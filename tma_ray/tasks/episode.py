@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from enum import StrEnum
+from typing import TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -37,24 +38,56 @@ class Episode:
     step: int
 
 
+@dataclass(frozen=True, eq=False)
+class Trajectory:
+    """All steps of one episode, t of them.
+
+    Attributes:
+        observations: float32 (t + 1, o), raw, from the initial one to the one after the last step.
+        actions: float32 (t, a), as the student chose them.
+        rewards: float64 (t,), the environment's own.
+        terminated: whether the episode ended by itself; else it was cut, and the value of the last
+            observation still counts.
+    """
+
+    observations: NDArray[np.float32]
+    actions: NDArray[np.float32]
+    rewards: NDArray[np.float64]
+    terminated: bool
+
+
 class QueryKind(StrEnum):
     """What a teacher may ask of the run between `observe` and the next `sample`."""
 
     STATE_VALUES = "state_values"
-    """V(s) of observations under the current student."""
+    """V(s) of observations under the current student: float64 (n,)."""
+
+    TRAJECTORY = "trajectory"
+    """The `Trajectory` of the episode just observed; for teachers that declare `wants_trajectory`."""
 
 
 @dataclass(frozen=True)
 class Query:
-    """A question from a teacher, answered with one float per row of `observations`.
+    """A question from a teacher.
 
     Attributes:
         kind: what is asked.
-        observations: float32 (n, o), raw as the environment gave them.
+        observations: float32 (n, o), raw as the environment gave them, for `STATE_VALUES` only.
     """
 
     kind: QueryKind
-    observations: NDArray[np.float32]
+    observations: NDArray[np.float32] | None = None
+
+    def __post_init__(self) -> None:
+        if (self.observations is not None) != (self.kind is QueryKind.STATE_VALUES):
+            raise ValueError(
+                f"a query for {self.kind.value} "
+                + ("takes no observations" if self.observations is not None else "needs observations (n, o)")
+            )
+
+
+Answer: TypeAlias = NDArray[np.float64] | Trajectory
+"""What a query is answered with, depending on its kind."""
 
 
 @dataclass(frozen=True)

@@ -8,7 +8,6 @@ from dataclasses import dataclass, field
 from typing import Any, ClassVar
 
 import numpy as np
-from numpy.typing import NDArray
 
 from tma_ray.tasks import Episode, ExpertKnowledge, KnowledgeLevel, Query, Task, TaskSpace, TeacherUpdate
 
@@ -21,18 +20,20 @@ class Teacher(ABC):
     whose names end in an underscore: these, and the generator, are the teacher's complete state.
 
     The run calls `start` once, then in turn `sample`, `observe` and, if that returned a query,
-    `answer`. Between episodes it may call `probe`.
+    `answer`, until there is no further query. Between episodes it may call `probe`.
 
     Attributes:
         knowledge_levels: the levels of expert knowledge that make a difference to the teacher, in
             rising order. It needs at least the first; at a level that is not listed it behaves as at
             the next lower one that is, so that such runs are shared instead of repeated.
+        wants_trajectory: whether it may ask for trajectories; for others the run does not record them.
         space: the box to choose tasks from.
         knowledge: what the expert tells.
         rng: the only source of randomness.
     """
 
     knowledge_levels: ClassVar[tuple[KnowledgeLevel, ...]] = (KnowledgeLevel.NONE,)
+    wants_trajectory: ClassVar[bool] = False
 
     space: TaskSpace = field(init=False, repr=False)
     knowledge: ExpertKnowledge = field(init=False, repr=False)
@@ -50,11 +51,11 @@ class Teacher(ABC):
     def observe(self, episode: Episode) -> Query | None:  # noqa: B027 - hearing nothing is a fair default
         """Learns from a finished episode; returns a query if it needs more to do so."""
 
-    def answer(self, values: NDArray[np.float64]) -> None:
-        """Receives one value per row of the query that `observe` returned."""
+    def answer(self, answer: Any) -> Query | None:
+        """Receives the `Answer` to the last query, of the type of its kind; may return a further query."""
         raise TypeError(
-            f"{type(self).__name__} asked a query and was given {len(values)} values, "
-            f"but does not define answer(values)"
+            f"{type(self).__name__} asked a query and was given {type(answer).__name__}, "
+            f"but does not define answer(answer)"
         )
 
     def probe(self, count: int) -> Task:
@@ -90,4 +91,5 @@ class Teacher(ABC):
         """Takes up a state given by `state`, after `start` with the same space and knowledge."""
         state = copy.deepcopy(state)
         vars(self).update(state["learned"])
+        self._updates = []  # what `start` logged was drained before this state was saved
         self.rng.bit_generator.state = state["rng"]

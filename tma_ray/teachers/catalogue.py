@@ -18,7 +18,10 @@ TEACHERS: Registry[type[Teacher]] = Registry(
         "adr": "tma_ray.teachers.adr:ADR",
         "alp_gmm": "tma_ray.teachers.alp_gmm:ALPGMM",
         "covar_gmm": "tma_ray.teachers.covar_gmm:CovarGMM",
+        "goal_gan": "tma_ray.teachers.goal_gan:GoalGAN",
         "riac": "tma_ray.teachers.riac:RIAC",
+        "setter_solver": "tma_ray.teachers.setter_solver:SetterSolver",
+        "spdl": "tma_ray.teachers.spdl:SPDL",
     },
 )
 

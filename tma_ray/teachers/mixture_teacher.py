@@ -19,7 +19,7 @@ from tma_ray.tasks import (
     WeightedGaussian,
 )
 from tma_ray.teachers.base import Teacher
-from tma_ray.teachers.drawing import draw_in_proportion
+from tma_ray.teachers.drawing import draw_in_proportion, shares_of
 from tma_ray.teachers.mixtures import Array, Mixture, fit_mixture
 
 
@@ -104,15 +104,17 @@ class MixtureTeacher(Teacher):
         return self.space.clip(mixture.draw(component, rng)[: self.space.size])
 
     def _log_fit(self, mixture: Mixture) -> None:
+        """Logs the components, weighted by the share of tasks that is drawn from each."""
         size, progress = self.space.size, self.progress_of(mixture)
-        parts = zip(mixture.weights, mixture.means, mixture.covariances, strict=True)
+        shares = shares_of(progress)
+        parts = zip(shares, mixture.means, mixture.covariances, strict=True)
         self.log(
             TeacherUpdate(
                 gaussians=tuple(WeightedGaussian(float(w), m[:size], c[:size, :size]) for w, m, c in parts),
                 scalars={
                     "components": float(len(mixture)),
                     "mean_progress": float(mixture.weights @ progress),
-                    **{f"progress_{index}": float(value) for index, value in enumerate(progress)},
+                    "largest_progress": float(progress.max()),
                 },
             )
         )

@@ -1,0 +1,129 @@
+"""Figures of the curricula of one comparison, by one run of each teacher."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+
+import pandas as pd
+
+from analysis.comparison import Measured
+from analysis.curriculum import PANELS, POINTS, Curriculum, curriculum_strip, stack
+from analysis.dimensions import dimension_bands
+from analysis.load import Frames
+from analysis.picture import Picture
+from analysis.scalars import MOST_PER_TEACHER, scalar_curves, scalars_of
+from analysis.style import label, teacher_order
+from analysis.task_axes import Axis, task_axes
+from analysis.teacher_view import boxes_of, gaussians_of, moments, teacher_view
+
+LARGEST = 20
+"""Spaces of more dimensions are not drawn."""
+
+
+def curriculum_pictures(frames: Frames, mine: Measured) -> Iterator[Picture]:
+    """Yields what there is to draw of curricula: on the task plane, or dimension by dimension."""
+    axes, examples = task_axes(mine.cells), _examples(mine)
+    curricula = {teacher: _curriculum(frames, run) for teacher, run in examples.items()}
+    curricula = {
+        teacher: curriculum
+        for teacher, curriculum in curricula.items()
+        if len(curriculum.episodes) and stack(curriculum.episodes["task"]).shape[1] == len(axes)
+    }
+    if not curricula:
+        return
+    seeds = ", ".join(f"{label(teacher)}: seed {examples[teacher]['seed']}" for teacher in curricula)
+    which = f"One run of each teacher, the median one by mastered tasks ({seeds})"
+    if len(axes) == 2:
+        yield _taught(curricula, (axes[0], axes[1]), which)
+    probed = {teacher: each for teacher, each in curricula.items() if len(each.probes)}
+    if len(moments(probed)) > 1:
+        if len(axes) == 2:
+            yield _view(probed, (axes[0], axes[1]), which)
+        elif len(axes) <= LARGEST:
+            yield _dimensions(probed, axes, which)
+    figure = scalar_curves(curricula)
+    if figure is not None:
+        yield Picture.of("teacher-scalars", figure, "What teachers log", _scalars_caption(curricula, which))
+
+
+def _curriculum(frames: Frames, run: pd.Series) -> Curriculum:
+    run_id = run["run_id"]
+    tables = frames.episodes(run_id), frames.curriculum(run_id), frames.teacher_log(run_id)
+    return Curriculum(*tables, steps=int(run["steps"]), mastery=float(run["mastery_threshold"]))
+
+
+def _taught(curricula: Mapping[str, Curriculum], plane: tuple[Axis, Axis], which: str) -> Picture:
+    caption = (
+        f"{which}, in {PANELS} equal parts. Dots: training episodes, at most {POINTS} a panel, coloured by "
+        f"return; the white line in the scale is mastery."
+    )
+    if _shuffled(curricula):
+        caption += " The task space is shuffled: dots show the tasks as they were built."
+    return Picture.of("curriculum", curriculum_strip(curricula, plane), "Curriculum over training", caption)
+
+
+def _view(curricula: Mapping[str, Curriculum], plane: tuple[Axis, Axis], which: str) -> Picture:
+    caption = f"{which}. Dots: tasks probed without exploration at that step."
+    updates = pd.concat([curriculum.updates for curriculum in curricula.values()])
+    if any(gaussians_of(update) for _, update in updates.iterrows()):
+        caption += (
+            " Ellipses: the teacher's latest Gaussians at two standard deviations, fuller for more weight."
+        )
+    if any(boxes_of(update) for _, update in updates.iterrows()):
+        caption += " Rectangles: its latest boxes; where it has several, they are coloured by score."
+    return Picture.of(
+        "teacher-view",
+        teacher_view(curricula, plane),
+        "What teachers would teach",
+        caption + _in_whose_space(curricula),
+    )
+
+
+def _dimensions(curricula: Mapping[str, Curriculum], axes: tuple[Axis, ...], which: str) -> Picture:
+    caption = (
+        f"{which}. Of the tasks probed without exploration: median, middle half and middle 90 %, "
+        f"dimension by dimension. Dark lines: bounds of the teacher's box, or two standard deviations "
+        f"around its Gaussian; dots: means of several Gaussians, larger for more weight."
+    )
+    constant = sum(axis.low == axis.high for axis in axes)
+    if constant:
+        caption += f" {constant} constant dimension{'s are' if constant > 1 else ' is'} left out."
+    return Picture.of(
+        "curriculum-dimensions",
+        dimension_bands(curricula, axes),
+        "Curriculum over training, dimension by dimension",
+        caption + _in_whose_space(curricula),
+    )
+
+
+def _scalars_caption(curricula: Mapping[str, Curriculum], which: str) -> str:
+    text = (
+        f"{which}: figures that teachers log at their updates; bands show the range where points are dense."
+    )
+    hidden = sum(max(0, len(scalars_of(each)) - MOST_PER_TEACHER) for each in curricula.values())
+    return text + (f" {hidden} more are in the table teacher_log." if hidden else "")
+
+
+def _shuffled(curricula: Mapping[str, Curriculum]) -> bool:
+    return any(curriculum.shuffled for curriculum in curricula.values())
+
+
+def _in_whose_space(curricula: Mapping[str, Curriculum]) -> str:
+    return (
+        " The task space is shuffled: axes are the teacher's, not the world's."
+        if _shuffled(curricula)
+        else ""
+    )
+
+
+def _examples(mine: Measured) -> dict[str, pd.Series]:
+    """Returns the run of each teacher that stands for it: the median reading, else its first that runs."""
+    cells = mine.cells[mine.cells["status"].isin(["done", "running"])]
+    chosen = {}
+    for teacher in sorted(cells["teacher"].unique(), key=teacher_order):
+        runs = cells[cells["teacher"] == teacher]
+        readings = mine.readings[mine.readings["teacher"] == teacher]
+        ranked = readings.sort_values(["mastered_percent", "evaluation_return"], kind="stable")["run_id"]
+        run_id = ranked.iloc[(len(ranked) - 1) // 2] if len(ranked) else runs["run_id"].iloc[0]
+        chosen[teacher] = runs[runs["run_id"] == run_id].iloc[0]
+    return chosen

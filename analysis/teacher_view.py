@@ -1,0 +1,142 @@
+"""What teachers would teach, and the shapes they think in, on the task plane at moments of a run."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+import pandas as pd
+from matplotlib.axes import Axes
+from matplotlib.cm import ScalarMappable
+from matplotlib.colors import Normalize
+from matplotlib.figure import Figure
+from matplotlib.patches import Ellipse, Rectangle
+from numpy.typing import NDArray
+
+from analysis.curriculum import Curriculum, frame, label_plane, remark
+from analysis.formatting import amount
+from analysis.style import INK, look, short_label, styled, teacher_order
+from analysis.task_axes import Axis
+
+MOMENTS = 6
+"""Moments of a run, from its start to its end."""
+
+SCORE_COLOURS = "YlGnBu"
+"""From pale for no score to dark for the highest; readable with any colour vision."""
+
+
+def moments(curricula: Mapping[str, Curriculum], count: int = MOMENTS) -> list[int]:
+    """Returns at most `count` steps at which some teacher was probed, evenly spaced over the run."""
+    steps = sorted({int(step) for each in curricula.values() for step in each.probes["step"].unique()})
+    chosen = np.unique(np.linspace(0, len(steps) - 1, min(count, len(steps))).round().astype(int))
+    return [steps[index] for index in chosen] if steps else []
+
+
+@styled
+def teacher_view(curricula: Mapping[str, Curriculum], plane: tuple[Axis, Axis]) -> Figure:
+    """Draws probed tasks, Gaussians and boxes: a row per teacher, a column per moment.
+
+    Gaussians are drawn at two standard deviations, fuller for more weight; a single box as an outline;
+    several boxes as regions coloured by score, with a scale for each teacher.
+
+    Args:
+        curricula: one run for each teacher.
+        plane: the two task dimensions.
+    """
+    teachers, steps = sorted(curricula, key=teacher_order), moments(curricula)
+    figure = Figure(figsize=(10.2, 0.9 + 1.6 * len(teachers)), layout="constrained")
+    grid = figure.subplots(len(teachers), len(steps), sharex=True, sharey=True, squeeze=False)
+    for row, teacher in zip(grid, teachers, strict=True):
+        curriculum, colour = curricula[teacher], look(teacher).colour
+        scores = _score_scale(curriculum, steps)
+        for step, axes in zip(steps, row, strict=True):
+            _panel(axes, curriculum, step, colour, scores)
+        row[0].set_ylabel(short_label(teacher, 16), fontweight="bold")
+        if scores is not None:
+            bar = figure.colorbar(scores, ax=row.tolist(), fraction=0.02, pad=0.01, aspect=14)
+            bar.set_label("Score of a region")
+            bar.outline.set_visible(False)
+    for step, axes in zip(steps, grid[0], strict=True):
+        axes.set_title(f"{amount(step)} steps" if step else "start", fontweight="normal")
+    label_plane(figure, grid[0, 0], plane)
+    return figure
+
+
+def _score_scale(curriculum: Curriculum, steps: Sequence[int]) -> ScalarMappable | None:
+    """Returns the colours of a teacher's regions over all moments; None if it has at most one at a time."""
+    updates = [curriculum.update_at(step) for step in steps]
+    boxes = [boxes_of(update) for update in updates if update is not None]
+    scores = [box["score"] for each in boxes if len(each) > 1 for box in each]
+    return ScalarMappable(Normalize(min(0.0, *scores), max(scores)), SCORE_COLOURS) if scores else None
+
+
+def _panel(axes: Axes, curriculum: Curriculum, step: int, colour: str, scores: ScalarMappable | None) -> None:
+    frame(axes)
+    probes = curriculum.probed_at(step)
+    if not len(probes):
+        remark(axes, "not reached")
+        return
+    update = curriculum.update_at(step)
+    if update is not None:
+        _draw_boxes(axes, boxes_of(update), colour, scores)
+        _draw_gaussians(axes, gaussians_of(update), colour)
+    axes.scatter(probes[:, 0], probes[:, 1], s=8, color=INK, alpha=0.8, linewidth=0.35, edgecolor="white")
+
+
+def gaussians_of(update: pd.Series) -> list[dict[str, Any]]:
+    """Returns the mixture components of an update, the heaviest first."""
+    found = update["gaussians"] if update["gaussians"] is not None else ()
+    return sorted(found, key=lambda gaussian: -float(gaussian["weight"]))
+
+
+def boxes_of(update: pd.Series) -> list[dict[str, Any]]:
+    """Returns the boxes of an update, the largest first, so that those within others lie above them."""
+    found = update["boxes"] if update["boxes"] is not None else ()
+    return sorted(found, key=lambda box: -float(np.prod(np.subtract(box["high"], box["low"]))))
+
+
+def _draw_boxes(
+    axes: Axes, boxes: Sequence[Mapping[str, Any]], colour: str, scores: ScalarMappable | None
+) -> None:
+    for box in boxes:
+        (x, y), (right, top) = box["low"], box["high"]
+        if len(boxes) > 1 and scores is not None:
+            style: dict[str, Any] = {"facecolor": scores.to_rgba(box["score"]), "edgecolor": "white"}
+            style["linewidth"] = 0.5
+        else:
+            style = {"facecolor": (colour, 0.15), "edgecolor": colour, "linewidth": 1.4}
+        axes.add_patch(Rectangle((x, y), right - x, top - y, **style))
+
+
+def _draw_gaussians(axes: Axes, gaussians: Sequence[Mapping[str, Any]], colour: str) -> None:
+    heaviest = max((float(gaussian["weight"]) for gaussian in gaussians), default=1.0)
+    for gaussian in gaussians:
+        covariance = np.array([list(row) for row in gaussian["covariance"]], dtype=np.float64)
+        share = float(gaussian["weight"]) / heaviest if heaviest > 0 else 1.0
+        axes.add_patch(ellipse(np.asarray(gaussian["mean"], dtype=np.float64), covariance, share, colour))
+
+
+def ellipse(
+    mean: NDArray[np.float64], covariance: NDArray[np.float64], share: float, colour: str = INK
+) -> Ellipse:
+    """Returns a two-dimensional Gaussian at two standard deviations.
+
+    Args:
+        mean: (2,).
+        covariance: (2, 2).
+        share: its weight over the heaviest one's, in [0, 1]; fills and outlines it.
+        colour: of both.
+    """
+    values, vectors = np.linalg.eigh(covariance)
+    angle = float(np.degrees(np.arctan2(vectors[1, -1], vectors[0, -1])))
+    minor, major = 4.0 * np.sqrt(np.maximum(values, 0.0))
+    return Ellipse(
+        tuple(mean),
+        float(major),
+        float(minor),
+        angle=angle,
+        facecolor=(colour, 0.04 + 0.18 * share),
+        edgecolor=(colour, 0.35 + 0.65 * share),
+        linewidth=0.6 + 0.8 * share,
+    )

@@ -1,0 +1,194 @@
+"""Curricula on the task plane, dimension by dimension, and what teachers log."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pandas as pd
+import pytest
+from matplotlib.colors import to_rgba
+from matplotlib.patches import Ellipse, Rectangle
+from synthetic_logs import KINDS, STEPS, axes, curriculum
+
+from analysis.curriculum import PANELS, RETURNS, Curriculum, curriculum_strip
+from analysis.dimensions import QUANTILES, dimension_bands
+from analysis.scalars import BINS, MOST_PER_TEACHER, scalar_curves, scalars_of
+from analysis.style import look, png
+from analysis.teacher_view import MOMENTS, ellipse, moments, teacher_view
+
+PLANE = axes(2)
+
+
+def played(world_task: np.ndarray | None = None) -> Curriculum:
+    """A run of ten episodes."""
+    steps = np.arange(10, 101, 10)
+    tasks = [np.array([s / 50, s / 20], np.float32) for s in steps]
+    episodes = pd.DataFrame({"step": steps, "task": tasks, "episodic_return": steps.astype(float)})
+    episodes["world_task"] = [world_task] * len(episodes)
+    probes = pd.DataFrame({"step": [0, 0, 100], "task": [tasks[0], tasks[1], tasks[9]]})
+    updates = pd.DataFrame(columns=["step", "gaussians", "boxes", "scalars"])
+    return Curriculum(episodes, probes, updates, 100)
+
+
+def with_update(step: int, **content: object) -> Curriculum:
+    row = {"step": step, "gaussians": [], "boxes": [], "scalars": []} | content
+    return replace(played(), updates=pd.DataFrame([row]))
+
+
+def test_the_strip_shows_the_episodes_of_each_part_of_the_run() -> None:
+    panels = curriculum_strip({"adr": played()}, PLANE).axes[:PANELS]
+    np.testing.assert_allclose(panels[1].collections[0].get_offsets(), [[0.6, 1.5], [0.8, 2.0]])
+
+
+def test_a_shuffled_strip_shows_the_world() -> None:
+    world = np.array([0.5, 0.25], np.float32)
+    panels = curriculum_strip({"adr": played(world)}, PLANE).axes[:PANELS]
+    np.testing.assert_allclose(panels[0].collections[0].get_offsets(), [world, world])
+
+
+def test_colours_are_the_benchmarks_unless_a_world_has_its_own_threshold() -> None:
+    def limits(shown: Curriculum) -> tuple[float, float]:
+        bar = curriculum_strip({"adr": shown}, PLANE).axes[-1]
+        return bar.get_ylim()
+
+    assert limits(played()) == RETURNS
+    assert limits(replace(played(), mastery=40.0)) == pytest.approx(
+        np.percentile([*range(10, 101, 10), 40], (2, 98))
+    )
+    assert limits(replace(played(), mastery=-500.0))[0] == pytest.approx(-500)
+
+
+def test_moments_are_spread_over_the_probes_of_all_teachers() -> None:
+    late, early = curriculum("random"), curriculum("adr", upto=0.5)
+    steps = moments({"random": late, "adr": early})
+    assert steps == [0, 4_000_000, 8_000_000, 12_000_000, 16_000_000, 20_000_000]
+    assert len(steps) == MOMENTS
+    assert moments({"adr": played()}) == [0, 100]
+
+
+def test_the_view_shows_probes_at_their_step_and_says_where_there_are_none() -> None:
+    panels = teacher_view({"random": curriculum("random"), "adr": curriculum("adr", upto=0.5)}, PLANE).axes
+    random, adr = panels[:MOMENTS], panels[MOMENTS : 2 * MOMENTS]
+    np.testing.assert_array_equal(
+        random[2].collections[0].get_offsets(), curriculum("random").probed_at(8_000_000)
+    )
+    assert not any(panel.patches for panel in random)
+    assert [bool(panel.texts) for panel in adr] == [False] * 3 + [True] * 3
+
+
+def test_the_latest_update_counts_at_each_moment() -> None:
+    box = {"low": [0.0, 0.0], "high": [1.0, 2.0], "score": 0.0}
+    before, after = teacher_view({"adr": with_update(15, boxes=[box])}, PLANE).axes
+    assert not before.patches
+    (outline,) = after.patches
+    assert isinstance(outline, Rectangle)
+    assert outline.get_bbox().extents == pytest.approx((0, 0, 1, 2))
+
+
+def test_an_ellipse_lies_along_its_covariance() -> None:
+    # Variances 9 and 1 along axes turned by 30 degrees.
+    turn = np.array([[np.cos(np.pi / 6), -np.sin(np.pi / 6)], [np.sin(np.pi / 6), np.cos(np.pi / 6)]])
+    outline = ellipse(np.array([1.0, 2.0]), turn @ np.diag([9.0, 1.0]) @ turn.T, 1.0)
+    assert outline.width == pytest.approx(12)  # two standard deviations of 3 on both sides
+    assert outline.height == pytest.approx(4)
+    assert outline.angle % 180 == pytest.approx(30)
+    assert outline.center == (1.0, 2.0)
+
+
+def test_heavier_gaussians_are_fuller() -> None:
+    parts = [{"weight": w, "mean": [1, 1], "covariance": [[0.1, 0], [0, 0.2]]} for w in (0.1, 0.6, 0.3)]
+    drawn = teacher_view({"alp_gmm": with_update(5, gaussians=parts)}, PLANE).axes[1].patches
+    assert all(isinstance(patch, Ellipse) for patch in drawn)
+    fill = [patch.get_facecolor()[3] for patch in drawn]
+    assert fill == sorted(fill, reverse=True)
+    assert fill[0] > 2 * fill[2]
+
+
+def test_regions_are_coloured_by_score_the_smaller_above() -> None:
+    boxes = [
+        {"low": [0, 0], "high": [1, 1], "score": 5.0},
+        {"low": [0, 0], "high": [3, 4], "score": 0.0},
+        {"low": [1, 1], "high": [3, 3], "score": 10.0},
+    ]
+    figure = teacher_view({"riac": with_update(5, boxes=boxes)}, PLANE)
+    drawn, scale = figure.axes[1].patches, figure.axes[-1]
+    assert [patch.get_width() for patch in drawn] == [3, 2, 1]
+    assert len({patch.get_facecolor() for patch in drawn}) == 3
+    assert scale.get_ylabel() == "Score of a region"
+    assert scale.get_ylim() == (0, 10)
+
+
+@pytest.mark.parametrize("teacher", KINDS)
+def test_bands_hold_the_quantiles_of_the_probes(teacher: str) -> None:
+    shown = curriculum(teacher, 3)
+    panels = dimension_bands({teacher: shown}, axes(3)).axes
+    for dimension, panel in enumerate(panels):
+        levels = np.quantile(shown.probed_at(STEPS)[:, dimension], QUANTILES)
+        outer, inner = (band.get_paths()[0].vertices for band in panel.collections[:2])
+        for vertices, expected in ((outer, levels[[0, 4]]), (inner, levels[[1, 3]])):
+            assert set(np.round(expected, 5)) <= set(np.round(vertices[vertices[:, 0] == STEPS, 1], 5))
+        assert panel.lines[0].get_ydata()[-1] == pytest.approx(levels[2])
+        assert panel.lines[0].get_color() == look(teacher).colour
+
+
+def test_boxes_and_gaussians_are_drawn_dimension_by_dimension() -> None:
+    box = {"low": [0, -1, 1], "high": [2, 3, 4], "score": 0.0}
+    wide = {"weight": 1.0, "mean": [0, 1, 2], "covariance": np.diag([1.0, 4.0, 9.0]).tolist()}
+    for content, bounds in (({"boxes": [box]}, (-1, 3)), ({"gaussians": [wide]}, (-3, 5))):
+        update = pd.DataFrame([{"step": 5, "gaussians": [], "boxes": [], "scalars": [], **content}])
+        panel = dimension_bands({"adr": replace(curriculum("adr", 3), updates=update)}, axes(3)).axes[1]
+        assert tuple(line.get_ydata()[0] for line in panel.lines[1:]) == bounds
+    two = [{**wide, "weight": weight} for weight in (0.75, 0.25)]
+    update = pd.DataFrame([{"step": 5, "gaussians": two, "boxes": [], "scalars": []}])
+    panel = dimension_bands({"adr": replace(curriculum("adr", 3), updates=update)}, axes(3)).axes[1]
+    sizes = panel.collections[-1].get_sizes()
+    assert sizes[0] > sizes[1]
+
+
+@pytest.mark.parametrize(("size", "rows"), [(1, 1), (6, 5), (20, 19)])
+def test_constant_dimensions_are_left_out(size: int, rows: int) -> None:
+    panels = dimension_bands(
+        {"random": curriculum("random", size), "adr": curriculum("adr", size)}, axes(size)
+    ).axes
+    assert len(panels) == 2 * rows
+    names = " ".join(panel.get_ylabel() for panel in panels[::2])
+    assert "Dimension 0" in names
+    assert "Dimension 3" not in names
+
+
+def test_scalars_are_drawn_with_every_value_in_its_teachers_colour() -> None:
+    shown = {"adr": curriculum("adr", upto=0.5), "spdl": curriculum("spdl")}
+    figure = scalar_curves(shown)
+    assert figure is not None
+    assert [axes.texts[0].get_text() for axes in figure.axes] == ["share of space", "alpha", "kl to target"]
+    line = figure.axes[2].lines[0]
+    np.testing.assert_array_equal(line.get_ydata(), scalars_of(shown["spdl"])["kl_to_target"])
+    assert to_rgba(line.get_color()) == to_rgba(look("spdl").colour)
+    assert {axes.get_xlim() for axes in figure.axes} == {(0, STEPS)}
+    assert scalar_curves({"random": curriculum("random")}) is None
+
+
+def test_long_series_are_medians_within_their_range() -> None:
+    values = np.random.default_rng(0).normal(size=100 * BINS)
+    rows = {"step": range(len(values)), "gaussians": None, "boxes": None}
+    updates = pd.DataFrame(rows | {"scalars": [[("loss", value)] for value in values]})
+    figure = scalar_curves({"adr": replace(played(), updates=updates)})
+    assert figure is not None
+    median = np.median(values.reshape(BINS, 100), axis=1)
+    np.testing.assert_allclose(figure.axes[0].lines[0].get_ydata(), median)
+    assert figure.axes[0].collections[0].get_paths()[0].get_extents().ymax == pytest.approx(values.max())
+
+
+def test_what_is_not_finite_or_too_much_is_left_out() -> None:
+    scalars = [(f"s{i}", float(i)) for i in range(20)] + [("bad", np.nan), ("worse", np.inf)]
+    shown = with_update(5, scalars=scalars)
+    assert len(scalars_of(shown)) == 20
+    figure = scalar_curves({"adr": shown})
+    assert figure is not None
+    assert len(figure.axes) == MOST_PER_TEACHER
+
+
+def test_a_figure_repeats_itself() -> None:
+    first, second = (png(teacher_view({"riac": curriculum("riac")}, PLANE)) for _ in range(2))
+    assert first == second

@@ -1,0 +1,190 @@
+"""Plug-ins on a cluster that others started: a head node of its own, whose workers know nobody's folders."""
+
+from __future__ import annotations
+
+import json
+import secrets
+import signal
+import socket
+import subprocess
+import sys
+import tempfile
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+from small_runs import rows
+
+from tma_ray.results import Results, Table
+
+ROOT = Path(__file__).parents[2]
+
+HELPER = "LEVEL = 0.25\n"
+
+SCRIPT = '''
+from dataclasses import dataclass
+
+import numpy as np
+from helper import LEVEL
+
+from tma_ray.campaign import Campaign
+from tma_ray.envs import ENVIRONMENTS
+from tma_ray.runs import Cell, Schedule
+from tma_ray.students import STUDENTS, Student
+from tma_ray.tasks import TeacherUpdate
+from tma_ray.teachers import Teacher, register_teacher
+from world import World
+
+ENVIRONMENTS.register("world")(World)
+
+@register_teacher("steady")
+@dataclass
+class Steady(Teacher):
+    """Always the same task; its log says where its code lies."""
+
+    def sample(self):
+        return self.space.denormalise(np.full(self.space.size, LEVEL))
+
+    def observe(self, episode):
+        self.log(TeacherUpdate(scalars={"shipped": float("tma_ray_plugins" in __file__)}))
+
+@dataclass(frozen=True)
+class Nothing:
+    """No hyper-parameters."""
+
+@STUDENTS.register("idle")
+class Idle(Student):
+    """Does nothing, and so needs no torch."""
+
+    hyperparameters_type = Nothing
+    gamma = 1.0
+
+    def __init__(self, observation_space, action_space, *others):
+        self.size = action_space.shape[0]
+
+    def act(self, observation):
+        return self.act_greedily(observation[None])[0]
+
+    def act_greedily(self, observations):
+        return np.zeros((len(observations), self.size), np.float32)
+
+    def state_values(self, observations):
+        return np.zeros(len(observations))
+
+    def observe(self, transition): ...
+    def reset(self): ...
+    def save(self, folder, previous=None): ...
+    def load(self, folder): ...
+    def save_policy(self, folder): ...
+
+    @classmethod
+    def load_policy(cls, folder, device="cpu"): ...
+
+cells = (Cell("world", "original", "", "idle", "steady"),)
+campaign = Campaign("mine", cells, (0,), Schedule(200, 200, 200, 3, 200))
+'''
+
+GUARDED = SCRIPT + "if __name__ == '__main__':\n    campaign.main()\n"
+
+
+@pytest.fixture(scope="module")
+def address() -> Iterator[str]:
+    """A Ray of its own: nobody else's is joined or stopped, and nothing is written to the user's home."""
+    with socket.socket() as free, tempfile.TemporaryDirectory(prefix="ray") as place:
+        free.bind(("127.0.0.1", 0))
+        address = f"127.0.0.1:{free.getsockname()[1]}"
+        settings = {
+            "HOME": place,
+            "RAY_AUTH_MODE": "token",
+            "RAY_AUTH_TOKEN": secrets.token_hex(32),
+            "RAY_USAGE_STATS_ENABLED": "0",
+        }
+        command = (
+            f"ray start --head --block --port={address.rpartition(':')[2]} --num-cpus=2 --temp-dir={place} "
+            "--include-dashboard=false --object-store-memory=100000000 --node-ip-address=127.0.0.1"
+        )
+        with pytest.MonkeyPatch.context() as patch:
+            for name, value in settings.items():
+                patch.setenv(name, value)
+            free.close()
+            program = [str(Path(sys.executable).with_name("ray")), *command.split()[1:]]
+            head = subprocess.Popen(program, cwd=place, stdout=subprocess.PIPE, text=True)
+            assert head.stdout is not None
+            assert any("Ray runtime started" in line for line in head.stdout)
+            yield address
+            head.send_signal(signal.SIGTERM)
+            head.wait(timeout=60)
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    """A user's folder with a script, and two modules beside it."""
+    folder = tmp_path / "user"
+    folder.mkdir()
+    (folder / "script.py").write_text(GUARDED)
+    (folder / "helper.py").write_text(HELPER)
+    (folder / "world.py").write_text(
+        (ROOT / "tests/runs/corridor.py").read_text().replace("Corridor", "World")
+    )
+    return folder
+
+
+def start(*arguments: str, cwd: Path) -> subprocess.CompletedProcess[str]:
+    return subprocess.run([sys.executable, *arguments], cwd=cwd, capture_output=True, text=True)
+
+
+def test_a_script_with_everything_of_its_own_runs_on_a_cluster(address: str, folder: Path) -> None:
+    root, elsewhere = folder.parent / "root", folder.parent
+    command = str(folder / "script.py"), "--address", address, "--results", str(root)
+
+    def campaign() -> tuple[list[float], int]:
+        """Runs the script; returns the distances of all tasks taught, and how many attempts there were."""
+        done = start(*command, cwd=elsewhere)
+        assert done.returncode == 0, done.stdout + done.stderr
+        taught = {row["task"][0] for row in rows(root, Table.EPISODES)}
+        return sorted(taught), len(rows(root, Table.ATTEMPTS))
+
+    assert campaign() == ([2.75], 1)
+    assert {scalar for row in rows(root, Table.TEACHER_LOG) for scalar in row["scalars"]} == {("shipped", 1)}
+    (folder / "helper.py").write_text("LEVEL = 0.5\n")
+    assert campaign() == ([2.75, 4.5], 2), "the edited helper makes another teacher"
+    (folder / "helper.py").write_text(HELPER)
+    assert campaign() == ([2.75, 4.5], 2), "the old one is shared again"
+    assert len(Results.open(root).runs()) == 2
+
+
+def test_a_script_that_starts_its_campaign_on_import_is_refused_before_anything_starts(
+    address: str, folder: Path
+) -> None:
+    call = f"run_campaign(campaign, 'results', address='{address}')\n"
+    imports = "from tma_ray.campaign.execution import run_campaign\n"
+    (folder / "script.py").write_text(SCRIPT + imports + call)
+    done = start("script.py", cwd=folder)
+    assert done.returncode != 0
+    assert "put the call below 'if __name__" in done.stderr
+    assert not (folder / "results").exists()
+
+
+def test_the_examples_learn(address: str, tmp_path: Path) -> None:
+    (tmp_path / "three.csv").write_text("mass,length\n0.2,0.6\n0.5,0.6\n1,0.5\n")
+    arguments = (
+        "experiment.py --teachers staircase,frontier_teacher:Frontier --seeds 1 --steps 2000 "
+        f"--evaluation-interval 2000 --probe-interval 1000 --test-set {tmp_path / 'three.csv'} "
+        f"--memory-per-run 0.5 --address {address} --results {tmp_path / 'root'}"
+    )
+    done = start(*arguments.split(), cwd=ROOT / "examples")
+    assert done.returncode == 0, done.stdout + done.stderr
+    runs = Results.open(tmp_path / "root").runs()
+    assert {run.run.teacher for run in runs} == {"staircase", "frontier_teacher:Frontier"}
+    evaluations = rows(tmp_path / "root", Table.EVALUATIONS)
+    for run in runs:
+        assert json.loads(run.run.spec)["mastery_threshold"] == -200
+        first, last = (
+            sum(
+                row["episodic_return"]
+                for row in evaluations
+                if (row["run_id"], row["step"]) == (run.run.run_id, step)
+            )
+            for step in (0, 2000)
+        )
+        assert last > 0.7 * first, "costs have fallen by more than 30 %"

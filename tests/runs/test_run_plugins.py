@@ -1,0 +1,88 @@
+"""Plug-ins where a run is executed: known there, and the ones that it was planned with."""
+
+from __future__ import annotations
+
+import sys
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+from small_runs import small_spec
+
+from tma_ray.registry import UnknownNameError
+from tma_ray.runs import InlineTeacher, Plugin, RunSpec
+from tma_ray.runs.plugins import import_plugins, importing_plugins, plugin_sources
+from tma_ray.teachers import TEACHERS
+from tma_ray.teachers.random import Random
+
+MODULE = """
+from tma_ray.runs.plugins import importing_plugins
+from tma_ray.teachers import register_teacher
+from tma_ray.teachers.random import Random
+
+imported_as_plugin = importing_plugins()
+
+@register_teacher("of_elsewhere")
+class OfElsewhere(Random): ...
+"""
+
+
+@pytest.fixture
+def module(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> str:
+    """A module that nobody has imported, whose decorator makes a name known."""
+    monkeypatch.setattr(TEACHERS, "_decorated", {})
+    monkeypatch.setattr(TEACHERS, "_origins", {})
+    monkeypatch.syspath_prepend(tmp_path)
+    monkeypatch.delitem(sys.modules, "elsewhere", raising=False)
+    (tmp_path / "elsewhere.py").write_text(MODULE)
+    return "elsewhere"
+
+
+def planned(folder: Path, name: str, plugin: Plugin) -> RunSpec:
+    return replace(small_spec(folder), teacher=name, plugins={"teacher": plugin})
+
+
+def test_a_decorated_name_is_learned_from_the_module_that_the_spec_tells(
+    tmp_path: Path, module: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    with pytest.raises(UnknownNameError):
+        TEACHERS.get("of_elsewhere")
+    __import__(module)
+    source = TEACHERS.plugin("of_elsewhere")
+    assert source is not None
+    spec = planned(tmp_path, "of_elsewhere", Plugin(source.module, source.digest))
+    assert [each.module for each in plugin_sources([spec, spec])] == [module]
+    for registered in ("_decorated", "_origins"):
+        monkeypatch.setattr(TEACHERS, registered, {})
+    monkeypatch.delitem(sys.modules, module)  # as in a new process
+    again = RunSpec.from_dict(spec.to_dict())
+    assert InlineTeacher(again).exchange(None).task is not None
+    assert sys.modules[module].imported_as_plugin
+    assert not importing_plugins()
+
+
+@pytest.mark.parametrize(
+    ("name", "found"),
+    [("odd_teachers:Inquisitive", "this machine has version"), ("random", "one that ships with tma_ray")],
+)
+def test_another_version_is_refused_by_name(tmp_path: Path, name: str, found: str) -> None:
+    spec = planned(tmp_path, name, Plugin("odd_teachers", "another"))
+    with pytest.raises(ValueError, match=f"teacher '{name}'.*{found}"):
+        InlineTeacher(spec)
+
+
+def test_a_module_that_ends_its_process_is_an_error_like_others(tmp_path: Path, module: str) -> None:
+    (tmp_path / "elsewhere.py").write_text("raise SystemExit(0)")
+    with pytest.raises(RuntimeError, match="below 'if __name__"):
+        import_plugins(planned(tmp_path, "of_elsewhere", Plugin(module, "")), "teacher")
+    assert not importing_plugins()
+
+
+def test_the_module_that_registers_is_the_plugin_whatever_it_registers(module: str) -> None:
+    TEACHERS.register("plain")(Random)
+    assert TEACHERS.origin("plain") == __name__
+    source = TEACHERS.plugin("plain")
+    assert source is not None
+    assert f"{__name__}.py" in source.files
+    assert TEACHERS.origin("random") is None
+    assert TEACHERS.plugin("random") is None

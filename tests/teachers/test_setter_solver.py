@@ -1,0 +1,116 @@
+from __future__ import annotations
+
+from functools import cache
+
+import numpy as np
+import pytest
+import torch
+from simulated_play import SPACES, started
+
+from tma_ray.tasks import Episode, KnowledgeLevel, Task, TeacherUpdate
+from tma_ray.teachers import effective_level, make_teacher
+from tma_ray.teachers.setter_solver import SetterSolver
+
+STUMP_TRACKS = SPACES["stump_tracks"]
+
+
+def setter_solver(**changes: float) -> SetterSolver:
+    teacher = started("setter_solver", STUMP_TRACKS, level=KnowledgeLevel.LOW, **changes)
+    assert isinstance(teacher, SetterSolver)
+    return teacher
+
+
+def episode(task: Task, success: bool) -> Episode:
+    return Episode(task, 0.0, success, 10, np.zeros(1, np.float32), 0.0, 0)
+
+
+@cache
+def taught() -> tuple[SetterSolver, list[TeacherUpdate]]:
+    """A teacher whose student masters the lower half of all stumps, whatever their distance."""
+    teacher = setter_solver(hidden_units=16, learning_rate=3e-3, update_every=50)
+    for _ in range(50 * 150):
+        task = teacher.sample()
+        teacher.observe(episode(task, bool(task[0] < 1.5)))
+    return teacher, teacher.drain_updates()
+
+
+def test_the_judge_separates_what_the_student_can_from_what_it_cannot() -> None:
+    teacher, updates = taught()
+    easy, hard = np.random.default_rng(0).random((2, 200, 2)) * [0.45, 1] + np.array([[[0, 0]], [[0.55, 0]]])
+    with torch.no_grad():
+        judged = [teacher.judge_(torch.from_numpy(points))[:, 0].numpy() for points in (easy, hard)]
+    assert np.mean(judged[0] > 0) > 0.9
+    assert np.mean(judged[1] < 0) > 0.9
+    losses = [update.scalars["judge_loss"] for update in updates]
+    assert np.mean(losses[-20:]) < 0.5 * np.mean(losses[:5])
+
+
+def test_the_setter_proposes_tasks_as_feasible_as_asked_and_spreads() -> None:
+    teacher, updates = taught()
+    latents = torch.from_numpy(np.random.default_rng(0).standard_normal((300, 2)))
+    with torch.no_grad():
+        easy, hard = (
+            teacher.setter_(latents, torch.full((300,), feasibility, dtype=torch.float64))[0].numpy()
+            for feasibility in (0.97, 0.03)
+        )
+    assert np.mean(easy[:, 0] < 0.5) > 0.8
+    assert np.mean(hard[:, 0] > 0.5) > 0.8
+    spacings = STUMP_TRACKS.normalise(teacher.probe(500))[:, 1]
+    assert spacings.std() > 0.15
+    losses = [update.scalars["feasibility_loss"] for update in updates]
+    assert np.mean(losses[-20:]) < 0.7 * np.mean(losses[:5])
+
+
+def test_what_was_solved_becomes_likely() -> None:
+    """Without judge and spread in the way: the validity loss alone falls."""
+    teacher = setter_solver(hidden_units=16, learning_rate=3e-3)
+    losses = []
+    for _ in range(15 * teacher.update_every):
+        task = teacher.sample()
+        teacher.observe(episode(task, bool(np.all(STUMP_TRACKS.normalise(task) < 0.5))))
+    losses = [update.scalars["validity_loss"] for update in teacher.drain_updates()]
+    assert np.mean(losses[-3:]) < np.mean(losses[:3]) - 0.3
+
+
+def test_a_batch_without_success_leaves_validity_out() -> None:
+    teacher = setter_solver(update_every=10)
+    for _ in range(30):
+        teacher.observe(episode(teacher.sample(), False))
+    updates = teacher.drain_updates()
+    assert len(updates) == 3
+    for update in updates:
+        assert update.scalars.keys() == {"success_share", "judge_loss", "feasibility_loss", "coverage_loss"}
+        assert all(np.isfinite(value) for value in update.scalars.values())
+    assert all(torch.isfinite(weight).all() for weight in teacher.setter_.parameters())
+    for _ in range(10):
+        teacher.observe(episode(teacher.sample(), True))
+    assert "validity_loss" in teacher.drain_updates()[0].scalars
+
+
+def test_networks_change_every_so_many_episodes_only() -> None:
+    teacher = setter_solver(update_every=20)
+    before = [weight.clone() for weight in teacher.setter_.parameters()]
+
+    def changed() -> bool:
+        return any(
+            not torch.equal(one, other)
+            for one, other in zip(before, teacher.setter_.parameters(), strict=True)
+        )
+
+    for _ in range(19):
+        teacher.observe(episode(teacher.sample(), True))
+    assert not changed()
+    teacher.observe(episode(teacher.sample(), True))
+    assert changed()
+
+
+def test_low_and_high_knowledge_are_the_same_to_it() -> None:
+    assert effective_level(SetterSolver, "setter_solver", KnowledgeLevel.HIGH) is KnowledgeLevel.LOW
+
+
+@pytest.mark.parametrize(
+    "wrong", [{"update_every": 0}, {"noise": 1.5}, {"hidden_units": 0}, {"learning_rate": 0.0}]
+)
+def test_impossible_hyperparameters_are_refused(wrong: dict[str, float]) -> None:
+    with pytest.raises(ValueError, match=next(iter(wrong))):
+        make_teacher("setter_solver", wrong)

@@ -1,0 +1,135 @@
+"""The kit passes teachers that keep the contract, and finds the one promise that each broken one breaks."""
+
+from __future__ import annotations
+
+import inspect
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import broken_teachers
+import numpy as np
+import pytest
+from odd_queries import AsksForTrajectories, AsksForValues
+
+from tma_ray.teachers import Teacher
+from tma_ray.teachers.random import Random
+from tma_ray.testing import Pupil, TeacherConformance
+from tma_ray.testing.playing import SCENARIOS
+
+NEW_PROCESS = "test_a_saved_teacher_continues_in_a_new_process"
+INSIDE = "test_tasks_stay_inside_the_space"
+LOG_ROWS = "test_log_rows_can_be_stored_and_drawn"
+FIELDS = "test_hyperparameters_are_fields_with_defaults"
+LEVELS = "test_expert_knowledge_levels"
+UNTIL_THE_STUDENT_FAILS = "test_tasks_stay_inside_whatever_the_student_does"
+
+BROKEN = {
+    "LeavesItsSpace": (INSIDE, "left its space"),
+    "GivesFloat64": (INSIDE, "float64 tasks; expected float32"),
+    "ProbesOutside": ("test_a_probe_leaves_no_trace", "left its space"),
+    "UsesGlobalRandomness": ("test_global_randomness_is_left_alone", "numpy.random"),
+    "IsNotSeeded": ("test_the_seed_determines_the_curriculum", "other tasks from episode 0"),
+    "IgnoresItsSeed": ("test_the_seed_determines_the_curriculum", "another seed gave the same"),
+    "LearnsFromProbes": ("test_a_probe_leaves_no_trace", "changed the tasks from episode 0"),
+    "ForgetsWhenSaved": (NEW_PROCESS, "end in an underscore"),
+    "LogsSingularCovariances": (LOG_ROWS, "not positive definite"),
+    "LogsBoxesUpsideDown": (LOG_ROWS, "upside down"),
+    "LogsInfinity": (LOG_ROWS, "ratio = inf"),
+    "ListsIdleLevels": (LEVELS, "do not list it"),
+    "ListsFallingLevels": (LEVELS, "let them rise"),
+    "ChangesHyperparameters": ("test_hyperparameters_never_change", r"\['tries'\]"),
+    "NeedsHyperparameters": (FIELDS, r"\['target'\] defaults"),
+    "IsNoDataclass": (FIELDS, "decorate the class"),
+    "TakesAnything": ("test_unknown_hyperparameters_are_refused", "leave the constructor"),
+    "NeedsSuccess": (UNTIL_THE_STUDENT_FAILS, "left its space with .*nan"),
+}
+
+ALSO = {
+    "LeavesItsSpace": {UNTIL_THE_STUDENT_FAILS},
+    "GivesFloat64": {UNTIL_THE_STUDENT_FAILS},
+    "IsNotSeeded": {"test_a_probe_leaves_no_trace"},
+    "LogsSingularCovariances": {UNTIL_THE_STUDENT_FAILS},
+    "LogsBoxesUpsideDown": {UNTIL_THE_STUDENT_FAILS},
+    "LogsInfinity": {UNTIL_THE_STUDENT_FAILS},
+}
+"""What else cannot be kept by who breaks that promise."""
+
+
+def failures(teacher: type[Teacher], *, new_process: bool) -> dict[str, str]:
+    """Runs the whole kit by hand; returns the messages of what failed by the name of the promise."""
+    scenarios = SCENARIOS[1:3]
+    arguments = {"scenario": scenarios, "pupil": [Pupil.HOPELESS, Pupil.PERFECT]}
+    kit = type("Kit", (TeacherConformance,), {"teacher": teacher, "scenarios": scenarios, "episodes": 215})()
+    failed: dict[str, str] = {}
+    for name, method in inspect.getmembers(kit, inspect.ismethod):
+        if not name.startswith("test_") or (name == NEW_PROCESS and not new_process):
+            continue
+        parameters = list(inspect.signature(method).parameters)
+        for values in [{parameters[0]: value} for value in arguments[parameters[0]]] if parameters else [{}]:
+            try:
+                method(**values)
+            except (AssertionError, TypeError) as error:
+                failed.setdefault(name, str(error))
+    return failed
+
+
+@pytest.mark.parametrize("name", BROKEN)
+def test_the_broken_promise_is_found_and_no_other(name: str) -> None:
+    promise, message = BROKEN[name]
+    failed = failures(getattr(broken_teachers, name), new_process=promise == NEW_PROCESS)
+    if name == "NeedsHyperparameters":  # cannot even be made
+        assert re.search(message, failed[promise])
+        return
+    assert set(failed) == {promise} | ALSO.get(name, set())
+    assert re.search(message, failed[promise]), failed[promise]
+
+
+@pytest.mark.parametrize("teacher", [Random, AsksForValues, AsksForTrajectories])
+def test_who_keeps_the_contract_passes(teacher: type[Teacher]) -> None:
+    assert failures(teacher, new_process=True) == {}
+
+
+def test_a_teacher_that_no_process_can_import_is_told_so() -> None:
+    class Local(Random): ...
+
+    kit = type("Kit", (TeacherConformance,), {"teacher": Local, "scenarios": SCENARIOS[:1]})()
+    with pytest.raises(RuntimeError, match=r"find it as test_conformance\..*Local"):
+        getattr(kit, NEW_PROCESS)()
+
+
+def test_trajectories_have_to_be_declared(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(AsksForTrajectories, "wants_trajectory", False)
+    kit = type("Kit", (TeacherConformance,), {"teacher": AsksForTrajectories})()
+    with pytest.raises(ValueError, match="wants_trajectory = True"):
+        kit.test_tasks_stay_inside_the_space(SCENARIOS[0])
+
+
+def test_a_third_party_runs_it_with_pytest(tmp_path: Path) -> None:
+    """Teacher and test of the README, in a project of their own."""
+    readme = (Path(__file__).parents[2] / "README.md").read_text()
+    blocks = re.findall(r"```python\n(.*?)```", readme, re.DOTALL)
+    for file, sign in (("frontier.py", "class Frontier("), ("test_frontier.py", "class TestFrontier(")):
+        (block,) = (block for block in blocks if sign in block)
+        (tmp_path / file).write_text(block)
+    command = [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", str(tmp_path)]
+    result = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False)
+    assert result.returncode == 0, result.stdout
+    passed = re.search(r"(\d+) passed", result.stdout)
+    assert passed is not None
+    assert int(passed.group(1)) > 25
+
+
+def test_importing_the_kit_needs_no_pytest() -> None:
+    check = "import tma_ray.testing, sys; assert 'pytest' not in sys.modules and 'torch' not in sys.modules"
+    subprocess.run([sys.executable, "-c", check], check=True)
+
+
+@pytest.mark.parametrize("scenario", SCENARIOS, ids=lambda scenario: scenario.name)
+def test_scenarios_hold_easy_and_hard_tasks(scenario) -> None:
+    """Else a kit would never see a success, or a failure."""
+    tasks = scenario.space.sample(np.random.default_rng(0), 200)
+    for index in (0, 300):
+        successes = [scenario.episode(task, index, Pupil.IMPROVING).success for task in tasks]
+        assert 0.1 < np.mean(successes) < 0.9

@@ -1,0 +1,191 @@
+"""What a plug-in is made of: its module and what that imports of the user's own, as files with one hash."""
+
+from __future__ import annotations
+
+import ast
+import hashlib
+import importlib.util
+import sys
+import sysconfig
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+
+OURS = "tma_ray"
+"""What every machine of a campaign has installed, and whose version is part of every run already."""
+
+INSTALLED = frozenset({"site-packages", "dist-packages"})
+"""Folders that hold installed packages, wherever they lie."""
+
+
+@dataclass(frozen=True)
+class PluginSource:
+    """The code behind a plug-in, as it was when it was looked up.
+
+    It is the module itself, the packages around it, and in turn every module that one of these imports
+    anywhere in its text, unless that is installed or part of Python. What runs only when a file is
+    started as a script, under ``if __name__ == "__main__":``, is no part of it: a script may hold
+    both a teacher and the campaign that tries it.
+
+    Attributes:
+        module: what to import to have the plug-in; for a script the name of its file.
+        files: content by path below the folder that imports start from.
+        installed: it is an installed package, which every machine needs by itself.
+    """
+
+    module: str
+    files: Mapping[str, bytes]
+    installed: bool
+
+    @cached_property
+    def digest(self) -> str:
+        """Hash of paths and code: another one after every edit that can change what the plug-in does."""
+        content = hashlib.sha256()
+        for path in sorted(self.files):
+            code = self.files[path]
+            code = _imported_part(code) if path.endswith(".py") else code
+            content.update(f"{path}\0{len(code)}\0".encode() + code)
+        return content.hexdigest()[:16]
+
+    @classmethod
+    def of(cls, module: str, data_files: Iterable[str] = ()) -> PluginSource:
+        """Returns the source of a module that has been imported.
+
+        Args:
+            module: its ``__name__``; "__main__" for the script that is running.
+            data_files: patterns of further files that it reads, relative to its folder.
+
+        Raises:
+            ValueError: the module has no file, or a pattern matches none.
+        """
+        name = importable_name(module)
+        top = name.partition(".")[0]
+        collector = _Collector(top)
+        if module == "__main__" and sys.modules[module].__spec__ is None:
+            collector.roots[top] = [Path(str(sys.modules[module].__file__)).absolute().parent]
+        collector.add(name)
+        if not collector.files:
+            raise ValueError(f"module {name!r} has no Python file by which to tell its versions apart")
+        root, file = collector.place(name)
+        for pattern in data_files:
+            found = [path for path in sorted(file.parent.glob(pattern)) if path.is_file()]
+            if not found:
+                raise ValueError(f"data_files: no file {pattern!r} in {file.parent}")
+            collector.files |= {path.relative_to(root).as_posix(): path.read_bytes() for path in found}
+        return cls(name, collector.files, _is_installed(root))
+
+
+def importable_name(module: str) -> str:
+    """Returns the name by which another process can import `module`.
+
+    Raises:
+        ValueError: it was typed into an interactive session, or its file's name is no module's.
+    """
+    if module != "__main__":
+        return module
+    main = sys.modules["__main__"]
+    file = getattr(main, "__file__", None)
+    if file is None:
+        raise ValueError("it is defined in an interactive session; put it into a file that can be imported")
+    name = main.__spec__.name if main.__spec__ else Path(file).stem  # python -m name, python name.py
+    if not all(part.isidentifier() for part in name.split(".")) or name == "__main__":
+        raise ValueError(f"it is defined in {file}, which no import can name; rename the file")
+    return name
+
+
+class _Collector:
+    """Follows imports through files of the user's own, without executing anything.
+
+    Args:
+        top: the package or module that is followed even if it is installed.
+
+    Attributes:
+        roots: folders that top-level names are imported from; none for what is not followed.
+        files: what was found.
+    """
+
+    def __init__(self, top: str) -> None:
+        self._top = top
+        self.roots: dict[str, list[Path]] = {}
+        self.files: dict[str, bytes] = {}
+
+    def place(self, module: str) -> tuple[Path, Path]:
+        """Returns the root of `module` and its file.
+
+        Raises:
+            FileNotFoundError: it is not followed, or is no module.
+        """
+        for root in self._roots_of(module.partition(".")[0]):
+            path = root.joinpath(*module.split("."))
+            for file in (path / "__init__.py", path.with_name(f"{path.name}.py")):
+                if file.is_file():
+                    return root, file
+        raise FileNotFoundError(module)
+
+    def add(self, module: str) -> None:
+        """Adds the file of `module`, those of the packages around it, and what they import."""
+        parts = module.split(".")
+        for length in range(1, len(parts) + 1):
+            name = ".".join(parts[:length])
+            try:
+                root, file = self.place(name)
+            except FileNotFoundError:  # installed, a namespace, or an attribute of the module before it
+                continue
+            path = file.relative_to(root).as_posix()
+            if path not in self.files:
+                self.files[path] = file.read_bytes()
+                package = name if file.name == "__init__.py" else name.rpartition(".")[0]
+                for imported in _imports(self.files[path], package):
+                    self.add(imported)
+
+    def _roots_of(self, top: str) -> list[Path]:
+        if top not in self.roots:
+            folders = [] if top == OURS else _folders_of(top)
+            self.roots[top] = [folder for folder in folders if top == self._top or not _is_installed(folder)]
+        return self.roots[top]
+
+
+def _folders_of(top: str) -> list[Path]:
+    """Returns the folders that hold the top-level module or package `top`: several for a namespace."""
+    try:
+        found = importlib.util.find_spec(top)
+    except (ImportError, ValueError):  # no such module, or one without a spec
+        return []
+    if found is None:
+        return []
+    if found.submodule_search_locations:
+        return [Path(location).absolute().parent for location in found.submodule_search_locations]
+    return [Path(found.origin).absolute().parent] if found.has_location and found.origin else []
+
+
+def _is_installed(folder: Path) -> bool:
+    standard_library = Path(sysconfig.get_path("stdlib")).resolve()
+    return bool(INSTALLED & set(folder.parts)) or folder.resolve().is_relative_to(standard_library)
+
+
+def _imports(code: bytes, package: str) -> Iterator[str]:
+    """Yields the names that `code`, of a module in `package`, imports; some may be no modules."""
+    for node in ast.walk(ast.parse(_imported_part(code))):
+        if isinstance(node, ast.Import):
+            yield from (alias.name for alias in node.names)
+        elif isinstance(node, ast.ImportFrom):
+            above = package.split(".")[: 1 - node.level or None] if node.level else []  # one dot: `package`
+            base = ".".join([*above, *([node.module] if node.module else [])])
+            yield from (f"{base}.{alias.name}" for alias in node.names)
+
+
+def _imported_part(code: bytes) -> bytes:
+    """Returns `code` without what runs only when its file is started as a script."""
+    lines = code.splitlines(keepends=True)
+    end = len(lines)
+    for node in reversed(ast.parse(code).body):
+        start = min([node.lineno, *(part.lineno for part in getattr(node, "decorator_list", ()))]) - 1
+        if isinstance(node, ast.If) and not node.orelse and _is_main_guard(node.test):
+            del lines[start:end]  # with the comments that follow
+        end = start
+    return b"".join(lines)
+
+
+def _is_main_guard(test: ast.expr) -> bool:
+    return ast.unparse(test).replace('"', "'") in ("__name__ == '__main__'", "'__main__' == __name__")

@@ -1,0 +1,136 @@
+"""Goal-GAN (Florensa et al. 2018)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tma_ray.tasks import Episode, ExpertKnowledge, KnowledgeLevel, Task, TaskSpace, TeacherUpdate
+from tma_ray.teachers.base import Teacher
+from tma_ray.teachers.least_squares_gan import LeastSquaresGAN
+from tma_ray.teachers.unit_box import UnitBox
+
+
+@dataclass
+class GoalGAN(Teacher):
+    """Generates tasks of intermediate difficulty with a generative adversarial network.
+
+    A new task is played `rollouts` times in a row and labelled by whether its share of successes lies
+    in [`least_success`, `most_success`]; wanted ones far from all others enter a buffer, from which
+    some of the next tasks are taken. The network is pretrained on the initial Gaussian. Points of the
+    network are tasks measured from the centre in ranges, so that it covers twice the box: what lies
+    outside is clipped (as in the original release).
+
+    Sources: Florensa et al. 2018, algorithm 1; paper, appendix A (Goal-GAN), appendix C (expert
+    knowledge) and table of hyper-parameters; sizes of batches and numbers of steps from the original
+    release, which stores mastered tasks instead of those of intermediate difficulty.
+
+    Attributes:
+        noise: std of the noise added to every task, as a share of each range (paper: delta).
+        train_every: episodes between two trainings of the network (paper: n).
+        old_share: probability of a task from the buffer, in [0, 1] (paper: p_old).
+        rollouts: episodes played on a new task (paper: n_rollouts).
+        least_success: smallest share of successes of an intermediate task (paper: R_min).
+        most_success: largest share of successes of an intermediate task (paper: R_max).
+        spacing: a task that is as near as this share of the range in every dimension to one in the
+            buffer does not enter it; distances are Euclidean in ranges (paper: epsilon).
+        iterations: steps of both networks in a training.
+        pretraining_iterations: steps of both networks before the first episode.
+        pretraining_tasks: tasks drawn from the initial Gaussian for that.
+        batch_size: tasks per step, and as many generated ones.
+        learning_rate: of both optimisers.
+    """
+
+    knowledge_levels: ClassVar[tuple[KnowledgeLevel, ...]] = (KnowledgeLevel.LOW, KnowledgeLevel.HIGH)
+
+    noise: float = 0.01
+    train_every: int = 100
+    old_share: float = 0.2
+    rollouts: int = 2
+    least_success: float = 0.25
+    most_success: float = 0.75
+    spacing: float = 0.1
+    iterations: int = 250
+    pretraining_iterations: int = 500
+    pretraining_tasks: int = 1000
+    batch_size: int = 64
+    learning_rate: float = 1e-3
+
+    def __post_init__(self) -> None:
+        for name in ("train_every", "rollouts", "iterations", "pretraining_tasks", "batch_size"):
+            if getattr(self, name) < 1:
+                raise ValueError(f"{name} = {getattr(self, name)}: expected at least 1")
+        for name in ("noise", "spacing", "pretraining_iterations"):
+            if getattr(self, name) < 0:
+                raise ValueError(f"{name} = {getattr(self, name)}: expected at least 0")
+        if not 0 <= self.old_share <= 1:
+            raise ValueError(f"old_share = {self.old_share} is a probability; expected a number in [0, 1]")
+        if not 0 <= self.least_success <= self.most_success <= 1:
+            raise ValueError(
+                f"least_success = {self.least_success} and most_success = {self.most_success} bound a share "
+                f"of successes; expected 0 <= least <= most <= 1"
+            )
+        if not self.learning_rate > 0:
+            raise ValueError(f"learning_rate = {self.learning_rate}: expected a number over 0")
+
+    def start(self, space: TaskSpace, knowledge: ExpertKnowledge, rng: np.random.Generator) -> None:
+        """Pretrains the network on the initial Gaussian."""
+        super().start(space, knowledge, rng)
+        self._box = UnitBox(space)
+        self.network_ = LeastSquaresGAN(self._box.size, self.learning_rate, self.batch_size, rng)
+        self.buffer_ = np.empty((0, self._box.size))
+        self.labelled_: list[tuple[NDArray[np.float64], bool]] = []
+        self.task_ = space.low
+        self.new_ = False
+        self.rollouts_left_ = self.successes_ = self.episodes_ = 0
+        if self.pretraining_iterations:
+            tasks = self._box.normalise(knowledge.initial.sample(space, rng, self.pretraining_tasks))
+            wanted = np.ones(len(tasks), dtype=bool)
+            losses = self.network_.train(tasks - 0.5, wanted, self.pretraining_iterations, rng)
+            self.log(TeacherUpdate(scalars={**losses, "buffer_size": 0.0}))
+
+    def sample(self) -> Task:
+        """Returns a task (d,): the current one until it is played out, then from buffer or network."""
+        if not self.rollouts_left_:
+            self.new_ = not (len(self.buffer_) and self.rng.random() < self.old_share)
+            point = self._generate(1, self.rng)[0] if self.new_ else self.rng.choice(self.buffer_)
+            self.task_ = self._box.denormalise(point + self.noise * self.rng.standard_normal(len(point)))
+            self.rollouts_left_, self.successes_ = (self.rollouts if self.new_ else 1), 0
+        return self.task_.copy()
+
+    def observe(self, episode: Episode) -> None:
+        """Counts the success, labels a task that is played out, and trains the network when due."""
+        self.rollouts_left_ -= 1
+        self.successes_ += episode.success
+        if self.new_ and not self.rollouts_left_:
+            self._label(self._box.normalise(episode.task), self.successes_ / self.rollouts)
+        self.episodes_ += 1
+        if self.episodes_ % self.train_every == 0 and self.labelled_:
+            self._train()
+
+    def probe(self, count: int) -> Task:
+        """Returns `count` tasks (count, d) of the network, without noise."""
+        return self._box.denormalise(self._generate(count, self.probe_rng()))
+
+    def _generate(self, count: int, rng: np.random.Generator) -> NDArray[np.float64]:
+        return self.network_.generate(count, rng) + 0.5
+
+    def _label(self, point: NDArray[np.float64], success: float) -> None:
+        wanted = self.least_success <= success <= self.most_success
+        self.labelled_.append((point, wanted))
+        nearest = np.sqrt(((self.buffer_ - point) ** 2).mean(axis=1)).min(initial=np.inf)
+        if wanted and nearest > self.spacing:
+            self.buffer_ = np.vstack([self.buffer_, point])
+
+    def _train(self) -> None:
+        """Trains on the tasks labelled since the last time, if any was wanted, and forgets them."""
+        points = np.stack([point for point, _ in self.labelled_])
+        wanted = np.array([label for _, label in self.labelled_])
+        scalars = {"wanted_share": float(wanted.mean()), "buffer_size": float(len(self.buffer_))}
+        if wanted.any():
+            scalars |= self.network_.train(points - 0.5, wanted, self.iterations, self.rng)
+        self.labelled_ = []
+        self.log(TeacherUpdate(scalars=scalars))

@@ -1,0 +1,255 @@
+"""What every teacher promises, as a test class that its author inherits."""
+
+from __future__ import annotations
+
+import copy
+import dataclasses
+import inspect
+import json
+import pickle
+import random
+import sys
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, ClassVar
+
+import numpy as np
+
+from tma_ray.tasks import KnowledgeLevel, TeacherUpdate
+from tma_ray.teachers import Teacher, effective_level, hyperparameters_of
+from tma_ray.testing.checks import check_tasks, check_update, first_difference
+from tma_ray.testing.continuation import Saved, continued
+from tma_ray.testing.playing import SCENARIOS, Pupil, Scenario, play
+
+SAVED_AFTER = (0, 1, 149, 150, 211)
+"""Episodes after which a state is taken, around the ends of batches; one number per scenario, in turn."""
+
+PROBED = 20
+"""Tasks asked of a probe."""
+
+
+@dataclass(frozen=True)
+class Record:
+    """An undisturbed play: its tasks, the pickled states on the way, and what was logged."""
+
+    tasks: list[Any]
+    states: Mapping[int, bytes]
+    updates: list[TeacherUpdate]
+
+
+_RECORDS: dict[tuple[type, str], Record] = {}
+
+
+class TeacherConformance:
+    """The contract of a teacher, as tests.
+
+    Inherit from it where pytest looks for tests, and name the teacher::
+
+        class TestMyTeacher(TeacherConformance):
+            teacher = MyTeacher
+
+    Every method is a promise; a failure says which, and what to do. Most are checked for each of
+    `scenarios`. pytest is needed to run the class, not to import it. The teacher has to be defined where
+    a new process can import it: in a module, not inside a function.
+
+    Attributes:
+        teacher: the class.
+        hyperparameters: to make it with, for instance smaller networks; its defaults if empty.
+        scenarios: the task spaces.
+        episodes: of each play; more than `SAVED_AFTER`, and enough for the teacher to change its mind.
+    """
+
+    teacher: ClassVar[type[Teacher]]
+    hyperparameters: ClassVar[Mapping[str, Any]] = {}
+    scenarios: ClassVar[Sequence[Scenario]] = SCENARIOS
+    episodes: ClassVar[int] = 320
+
+    def pytest_generate_tests(self, metafunc: Any) -> None:
+        """Tells pytest to run the methods that take a scenario, or a pupil, for each of them."""
+        if "scenario" in metafunc.fixturenames:
+            metafunc.parametrize("scenario", self.scenarios, ids=[one.name for one in self.scenarios])
+        if "pupil" in metafunc.fixturenames:
+            metafunc.parametrize("pupil", [Pupil.HOPELESS, Pupil.PERFECT])
+
+    def test_hyperparameters_are_fields_with_defaults(self) -> None:
+        """They can be left out, listed, and stored as JSON."""
+        assert issubclass(self.teacher, Teacher), f"{self._name} does not inherit from Teacher"
+        annotated = set(inspect.get_annotations(self.teacher))
+        forgotten = sorted(annotated - set(self.teacher.__dataclass_fields__))
+        assert not forgotten, f"{self._name}: {forgotten} are no fields; decorate the class with @dataclass"
+        needed = [
+            field.name
+            for field in dataclasses.fields(self.teacher)
+            if field.init and field.default is field.default_factory is dataclasses.MISSING
+        ]
+        assert not needed, f"{self._name}: give the hyper-parameters {needed} defaults"
+        json.dumps(hyperparameters_of(self.teacher()))
+
+    def test_unknown_hyperparameters_are_refused(self) -> None:
+        """Before anything runs."""
+        try:
+            self.teacher(no_such_hyperparameter=1)  # type: ignore[call-arg]
+        except TypeError:
+            return
+        raise AssertionError(
+            f"{self._name} takes a hyper-parameter that it does not have; leave the constructor to @dataclass"
+        )
+
+    def test_hyperparameters_never_change(self) -> None:
+        """What is learned goes into attributes that end in an underscore, not into fields."""
+        teacher = self._started(self.scenarios[0])
+        before = copy.deepcopy(hyperparameters_of(teacher))
+        play(teacher, self.scenarios[0], 0, self.episodes // 2)
+        after = hyperparameters_of(teacher)
+        changed = [name for name in before if before[name] != after[name]]
+        assert not changed, f"{self._name} changed its hyper-parameters {changed} while it was learning"
+
+    def test_expert_knowledge_levels(self) -> None:
+        """The teacher runs at each level that it lists, each makes a difference, and less is refused."""
+        levels = self.teacher.knowledge_levels
+        ranks = [level.rank for level in levels]
+        assert ranks, f"{self._name} lists no knowledge_levels; name at least the one that it needs"
+        assert ranks == sorted(set(ranks)), f"{self._name} lists knowledge_levels {levels}; let them rise"
+        for level in KnowledgeLevel:
+            if level.rank < ranks[0]:
+                self._check_refusal(level)
+            else:
+                assert effective_level(self.teacher, self._name, level) in levels
+        scenario = self.scenarios[0]
+        plays = [
+            play(self._started(scenario, level=level), scenario, 0, self.episodes) for level in levels[:-1]
+        ] + [self._record(scenario).tasks]
+        for lower, higher, level in zip(plays, plays[1:], levels[1:], strict=False):
+            check_tasks(lower, scenario.space, self._name)
+            assert first_difference(lower, higher) is not None, (
+                f"{self._name} does at level {level.value!r} what it does below; do not list it, so that "
+                f"runs are shared instead of repeated"
+            )
+
+    def test_tasks_stay_inside_the_space(self, scenario: Scenario) -> None:
+        """Tasks are float32, of the space's size, and within its bounds."""
+        check_tasks(self._record(scenario).tasks, scenario.space, self._name)
+
+    def test_tasks_stay_inside_whatever_the_student_does(self, pupil: Pupil) -> None:
+        """Also when nothing is ever mastered, or everything at once."""
+        scenario = self.scenarios[-1]
+        teacher = self._started(scenario)
+        check_tasks(play(teacher, scenario, 0, self.episodes, pupil), scenario.space, self._name)
+        for update in teacher.drain_updates():
+            check_update(update, scenario.space, self._name)
+
+    def test_the_seed_determines_the_curriculum(self, scenario: Scenario) -> None:
+        """The same seed, 0 included, gives the same tasks bit for bit; another one gives others."""
+        tasks = self._record(scenario).tasks
+        again = play(self._started(scenario), scenario, 0, self.episodes)
+        assert first_difference(tasks, again) is None, (
+            f"{self._name}: the same seed gave other tasks from episode {first_difference(tasks, again)} on; "
+            f"draw from self.rng only, and never iterate over sets"
+        )
+        other = self._started(scenario, seed=1)
+        for first in range(0, self.episodes, 10):
+            last = min(first + 10, self.episodes)
+            if first_difference(tasks[first:last], play(other, scenario, first, last)) is not None:
+                return
+        raise AssertionError(f"{self._name}: another seed gave the same tasks; draw from self.rng")
+
+    def test_global_randomness_is_left_alone(self) -> None:
+        """A teacher in the student's process must not disturb the student, nor be disturbed."""
+        scenario = self.scenarios[0]
+        teacher = self._started(scenario)
+        play(teacher, scenario, 0, 1)
+        before = _global_state()
+        play(teacher, scenario, 1, self.episodes // 2)
+        teacher.probe(PROBED)
+        changed = [name for name, state in _global_state().items() if state != before.get(name, state)]
+        assert not changed, f"{self._name} changed the global state of {changed}; draw from self.rng only"
+
+    def test_a_probe_leaves_no_trace(self, scenario: Scenario) -> None:
+        """It is repeatable, stays inside the space, and changes nothing that comes after."""
+        teacher, tasks = self._started(scenario), []
+        for first in range(0, self.episodes, 80):
+            probe, again = teacher.probe(PROBED), teacher.probe(PROBED)
+            assert len(probe) == PROBED, f"{self._name}: probe({PROBED}) gave {len(probe)} tasks"
+            check_tasks(probe, scenario.space, self._name)
+            assert first_difference(probe, again) is None, (
+                f"{self._name}: two probes in a row differ; draw them from self.probe_rng()"
+            )
+            tasks += play(teacher, scenario, first, min(first + 80, self.episodes))
+        difference = first_difference(tasks, self._record(scenario).tasks)
+        assert difference is None, (
+            f"{self._name}: a probe changed the tasks from episode {difference} on; draw from "
+            f"self.probe_rng(), and change no attribute"
+        )
+
+    def test_a_saved_teacher_continues_in_a_new_process(self) -> None:
+        """Bit for bit, after any number of episodes."""
+        records = [self._record(scenario) for scenario in self.scenarios]
+        after = [SAVED_AFTER[index % len(SAVED_AFTER)] for index in range(len(records))]
+        saved = tuple(
+            Saved(scenario, record.states[episodes], episodes, self.episodes)
+            for scenario, record, episodes in zip(self.scenarios, records, after, strict=True)
+        )
+        plays = continued(self.teacher, self.hyperparameters, self._level, saved)
+        for start, record, tasks in zip(saved, records, plays, strict=True):
+            difference = first_difference(tasks, record.tasks[start.episodes :])
+            assert difference is None, (
+                f"{self._name}, saved after {start.episodes} episodes in the scenario "
+                f"{start.scenario.name!r} and continued in a new process, gave other tasks from the "
+                f"{difference}th on: let the names of all that is learned end in an underscore"
+            )
+
+    def test_log_rows_can_be_stored_and_drawn(self, scenario: Scenario) -> None:
+        """Covariances are positive definite, boxes ordered, numbers finite; and each row is given once."""
+        for update in self._record(scenario).updates:
+            check_update(update, scenario.space, self._name)
+        teacher = self._started(scenario)
+        play(teacher, scenario, 0, 2)
+        teacher.drain_updates()
+        assert teacher.drain_updates() == [], f"{self._name}: drain_updates() gave the same rows twice"
+
+    @property
+    def _name(self) -> str:
+        return self.teacher.__name__
+
+    @property
+    def _level(self) -> KnowledgeLevel:
+        return self.teacher.knowledge_levels[-1]
+
+    def _started(self, scenario: Scenario, seed: int = 0, level: KnowledgeLevel | None = None) -> Teacher:
+        return scenario.started(self.teacher, self.hyperparameters, level or self._level, seed)
+
+    def _record(self, scenario: Scenario) -> Record:
+        """Returns the undisturbed play of seed 0 that others are compared with; played once."""
+        key = (type(self), scenario.name)
+        if key not in _RECORDS:
+            teacher = self._started(scenario)
+            tasks: list[Any] = []
+            states = {}
+            for first, last in zip((0, *SAVED_AFTER), (*SAVED_AFTER, self.episodes), strict=True):
+                tasks += play(teacher, scenario, first, last)
+                states[last] = pickle.dumps(teacher.state())
+            _RECORDS[key] = Record(tasks, states, teacher.drain_updates())
+        return _RECORDS[key]
+
+    def _check_refusal(self, level: KnowledgeLevel) -> None:
+        refusal = ""
+        try:
+            effective_level(self.teacher, self._name, level)
+        except ValueError as error:
+            refusal = str(error)
+        assert self._name in refusal, f"{self._name} cannot run at level {level.value!r} and does not say so"
+
+
+def _global_state() -> dict[str, Any]:
+    """What every part of a process shares; torch's only if something has imported it."""
+    state: dict[str, Any] = {
+        "random": random.getstate(),
+        "numpy.random": pickle.dumps(np.random.get_state()),  # noqa: NPY002 - compared, not used
+    }
+    torch = sys.modules.get("torch")
+    if torch is not None:
+        state["torch's generator"] = torch.get_rng_state().numpy().tobytes()
+        state["torch's default dtype"] = torch.get_default_dtype()
+        state["torch's number of threads"] = torch.get_num_threads()
+        state["torch's grad mode"] = torch.is_grad_enabled()
+    return state

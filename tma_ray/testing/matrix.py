@@ -1,0 +1,161 @@
+"""Many simulated runs: teachers x challenges x levels of expert knowledge x seeds, over several processes."""
+
+from __future__ import annotations
+
+import multiprocessing
+import os
+import threading
+from collections.abc import Iterable, Iterator, Sequence
+from concurrent.futures import ProcessPoolExecutor, as_completed
+from dataclasses import dataclass
+
+import pandas as pd
+from threadpoolctl import threadpool_limits
+
+from tma_ray.tasks import KnowledgeLevel
+from tma_ray.teachers import TEACHERS, effective_level
+from tma_ray.testing.challenges import SimulatedChallenge
+from tma_ray.testing.simulation import POINTS, SimulatedRun, simulate
+
+NAMES = ("teacher", "challenge", "expert_knowledge", "seed", "effective_knowledge")
+"""Columns that say what a row is of."""
+
+RECOVERY = {"before_reset": 0.0, "tenth_later": 0.1, "three_tenths_later": 0.3}
+"""Columns around the first reset, and how much later they are read, as shares of all episodes."""
+
+MEASURES = ("mastered_percent", *RECOVERY)
+
+CURVE = tuple(f"at_{100 * (point + 1) // POINTS:02}" for point in range(POINTS))
+"""Columns of the learning curve."""
+
+
+@dataclass(frozen=True)
+class SimulatedCell:
+    """One combination of a matrix; its seeds are runs.
+
+    Attributes:
+        challenge: what is simulated.
+        teacher: registered name, or ``module:Name``.
+        level: expert knowledge offered.
+        effective_level: what the teacher uses of it, None if that is too little for it to run; cells that
+            agree in this share their runs.
+    """
+
+    challenge: SimulatedChallenge
+    teacher: str
+    level: KnowledgeLevel
+    effective_level: KnowledgeLevel | None
+
+
+def cells_of(
+    teachers: Sequence[str], challenges: Sequence[SimulatedChallenge], levels: Sequence[KnowledgeLevel]
+) -> list[SimulatedCell]:
+    """Returns the cells of a matrix, each once, by teacher, level and challenge.
+
+    Raises:
+        ValueError: an unknown teacher.
+    """
+    return [
+        SimulatedCell(challenge, teacher, level, _usable(teacher, level))
+        for teacher in dict.fromkeys(teachers)
+        for level in dict.fromkeys(levels)
+        for challenge in dict.fromkeys(challenges)
+    ]
+
+
+def _usable(teacher: str, level: KnowledgeLevel) -> KnowledgeLevel | None:
+    kind = TEACHERS.get(teacher)
+    if level.rank < kind.knowledge_levels[0].rank:
+        return None
+    return effective_level(kind, teacher, level)
+
+
+def run_cells(
+    cells: Sequence[SimulatedCell], seeds: Sequence[int], episodes: int, jobs: int
+) -> Iterator[SimulatedRun]:
+    """Yields the runs of `cells` as they end, each once, played by `jobs` processes of one thread each."""
+    spawn = multiprocessing.get_context("spawn")
+    with ProcessPoolExecutor(jobs, spawn, initializer=_settle) as pool:
+        runs = [pool.submit(simulate, *key, seed, episodes) for key in _runs_of(cells) for seed in seeds]
+        try:
+            for run in as_completed(runs):
+                yield run.result()
+        finally:
+            pool.shutdown(wait=False, cancel_futures=True)
+
+
+def run_count(cells: Sequence[SimulatedCell], seeds: Sequence[int]) -> int:
+    """Returns how many runs `run_cells` yields."""
+    return len(_runs_of(cells)) * len(seeds)
+
+
+def _runs_of(cells: Sequence[SimulatedCell]) -> list[tuple[SimulatedChallenge, str, KnowledgeLevel]]:
+    runs = (
+        (cell.challenge, cell.teacher, cell.effective_level)
+        for cell in cells
+        if cell.effective_level is not None
+    )
+    return list(dict.fromkeys(runs))
+
+
+def tabulate(cells: Sequence[SimulatedCell], runs: Iterable[SimulatedRun]) -> pd.DataFrame:
+    """Returns one row per cell and seed, in the order of `cells` and of seeds.
+
+    A cell that is refused is one row without a seed. The columns are
+
+    - teacher, challenge, expert_knowledge, seed;
+    - effective_knowledge: rows that agree in this and the other three are one run; empty when refused;
+    - mastered_percent: of the test tasks at the end;
+    - before_reset, tenth_later, three_tenths_later: the same just before the student's first reset and
+      one tenth and three tenths of all episodes after it; empty for a student that is not reset;
+    - at_05 to at_100: the same after each twentieth of the episodes.
+    """
+    played: dict[tuple[str, str, KnowledgeLevel], list[SimulatedRun]] = {}
+    for run in sorted(runs, key=lambda run: run.seed):
+        played.setdefault((run.challenge, run.teacher, run.level), []).append(run)
+    rows: list[dict[str, object]] = []
+    for cell in cells:
+        names: dict[str, object] = {
+            "teacher": cell.teacher,
+            "challenge": cell.challenge.name,
+            "expert_knowledge": cell.level.value,
+        }
+        if cell.effective_level is None:
+            rows.append(names)
+        else:
+            key = cell.challenge.name, cell.teacher, cell.effective_level
+            rows += [names | _row(cell.challenge, run) for run in played[key]]
+    return pd.DataFrame(rows, columns=[*NAMES, *MEASURES, *CURVE]).astype({"seed": "Int64"})
+
+
+def _row(challenge: SimulatedChallenge, run: SimulatedRun) -> dict[str, object]:
+    return {
+        "seed": run.seed,
+        "effective_knowledge": run.level.value,
+        "mastered_percent": run.mastered,
+        **_recovery(challenge, run),
+        **dict(zip(CURVE, run.curve, strict=True)),
+    }
+
+
+def _recovery(challenge: SimulatedChallenge, run: SimulatedRun) -> dict[str, float]:
+    """Mastered shares around the first reset, if there is one."""
+    if not challenge.resets:
+        return {}
+    return {
+        name: run.curve[round((challenge.resets[0] + later) * POINTS) - 1] for name, later in RECOVERY.items()
+    }
+
+
+def _settle() -> None:
+    """Prepares a worker: one thread, also in torch if a teacher imports it; no life after its parent's."""
+    threadpool_limits(limits=1)
+    os.environ["OMP_NUM_THREADS"] = "1"
+    parent = multiprocessing.parent_process()
+    assert parent is not None, "a worker has a parent"
+
+    def follow() -> None:
+        parent.join()
+        os._exit(1)
+
+    threading.Thread(target=follow, daemon=True).start()

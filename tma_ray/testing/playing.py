@@ -1,0 +1,132 @@
+"""What the conformance kit plays: task spaces of many shapes, and pupils without memory."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from enum import StrEnum
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tma_ray.tasks import (
+    MASTERY_RETURN,
+    Episode,
+    KnowledgeLevel,
+    ShuffledSpace,
+    Task,
+    TaskSpace,
+    expert_knowledge,
+)
+from tma_ray.teachers import Teacher
+from tma_ray.testing.conversation import tell
+
+STEPS = 1_000
+"""Length of every episode, so that a few hundred reach what teachers do every 100,000 steps."""
+
+VALUE_SHARE = 0.05
+"""Discounted return and value of a state as a share of the episodic return."""
+
+
+class Pupil(StrEnum):
+    """How the returns of a play come about: by a formula of task and episode, so that it can be resumed."""
+
+    IMPROVING = "improving"
+    """Masters a share of the tasks that grows with every episode, the easiest first."""
+
+    HOPELESS = "hopeless"
+    """Returns -100, whatever the task."""
+
+    PERFECT = "perfect"
+    """Returns 300, whatever the task."""
+
+
+@dataclass(frozen=True, eq=False)
+class Scenario:
+    """A task space to be taught.
+
+    Attributes:
+        name: what test ids call it.
+        space: the box of the teacher; its lower corner is the easiest task of the world.
+        rugged: whether the world's landscape is a shuffled one.
+    """
+
+    name: str
+    space: TaskSpace
+    rugged: bool = False
+
+    @cached_property
+    def landscape(self) -> ShuffledSpace:
+        """Where tasks really lie; with one interval per dimension, where the teacher sees them."""
+        return ShuffledSpace.shuffle(self.space, np.random.default_rng(3), cuts=4 if self.rugged else 1)
+
+    def started(
+        self,
+        teacher: type[Teacher],
+        hyperparameters: Mapping[str, Any],
+        level: KnowledgeLevel,
+        seed: int = 0,
+    ) -> Teacher:
+        """Returns a new teacher of this space; the knowledge depends on `level` alone."""
+        easy_task = self.landscape.from_world(self.space.low)
+        knowledge = expert_knowledge(level, self.space, np.random.default_rng(7), easy_task)
+        new = teacher(**hyperparameters)
+        new.start(self.space, knowledge, np.random.default_rng(seed))
+        return new
+
+    def episode(self, task: Task, index: int, pupil: Pupil) -> Episode:
+        """Returns what a pupil makes of `task` as its episode number `index`, counted from 0."""
+        observation = np.array([self._difficulty(task), 0.2 + index / 1000], dtype=np.float32)
+        expected = {Pupil.HOPELESS: -100.0, Pupil.PERFECT: 300.0}
+        episodic_return = expected.get(pupil, float(_returns(observation[None])[0]))
+        return Episode(
+            task=task,
+            episodic_return=episodic_return,
+            success=episodic_return > MASTERY_RETURN,
+            length=STEPS,
+            initial_observation=observation,
+            discounted_return=VALUE_SHARE * episodic_return,
+            step=STEPS * (index + 1),
+        )
+
+    def _difficulty(self, task: Task) -> float:
+        """About uniform in [0, 1] for uniform tasks, in any number of dimensions."""
+        free = self.space.width > 0
+        task = self.space.clip(np.nan_to_num(task))  # the kit reports it; a pupil can play anything
+        mean = float(self.space.normalise(self.landscape.to_world(task))[free].mean())
+        return 1 / (1 + float(np.exp(-1.7 * np.sqrt(12 * free.sum()) * (mean - 0.5))))
+
+
+SCENARIOS = (
+    Scenario("line", TaskSpace.from_bounds({"x": (-1, 1)})),
+    Scenario("plane", TaskSpace.from_bounds({"stump_height": (0, 3), "obstacle_spacing": (0, 6)})),
+    Scenario("constant", TaskSpace.from_bounds({"a": (0, 1), "fixed": (10, 10), "b": (-500, 500)})),
+    Scenario("rugged", TaskSpace.from_bounds({"a": (0, 3), "fixed": (0, 0), "b": (0, 6)}), rugged=True),
+    Scenario("twenty", TaskSpace.from_bounds({f"x{index}": (-index, index + 0.5) for index in range(20)})),
+)
+"""One to twenty dimensions, of equal and of very different widths, with and without constants."""
+
+
+def play(
+    teacher: Teacher, scenario: Scenario, first: int, last: int, pupil: Pupil = Pupil.IMPROVING
+) -> list[Task]:
+    """Returns the tasks of the episodes numbered from `first` up to but not including `last`."""
+    tasks = []
+    for index in range(first, last):
+        task = teacher.sample()
+        tasks.append(task)
+        tell(teacher, scenario.episode(task, index, pupil), _state_values)
+    return tasks
+
+
+def _state_values(observations: NDArray[np.float32]) -> NDArray[np.float64]:
+    return VALUE_SHARE * _returns(observations)
+
+
+def _returns(observations: NDArray[np.float32]) -> NDArray[np.float64]:
+    """What the improving pupil expects (n,) of initial observations (n, 2): difficulty and skill."""
+    difficulty, skill = observations.astype(np.float64).T
+    returns: NDArray[np.float64] = 300 - 400 * np.clip(difficulty - skill, 0, 1)
+    return returns

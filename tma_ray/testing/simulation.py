@@ -1,0 +1,142 @@
+"""One training run of a simulated student under a teacher."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from tma_ray.tasks import (
+    MASTERY_RETURN,
+    Episode,
+    KnowledgeLevel,
+    ShuffledSpace,
+    Task,
+    check_task,
+    expert_knowledge,
+)
+from tma_ray.teachers import TEACHERS, Teacher, effective_level, make_teacher
+from tma_ray.testing.challenges import SimulatedChallenge
+from tma_ray.testing.conversation import tell
+from tma_ray.testing.students import DISCOUNTED_SHARE, EPISODE_STEPS, SimulatedStudent
+
+EPISODES = 10_000
+"""Default length of a run: the paper's 20 million steps."""
+
+POINTS = 20
+"""Evaluations of a run, evenly spaced, the last at its end."""
+
+
+@dataclass(frozen=True)
+class SimulatedRun:
+    """What came of one run.
+
+    Attributes:
+        challenge: name of the simulated challenge.
+        teacher: registered name, or ``module:Name``.
+        level: effective level of expert knowledge.
+        seed: of teacher, student, and everything placed at random.
+        curve: mastered share of the test tasks in per cent after each twentieth of the episodes.
+    """
+
+    challenge: str
+    teacher: str
+    level: KnowledgeLevel
+    seed: int
+    curve: tuple[float, ...]
+
+    @property
+    def mastered(self) -> float:
+        """Share of the test tasks mastered at the end, in per cent."""
+        return self.curve[-1]
+
+
+class Simulation:
+    """A teacher, a student, and the world between them.
+
+    Seeds are spawned in a fixed order: a shuffled space and the randomly placed initial Gaussian depend
+    on the seed alone, so that all teachers meet the same, and the same student.
+
+    Args:
+        challenge: what is simulated.
+        teacher: registered name, or ``module:Name``.
+        level: expert knowledge offered; the teacher is told what it uses of it.
+        seed: whole number of at least 0.
+        hyperparameters: values that differ from the teacher's defaults.
+
+    Raises:
+        ValueError: an unknown teacher or hyper-parameter, or too little knowledge for the teacher.
+    """
+
+    def __init__(
+        self,
+        challenge: SimulatedChallenge,
+        teacher: str,
+        level: KnowledgeLevel,
+        seed: int,
+        hyperparameters: Mapping[str, Any] | None = None,
+    ) -> None:
+        placement, teaching, learning = map(np.random.default_rng, np.random.SeedSequence(seed).spawn(3))
+        space, easy_task = challenge.task_space, challenge.easy_task
+        self.landscape = ShuffledSpace.shuffle(space, placement) if challenge.rugged else None
+        known_task = easy_task if self.landscape is None else self.landscape.from_world(easy_task)
+        self.level = effective_level(TEACHERS.get(teacher), teacher, level)
+        self.teacher: Teacher = make_teacher(teacher, hyperparameters)
+        self.teacher.start(space, expert_knowledge(self.level, space, placement, known_task), teaching)
+        aptitude = challenge.aptitudes[seed % len(challenge.aptitudes)]
+        self.student = SimulatedStudent(easy_task, challenge.hard_task, learning, aptitude)
+        self.episodes = 0
+
+    def advance(self) -> Episode:
+        """Plays one episode, tells the teacher, and returns it."""
+        task = check_task(self.teacher.sample(), self.teacher.space)
+        world: Task = task if self.landscape is None else self.landscape.to_world(task)
+        observation = self.student.initial_observations(world)
+        episodic_return = self.student.play(world)
+        self.episodes += 1
+        episode = Episode(
+            task=task,
+            episodic_return=episodic_return,
+            success=episodic_return > MASTERY_RETURN,
+            length=EPISODE_STEPS,
+            initial_observation=observation,
+            discounted_return=DISCOUNTED_SHARE * episodic_return,
+            step=EPISODE_STEPS * self.episodes,
+        )
+        tell(self.teacher, episode, self.student.state_values)
+        self.teacher.drain_updates()
+        return episode
+
+    def mastered(self, tests: Task) -> float:
+        """Returns the share of `tests` (n, d) that the student masters, in per cent."""
+        return 100 * float(np.mean(self.student.expected_returns(tests) > MASTERY_RETURN))
+
+
+def simulate(
+    challenge: SimulatedChallenge,
+    teacher: str,
+    level: KnowledgeLevel = KnowledgeLevel.NONE,
+    seed: int = 0,
+    episodes: int = EPISODES,
+    hyperparameters: Mapping[str, Any] | None = None,
+) -> SimulatedRun:
+    """Returns the run of `episodes` episodes that `Simulation` describes.
+
+    Raises:
+        ValueError: fewer episodes than evaluations, or what `Simulation` refuses.
+    """
+    if episodes < POINTS:
+        raise ValueError(f"episodes = {episodes}: expected at least {POINTS}, one per evaluation")
+    simulation = Simulation(challenge, teacher, level, seed, hyperparameters)
+    tests = challenge.tests().tasks
+    resets = {round(share * episodes) for share in challenge.resets}
+    curve: list[float] = []
+    while simulation.episodes < episodes:
+        simulation.advance()
+        if simulation.episodes >= episodes * (len(curve) + 1) / POINTS:
+            curve.append(simulation.mastered(tests))
+        if simulation.episodes in resets:
+            simulation.student.reset()
+    return SimulatedRun(challenge.name, teacher, simulation.level, seed, tuple(curve))

@@ -1,0 +1,203 @@
+"""Simulated students: learners given by a few equations, for trying out teachers without physics.
+
+A task makes demands q in [0, 1]^d on the student: 0 is the easiest value of each dimension, 1 the hardest.
+The space of demands is cut into regions with centres c_i, and the student has a competence k_i in [0, 1] in
+each. With the kernel K_i(q) = exp(-|q - c_i|^2 / 2 ell^2) its competence at a task is the kernel average
+
+    k(q) = sum_i K_i(q) k_i / sum_i K_i(q),        0 where the task is unfeasible,
+
+from which its episodic return follows, R = -100 + 400 k(q) + noise. An episode teaches and time erodes:
+
+    k_i <- (1 - phi) (k_i + eta (1 - D_i / L) r(q) K_i(q) (1 - k_i)),        r(q) = k(max(q - zone, 0)),
+
+- r, *readiness*: a task teaches as far as the student masters those that are a little easier in every
+  dimension: learning happens in the zone of proximal development (Vygotsky 1978), beyond which it is nothing;
+  what lies within one zone of the easiest task needs no preparation (r = 1). It is a smooth form of the toy
+  spaces of Portelas et al. 2019, whose hypercubes are locked until a neighbour has been trained enough;
+- K_i: experience carries to similar tasks and no further (gradients of generalisation, Shepard 1987);
+- 1 - k_i: learning slows down, and mastered tasks teach nothing (exponential curves, Heathcote et al. 2000);
+- 1 - D_i / L: the closer a region's difficulty D_i, the mean of its demands, comes to the student's limit L,
+  the slower it is learned; beyond L, or where a demand is over 1, tasks are unfeasible;
+- phi: what is not practised fades exponentially (after Ebbinghaus 1885), everywhere and in every episode.
+
+What it leaves out: returns do not depend on the world drawn for a task, learning has no plateaus, and every
+episode is equally long.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+Array = NDArray[np.float64]
+
+WORST_RETURN = -100.0
+"""Expected return without any competence: a walker that falls at once."""
+
+RETURN_RANGE = 400.0
+"""What full competence adds; mastery, a return over 230, takes a competence over 0.825."""
+
+STEADY_SPREAD = 0.02
+"""Standard deviation of an episode's competence around the student's at a hopeless or a mastered task: 8
+units of return, as random walkers vary (docs/fidelity.md)."""
+
+UNSTEADY_SPREAD = 0.4
+"""Times k (1 - k) added to it: who half masters a task now falls, now arrives."""
+
+EPISODE_STEPS = 2_000
+"""Environment steps of every simulated episode, the time limit of Stump Tracks: 10,000 episodes are the
+paper's 20 million steps, and teachers that count steps update as often as they would there."""
+
+DISCOUNT = 0.99
+"""Gamma of the discounted return; rewards come evenly over an episode."""
+
+DISCOUNTED_SHARE = (1 - DISCOUNT**EPISODE_STEPS) / (1 - DISCOUNT) / EPISODE_STEPS
+"""Discounted return of an episode that returns 1 in all: about 1/20."""
+
+MOST_REGIONS = 10_000
+"""Regions that a student may have in all, so that an episode costs tens of microseconds."""
+
+
+@dataclass(frozen=True)
+class Aptitude:
+    """What distinguishes one simulated student from another; symbols as in the module's equations.
+
+    The defaults were fixed by looking at Random alone on the original challenge: it should master a middling
+    share of the test tasks in 10,000 episodes, and still be learning at their end. No other teacher was run
+    before, and none changed them.
+
+    Attributes:
+        pace: eta, share of what is missing that a perfectly prepared episode on an easy task teaches.
+        pace_spread: standard deviation of the logarithm of a factor on `pace` that each student draws when it
+            is made, since no two training runs go alike.
+        zone: width of the zone of proximal development, in demands.
+        reach: ell, distance over which experience carries, in regions.
+        forgetting: phi, share of competence lost per episode.
+        limit: L, difficulty over which tasks are unfeasible.
+        regions: per dimension; over all dimensions at most 10,000.
+    """
+
+    pace: float = 0.06
+    pace_spread: float = 0.25
+    zone: float = 0.1
+    reach: float = 0.7
+    forgetting: float = 5e-5
+    limit: float = 0.6
+    regions: int = 10
+
+    def __post_init__(self) -> None:
+        for name in ("pace", "zone", "reach", "limit", "regions"):
+            if not getattr(self, name) > 0:
+                raise ValueError(f"{name} = {getattr(self, name)}: expected a positive number")
+        if self.pace_spread < 0:
+            raise ValueError(f"pace_spread = {self.pace_spread}: expected a number of at least 0")
+        if not 0 <= self.forgetting < 1:
+            raise ValueError(f"forgetting = {self.forgetting}: expected a share in [0, 1)")
+
+
+class SimulatedStudent:
+    """A learner without physics, trained one task at a time.
+
+    Args:
+        easy: the easiest task (d,); what is easier still counts as this.
+        hard: the hardest task (d,) that could be feasible, different from `easy` in every dimension.
+        rng: draws the student's own pace, then the noise of returns.
+        aptitude: how well it learns.
+
+    Raises:
+        ValueError: shapes that do not fit, a dimension without width, or too many regions.
+    """
+
+    def __init__(
+        self, easy: ArrayLike, hard: ArrayLike, rng: np.random.Generator, aptitude: Aptitude | None = None
+    ) -> None:
+        self.aptitude = aptitude = aptitude or Aptitude()
+        self._easy, self._hard = np.asarray(easy, dtype=np.float64), np.asarray(hard, dtype=np.float64)
+        self._check()
+        self._rng = rng
+        self._axis = (np.arange(aptitude.regions) + 0.5) / aptitude.regions
+        self._precision = -0.5 * (aptitude.regions / aptitude.reach) ** 2
+        difficulty = np.stack(np.meshgrid(*[self._axis] * self._easy.size, indexing="ij")).mean(axis=0)
+        pace = min(aptitude.pace * float(np.exp(aptitude.pace_spread * rng.standard_normal())), 1.0)
+        self._pace = pace * np.maximum(1 - difficulty / aptitude.limit, 0.0)
+        self.reset()
+
+    def reset(self) -> None:
+        """Forgets everything: an untrained student again."""
+        self._competence = np.zeros_like(self._pace)
+
+    def play(self, task: ArrayLike) -> float:
+        """Plays one episode of `task` (d,), learns from it, and returns its episodic return."""
+        demands = self.initial_observations(task).astype(np.float64)
+        competence = 0.0
+        if self._feasible(demands):
+            before = demands - self.aptitude.zone
+            kernels = self._kernels(np.stack([demands, np.maximum(before, 0.0)]))
+            competence, readiness = self._read(kernels)
+            if np.all(before <= 0):
+                readiness = 1.0
+            self._learn(readiness, kernels[:, 0])
+        self._competence *= 1 - self.aptitude.forgetting
+        spread = STEADY_SPREAD + UNSTEADY_SPREAD * competence * (1 - competence)
+        return WORST_RETURN + RETURN_RANGE * (competence + spread * float(self._rng.standard_normal()))
+
+    def initial_observations(self, tasks: ArrayLike) -> NDArray[np.float32]:
+        """Returns the initial observations (..., d) of `tasks` (..., d): their demands.
+
+        They tell more than the lidars of a walker would, so that teachers which ask for values get all that
+        there is to know.
+        """
+        demands = (np.asarray(tasks, dtype=np.float64) - self._easy) / (self._hard - self._easy)
+        return np.maximum(demands, 0.0).astype(np.float32)
+
+    def expected_returns(self, tasks: ArrayLike) -> Array:
+        """Returns the expected episodic returns (n,) of `tasks` (n, d), from which nothing is learned."""
+        return self._expected(self.initial_observations(tasks))
+
+    def state_values(self, observations: NDArray[np.float32]) -> Array:
+        """Returns the expected discounted returns (n,) of initial observations (n, d)."""
+        return DISCOUNTED_SHARE * self._expected(observations)
+
+    def _check(self) -> None:
+        easy, hard, regions = self._easy, self._hard, self.aptitude.regions
+        if easy.ndim != 1 or easy.shape != hard.shape or np.any(easy == hard):
+            raise ValueError(
+                f"easy {easy} and hard {hard}: expected two tasks that differ in every dimension"
+            )
+        if regions**easy.size > MOST_REGIONS:
+            raise ValueError(
+                f"regions = {regions} in each of {easy.size} dimensions are over {MOST_REGIONS:,} in all; "
+                f"choose fewer"
+            )
+
+    def _expected(self, observations: NDArray[np.float32]) -> Array:
+        demands = observations.astype(np.float64)
+        competence = np.where(self._feasible(demands), self._read(self._kernels(demands)), 0.0)
+        return WORST_RETURN + RETURN_RANGE * competence
+
+    def _feasible(self, demands: Array) -> NDArray[np.bool_]:
+        feasible: NDArray[np.bool_] = (demands.max(-1) <= 1) & (demands.mean(-1) <= self.aptitude.limit)
+        return feasible
+
+    def _kernels(self, demands: Array) -> Array:
+        """Factors (d, n, regions) of the kernel, which is a product over dimensions."""
+        kernels: Array = np.exp(self._precision * (np.minimum(demands, 1.0).T[..., None] - self._axis) ** 2)
+        return kernels
+
+    def _read(self, kernels: Array) -> Array:
+        """Kernel averages (n,) of the competence, one dimension after the other."""
+        count, regions = kernels.shape[1:]
+        weights = kernels / kernels.sum(axis=-1, keepdims=True)
+        average: Array = weights[0] @ self._competence.reshape(regions, -1)
+        for axis in weights[1:]:
+            average = (axis[:, None] @ average.reshape(count, regions, -1))[:, 0]
+        return average[:, 0]
+
+    def _learn(self, readiness: float, kernels: Array) -> None:
+        """Teaches the regions around a task whose kernel has the factors (d, regions)."""
+        kernel = kernels[0]
+        for axis in kernels[1:]:
+            kernel = np.multiply.outer(kernel, axis)
+        self._competence += readiness * self._pace * kernel * (1 - self._competence)
