@@ -16,7 +16,7 @@ def test_every_body_loads_under_its_own_name(name: str) -> None:
     body = load_embodiment(name)
     assert body.name == name
     assert body.parts[body.head].head
-    assert body.action_size == len(body.joints) > 0
+    assert body.action_size == len(body.motors) > 0
 
 
 def test_unknown_name_offers_the_nearest() -> None:
@@ -51,6 +51,23 @@ Change = Callable[[str], str]
         (lambda text: text.replace("density = 5.0\n", ""), "'density' is missing"),
         (lambda text: text.replace('body_type = "walker"', 'body_type = "runner"'), "runner"),
         (lambda text: text.replace("[[parts]]", "[parts]"), "mine.toml"),
+        (
+            lambda text: text.replace('critical = ["stump_tracks"]', "critical = true"),
+            "critical must be a list",
+        ),
+        (
+            lambda text: text.replace("torque_cost", "substeps = 0\ntorque_cost"),
+            "substeps 0 must be at least 1",
+        ),
+        (
+            lambda text: text.replace("motor_torque = 80.0\nmotor_speed = 6.0\n", ""),
+            "without motor .* observed",
+        ),
+        (lambda text: text.replace("motor_torque = 80.0\n", ""), "motor_torque 0.0 N m and motor_speed"),
+        (
+            lambda text: text.replace("anchor = [0.0, -0.1]", "anchor = [0.0, -0.1]\nanchor_b = [0.0, 0.0]"),
+            r"anchor \[0.0, 0.0\] lies 0.100 m outside part 'leg_1'",
+        ),
     ],
 )
 def test_bodies_that_cannot_be_built_are_refused(tmp_path: Path, change: Change, message: str) -> None:
@@ -59,6 +76,17 @@ def test_bodies_that_cannot_be_built_are_refused(tmp_path: Path, change: Change,
     path.write_text(change(text))
     with pytest.raises(EmbodimentError, match=message):
         load_embodiment(path)
+
+
+def test_a_joint_may_lie_outside_its_parts_if_the_file_says_so(tmp_path: Path) -> None:
+    path = tmp_path / "mine.toml"
+    path.write_text(_text().replace("anchor = [0.0, -0.1]", "anchor = [0.0, -0.9]\noutside_parts = true"))
+    assert load_embodiment(path).joints[0].anchor == (0.0, -0.9)
+
+
+def test_only_the_old_bodies_are_drawn_stretched() -> None:
+    stretched = [name for name in embodiment_names() if load_embodiment(name).stretched]
+    assert stretched == ["old_classic_bipedal", "old_quadrupedal"]
 
 
 def test_a_missing_file_is_named(tmp_path: Path) -> None:

@@ -1,6 +1,6 @@
-"""The classic bipedal walker under the protocols by which the original release was measured.
+"""The bodies under the protocols by which the original release was measured.
 
-``TMA_REFERENCE=folder python tests/physics/behaviour.py`` prints the table of docs/fidelity.md.
+``TMA_REFERENCE=folder python tests/physics/behaviour.py`` prints the tables of docs/fidelity.md.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 from measures import Floats, joint_drift, limit_overshoot, penetration
 
-from tma_ray.embodiments import load_embodiment
+from tma_ray.embodiments import Embodiment, embodiment_names, load_embodiment
 from tma_ray.envs.stump_tracks import LIDAR_ANGLES, PUSH
 from tma_ray.physics import Engine, make_engine
 from tma_ray.physics.arrays import body_arrays
@@ -23,9 +23,23 @@ from tma_ray.terrain import GROUND_HEIGHT, Terrain
 from tma_ray.terrain.stump_tracks import stump_tracks
 
 TASKS = ((0.0, 6.0), (1.5, 3.0), (3.0, 1.0))
-BODY = load_embodiment("classic_bipedal")
+CLASSIC = "classic_bipedal"
+
+RELEASE_NAMES = {
+    "short_bipedal": "small_bipedal",
+    "quadrupedal": "big_quadru",
+    "walking_chimpanzee": "profile_chimpanzee",
+    "old_quadrupedal": "old_big_quadru",
+}
+"""Names of the release that differ from ours."""
 
 Figures = dict[str, Floats]
+
+
+def embodied(name: str) -> tuple[Embodiment, Engine]:
+    """Returns the body called `name` and an engine for it."""
+    body = load_embodiment(name)
+    return body, make_engine(body, LIDAR_ANGLES)
 
 
 def start(engine: Engine, task: tuple[float, float], rng: np.random.Generator) -> Terrain:
@@ -35,30 +49,30 @@ def start(engine: Engine, task: tuple[float, float], rng: np.random.Generator) -
     return terrain
 
 
-def zero_action(count: int = 20) -> Figures:
+def zero_action(name: str = CLASSIC, count: int = 20) -> Figures:
     """Returns what 100 steps without torque lead to, going on after termination."""
-    engine, rows = make_engine(BODY, LIDAR_ANGLES), []
+    body, engine, rows = *embodied(name), []
     for seed in range(count):
         start(engine, TASKS[0], np.random.default_rng(seed))
-        begin = engine.state[0, 0]
-        ended = [step for step in range(1, 101) if engine.step(np.zeros(4))[2]]
-        x, y, angle = engine.state[0, :3]
+        begin = engine.state[body.head, 0]
+        ended = [step for step in range(1, 101) if engine.step(np.zeros(body.action_size))[2]]
+        x, y, angle = engine.state[body.head, :3]
         rows.append((y - GROUND_HEIGHT, angle, x - begin, ended[0] if ended else 101))
     names = ("head_height_above_ground", "head_angle", "head_x_displacement", "first_terminal_step")
     return dict(zip(names, np.array(rows).T, strict=True))
 
 
-def episodes(task: tuple[float, float], count: int, cap: int = 2000) -> Figures:
+def episodes(task: tuple[float, float], count: int, cap: int = 2000, name: str = CLASSIC) -> Figures:
     """Returns figures of `count` episodes of uniform actions."""
-    engine, rows = make_engine(BODY, LIDAR_ANGLES), []
+    body, engine, rows = *embodied(name), []
     for seed in range(count):
         rng = np.random.default_rng([seed, 1])
         start(engine, task, rng)
-        begin, total, ended, length = engine.state[0, 0], 0.0, False, 0
+        begin, total, ended, length = engine.state[body.head, 0], 0.0, False, 0
         while not ended and length < cap:
-            _, reward, ended = engine.step(rng.uniform(-1, 1, 4))
+            _, reward, ended = engine.step(rng.uniform(-1, 1, body.action_size))
             total, length = total + reward, length + 1
-        rows.append((ended, length, total, engine.state[0, 0] - begin))
+        rows.append((ended, length, total, engine.state[body.head, 0] - begin))
     fell, length, total, moved = np.array(rows).T
     return {
         "fraction_ending_in_a_fall": fell,
@@ -69,19 +83,20 @@ def episodes(task: tuple[float, float], count: int, cap: int = 2000) -> Figures:
     }
 
 
-def gaits(count: int = 100) -> Figures:
+def gaits(name: str = CLASSIC, count: int = 100) -> Figures:
     """Returns how far and fast random sinusoidal gaits go in 200 steps or until termination."""
-    engine, distances, speeds, lengths = make_engine(BODY, LIDAR_ANGLES), [], [], []
+    body, engine, distances, speeds, lengths = *embodied(name), [], [], []
     for seed in range(count):
         rng = np.random.default_rng([seed, 2])
         start(engine, TASKS[0], rng)
         frequency, low = rng.uniform(0.5, 3), (0.3, 0.0, -0.5)
-        size, phase, bias = (rng.uniform(a, b, 4) for a, b in zip(low, (1, 2 * np.pi, 0.5), strict=True))
-        xs = [engine.state[0, 0]]
+        high, motors = (1, 2 * np.pi, 0.5), body.action_size
+        size, phase, bias = (rng.uniform(a, b, motors) for a, b in zip(low, high, strict=True))
+        xs = [engine.state[body.head, 0]]
         for step in range(200):
             angle = 2 * np.pi * frequency * step / 50 + phase
             ended = engine.step(np.clip(size * np.sin(angle) + bias, -1, 1))[2]
-            xs.append(engine.state[0, 0])
+            xs.append(engine.state[body.head, 0])
             if ended:
                 break
         track = np.array(xs)
@@ -98,7 +113,8 @@ def gaits(count: int = 100) -> Figures:
 
 def full_torque(steps: int, seed: int = 0, task: tuple[float, float] = (1.5, 1.0)) -> Iterator[Figures]:
     """Yields the errors of the simulation after each step of random full torques, in worlds of 500 steps."""
-    rng, engine, body = np.random.default_rng([seed, 3]), make_engine(BODY, LIDAR_ANGLES), body_arrays(BODY)
+    embodiment, engine = embodied(CLASSIC)
+    rng, body = np.random.default_rng([seed, 3]), body_arrays(embodiment)
     for step in range(steps):
         if step % 500 == 0:
             terrain = start(engine, task, rng)
@@ -127,6 +143,33 @@ def reference(folder: Path) -> dict[str, dict[str, Any]]:
     }
 
 
+def reference_of(name: str, folder: Path) -> dict[str, dict[str, Any]]:
+    """Returns the release's figures of the body that we call `name`, by protocol and figure."""
+    data = json.loads((folder / "behaviour.json").read_text())
+    key = f"stump_tracks/{RELEASE_NAMES.get(name, name)}"
+    random = data["random_actions_cap500"]["bodies"][key]
+    return {
+        "zero actions": data["zero_action_flat_ground_100_steps"]["bodies"][key],
+        "random actions": random | {"fraction_ending_in_a_fall": random["fraction_terminated"]},
+        "random gaits": data["random_open_loop_gaits"]["bodies"][key],
+    }
+
+
+def table_of_bodies(folder: Path) -> Iterator[str]:
+    """Yields the release's figures against ours, one row of a Markdown table per body and protocol."""
+    for name in embodiment_names():
+        theirs = reference_of(name, folder)
+        ours = {
+            "zero actions": zero_action(name),
+            "random actions": episodes(TASKS[0], 200, 500, name),
+            "random gaits": gaits(name),
+        }
+        for protocol, figures in ours.items():
+            pairs = [(theirs[protocol].get(figure), values) for figure, values in figures.items()]
+            cells = [f"{release['mean']:.2f} / {values.mean():.2f}" for release, values in pairs if release]
+            yield f"| {protocol} | {name} | {' | '.join(cells)} |"
+
+
 def table(theirs: dict[str, dict[str, Any]]) -> Iterator[str]:
     """Yields reference against ours, then the errors of our simulation, as rows of a Markdown table."""
     ours = {"zero actions": zero_action(), "random gaits": gaits()}
@@ -143,4 +186,5 @@ def table(theirs: dict[str, dict[str, Any]]) -> Iterator[str]:
 
 
 if __name__ == "__main__":
-    sys.stdout.writelines(f"{row}\n" for row in table(reference(Path(os.environ["TMA_REFERENCE"]))))
+    FOLDER = Path(os.environ["TMA_REFERENCE"])
+    sys.stdout.writelines(f"{row}\n" for row in (*table(reference(FOLDER)), *sorted(table_of_bodies(FOLDER))))

@@ -19,7 +19,7 @@ from tma_ray.physics.pymunk_engine import PymunkEngine
 from tma_ray.terrain import GROUND_HEIGHT
 from tma_ray.terrain.stump_tracks import stump_tracks
 
-ENGINES = [CompiledEngine, PymunkEngine]
+ENGINES = (CompiledEngine, PymunkEngine)
 
 
 @pytest.fixture(params=ENGINES, ids=lambda engine: engine.__name__)
@@ -51,42 +51,58 @@ def test_a_reused_engine_repeats_bit_for_bit(make_engine, body: Embodiment) -> N
 
 
 @pytest.mark.parametrize("plain", [False, True], ids=["compiled", "plain"])
-def test_another_process_repeats_bit_for_bit(body: Embodiment, plain: bool) -> None:
-    script = Path(__file__).with_name("trajectory.py")
+def test_another_process_repeats_bit_for_bit(plain: bool) -> None:
+    script, names = Path(__file__).with_name("trajectory.py"), embodiment_names()
     environment = os.environ | ({"NUMBA_DISABLE_JIT": "1"} if plain else {})
     result = subprocess.run(
-        [sys.executable, str(script), body.name], env=environment, check=True, capture_output=True, text=True
+        [sys.executable, str(script), *names], env=environment, check=True, capture_output=True, text=True
     )
-    assert result.stdout == digest(PymunkEngine(body, LIDAR_ANGLES), seed=1)
+    expected = [f"{name} {digest(PymunkEngine(load_embodiment(name), LIDAR_ANGLES), 1)}" for name in names]
+    assert result.stdout.splitlines() == expected
 
 
-@pytest.mark.parametrize("task", [(1.5, 1.0), (3.0, 0.0), (0.0, 6.0)])
-def test_random_full_torque_breaks_nothing(make_engine, body: Embodiment, task: tuple[float, float]) -> None:
-    """10,000 steps in all: nothing tunnels, sinks in, falls apart or becomes NaN."""
-    engine, arrays, rng = make_engine(body), body_arrays(body), np.random.default_rng(4)
+def test_both_engines_go_the_same_way_bit_for_bit(body: Embodiment) -> None:
+    fast, oracle = (engine(body, LIDAR_ANGLES) for engine in ENGINES)
+    assert digest(fast, 5, 2000) == digest(oracle, 5, 2000)
+
+
+@pytest.mark.parametrize(
+    ("task", "steps"),
+    [
+        ((1.5, 1.0), 300),
+        pytest.param((1.5, 1.0), 3500, marks=pytest.mark.slow),
+        pytest.param((3.0, 0.0), 3500, marks=pytest.mark.slow),
+        pytest.param((0.0, 6.0), 3500, marks=pytest.mark.slow),
+    ],
+)
+def test_random_full_torque_breaks_nothing(body: Embodiment, task: tuple[float, float], steps: int) -> None:
+    """Nothing tunnels, sinks in, falls apart or becomes NaN."""
+    engine, arrays, rng = CompiledEngine(body, LIDAR_ANGLES), body_arrays(body), np.random.default_rng(4)
     drift, overshoot, depth, lowest = [], [], [], []
-    for episode in range(7):
-        terrain = stump_tracks(np.array(task, dtype=np.float32), np.random.default_rng(episode))
-        engine.reset(terrain, 0.0)
-        for _ in range(500):
-            observation, reward, _ = engine.step(rng.choice([-1.0, 1.0], body.action_size))
-            assert np.all(np.isfinite(observation))
-            assert np.isfinite(reward)
-            assert np.all(np.isfinite(engine.state))
-            drift.append(joint_drift(engine.state, arrays).max())
-            overshoot.append(limit_overshoot(engine.state, arrays).max())
-            depth.append(penetration(engine.state, arrays, terrain).max())
-            lowest.append(engine.state[:, 1].min())
+    for step in range(steps):
+        if step % 500 == 0:
+            terrain = stump_tracks(np.array(task, dtype=np.float32), np.random.default_rng(step // 500))
+            engine.reset(terrain, 0.0)
+        observation, reward, _ = engine.step(rng.choice([-1.0, 1.0], body.action_size))
+        assert np.all(np.isfinite(observation))
+        assert np.isfinite(reward)
+        assert np.all(np.isfinite(engine.state))
+        drift.append(joint_drift(engine.state, arrays).max())
+        overshoot.append(limit_overshoot(engine.state, arrays).max())
+        depth.append(penetration(engine.state, arrays, terrain).max())
+        lowest.append(engine.state[:, 1].min())
     assert min(lowest) > GROUND_HEIGHT - 0.1
     assert max(depth) < 0.2
     assert np.percentile(depth, 99) < 0.06
     assert np.percentile(drift, 99) < 0.02
-    assert np.percentile(overshoot, 99) < 0.1
+    assert np.percentile(overshoot, 99) < (
+        0.1 if body.substeps == 2 else 0.2
+    )  # few, or light and strong limbs
 
 
 def test_a_positive_action_opens_its_joint(make_engine, body: Embodiment) -> None:
     engine, arrays = make_engine(body), body_arrays(body)
-    for joint, (a, b) in enumerate(arrays.joint_parts):
+    for joint, (a, b) in enumerate(arrays.joint_parts[: arrays.motors]):
         for sign in (-1.0, 1.0):
             engine.reset(world_below(5.0), 0.0)
             before = engine.state[b, 2] - engine.state[a, 2]
@@ -148,7 +164,7 @@ def test_contacts_are_there_while_a_part_touches(make_engine) -> None:
 def test_bodies_start_within_their_limits(make_engine, body: Embodiment) -> None:
     engine, arrays = make_engine(body), body_arrays(body)
     engine.reset(flat_world(), 0.0)
-    assert limit_overshoot(engine.state, arrays).max() < 0.01
+    assert limit_overshoot(engine.state, arrays).max() < 0.02
     assert joint_drift(engine.state, arrays).max() < 0.005
 
 

@@ -1,4 +1,4 @@
-"""Prints the digest of a trajectory: ``python trajectory.py embodiment``; run in processes of their own."""
+"""Prints digests of trajectories: ``python trajectory.py embodiment ...``; run in processes of their own."""
 
 import hashlib
 import sys
@@ -24,4 +24,6 @@ def digest(engine: Engine, seed: int, steps: int = 150) -> str:
 
 
 if __name__ == "__main__":
-    sys.stdout.write(digest(make_engine(load_embodiment(sys.argv[1]), LIDAR_ANGLES), seed=1))
+    for name in sys.argv[1:]:
+        trajectory = digest(make_engine(load_embodiment(name), LIDAR_ANGLES), seed=1)
+        sys.stdout.write(f"{name} {trajectory}\n")

@@ -6,7 +6,7 @@ from collections import Counter
 from dataclasses import dataclass
 from enum import StrEnum
 
-from tma_ray.embodiments.polygon import Point, Polygon
+from tma_ray.embodiments.parts import Joint, Part
 
 ANCHOR_TOLERANCE = 0.02
 """How far outside its parts a joint may be anchored, in m: drawings round to the pixel."""
@@ -26,64 +26,6 @@ class BodyType(StrEnum):
 
 
 @dataclass(frozen=True)
-class Part:
-    """One rigid part. Its frame has its origin at `position` and starts without rotation.
-
-    Attributes:
-        name: unique in the body.
-        shape: outline in the part's frame.
-        position: origin relative to the spawn point, in m.
-        density: in kg/m².
-        friction: coefficient; a contact has the geometric mean of its two (Box2D's rule).
-        head: whether sensors, reward and termination look at this part; true of exactly one.
-        critical: whether touching anything ends an episode in environments where bodies can fall.
-    """
-
-    name: str
-    shape: Polygon
-    position: Point
-    density: float
-    friction: float
-    head: bool = False
-    critical: bool = False
-
-    @property
-    def mass(self) -> float:
-        """Mass in kg."""
-        return self.density * self.shape.area
-
-    @property
-    def inertia(self) -> float:
-        """Moment of inertia about the centre of mass, in kg m²."""
-        return self.density * self.shape.second_moment
-
-
-@dataclass(frozen=True)
-class Joint:
-    """A motorised hinge between two parts; the joints' order is the order of actions.
-
-    Attributes:
-        part_a: name of the part nearer to the head.
-        part_b: name of the other part; the joint's angle is its angle minus that of `part_a`.
-        anchor: relative to the spawn point, in m.
-        limits: smallest and largest angle, in rad. The body may be drawn outside them.
-        motor_torque: largest torque, in N m.
-        motor_speed: speed that the motor seeks, in rad/s; also scales the observed speed.
-        angle_offset: added to the observed angle, in rad.
-        contact_part: part whose ground contact is observed after this joint, if any.
-    """
-
-    part_a: str
-    part_b: str
-    anchor: Point
-    limits: tuple[float, float]
-    motor_torque: float
-    motor_speed: float
-    angle_offset: float = 0.0
-    contact_part: str | None = None
-
-
-@dataclass(frozen=True)
 class Embodiment:
     """A body: a tree of parts.
 
@@ -94,7 +36,8 @@ class Embodiment:
         torque_cost: reward charged per action and step at full torque.
         upright_reward: whether the head's tilt is part of the reward.
         parts: in the order of the engine's state.
-        joints: in the order of actions.
+        joints: those with motors in the order of actions.
+        substeps: steps of the simulation in a time step; light parts with strong motors need more.
 
     Raises:
         EmbodimentError: parts that are not one connected body, or numbers no body can have.
@@ -107,8 +50,11 @@ class Embodiment:
     upright_reward: bool
     parts: tuple[Part, ...]
     joints: tuple[Joint, ...]
+    substeps: int = 2
 
     def __post_init__(self) -> None:
+        if self.substeps < 1:
+            raise self._error(f"substeps {self.substeps} must be at least 1")
         self._check_parts()
         for index, joint in enumerate(self.joints):
             self._check_joint(index, joint)
@@ -120,9 +66,24 @@ class Embodiment:
         return next(index for index, part in enumerate(self.parts) if part.head)
 
     @property
+    def motors(self) -> tuple[Joint, ...]:
+        """Joints with a motor, in the order of actions."""
+        return tuple(joint for joint in self.joints if not joint.passive)
+
+    @property
+    def passive_joints(self) -> tuple[Joint, ...]:
+        """Joints without a motor."""
+        return tuple(joint for joint in self.joints if joint.passive)
+
+    @property
+    def stretched(self) -> bool:
+        """Whether the body is drawn with a joint stretched."""
+        return any(joint.anchor_b is not None for joint in self.joints)
+
+    @property
     def action_size(self) -> int:
         """Number of actions: one per motor."""
-        return len(self.joints)
+        return len(self.motors)
 
     def part_index(self, name: str) -> int:
         """Returns the index of the part called `name`."""
@@ -151,18 +112,24 @@ class Embodiment:
             raise self._error(f"{where}: a joint needs two different parts")
         if not joint.limits[0] < joint.limits[1]:
             raise self._error(f"{where}: limits {list(joint.limits)} must rise")
-        if not (joint.motor_torque > 0 and joint.motor_speed > 0):
+        self._check_motor(where, joint)
+        for name, anchor in zip((joint.part_a, joint.part_b), joint.anchors, strict=True):
+            distance = parts[name].shape.distance(parts[name].local(anchor))
+            if not (distance <= ANCHOR_TOLERANCE or joint.outside_parts):
+                raise self._error(
+                    f"{where}: anchor {list(anchor)} lies {distance:.3f} m outside part {name!r}; it must "
+                    f"lie in both parts, unless outside_parts = true or an anchor_b of its own say otherwise"
+                )
+
+    def _check_motor(self, where: str, joint: Joint) -> None:
+        if joint.passive:
+            if joint.contact_part is not None or joint.angle_offset != 0:
+                raise self._error(f"{where}: a joint without motor is not observed: it has no contact_part")
+        elif not (joint.motor_torque > 0 and joint.motor_speed > 0):
             raise self._error(
                 f"{where}: motor_torque {joint.motor_torque} N m and motor_speed {joint.motor_speed} rad/s "
-                f"must be over 0"
+                f"must be over 0, or both be left out in a joint without motor"
             )
-        for part in (parts[joint.part_a], parts[joint.part_b]):
-            local = (joint.anchor[0] - part.position[0], joint.anchor[1] - part.position[1])
-            if not part.shape.distance(local) <= ANCHOR_TOLERANCE:
-                raise self._error(
-                    f"{where}: anchor {list(joint.anchor)} lies {part.shape.distance(local):.3f} m outside "
-                    f"part {part.name!r}; it must lie in both parts"
-                )
 
     def _check_connected(self) -> None:
         reached = {self.parts[self.head].name}

@@ -4,15 +4,22 @@ from __future__ import annotations
 
 import difflib
 import tomllib
-from dataclasses import MISSING, fields
+from collections.abc import Mapping
+from dataclasses import MISSING, fields, replace
 from functools import cache
 from importlib import resources
 from importlib.resources.abc import Traversable
 from pathlib import Path
 from typing import Any
 
-from tma_ray.embodiments.embodiment import BodyType, Embodiment, EmbodimentError, Joint, Part
+from tma_ray.embodiments.embodiment import BodyType, Embodiment, EmbodimentError
+from tma_ray.embodiments.parts import Joint, Part
 from tma_ray.embodiments.polygon import Polygon
+from tma_ray.embodiments.repeats import repeats, written_out
+from tma_ray.embodiments.variants import join_name, resized, split_name, with_motor_torque
+
+SIZE, MOTOR_TORQUE = "size", "motor_torque"
+"""Parameters that every body has."""
 
 
 def embodiment_names() -> list[str]:
@@ -22,41 +29,75 @@ def embodiment_names() -> list[str]:
     )
 
 
-def load_embodiment(name_or_path: str | Path) -> Embodiment:
+def load_embodiment(name_or_path: str | Path, **parameters: float) -> Embodiment:
     """Returns a body by name, or from a TOML file laid out as those in `tma_ray/embodiments/data`.
 
+    Args:
+        name_or_path: the name or the path, which may end with parameters.
+        parameters: what shall differ from the file: `size` (a factor of all lengths), `motor_torque` (of
+            every motor, in N m) and how often the file's repeated sections are written out.
+
     Raises:
-        EmbodimentError: unknown name, unreadable file, or a body that cannot be built.
+        EmbodimentError: unknown name or parameter, unreadable file, or a body that cannot be built.
+
+    Examples:
+        >>> load_embodiment("spider").action_size, load_embodiment("spider", pairs_of_legs=3).action_size
+        (12, 18)
+        >>> load_embodiment("spider:pairs_of_legs=3") == load_embodiment("spider", pairs_of_legs=3)
+        True
     """
-    if str(name_or_path).endswith(".toml"):
-        return _parse(Path(name_or_path))
-    if name_or_path not in embodiment_names():
-        near = difflib.get_close_matches(str(name_or_path), embodiment_names(), n=1)
+    try:
+        name, named = split_name(str(name_or_path))
+    except ValueError as error:
+        raise EmbodimentError(f"embodiment {str(name_or_path)!r}: {error}") from error
+    settings = named | parameters
+    if name.endswith(".toml"):
+        return _parse(Path(name), settings)
+    if name not in embodiment_names():
+        near = difflib.get_close_matches(name, embodiment_names(), n=1)
         hint = f"did you mean {near[0]!r}? " if near else ""
         raise EmbodimentError(
-            f"unknown embodiment {str(name_or_path)!r}: {hint}"
+            f"unknown embodiment {name!r}: {hint}"
             f"known: {', '.join(embodiment_names())}, or the path of a .toml file"
         )
-    return _shipped(str(name_or_path))
+    return _shipped(name, tuple(sorted(settings.items())))
 
 
 @cache
-def _shipped(name: str) -> Embodiment:
-    return _parse(_folder() / f"{name}.toml")
+def _shipped(name: str, settings: tuple[tuple[str, float], ...]) -> Embodiment:
+    return _parse(_folder() / f"{name}.toml", dict(settings))
 
 
 def _folder() -> Traversable:
     return resources.files("tma_ray.embodiments") / "data"
 
 
-def _parse(path: Traversable) -> Embodiment:
+def _parse(path: Traversable, settings: Mapping[str, float]) -> Embodiment:
     try:
-        data = tomllib.loads(path.read_text(encoding="utf-8"))
-        return _embodiment(data)
+        return _built(tomllib.loads(path.read_text(encoding="utf-8")), settings)
     except EmbodimentError:
         raise
     except (OSError, tomllib.TOMLDecodeError, TypeError, ValueError) as error:
         raise EmbodimentError(f"{path}: {error}") from error
+
+
+def _built(data: dict[str, Any], settings: Mapping[str, float]) -> Embodiment:
+    """Returns the body of a file's contents with `settings`, which its name tells."""
+    sections = repeats(data)
+    counts = {name: section.count for name, section in sections.items()}
+    for name, value in settings.items():
+        if name in sections:
+            sections[name].check(value)
+            counts[name] = int(value)
+        elif name not in (SIZE, MOTOR_TORQUE):
+            known = ", ".join([*sections, SIZE, MOTOR_TORQUE])
+            raise ValueError(f"unknown parameter {name!r}; known: {known}")
+    body = _embodiment(written_out(data, counts))
+    if SIZE in settings:
+        body = resized(body, settings[SIZE])
+    if MOTOR_TORQUE in settings:
+        body = with_motor_torque(body, settings[MOTOR_TORQUE])
+    return replace(body, name=join_name(body.name, settings))
 
 
 def _embodiment(data: dict[str, Any]) -> Embodiment:
@@ -75,16 +116,24 @@ def _part(entry: dict[str, Any]) -> Part:
     what = f"part {entry.get('name')!r}"
     values = {("shape" if key == "vertices" else key): value for key, value in entry.items()}
     _check_fields(what, values, Part, {"shape": "vertices"})
+    critical = entry.get("critical", [])
+    if not (isinstance(critical, list) and all(isinstance(name, str) for name in critical)):
+        raise ValueError(f"{what}: critical must be a list of environments' names, got {critical!r}")
     try:
         shape = Polygon(tuple((float(x), float(y)) for x, y in entry["vertices"]))
     except ValueError as error:
         raise ValueError(f"{what}: {error}") from error
-    return Part(**{**values, "shape": shape, "position": tuple(entry["position"])})
+    return Part(
+        **{**values, "shape": shape, "position": tuple(entry["position"]), "critical": tuple(critical)}
+    )
 
 
 def _joint(entry: dict[str, Any]) -> Joint:
     _check_fields(f"joint {entry.get('part_a')!r} to {entry.get('part_b')!r}", entry, Joint)
-    return Joint(**{**entry, "anchor": tuple(entry["anchor"]), "limits": tuple(entry["limits"])})
+    points: dict[str, Any] = {
+        key: tuple(entry[key]) for key in ("anchor", "anchor_b", "limits") if key in entry
+    }
+    return Joint(**(entry | points))
 
 
 def _check_fields(

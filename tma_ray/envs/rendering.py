@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from tma_ray.embodiments import Embodiment
+from tma_ray.embodiments import Embodiment, Part
 from tma_ray.terrain import GROUND_HEIGHT, Terrain
 
 os.environ.setdefault("PYGAME_HIDE_SUPPORT_PROMPT", "1")
@@ -61,6 +61,7 @@ class Renderer:
 
     def __init__(self, body: Embodiment, window: bool, frames_per_second: int) -> None:
         self._body = body
+        self._far = [_hidden(part, body.parts[:index]) for index, part in enumerate(body.parts)]
         self._frames_per_second = frames_per_second
         self._scale = PIXELS_PER_METRE * SUPERSAMPLING
         self._canvas = pygame.Surface((WIDTH * SUPERSAMPLING, HEIGHT * SUPERSAMPLING))
@@ -140,13 +141,14 @@ class Renderer:
     def _draw_body(self, scene: Scene) -> None:
         """Draws the parts from the last, which is farthest away, to the head."""
         order = sorted(range(len(scene.poses)), key=lambda part: (part == self._body.head, -part))
+        for joint in self._body.joints:
+            if joint.outside_parts:  # a neck
+                first, second = (self._body.part_index(name) for name in (joint.part_a, joint.part_b))
+                end = _placed(scene.poses[second], np.array(self._body.parts[second].local(joint.anchors[1])))
+                self._line(np.stack([scene.poses[first, :2], end]), OUTLINE, 5)
         for part in order:
-            x, y, angle = scene.poses[part]
-            sine, cosine = np.sin(angle), np.cos(angle)
-            turned = self._body.parts[part].shape.points @ np.array([[cosine, sine], [-sine, cosine]])
-            near = part <= len(order) // 2
-            colour = HEAD if part == self._body.head else (LIMB if near else FAR_LIMB)
-            self._fill(turned + np.array([x, y]), colour, OUTLINE)
+            colour = HEAD if part == self._body.head else (FAR_LIMB if self._far[part] else LIMB)
+            self._fill(_placed(scene.poses[part], self._body.parts[part].shape.points), colour, OUTLINE)
 
     def _draw_progress(self, scene: Scene) -> None:
         """Draws how far the head is between spawn point and goal, along the top."""
@@ -172,6 +174,17 @@ class Renderer:
         """Returns `points` moved to the frame's edges and a little beyond: pygame's coordinates are small."""
         low = np.array([self._left - 1, self._bottom - 1])
         return np.clip(points, low, low + 2 + np.array([WIDTH, HEIGHT]) / PIXELS_PER_METRE)
+
+
+def _placed(pose: Floats, points: Floats) -> Floats:
+    """Returns `points` (..., 2) of a frame at `pose` (x, y, angle) in world axes."""
+    sine, cosine = np.sin(pose[2]), np.cos(pose[2])
+    return np.asarray(pose[:2] + points @ np.array([[cosine, sine], [-sine, cosine]]))
+
+
+def _hidden(part: Part, nearer: tuple[Part, ...]) -> bool:
+    """Tells whether one of the `nearer` parts is drawn like `part` and in the same place."""
+    return any(other.position == part.position and other.shape == part.shape for other in nearer)
 
 
 def _gradient(size: tuple[int, int], top: Colour, bottom: Colour) -> pygame.Surface:

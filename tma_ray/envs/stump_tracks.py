@@ -46,7 +46,8 @@ class StumpTracks(gymnasium.Env[Observation, NDArray[np.float32]]):
     bit.
 
     Args:
-        embodiment: a body's name, the path of its file, or the body itself.
+        embodiment: a body's name or the path of its file, each with parameters if wanted (as in
+            "spider:pairs_of_legs=3"), or the body itself.
         render_mode: None, "rgb_array" or "human".
 
     Attributes:

@@ -17,6 +17,12 @@ from tma_ray.terrain import Terrain
 SETTLING_STEPS = 20
 """Steps in which a body is bent into its limits; each leaves less than half of the error."""
 
+CLOSING_SWEEPS = 60
+"""How often every joint of a stretched body is corrected (Box2D's iterations for positions)."""
+
+CONTACT_CORRECTION = 0.2
+"""Share of a penetration that one sweep corrects (Box2D's)."""
+
 
 def add_terrain(space: pymunk.Space, terrain: Terrain) -> None:
     """Adds the solids of `terrain` to `space`."""
@@ -53,37 +59,73 @@ def add_joints(
 ) -> tuple[list[pymunk.SimpleMotor], list[pymunk.RotaryLimitJoint]]:
     """Adds the joints of `body` to `space` and returns their motors and limits."""
     motors, limits = [], []
-    for (a, b), anchors, (low, high) in zip(
-        body.joint_parts.tolist(), body.anchors.tolist(), body.limits.tolist(), strict=True
+    for index, ((a, b), anchors, (low, high)) in enumerate(
+        zip(body.joint_parts.tolist(), body.anchors.tolist(), body.limits.tolist(), strict=True)
     ):
-        motor = pymunk.SimpleMotor(parts[a], parts[b], 0.0)
-        motor.max_force = 0.0
+        if index < body.motors:  # motor, limit, pivot: the order in which Box2D solves a joint
+            motors.append(pymunk.SimpleMotor(parts[a], parts[b], 0.0))
+            motors[-1].max_force = 0.0
+            space.add(motors[-1])
         limit = pymunk.RotaryLimitJoint(parts[a], parts[b], low, high)
         limit.max_bias = settings.limit_correction_speed
         pivot = pymunk.PivotJoint(parts[a], parts[b], *map(tuple, anchors))
         limit.error_bias = pivot.error_bias = settings.joint_error_bias
-        space.add(motor, limit, pivot)  # the order in which Box2D solves a joint
-        motors.append(motor)
+        space.add(limit, pivot)
         limits.append(limit)
     return motors, limits
 
 
 @cache
 def settled(embodiment: Embodiment, settings: SolverSettings) -> BodyArrays:
-    """Returns `embodiment` bent into its joints' limits.
+    """Returns `embodiment` bent into its joints' limits, and with the joints closed that are drawn stretched.
 
     Bodies are drawn straight, which may be outside their limits. Box2D puts that right within the first step
     and without a velocity, Chipmunk could only at the price of one: hence here, in a space with nothing else.
     """
     body = body_arrays(embodiment)
+    if embodiment.stretched:
+        body = _closed(body, settings)
+    space, parts = _still_space(body, settings)
+    for _ in range(SETTLING_STEPS):
+        space.step(TIME_STEP)
+    return _posed(body, parts)
+
+
+def _closed(body: BodyArrays, settings: SolverSettings) -> BodyArrays:
+    """Returns `body` with its stretched joints closed, standing on the ground.
+
+    As Box2D does, corrects one joint and contact after the other, each from where the others left the parts:
+    straight legs buckle so, while a solution for all of them at once lifts the body onto stiff legs.
+    """
+    for _ in range(CLOSING_SWEEPS):
+        space, parts = _still_space(body, settings)  # a new one: an old one remembers its impulses
+        space.iterations = 1
+        for constraint in space.constraints:
+            constraint.error_bias = 0.0
+        space.collision_bias = (1 - CONTACT_CORRECTION) ** (1 / TIME_STEP)
+        space.collision_slop = settings.collision_slop
+        space.add(
+            pymunk.Poly(space.static_body, [(-100.0, -10.0), (100.0, -10.0), (100.0, 0.0), (-100.0, 0.0)])
+        )
+        for _ in range(2):  # the second step goes where the first one's solver wants to
+            space.step(TIME_STEP)
+        body = _posed(body, parts)
+    return body
+
+
+def _still_space(body: BodyArrays, settings: SolverSettings) -> tuple[pymunk.Space, list[pymunk.Body]]:
+    """Returns a space without gravity in which no velocity outlives its step, and `body`'s parts in it."""
     space = pymunk.Space()
-    space.damping = 0.0  # no velocity outlives its step
+    space.damping = 0.0
     parts = add_parts(space, body, np.zeros(2), settings.skin_radius)
     _, limits = add_joints(space, body, parts, settings)
     for limit in limits:
         limit.max_bias = math.inf
-    for _ in range(SETTLING_STEPS):
-        space.step(TIME_STEP)
+    return space, parts
+
+
+def _posed(body: BodyArrays, parts: list[pymunk.Body]) -> BodyArrays:
+    """Returns `body` where its `parts` are."""
     return body._replace(
         position=np.array([part.position for part in parts]), angle=np.array([part.angle for part in parts])
     )

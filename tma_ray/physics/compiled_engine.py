@@ -29,17 +29,22 @@ class CompiledEngine:
     Args:
         body: the body.
         lidar_angles: directions of the rays (r,), in rad; 0 is straight down, pi/2 forward.
-        settings: how Chipmunk solves.
+        settings: how Chipmunk solves, if not as usual with the body's substeps.
+        environment: whose critical parts count.
     """
 
     def __init__(
-        self, body: Embodiment, lidar_angles: NDArray[np.float64], settings: SolverSettings | None = None
+        self,
+        body: Embodiment,
+        lidar_angles: NDArray[np.float64],
+        settings: SolverSettings | None = None,
+        environment: str = "stump_tracks",
     ) -> None:
-        self.settings = settings or SolverSettings()
-        self.arrays = step_arrays(body, lidar_angles)
-        self._recipe = (body, lidar_angles, self.settings)
+        self.settings = settings or SolverSettings(substeps=body.substeps)
+        self.arrays = step_arrays(body, lidar_angles, environment)
+        self._recipe = (body, lidar_angles, self.settings, environment)
         self._body = settled(body, self.settings)
-        self._floats, self._integers = new_memory(self.arrays)
+        self._floats, self._integers = new_memory(self.arrays, len(self._body.limits))
         self._floats[2] = TIME_STEP / self.settings.substeps
         self._integers[4] = self.settings.substeps
         self._integers[5] = COUNT_CONTACT

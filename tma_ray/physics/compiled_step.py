@@ -28,7 +28,7 @@ class Memory(NamedTuple):
 
     Attributes:
         floats: (FLOATS + 6 j + 2 r + 6 p,).
-        integers: (INTEGERS + 1 + 3 p + 6 j,).
+        integers: (INTEGERS + 1 + 3 p + 4 j + 2 h,).
     """
 
     floats: Floats
@@ -36,14 +36,14 @@ class Memory(NamedTuple):
 
 
 class Simulation(NamedTuple):
-    """Views of a memory: what changes while p parts and j joints are simulated.
+    """Views of a memory: what changes while p parts and h joints, j of them with motors, are simulated.
 
     Attributes:
         action: (j,).
         commands: (j, 2), as `command_motors` writes them.
         state: (p, 6).
         contacts: (p,).
-        handles: pointers to the space, p bodies, j motors, j limits and j pivots (1 + p + 3 j,).
+        handles: pointers to the space, p bodies, j motors, h limits and h pivots (1 + p + j + 2 h,).
     """
 
     action: Floats
@@ -53,12 +53,12 @@ class Simulation(NamedTuple):
     handles: Integers
 
 
-def new_memory(body: StepArrays) -> Memory:
-    """Returns the memory for a body, which is copied into it."""
+def new_memory(body: StepArrays, all_joints: int) -> Memory:
+    """Returns the memory for a body, which is copied into it, with `all_joints` joints, passive ones too."""
     parts, joints, rays = len(body.critical), len(body.motors), len(body.rays)
     memory = Memory(
         np.zeros(FLOATS + 6 * joints + 2 * rays + 6 * parts),
-        np.zeros(INTEGERS + 1 + 3 * parts + 6 * joints, dtype=np.int64),
+        np.zeros(INTEGERS + 1 + 3 * parts + 4 * joints + 2 * all_joints, dtype=np.int64),
     )
     memory.integers[:4] = parts, joints, rays, body.head
     memory.floats[:2] = body.torque_cost, body.upright_weight

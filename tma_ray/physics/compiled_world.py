@@ -45,11 +45,11 @@ def build(
     """Builds a world.
 
     Args:
-        body: the body of p parts and j joints, settled.
+        body: the body of p parts and h joints, of which j have motors, settled.
         terrain: what it stands on.
         settings: how Chipmunk solves.
-        forces: gravity upwards in m/s², and an impulse forwards on the head in N s.
-        handles: pointers to space, parts, motors, limits and pivots, written (1 + p + 3 j,).
+        forces: gravity upwards in m/s², and an impulse forwards on each pushed part in N s.
+        handles: pointers to space, parts, motors, limits and pivots, written (1 + p + j + 2 h,).
 
     Returns:
         Pointers to the shapes; `release` needs them too.
@@ -66,8 +66,9 @@ def build(
     add_terrain(space, terrain, shapes)
     add_parts(space, body, terrain.spawn, settings.skin_radius, handles[1 : 1 + parts], shapes[solids:])
     add_joints(space, body, settings, handles)
-    head = body.head
-    symbols.body_push(handles[1 + head], impulse, 0.0, body.centre[head, 0], body.centre[head, 1])
+    for part in range(parts):
+        if body.pushed[part]:
+            symbols.body_push(handles[1 + part], impulse, 0.0, body.centre[part, 0], body.centre[part, 1])
     return shapes
 
 
@@ -130,14 +131,17 @@ def add_joints(space: int, body: BodyArrays, settings: SolverSettings, handles: 
     constraints = handles[1 + len(body.mass) :]
     for index in range(joints):
         a, b = parts[body.joint_parts[index, 0]], parts[body.joint_parts[index, 1]]
-        motor = symbols.motor_new(a, b, 0.0)
-        symbols.constraint_set_max_force(motor, 0.0)
+        if index < body.motors:  # motor, limit, pivot: the order in which Box2D solves a joint
+            motor = symbols.motor_new(a, b, 0.0)
+            symbols.constraint_set_max_force(motor, 0.0)
+            symbols.space_add_constraint(space, motor)
+            constraints[index] = motor
         limit = symbols.limit_new(a, b, body.limits[index, 0], body.limits[index, 1])
         symbols.constraint_set_max_bias(limit, settings.limit_correction_speed)
         symbols.constraint_set_error_bias(limit, settings.joint_error_bias)
         anchor = body.anchors[index]
         pivot = symbols.pivot_new(a, b, anchor[0, 0], anchor[0, 1], anchor[1, 0], anchor[1, 1])
         symbols.constraint_set_error_bias(pivot, settings.joint_error_bias)
-        for kind, constraint in enumerate((motor, limit, pivot)):  # the order in which Box2D solves a joint
-            symbols.space_add_constraint(space, constraint)
-            constraints[index + kind * joints] = constraint
+        symbols.space_add_constraint(space, limit)
+        symbols.space_add_constraint(space, pivot)
+        constraints[body.motors + index], constraints[body.motors + joints + index] = limit, pivot

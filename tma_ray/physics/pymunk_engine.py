@@ -30,17 +30,22 @@ class PymunkEngine:
     Args:
         body: the body.
         lidar_angles: directions of the rays (r,), in rad; 0 is straight down, pi/2 forward.
-        settings: how Chipmunk solves.
+        settings: how Chipmunk solves, if not as usual with the body's substeps.
+        environment: whose critical parts count.
     """
 
     def __init__(
-        self, body: Embodiment, lidar_angles: NDArray[np.float64], settings: SolverSettings | None = None
+        self,
+        body: Embodiment,
+        lidar_angles: NDArray[np.float64],
+        settings: SolverSettings | None = None,
+        environment: str = "stump_tracks",
     ) -> None:
-        self.settings = settings or SolverSettings()
+        self.settings = settings or SolverSettings(substeps=body.substeps)
         self.state = np.zeros((len(body.parts), 6))
         self.contacts = np.zeros(len(body.parts), dtype=np.int64)
         self._body = settled(body, self.settings)
-        self.arrays = step_arrays(body, lidar_angles)
+        self.arrays = step_arrays(body, lidar_angles, environment)
         self._observation_size = observation_size(self.arrays)
         self._action = np.zeros(body.action_size)
         self._commands = np.zeros((body.action_size, 2))
@@ -62,8 +67,9 @@ class PymunkEngine:
         self._motors, _ = add_joints(space, self._body, parts, self.settings)
         for part in range(len(parts)):
             space.on_collision(part + 1, None, begin=_touch, separate=_release, data=(self.contacts, part))
-        head = parts[self._body.head]
-        head.apply_impulse_at_local_point((push * TIME_STEP, 0.0), head.center_of_gravity)
+        for index in np.flatnonzero(self._body.pushed):
+            centre = parts[index].center_of_gravity
+            parts[index].apply_impulse_at_local_point((push * TIME_STEP, 0.0), centre)
         self._shaping = 0.0
         return self.step(np.zeros_like(self._action))[0]
 

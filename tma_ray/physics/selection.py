@@ -41,20 +41,24 @@ class EngineChoice:
 
 
 def make_engine(
-    body: Embodiment, lidar_angles: NDArray[np.float64], settings: SolverSettings | None = None
+    body: Embodiment,
+    lidar_angles: NDArray[np.float64],
+    settings: SolverSettings | None = None,
+    environment: str = "stump_tracks",
 ) -> Engine:
     """Returns a new engine of the kind that `engine_in_use` names.
 
     Args:
         body: the body.
         lidar_angles: directions of the rays (r,), in rad; 0 is straight down, pi/2 forward.
-        settings: how Chipmunk solves.
+        settings: how Chipmunk solves, if not as usual with the body's substeps.
+        environment: whose critical parts count.
 
     Raises:
         ValueError: TMA_RAY_ENGINE is neither "compiled" nor "pymunk".
         RuntimeError: TMA_RAY_ENGINE demands the compiled engine, which does not work here.
     """
-    return _engine_class(engine_in_use().name)(body, lidar_angles, settings)
+    return _engine_class(engine_in_use().name)(body, lidar_angles, settings, environment)
 
 
 @cache

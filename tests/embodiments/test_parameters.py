@@ -1,0 +1,103 @@
+"""Bodies with other numbers of legs, sizes and torques than their files."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import tma_ray.embodiments
+from tma_ray.embodiments import EmbodimentError, embodiment_names, load_embodiment
+from tma_ray.envs.stump_tracks import StumpTracks
+
+DATA = Path(tma_ray.embodiments.__file__).parent / "data"
+
+
+@pytest.mark.parametrize("pairs", [1, 2, 3, 8])
+def test_a_spider_has_two_legs_a_pair(pairs: int) -> None:
+    body = load_embodiment("spider", pairs_of_legs=pairs)
+    assert body.name == f"spider:pairs_of_legs={pairs}"
+    assert body.action_size == 6 * pairs
+    assert [joint.contact_part for joint in body.motors if joint.contact_part] == [
+        f"lower_leg_{leg}" for leg in range(1, 2 * pairs + 1)
+    ]
+
+
+@pytest.mark.parametrize("bodies", [1, 2, 4, 7, 12])
+def test_a_millipede_is_a_chain_with_its_head_in_front(bodies: int) -> None:
+    body = load_embodiment("millipede", bodies=bodies)
+    assert body.action_size == 4 * bodies
+    assert len(body.passive_joints) == bodies - 1
+    trunk = [part for part in body.parts if part.name.startswith("body_")]
+    xs = [part.position[0] for part in trunk]
+    assert np.diff(xs) == pytest.approx(2 / 3)
+    assert np.mean(xs) == pytest.approx(-1 / 3)
+    assert [part.head for part in trunk] == [False] * (bodies - 1) + [True]
+    for joint, left, right in zip(body.passive_joints, trunk[:-1], trunk[1:], strict=True):
+        assert (joint.part_a, joint.part_b) == (left.name, right.name)
+        assert joint.anchor[0] == pytest.approx((left.position[0] + right.position[0]) / 2)
+
+
+@pytest.mark.parametrize("name", embodiment_names())
+def test_size_is_a_factor_of_lengths_and_torque_is_absolute(name: str) -> None:
+    body, large = load_embodiment(name), load_embodiment(name, size=2, motor_torque=50)
+    assert large.name == f"{name}:motor_torque=50:size=2"
+    assert large.spawn_height == 2 * body.spawn_height
+    for part, twice in zip(body.parts, large.parts, strict=True):
+        assert twice.mass == pytest.approx(4 * part.mass)
+        assert twice.inertia == pytest.approx(16 * part.inertia)
+        assert twice.position == pytest.approx([2 * value for value in part.position])
+    for joint, twice in zip(body.joints, large.joints, strict=True):
+        assert np.array(twice.anchors) == pytest.approx(2 * np.array(joint.anchors))
+        assert twice.motor_torque == (0 if joint.passive else 50)
+
+
+def test_a_name_may_hold_the_parameters() -> None:
+    expected = load_embodiment("spider", pairs_of_legs=3, size=1.5)
+    assert load_embodiment("spider:pairs_of_legs=3:size=1.5") == expected
+    assert load_embodiment(expected.name) == expected
+    path = f"{DATA / 'spider.toml'}:pairs_of_legs=3:size=1.5"
+    assert load_embodiment(path) == expected
+
+
+@pytest.mark.parametrize("body", ["spider:pairs_of_legs=3", "millipede:bodies=6", "wheel:size=1.5"])
+def test_the_environment_plays_them(body: str) -> None:
+    env = StumpTracks(embodiment=body)
+    observation, _ = env.reset(seed=0, options={"task": [0.5, 3.0]})
+    assert observation in env.observation_space
+    for _ in range(20):
+        assert np.all(np.isfinite(env.step(env.action_space.sample())[0]))
+
+
+@pytest.mark.parametrize(
+    ("name", "message"),
+    [
+        ("spider:legs=3", "unknown parameter 'legs'; known: pairs_of_legs, size, motor_torque"),
+        ("spider:pairs_of_legs=0", "pairs_of_legs 0 must be a whole number from 1 to 8"),
+        ("spider:pairs_of_legs=2.5", "pairs_of_legs 2.5 must be a whole number"),
+        ("spider:pairs_of_legs=many", "pairs_of_legs=many: expected a number"),
+        ("classic_bipedal:bodies=3", "unknown parameter 'bodies'; known: size, motor_torque"),
+        ("wheel:size=0", "size 0 must be over 0"),
+        ("wheel:motor_torque=inf", "motor_torque inf must be over 0 and finite"),
+        ("spidr:size=2", "did you mean 'spider'"),
+    ],
+)
+def test_parameters_that_make_no_body_are_refused(name: str, message: str) -> None:
+    with pytest.raises(EmbodimentError, match=message):
+        load_embodiment(name)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        ("count = 2", "count = 9", "pairs_of_legs 9 must be a whole number from 1 to 8"),
+        ("at_most = 8", "", "repeat 'pairs_of_legs'.*at_most"),
+        ("{2k}", "{2k-1}", "is used more than once"),
+    ],
+)
+def test_sections_that_make_no_body_are_refused(tmp_path: Path, old: str, new: str, message: str) -> None:
+    text = (DATA / "spider.toml").read_text()
+    assert old in text
+    path = tmp_path / "mine.toml"
+    path.write_text(text.replace(old, new))
+    with pytest.raises(EmbodimentError, match=message):
+        load_embodiment(path)

@@ -1,0 +1,89 @@
+"""Bodies with other proportions or motors, derived from those in the files."""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Mapping
+from dataclasses import replace
+
+from tma_ray.embodiments.embodiment import Embodiment
+from tma_ray.embodiments.parts import Joint, Part
+from tma_ray.embodiments.polygon import Point, Polygon
+
+SETTINGS = re.compile(r"(:\w+=[^:=]*)+$")
+"""The parameters at the end of a body's name, as in spider:pairs_of_legs=3:size=1.2."""
+
+
+def split_name(text: str) -> tuple[str, dict[str, float]]:
+    """Returns a body's name or path without its parameters, and the parameters.
+
+    Raises:
+        ValueError: a parameter that is no number.
+
+    Examples:
+        >>> split_name("spider:pairs_of_legs=3:size=1.2")
+        ('spider', {'pairs_of_legs': 3, 'size': 1.2})
+    """
+    match = SETTINGS.search(text)
+    if match is None:
+        return text, {}
+    pairs = [setting.split("=") for setting in match[0][1:].split(":")]
+    return text[: match.start()], {name: _number(name, value) for name, value in pairs}
+
+
+def join_name(name: str, parameters: Mapping[str, float]) -> str:
+    """Returns the name of a body with `parameters`, the reverse of `split_name`."""
+    return name + "".join(f":{key}={parameters[key]}" for key in sorted(parameters))
+
+
+def resized(body: Embodiment, size: float) -> Embodiment:
+    """Returns `body` with all lengths multiplied by `size`; densities and torques stay.
+
+    Raises:
+        ValueError: a size that is not over 0.
+    """
+    _check_positive("size", size)
+    return replace(
+        body,
+        spawn_height=body.spawn_height * size,
+        parts=tuple(_resized_part(part, size) for part in body.parts),
+        joints=tuple(_resized_joint(joint, size) for joint in body.joints),
+    )
+
+
+def with_motor_torque(body: Embodiment, torque: float) -> Embodiment:
+    """Returns `body` with the largest torque of every motor set to `torque` N m.
+
+    Raises:
+        ValueError: a torque that is not over 0.
+    """
+    _check_positive("motor_torque", torque)
+    joints = [joint if joint.passive else replace(joint, motor_torque=float(torque)) for joint in body.joints]
+    return replace(body, joints=tuple(joints))
+
+
+def _resized_part(part: Part, size: float) -> Part:
+    shape = Polygon(tuple(_times(corner, size) for corner in part.shape.vertices))
+    return replace(part, shape=shape, position=_times(part.position, size))
+
+
+def _resized_joint(joint: Joint, size: float) -> Joint:
+    anchor_b = None if joint.anchor_b is None else _times(joint.anchor_b, size)
+    return replace(joint, anchor=_times(joint.anchor, size), anchor_b=anchor_b)
+
+
+def _times(point: Point, size: float) -> Point:
+    return point[0] * size, point[1] * size
+
+
+def _number(name: str, text: str) -> float:
+    try:
+        return int(text) if text.isdecimal() else float(text)
+    except ValueError:
+        raise ValueError(f"parameter {name}={text}: expected a number") from None
+
+
+def _check_positive(name: str, value: float) -> None:
+    if not (value > 0 and math.isfinite(value)):
+        raise ValueError(f"{name} {value} must be over 0 and finite")
