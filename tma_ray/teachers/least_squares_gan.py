@@ -17,7 +17,7 @@ LEAK = 0.1
 class LeastSquaresGAN:
     """A generator of points in [-1, 1] and a discriminator that tells wanted points from others.
 
-    Source: Held et al. 2018, section 4.2, after Mao et al. 2017: the discriminator is drawn to +1 on
+    Source: Florensa et al. 2018, section 4.2, after Mao et al. 2017: the discriminator is drawn to +1 on
     wanted and to -1 on unwanted and on generated points, the generator to where it is +1.
     Layers as in TeachMyAgent's paper, appendix A; initial weights, leaky units of the discriminator
     and optimisers as in its release.
