@@ -12,6 +12,7 @@ from typing import Any
 
 from tma_ray.results import Committer, Results, Table
 from tma_ray.runs import Cell, Placement, RunSpec, Schedule, effective_spec, run_locally
+from tma_ray.tasks import KnowledgeLevel
 
 SCHEDULE = Schedule(
     steps=3_000, evaluation_interval=1_000, probe_interval=500, probe_size=10, training_window=1_000
@@ -22,7 +23,13 @@ STUDENTS: dict[str, dict[str, Any]] = {
     "sac": {"hidden_units": [32, 32], "exploration_steps": 500, "batch_size": 64, "buffer_size": 2_000},
 }
 
-TEACHERS: dict[str, dict[str, Any]] = {"random": {}, "alp_gmm": {"fit_every": 20}}
+TEACHERS: dict[str, dict[str, Any]] = {
+    "random": {},
+    "alp_gmm": {"fit_every": 20},
+    "spdl": {"first_update": 1_000, "update_every": 500},
+    "goal_gan": {"train_every": 20, "iterations_per_task": 0.2, "pretraining_iterations": 10},
+    "setter_solver": {"update_every": 20, "hidden_units": 8},
+}
 
 
 def small_spec(
@@ -51,6 +58,7 @@ def _cell(environment: str, embodiment: str, student: str, teacher: str, tests: 
         embodiment=embodiment,
         student=student,
         teacher=teacher,
+        expert_knowledge=KnowledgeLevel.LOW,
         teacher_hyperparameters=TEACHERS.get(teacher, {}),
         student_hyperparameters=STUDENTS[student],
         test_set=str(tests),

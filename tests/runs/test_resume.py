@@ -22,8 +22,19 @@ def finish_in_a_new_process(spec: RunSpec, folder: Path) -> None:
     subprocess.run(command, cwd=HERE, check=True)
 
 
-@pytest.mark.parametrize("teacher", ["random", "alp_gmm", "odd_teachers:Scrutinising"])
-@pytest.mark.parametrize("student", ["ppo", "sac"])
+@pytest.mark.parametrize(
+    ("student", "teacher"),
+    [
+        ("ppo", "random"),
+        ("ppo", "alp_gmm"),
+        ("ppo", "odd_teachers:Scrutinising"),
+        ("ppo", "goal_gan"),
+        ("sac", "random"),
+        ("sac", "alp_gmm"),
+        ("sac", "spdl"),
+        ("sac", "setter_solver"),
+    ],
+)
 def test_many_episodes_stopped_twice_and_finished_in_a_new_process(
     tmp_path: Path, student: str, teacher: str
 ) -> None:

@@ -18,7 +18,7 @@ SPACES = {
 
 QUICK: dict[str, dict[str, Any]] = {
     "spdl": {"first_update": 10_000, "update_every": 5_000},
-    "goal_gan": {"iterations": 4, "pretraining_iterations": 10},
+    "goal_gan": {"iterations_per_task": 0.1, "pretraining_iterations": 10},
     "setter_solver": {"hidden_units": 8},
 }
 """Hyper-parameters under which a few hundred episodes of `EPISODE_LENGTH` steps show everything, fast."""

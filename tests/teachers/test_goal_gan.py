@@ -128,7 +128,7 @@ def test_without_a_wanted_task_the_network_stays_as_it_is() -> None:
 
 def test_it_follows_a_student_that_gets_better() -> None:
     """Tasks half a step around the student's skill succeed now and then, lower ones always."""
-    teacher = goal_gan(pretraining_iterations=200, iterations=60, noise=0.05)
+    teacher = goal_gan(pretraining_iterations=200, iterations_per_task=1.5, noise=0.05)
     assert teacher.probe(300)[:, 0].mean() < 0.5
     rng = np.random.default_rng(0)
     for index in range(2000):
@@ -149,6 +149,7 @@ def test_it_follows_a_student_that_gets_better() -> None:
         {"rollouts": 0},
         {"least_success": 0.8},
         {"spacing": -1.0},
+        {"iterations_per_task": 0.0},
         {"learning_rate": 0.0},
     ],
 )

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import ClassVar
 
@@ -26,7 +27,8 @@ class GoalGAN(Teacher):
 
     Sources: Florensa et al. 2018, algorithm 1; paper, appendix A (Goal-GAN), appendix C (expert
     knowledge) and table of hyper-parameters; sizes of batches and numbers of steps from the original
-    release, which stores mastered tasks instead of those of intermediate difficulty.
+    release, which trains after 100 labelled tasks instead of 100 episodes, and stores mastered tasks
+    instead of those of intermediate difficulty.
 
     Attributes:
         noise: std of the noise added to every task, as a share of each range (paper: delta).
@@ -37,7 +39,7 @@ class GoalGAN(Teacher):
         most_success: largest share of successes of an intermediate task (paper: R_max).
         spacing: a task that is as near as this share of the range in every dimension to one in the
             buffer does not enter it; distances are Euclidean in ranges (paper: epsilon).
-        iterations: steps of both networks in a training.
+        iterations_per_task: steps of both networks in a training, per task labelled since the last.
         pretraining_iterations: steps of both networks before the first episode.
         pretraining_tasks: tasks drawn from the initial Gaussian for that.
         batch_size: tasks per step, and as many generated ones.
@@ -53,14 +55,14 @@ class GoalGAN(Teacher):
     least_success: float = 0.25
     most_success: float = 0.75
     spacing: float = 0.1
-    iterations: int = 250
+    iterations_per_task: float = 2.5
     pretraining_iterations: int = 500
     pretraining_tasks: int = 1000
     batch_size: int = 64
     learning_rate: float = 1e-3
 
     def __post_init__(self) -> None:
-        for name in ("train_every", "rollouts", "iterations", "pretraining_tasks", "batch_size"):
+        for name in ("train_every", "rollouts", "pretraining_tasks", "batch_size"):
             if getattr(self, name) < 1:
                 raise ValueError(f"{name} = {getattr(self, name)}: expected at least 1")
         for name in ("noise", "spacing", "pretraining_iterations"):
@@ -73,8 +75,9 @@ class GoalGAN(Teacher):
                 f"least_success = {self.least_success} and most_success = {self.most_success} bound a share "
                 f"of successes; expected 0 <= least <= most <= 1"
             )
-        if not self.learning_rate > 0:
-            raise ValueError(f"learning_rate = {self.learning_rate}: expected a number over 0")
+        for name in ("iterations_per_task", "learning_rate"):
+            if not getattr(self, name) > 0:
+                raise ValueError(f"{name} = {getattr(self, name)}: expected a number over 0")
 
     def start(self, space: TaskSpace, knowledge: ExpertKnowledge, rng: np.random.Generator) -> None:
         """Pretrains the network on the initial Gaussian."""
@@ -131,6 +134,7 @@ class GoalGAN(Teacher):
         wanted = np.array([label for _, label in self.labelled_])
         scalars = {"wanted_share": float(wanted.mean()), "buffer_size": float(len(self.buffer_))}
         if wanted.any():
-            scalars |= self.network_.train(points - 0.5, wanted, self.iterations, self.rng)
+            iterations = math.ceil(self.iterations_per_task * len(points))
+            scalars |= self.network_.train(points - 0.5, wanted, iterations, self.rng)
         self.labelled_ = []
         self.log(TeacherUpdate(scalars=scalars))
