@@ -54,7 +54,19 @@ def stump_tracks(task: Task, rng: np.random.Generator) -> Terrain:
     count = int((TRACK_LENGTH - FIRST_STUMP + spacing) / (STUMP_WIDTH + spacing))
     solids, surface = _lay_out(rng.normal(mean_height, STUMP_HEIGHT_STD, count), spacing)
     spawn = np.array([FIRST_STUMP / 2, GROUND_HEIGHT])
-    return Terrain(solids, FRICTION, surface, spawn, GOAL_X)
+    nothing = np.empty((0, 4))
+    return Terrain(
+        solids,
+        FRICTION,
+        surface,
+        spawn,
+        GOAL_X,
+        ground_solids=len(solids),
+        ceiling=nothing,
+        creepers=nothing,
+        holders=np.empty(0, dtype=np.int64),
+        water_y=-np.inf,
+    )
 
 
 @kernel
