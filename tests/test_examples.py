@@ -13,9 +13,9 @@ from tma_ray.testing import TeacherConformance
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "examples"))
 
-from experiment import CAMPAIGN, Staircase  # noqa: E402
-from frontier_teacher import Frontier  # noqa: E402
-from swing_up import SwingUp  # noqa: E402
+from experiment import CAMPAIGN, Staircase
+from frontier_teacher import Frontier
+from swing_up import SwingUp
 
 
 class TestFrontier(TeacherConformance):
