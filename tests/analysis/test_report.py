@@ -47,7 +47,11 @@ class Page(HTMLParser):
 
 def small(root: Path, **changes: object) -> SyntheticCampaign:
     return SyntheticCampaign(
-        root, **({"steps": 40_000, "evaluation_every": 10_000, "episode_steps": 500, "grid": 4} | changes)
+        root,
+        **(
+            {"steps": 40_000, "evaluation_every": 10_000, "episode_steps": 500, "grid": 4, "updates": 1}
+            | changes
+        ),
     )
 
 
