@@ -36,6 +36,11 @@ def corridor(teacher: str, level: KnowledgeLevel = KnowledgeLevel.NONE, **hyperp
     )
 
 
+def idle(teacher: str, level: KnowledgeLevel = KnowledgeLevel.NONE) -> Cell:
+    """Returns a cell in which nothing is learned, and which starts sooner for that."""
+    return replace(corridor(teacher, level), student="idle_student:Idle", student_hyperparameters={})
+
+
 def campaign(*cells: Cell, seeds: tuple[int, ...] = (0,)) -> Campaign:
     return Campaign("short", cells, seeds, SCHEDULE)
 
@@ -72,7 +77,7 @@ def test_actors_give_the_files_of_a_run_in_one_process(tmp_path: Path) -> None:
 
 
 def test_cells_share_runs_and_running_again_does_only_what_is_missing(tmp_path: Path) -> None:
-    cells = [corridor("random", level) for level in (KnowledgeLevel.NONE, KnowledgeLevel.LOW)]
+    cells = [idle("random", level) for level in (KnowledgeLevel.NONE, KnowledgeLevel.LOW)]
     assert len(campaign(*cells).plan().runs) == 1
     execute(campaign(*cells), tmp_path, teachers=TeacherPlacement.INLINE)
     shared = rows(tmp_path, Table.CELLS)
@@ -88,7 +93,7 @@ def test_cells_share_runs_and_running_again_does_only_what_is_missing(tmp_path: 
 
 
 def test_an_exception_fails_its_run_and_the_rest_goes_on(tmp_path: Path) -> None:
-    both = campaign(corridor("misbehaving:Raising"), corridor("random"))
+    both = campaign(idle("misbehaving:Raising"), idle("random"))
     ended = execute(both, tmp_path, teachers=TeacherPlacement.INLINE)
     assert (ended.done, ended.failed) == (1, 1)
     failed = [run for run in Results.open(tmp_path).runs() if run.status is RunStatus.FAILED]
