@@ -2,9 +2,9 @@
 
 python docs/search_cppn_weights.py --seeds 3000 --output tma_ray/terrain/data/cppn.npz
 
-The release's weights are its own, so ours are drawn from the same distribution until the terrains of the paper's
-three boxes resemble the release's in clearance, slope and range. Hidden layers are drawn from a seed each; as the
-columns of the last layer are independent of them, many are tried for each of the former.
+The release's weights are its own, so ours are drawn from the same distribution until the terrains of the
+paper's three boxes resemble the release's in clearance, slope and range. Hidden layers are drawn from a seed
+each; as the columns of the last layer are independent of them, many are tried for each of the former.
 """
 
 from __future__ import annotations
@@ -134,7 +134,7 @@ def grounds_that_fit(curves: dict[str, np.ndarray], slack: float) -> list[int]:
 
 
 def candidates(seed: int, samples: dict[str, np.ndarray]) -> list[tuple[float, int, int]]:
-    """Returns (worst deviation of the shares, ground, ceiling) of the pairs worth a closer look, best first."""
+    """Returns (worst deviation of the shares, ground, ceiling) of pairs worth a closer look, best first."""
     layers, heads = hidden_layers(seed), columns(seed)
     hidden = {box: features(layers, theta) for box, theta in samples.items()}
     ground = {box: aligned(values @ heads[:, 0]) for box, values in hidden.items()}
@@ -186,7 +186,10 @@ def search(seeds: int) -> tuple[int, int, int]:
             worst = max(deviations(measured[box], TARGETS[box]).max() for box in BOXES)
             if worst < best[0]:
                 best = (worst, (seed, ground, ceiling))
-                print(f"seed {seed}, ground {ground}, ceiling {ceiling}: worst deviation {worst:.2f}", flush=True)
+                print(
+                    f"seed {seed}, ground {ground}, ceiling {ceiling}: worst deviation {worst:.2f}",
+                    flush=True,
+                )
     return best[1]
 
 

@@ -79,7 +79,7 @@ class CPPN:
             raise ValueError(f"{path}: {error}") from error
 
     def curves(self, theta: ArrayLike) -> Floats:
-        """Returns ground and ceiling for `theta` (..., 3): heights (..., 200, 2), neither scaled nor aligned."""
+        """Returns ground and ceiling for `theta` (..., 3): heights (..., 200, 2), not scaled or aligned."""
         values = np.asarray(theta, dtype=np.float32)
         w1, w2, w3, w4, w5 = (self.weights[name] for name in SHAPES)
         signal = self._from_x + (values @ w1[1:])[..., None, :]
