@@ -8,9 +8,10 @@ from typing import Any
 import pytest
 
 from tma_ray.embodiments import Embodiment, embodiment_names, load_embodiment
-from tma_ray.envs.stump_tracks import LIDAR_ANGLES
+from tma_ray.envs.stump_tracks import RULES
 from tma_ray.physics import observation_size
-from tma_ray.physics.arrays import body_arrays, step_arrays
+from tma_ray.physics.arrays import body_arrays
+from tma_ray.physics.rules import step_arrays
 
 pytestmark = pytest.mark.reference
 TOLERANCE = {"rel": 0.01, "abs": 1e-5}
@@ -90,7 +91,7 @@ def test_observation_layout(name: str, bodies: dict[str, Any]) -> None:
     body: Embodiment = load_embodiment(name)
     measured = bodies[name]["environments"]["stump_tracks"]
     expected = [entry["meaning"] for entry in measured["observation_layout"][4:-1]]
-    assert observation_size(step_arrays(body, LIDAR_ANGLES)) == measured["observation_size"]
+    assert observation_size(step_arrays(body, RULES)) == measured["observation_size"]
     ours = []
     for index, joint in enumerate(body.motors):
         label = f"joint {index} ({joint.part_a} -> {joint.part_b})"

@@ -16,7 +16,7 @@ import numpy as np
 from measures import Floats, joint_drift, limit_overshoot, penetration
 
 from tma_ray.embodiments import Embodiment, embodiment_names, load_embodiment
-from tma_ray.envs.stump_tracks import LIDAR_ANGLES, PUSH
+from tma_ray.envs.stump_tracks import RULES, PUSH
 from tma_ray.physics import Engine, make_engine
 from tma_ray.physics.arrays import body_arrays
 from tma_ray.terrain import GROUND_HEIGHT, Terrain
@@ -39,7 +39,7 @@ Figures = dict[str, Floats]
 def embodied(name: str) -> tuple[Embodiment, Engine]:
     """Returns the body called `name` and an engine for it."""
     body = load_embodiment(name)
-    return body, make_engine(body, LIDAR_ANGLES)
+    return body, make_engine(body, RULES)
 
 
 def start(engine: Engine, task: tuple[float, float], rng: np.random.Generator) -> Terrain:

@@ -10,8 +10,8 @@ import numpy as np
 from gymnasium import spaces
 from numpy.typing import ArrayLike, NDArray
 
-from tma_ray.embodiments import Embodiment, load_embodiment
-from tma_ray.physics import LIDARS, TIME_STEP, Engine, make_engine, observation_size
+from tma_ray.embodiments import Embodiment, LidarLayout, load_embodiment
+from tma_ray.physics import LIDARS, TIME_STEP, Engine, Rules, make_engine, observation_size
 from tma_ray.tasks import MASTERY_RETURN, Task, TaskSpace, check_task
 from tma_ray.terrain.stump_tracks import stump_tracks
 
@@ -24,8 +24,8 @@ MAX_EPISODE_STEPS = 2000
 PUSH = 5.0
 """Largest random push on the head in the first step, in N."""
 
-LIDAR_ANGLES = 1.5 * np.arange(LIDARS) / LIDARS
-"""Directions of the lidars in rad, 0 straight down; up to 77 degrees (the paper rounds to 90)."""
+RULES = Rules("stump_tracks", LidarLayout.DOWN, observes_milieu=False)
+"""All bodies look down and ahead, as in the original release."""
 
 _UNITS = {"stump_height": "terrain steps", "obstacle_spacing": "m"}
 
@@ -75,7 +75,7 @@ class StumpTracks(gymnasium.Env[Observation, NDArray[np.float32]]):
             raise ValueError(f"render_mode {render_mode!r}: expected None, 'human' or 'rgb_array'")
         self.render_mode = render_mode
         self.embodiment = embodiment if isinstance(embodiment, Embodiment) else load_embodiment(embodiment)
-        self._engine = make_engine(self.embodiment, LIDAR_ANGLES)
+        self._engine = make_engine(self.embodiment, RULES)
         size, actions = observation_size(self._engine.arrays), self.embodiment.action_size
         # Only lidars have bounds that always hold: a joint that is hit hard overshoots its limits.
         low, high = np.full(size, -np.inf, np.float32), np.full(size, np.inf, np.float32)
