@@ -1,6 +1,6 @@
 """Searches weights of the CPPN whose terrains are as hard as the original release's.
 
-python docs/search_cppn_weights.py --seeds 3000 --output tma_ray/terrain/data/cppn.npz
+python docs/search_cppn_weights.py --seeds 1000 --output tma_ray/terrain/data/cppn.npz
 
 The release's weights are its own, so ours are drawn from the same distribution until the terrains of the
 paper's three boxes resemble the release's in clearance, slope and range. Hidden layers are drawn from a seed
@@ -220,7 +220,7 @@ def main() -> None:
     """Searches, prints the figures beside their targets, and writes the weights."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--first", type=int, default=0, help="the first seed")
-    parser.add_argument("--seeds", type=int, default=3000, help="how many sets of hidden layers to try")
+    parser.add_argument("--seeds", type=int, default=1000, help="how many sets of hidden layers to try")
     parser.add_argument("--only", type=int, nargs=3, metavar=("SEED", "GROUND", "CEILING"), help="no search")
     parser.add_argument("--output", type=Path)
     options = parser.parse_args()
