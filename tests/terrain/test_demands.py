@@ -47,7 +47,7 @@ def ramp(height: float, first: int, steps: int) -> np.ndarray:
 
 
 def creepers_every(distance: float) -> np.ndarray:
-    left = np.arange(0, 100, distance)
+    left = np.arange(0, 110, distance)
     return np.column_stack([left, left * 0, left + 0.25, left * 0 + 1])
 
 

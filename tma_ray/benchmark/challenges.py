@@ -91,8 +91,8 @@ CHALLENGES: tuple[Challenge, ...] = (
     _parkour("hard", "Parkour, hard task space", (-1.0, 1.0), (-1.0, 1.0), (-1.0, 1.0)),
 )
 """Of Stump Tracks, the original space of the paper's appendix C, whose easy task is [0, 6], and a corner of
-it in which every working student learns to walk: for trying out students, bodies and settings. Of Parkour, the
-three spaces of appendix C; its experiment takes the medium one, and each milieu has test tasks of its own."""
+it in which every working student learns to walk: for trying out students, bodies and settings. Of Parkour,
+the three spaces of appendix C: its experiment takes the medium one, and each milieu has test tasks."""
 
 
 def challenges_of(environment: str) -> dict[str, Challenge]:
