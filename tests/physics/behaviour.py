@@ -16,7 +16,8 @@ import numpy as np
 from measures import Floats, joint_drift, limit_overshoot, penetration
 
 from tma_ray.embodiments import BodyType, Embodiment, embodiment_names, load_embodiment
-from tma_ray.envs.stump_tracks import RULES, PUSH
+from tma_ray.envs.body_environment import PUSH
+from tma_ray.envs.stump_tracks import RULES
 from tma_ray.physics import Engine, make_engine
 from tma_ray.physics.arrays import body_arrays
 from tma_ray.terrain import GROUND_HEIGHT, Terrain
