@@ -11,7 +11,6 @@ from pathlib import Path
 import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.collections import PatchCollection
 from matplotlib.patches import Rectangle
 
 from tma_ray.benchmark import find_challenge, load_test_set
@@ -24,6 +23,9 @@ from tma_ray.terrain.terrain import STEP
 NETWORK = CPPN.load()
 MEDIUM = find_challenge("parkour", "medium").task_space
 LENGTH = (TRACK_POINTS - 1) * STEP
+BELOW, ABOVE = 20.0, 28.0
+"""How far pictures reach under and over the start's ground, in m."""
+
 GROUND, CEILING, WATER, CREEPER = "#6b7f4f", "#8c8c94", "#4f8fd0", "#2f6b2f"
 CLASSES = {"easy": "#5aa469", "medium": "#e0a83a", "hard": "#c0504d"}
 BODIES = {"walking": "walker", "swimming": "swimmer", "climbing": "climber"}
@@ -36,16 +38,13 @@ def world(task: np.ndarray) -> Terrain:
     return parkour(task, np.random.default_rng(0), cppn=NETWORK)
 
 
-def draw(axis: Axes, terrain: Terrain, below: float, above: float) -> None:
-    """Draws a world from `below` to `above` the start's ground, in m."""
-    bottom, top = terrain.spawn[1] - below, terrain.spawn[1] + above
+def draw(axis: Axes, terrain: Terrain, *, creepers: bool = True) -> None:
+    """Draws a world, with its `creepers` or without."""
+    bottom, top = terrain.spawn[1] - BELOW, terrain.spawn[1] + ABOVE
     lines = [np.vstack([line[:, :2], line[-1:, 2:]]) for line in (terrain.surface, terrain.ceiling)]
     axis.fill_between([0, LENGTH], bottom, terrain.water_y, color=WATER, alpha=0.45, lw=0)
-    left, low, right, high = terrain.creepers.T
-    boxes = [
-        Rectangle(*box) for box in zip(zip(left, low, strict=True), right - left, high - low, strict=True)
-    ]
-    axis.add_collection(PatchCollection(boxes, color=CREEPER, lw=0))
+    for left, low, right, high in terrain.creepers if creepers else ():
+        axis.add_patch(Rectangle((left, low), right - left, high - low, color=CREEPER, lw=0))
     axis.fill_between(*lines[0].T, bottom, color=GROUND, lw=0)
     axis.fill_between(*lines[1].T, top, where=lines[1][:, 1] < top, color=CEILING, lw=0)
     axis.plot(*terrain.spawn, marker="v", color="black", markersize=4)
@@ -55,17 +54,17 @@ def draw(axis: Axes, terrain: Terrain, below: float, above: float) -> None:
 def inputs() -> plt.Figure:
     """Returns the figure of terrains along each input, the others at the medium space's centre."""
     shares = np.linspace(-1, 1, 5)
-    figure, axes = plt.subplots(4, len(shares), figsize=(15, 8.2), layout="constrained")
+    figure, axes = plt.subplots(4, len(shares), figsize=(15, 6.9), layout="constrained")
     for row, (name, reach) in enumerate((("theta_1", 1), ("theta_2", 1), ("theta_3", 1), ("theta_2", 0.2))):
         index = MEDIUM.names.index(name)
         for axis, share in zip(axes[row], shares, strict=True):
             task = MEDIUM.centre.astype(np.float32)
-            task[3], task[5] = 0, 0
+            task[3] = 0  # no water
             task[index] = share * reach if reach == 1 else task[index] + share * reach
-            draw(axis, world(task), 20, 28)
+            draw(axis, world(task), creepers=False)
             theta = ", ".join(f"{value:.2f}" for value in task[:3])
             axis.set_title(f"θ = ({theta})", fontsize=9)
-        label = f"θ{index + 1} from -1 to 1" if reach == 1 else f"θ{index + 1} over the medium space"
+        label = f"θ{index + 1} from -1 to 1" if reach == 1 else f"θ{index + 1}, medium space"
         axes[row, 0].set_ylabel(label, fontsize=9)
     return figure
 
@@ -83,16 +82,18 @@ def class_of(ranks: np.ndarray) -> list[str]:
 
 def examples() -> plt.Figure:
     """Returns the figure of examples: one row for each milieu, from the easiest to the hardest."""
-    figure, axes = plt.subplots(3, 4, figsize=(15, 6.6), layout="constrained")
+    figure, axes = plt.subplots(3, 4, figsize=(15, 6.2), layout="constrained")
     for row, name in zip(axes, BODIES, strict=True):
         tasks, values = rated(name)
         order = np.argsort(values)
         for axis, place in zip(row, (8, 40, 65, 95), strict=True):
             index = order[place]
-            draw(axis, world(tasks[index]), 20, 28)
-            origin = "medium space" if index < INSIDE else "outside it"
+            draw(axis, world(tasks[index]))
+            origin = "in" if index < INSIDE else "out of"
             level = class_of(np.array([place]))[0]
-            axis.set_title(f"{name}, {level}, {origin}, δ = {tasks[index, -1]:g}", fontsize=9)
+            axis.set_title(
+                f"{name}, {level}: {origin} the training space, δ = {tasks[index, -1]:g}", fontsize=9
+            )
     return figure
 
 
@@ -104,7 +105,7 @@ def order_of_difficulty() -> plt.Figure:
         order = np.argsort(values)
         inside = order < INSIDE
         colours = np.array([CLASSES[level] for level in class_of(np.arange(len(order)))])
-        for part, marker, label in ((inside, "o", "medium space"), (~inside, "D", "outside it")):
+        for part, marker, label in ((inside, "o", "in the training space"), (~inside, "D", "out of it")):
             axis.scatter(
                 np.flatnonzero(part), values[order][part], c=colours[part], s=16, marker=marker, label=label
             )
