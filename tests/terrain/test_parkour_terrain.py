@@ -112,10 +112,13 @@ def check_creepers(terrain: Terrain, swinging: bool) -> None:
 
 def test_the_solids_fill_what_is_under_the_ground_and_over_the_ceiling() -> None:
     terrain = world()
-    np.testing.assert_array_equal(
-        terrain.solids[: terrain.ground_solids, [3, 2]].reshape(-1, 4), terrain.surface
-    )
-    np.testing.assert_array_equal(terrain.solids[terrain.ground_solids :, :2].reshape(-1, 4), terrain.ceiling)
+    under, over = np.split(terrain.solids, [terrain.ground_solids])
+    np.testing.assert_array_equal(from_the_left(under)[:, [3, 2]].reshape(-1, 4), terrain.surface)
+    np.testing.assert_array_equal(from_the_left(over)[:, :2].reshape(-1, 4), terrain.ceiling)
+
+
+def from_the_left(solids: np.ndarray) -> np.ndarray:
+    return solids[np.argsort(solids[:, 0, 0])]
 
 
 @pytest.mark.parametrize("delta", [2.0, 10.0, 40.0])
