@@ -113,8 +113,10 @@ def order_of_difficulty() -> plt.Figure:
         for demand in demanded[0]:
             smooth = np.convolve([d[demand] for d in demanded], np.ones(9) / 9, mode="valid")
             axis.plot(np.arange(4, len(order) - 4), smooth, lw=1, alpha=0.7, label=demand)
-        axis.set(title=name, xlabel="tasks in the order of difficulty", ylim=(0, 1))
-        axis.legend(fontsize=8, ncols=2)
+        axis.set(title=name, xlabel="tasks in the order of difficulty", ylim=(0, 1.35))
+        for level, centre in zip(CLASSES, (16.5, 50, 83.5), strict=True):
+            axis.text(centre, 1.03, level, color=CLASSES[level], ha="center")
+        axis.legend(fontsize=8, ncols=3, loc="upper left")
     axes[0].set_ylabel("difficulty (points), demands (lines, mean of 9 tasks)")
     return figure
 
