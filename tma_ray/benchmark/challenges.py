@@ -68,9 +68,9 @@ def _parkour(name: str, title: str, *theta: tuple[float, float]) -> Challenge:
 def _easy_parkour(milieu: str, theta_2: tuple[float, float], water: float, delta: float) -> Challenge:
     """Returns an easy piece of Parkour for the bodies of one milieu, with tests drawn from it."""
     bounds = {
-        "theta_1": (-0.2, -0.1),
+        "theta_1": (-0.15, -0.05),
         "theta_2": theta_2,
-        "theta_3": (0.05, 0.15),
+        "theta_3": (0.1, 0.15),
         "water_level": (water, water),
         "creepers_width": (0.25, 0.25),
         "creepers_height": (0.0, 1.0),
