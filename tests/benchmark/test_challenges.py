@@ -24,8 +24,10 @@ def test_the_original_test_set_is_the_papers_grid() -> None:
     assert len(shipped) == 100
 
 
-def test_the_easy_test_set_is_drawn_from_its_space() -> None:
-    easy = find_challenge("stump_tracks", "easy")
+@pytest.mark.parametrize(
+    "easy", [each for each in CHALLENGES if "easy" in each.test_set], ids=lambda challenge: challenge.test_set
+)
+def test_easy_test_sets_are_drawn_from_their_spaces(easy: Challenge) -> None:
     drawn = easy.task_space.sample(np.random.default_rng(0), 20)
     np.testing.assert_array_equal(load_test_set(easy.test_set).tasks, drawn)
 

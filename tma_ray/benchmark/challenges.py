@@ -65,6 +65,28 @@ def _parkour(name: str, title: str, *theta: tuple[float, float]) -> Challenge:
     )
 
 
+def _easy_parkour(milieu: str, theta_2: tuple[float, float], water: float, delta: float) -> Challenge:
+    """Returns an easy piece of Parkour for the bodies of one milieu, with tests drawn from it."""
+    bounds = {
+        "theta_1": (-0.15, -0.05),
+        "theta_2": theta_2,
+        "theta_3": (0.1, 0.15),
+        "water_level": (water, water),
+        "creepers_width": (0.25, 0.25),
+        "creepers_height": (0.0, 1.0),
+        "creepers_spacing": (2.0, 5.0),
+        "terrain_cppn_scale": (delta, delta),
+    }
+    return Challenge(
+        environment="parkour",
+        name=f"easy_{milieu}",
+        title=f"Parkour, easy {milieu}",
+        task_space=TaskSpace.from_bounds(bounds, PARKOUR_UNITS),
+        test_set=f"parkour_easy_{milieu}",
+        easy_task=None,
+    )
+
+
 CHALLENGES: tuple[Challenge, ...] = (
     Challenge(
         environment="stump_tracks",
@@ -89,10 +111,14 @@ CHALLENGES: tuple[Challenge, ...] = (
     _parkour("easy", "Parkour, easy task space", (-0.25, -0.05), (0.8, 1.0), (0.0, 0.2)),
     _parkour("medium", "Parkour", (-0.35, 0.05), (0.6, 1.0), (-0.1, 0.3)),
     _parkour("hard", "Parkour, hard task space", (-1.0, 1.0), (-1.0, 1.0), (-1.0, 1.0)),
+    _easy_parkour("walking", theta_2=(0.9, 1.0), water=0.0, delta=40.0),
+    _easy_parkour("swimming", theta_2=(0.9, 1.0), water=1.0, delta=10.0),
+    _easy_parkour("climbing", theta_2=(0.9, 1.0), water=0.0, delta=25.0),
 )
 """Of Stump Tracks, the original space of the paper's appendix C, whose easy task is [0, 6], and a corner of
 it in which every working student learns to walk: for trying out students, bodies and settings. Of Parkour,
-the three spaces of appendix C: its experiment takes the medium one, and each milieu has test tasks."""
+the three spaces of appendix C (its experiment takes the medium one, and each milieu has test tasks), and an
+easy piece for each milieu: gentle dry ground, deep water, and a nearly flat ceiling."""
 
 
 def challenges_of(environment: str) -> dict[str, Challenge]:

@@ -19,7 +19,7 @@ LARGEST_ANGLE = 0.4 * np.pi
 
 
 class Chains(NamedTuple):
-    """Those of c creepers that swing, as an engine builds them; the values of others mean nothing.
+    """Creepers as an engine builds them, none if none of them swings; the values of fixed ones mean nothing.
 
     Attributes:
         holders: as in Terrain (c,).
@@ -38,6 +38,8 @@ class Chains(NamedTuple):
 
 def chains(terrain: Terrain) -> Chains:
     """Returns the creepers of `terrain` as an engine builds them."""
+    if not (terrain.holders != FIXED).any():
+        return _NO_CHAINS
     low, high = terrain.creepers[:, :2], terrain.creepers[:, 2:]
     sizes, centre = high - low, (low + high) / 2
     mass = DENSITY * sizes.prod(axis=1)
@@ -49,6 +51,9 @@ def chains(terrain: Terrain) -> Chains:
     anchors[:, 1, 1] = sizes[:, 1] / 2
     inertia = mass * np.square(sizes).sum(axis=1) / 12
     return Chains(terrain.holders, mass, inertia, centre, anchors)
+
+
+_NO_CHAINS = Chains(np.empty(0, np.int64), *(np.empty((0, *rest)) for rest in ((), (), (2,), (2, 2))))
 
 
 def add_creepers(

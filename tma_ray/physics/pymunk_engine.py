@@ -38,7 +38,7 @@ class PymunkEngine:
     """
 
     def __init__(self, body: Embodiment, rules: Rules, settings: SolverSettings | None = None) -> None:
-        self.settings = settings or SolverSettings(substeps=body.substeps)
+        self.settings = settings or SolverSettings(body.iterations, body.substeps)
         self.arrays = step_arrays(body, rules)
         self._body = settled(body, self.settings)
         parts, motors, grips = len(body.parts), len(body.motors), len(body.grip_sensors)
