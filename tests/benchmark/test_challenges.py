@@ -6,6 +6,9 @@ import pytest
 from tma_ray.benchmark import CHALLENGES, Challenge, find_challenge, load_test_set, shipped_test_sets
 from tma_ray.envs import make_environment
 from tma_ray.tasks import TestSet
+from tma_ray.terrain.cppn import CPPN
+from tma_ray.terrain.demands import demands, difficulty
+from tma_ray.terrain.parkour import parkour
 
 
 @pytest.mark.parametrize("challenge", CHALLENGES, ids=lambda challenge: challenge.name)
@@ -67,3 +70,18 @@ def test_sixty_parkour_tasks_are_from_the_medium_space_and_forty_are_not(name: s
     other_delta = tests.tasks[:, 7] != 10
     assert sum(theta_outside) >= 20
     assert sum(other_delta) >= 20
+
+
+@pytest.mark.parametrize(
+    ("name", "body_type"),
+    [("parkour_walking", "walker"), ("parkour_swimming", "swimmer"), ("parkour_climbing", "climber")],
+)
+def test_parkours_test_tasks_are_feasible_and_ordered_in_each_source(name: str, body_type: str) -> None:
+    cppn, rng = CPPN.load(), np.random.default_rng(0)
+    worlds = (parkour(task, rng, cppn=cppn) for task in load_test_set(name).tasks)
+    values = np.array([difficulty(demands(terrain, body_type)) for terrain in worlds])
+    assert np.all(np.isfinite(values))
+    for source in np.split(values, [60, 80]):
+        assert np.all(np.diff(source) >= 0)
+    cuts = (values[[19, 39]] + values[[20, 40]]) / 2  # where the medium space's tasks are cut into thirds
+    assert np.bincount(np.searchsorted(cuts, values[60:])) == pytest.approx([13, 14, 13], abs=2)
