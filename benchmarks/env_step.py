@@ -18,12 +18,13 @@ from pathlib import Path
 import numpy as np
 
 from tma_ray.embodiments import embodiment_names
-from tma_ray.envs.stump_tracks import LIDAR_ANGLES, StumpTracks
+from tma_ray.envs.stump_tracks import RULES, StumpTracks
 from tma_ray.jit import kernel
 from tma_ray.physics import PHYSICS_VERSION, Engine
 from tma_ray.physics.compiled_engine import CompiledEngine
-from tma_ray.physics.compiled_step import advance, views
+from tma_ray.physics.compiled_step import advance
 from tma_ray.physics.kernels import command_motors
+from tma_ray.physics.memory import COUNT_CONTACT, DURATION, SUBSTEPS, body_in, simulation_in
 from tma_ray.physics.pymunk_engine import PymunkEngine
 
 TASKS = {"flat": [0.0, 6.0], "usual": [1.5, 3.0], "crowded": [1.5, 0.0]}
@@ -33,11 +34,11 @@ RESETS = 100
 
 @kernel
 def simulate(floats, integers, actions):  # noqa: D103
-    body, simulation = views(floats, integers)
+    body, simulation = body_in(floats, integers), simulation_in(floats, integers)
     for action in actions:
         simulation.action[:] = action
-        command_motors(simulation.action, body, simulation.commands)
-        advance(simulation, integers[4], floats[2], integers[5])
+        command_motors(simulation.action, True, body, simulation.commands)
+        advance(simulation, integers[SUBSTEPS], floats[DURATION], integers[COUNT_CONTACT])
 
 
 def seconds(function: Callable[[], object]) -> float:
@@ -50,7 +51,7 @@ def seconds(function: Callable[[], object]) -> float:
 def environment(body: str, engine: str) -> StumpTracks:
     """Returns Stump Tracks with that engine."""
     env = StumpTracks(embodiment=body)
-    env._engine = ENGINES[engine](env.embodiment, LIDAR_ANGLES)
+    env._engine = ENGINES[engine](env.embodiment, RULES)
     return env
 
 

@@ -3,10 +3,11 @@
 from collections.abc import Callable
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 import tma_ray.embodiments
-from tma_ray.embodiments import EmbodimentError, embodiment_names, load_embodiment
+from tma_ray.embodiments import EmbodimentError, GripSensor, embodiment_names, load_embodiment
 
 DATA = Path(tma_ray.embodiments.__file__).parent / "data"
 
@@ -16,7 +17,7 @@ def test_every_body_loads_under_its_own_name(name: str) -> None:
     body = load_embodiment(name)
     assert body.name == name
     assert body.parts[body.head].head
-    assert body.action_size == len(body.motors) > 0
+    assert body.action_size == len(body.motors) + len(body.grip_sensors) > 0
 
 
 def test_unknown_name_offers_the_nearest() -> None:
@@ -49,7 +50,22 @@ Change = Callable[[str], str]
         (lambda text: text.replace("motor_torque = 80.0", "motor_torque = 0.0"), "motor_torque"),
         (lambda text: text.replace("friction = 0.1", "frictoin = 0.1"), "unknown field 'frictoin'"),
         (lambda text: text.replace("density = 5.0\n", ""), "'density' is missing"),
-        (lambda text: text.replace('body_type = "walker"', 'body_type = "runner"'), "runner"),
+        (
+            lambda text: text.replace('body_type = "walker"', 'body_type = "runner"'),
+            "body_type 'runner' must be one of walker, swimmer, climber, amphibian",
+        ),
+        (
+            lambda text: text.replace("torque_cost", 'lidars = "back"\ntorque_cost'),
+            "lidars 'back' must be one of down, up, full",
+        ),
+        (
+            lambda text: text.replace("under_water = 600", "under_water = -1"),
+            "steps_survivable_under_water -1 must be a whole number of time steps, 0 or more",
+        ),
+        (
+            lambda text: text.replace("under_water = 600", "outside_water = 2.5"),
+            "steps_survivable_outside_water 2.5 must be a whole number",
+        ),
         (lambda text: text.replace("[[parts]]", "[parts]"), "mine.toml"),
         (
             lambda text: text.replace('critical = ["stump_tracks"]', "critical = true"),
@@ -78,10 +94,53 @@ def test_bodies_that_cannot_be_built_are_refused(tmp_path: Path, change: Change,
         load_embodiment(path)
 
 
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        ('part = "hand_2"', 'part = "paw"', "grip sensor 'hand_sensor_2': no part 'paw'; the parts are"),
+        (
+            "position = [0.0, 2.8666667]",
+            "position = [0.0, 2.94]",
+            r"grip sensor 'hand_sensor_1': position \[0.0, 2.94\] lies 0.073 m outside part 'hand_1'",
+        ),
+        ("radius = 0.05", "radius = 0.0", "grip sensor 'hand_sensor_1': radius 0.0 m .* over 0"),
+        ("radius = 0.05\ndensity = 1.0", "density = -1.0", "'hand_sensor_1': .*density -1.0 kg/m² .* over 0"),
+        ('name = "hand_sensor_2"', 'name = "hand_sensor_1"', "'hand_sensor_1' is used more than once"),
+        ('name = "hand_sensor_2"', 'name = "hand_2"', "name 'hand_2' is used more than once"),
+        ("radius = 0.05", "raduis = 0.05", "grip sensor 'hand_sensor_1': unknown field 'raduis'"),
+        ('part = "hand_2"\n', "", "grip sensor 'hand_sensor_2': field 'part' is missing"),
+    ],
+)
+def test_grip_sensors_that_cannot_be_are_refused(tmp_path: Path, old: str, new: str, message: str) -> None:
+    path, text = tmp_path / "mine.toml", (DATA / "climbing_chimpanzee.toml").read_text()
+    before, sensors = text[: text.index("[[grip_sensors]]")], text[text.index("[[grip_sensors]]") :]
+    assert old in sensors
+    path.write_text(before + sensors.replace(old, new))
+    with pytest.raises(EmbodimentError, match=message):
+        load_embodiment(path)
+
+
+def test_a_grip_sensor_may_stick_out_of_its_part_by_its_radius(tmp_path: Path) -> None:
+    path, text = tmp_path / "mine.toml", (DATA / "climbing_chimpanzee.toml").read_text()
+    path.write_text(text.replace("position = [0.0, 2.8666667]", "position = [0.0, 2.93]"))
+    assert load_embodiment(path).grip_sensors[0].position == (0.0, 2.93)
+
+
+def test_a_grip_sensor_has_the_mass_and_inertia_of_a_disc() -> None:
+    sensor = GripSensor("sensor", "hand", (0.0, 0.0), radius=0.5, density=4.0)
+    assert sensor.mass == pytest.approx(np.pi)
+    assert sensor.inertia == pytest.approx(np.pi / 8)
+
+
 def test_a_joint_may_lie_outside_its_parts_if_the_file_says_so(tmp_path: Path) -> None:
     path = tmp_path / "mine.toml"
     path.write_text(_text().replace("anchor = [0.0, -0.1]", "anchor = [0.0, -0.9]\noutside_parts = true"))
     assert load_embodiment(path).joints[0].anchor == (0.0, -0.9)
+
+
+def test_only_climbers_hang() -> None:
+    hanging = [name for name in embodiment_names() if load_embodiment(name).hangs]
+    assert hanging == ["climbing_chest_chimpanzee", "climbing_chimpanzee"]
 
 
 def test_only_the_old_bodies_are_drawn_stretched() -> None:

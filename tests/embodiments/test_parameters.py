@@ -49,6 +49,30 @@ def test_size_is_a_factor_of_lengths_and_torque_is_absolute(name: str) -> None:
     for joint, twice in zip(body.joints, large.joints, strict=True):
         assert np.array(twice.anchors) == pytest.approx(2 * np.array(joint.anchors))
         assert twice.motor_torque == (0 if joint.passive else 50)
+    for sensor, twice in zip(body.grip_sensors, large.grip_sensors, strict=True):
+        assert twice.position == pytest.approx([2 * value for value in sensor.position])
+        assert (twice.radius, twice.mass) == pytest.approx((2 * sensor.radius, 4 * sensor.mass))
+
+
+def test_any_body_may_drown_or_suffocate_after_other_times() -> None:
+    fish = load_embodiment("fish:steps_survivable_under_water=5:steps_survivable_outside_water=0")
+    assert (fish.steps_survivable_under_water, fish.steps_survivable_outside_water) == (5, 0)
+    assert load_embodiment(fish.name) == fish
+    biped = load_embodiment("classic_bipedal", steps_survivable_outside_water=100)
+    assert (biped.steps_survivable_under_water, biped.steps_survivable_outside_water) == (600, 100)
+
+
+def test_a_repeated_section_may_hold_grip_sensors(tmp_path: Path) -> None:
+    path = tmp_path / "mine.toml"
+    sensor = (
+        '[[repeat.grip_sensors]]\nname = "grip_{k}"\npart = "lower_leg_{2k}"\nposition = [1.447, -0.37]\n'
+    )
+    path.write_text((DATA / "spider.toml").read_text() + sensor)
+    body = load_embodiment(path, pairs_of_legs=3)
+    assert [(grip.name, grip.part) for grip in body.grip_sensors] == [
+        (f"grip_{pair}", f"lower_leg_{2 * pair}") for pair in (1, 2, 3)
+    ]
+    assert body.action_size == 21
 
 
 def test_a_name_may_hold_the_parameters() -> None:
@@ -76,6 +100,14 @@ def test_the_environment_plays_them(body: str) -> None:
         ("spider:pairs_of_legs=2.5", "pairs_of_legs 2.5 must be a whole number"),
         ("spider:pairs_of_legs=many", "pairs_of_legs=many: expected a number"),
         ("classic_bipedal:bodies=3", "unknown parameter 'bodies'; known: size, motor_torque"),
+        (
+            "fish:steps_survivable_outside_water=-1",
+            "steps_survivable_outside_water -1.0 must be a whole number",
+        ),
+        (
+            "fish:steps_survivable_outside_water=2.5",
+            "steps_survivable_outside_water 2.5 must be a whole number",
+        ),
         ("wheel:size=0", "size 0 must be over 0"),
         ("wheel:motor_torque=inf", "motor_torque inf must be over 0 and finite"),
         ("spidr:size=2", "did you mean 'spider'"),

@@ -15,8 +15,9 @@ from typing import Any
 import numpy as np
 from measures import Floats, joint_drift, limit_overshoot, penetration
 
-from tma_ray.embodiments import Embodiment, embodiment_names, load_embodiment
-from tma_ray.envs.stump_tracks import LIDAR_ANGLES, PUSH
+from tma_ray.embodiments import BodyType, Embodiment, embodiment_names, load_embodiment
+from tma_ray.envs.body_environment import PUSH
+from tma_ray.envs.stump_tracks import RULES
 from tma_ray.physics import Engine, make_engine
 from tma_ray.physics.arrays import body_arrays
 from tma_ray.terrain import GROUND_HEIGHT, Terrain
@@ -33,13 +34,16 @@ RELEASE_NAMES = {
 }
 """Names of the release that differ from ours."""
 
+WALKERS = [name for name in embodiment_names() if load_embodiment(name).body_type is BodyType.WALKER]
+"""Those of which the release was measured in Stump Tracks."""
+
 Figures = dict[str, Floats]
 
 
 def embodied(name: str) -> tuple[Embodiment, Engine]:
     """Returns the body called `name` and an engine for it."""
     body = load_embodiment(name)
-    return body, make_engine(body, LIDAR_ANGLES)
+    return body, make_engine(body, RULES)
 
 
 def start(engine: Engine, task: tuple[float, float], rng: np.random.Generator) -> Terrain:
@@ -157,7 +161,7 @@ def reference_of(name: str, folder: Path) -> dict[str, dict[str, Any]]:
 
 def table_of_bodies(folder: Path) -> Iterator[str]:
     """Yields the release's figures against ours, one row of a Markdown table per body and protocol."""
-    for name in embodiment_names():
+    for name in WALKERS:
         theirs = reference_of(name, folder)
         ours = {
             "zero actions": zero_action(name),

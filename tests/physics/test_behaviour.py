@@ -7,11 +7,9 @@ from typing import Any
 import behaviour
 import pytest
 
-from tma_ray.embodiments import embodiment_names
-
 pytestmark = pytest.mark.reference
 
-OTHERS = [name for name in embodiment_names() if name != behaviour.CLASSIC]
+OTHERS = [name for name in behaviour.WALKERS if name != behaviour.CLASSIC]
 
 
 @pytest.fixture(scope="module")

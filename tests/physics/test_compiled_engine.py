@@ -17,7 +17,7 @@ from trajectory import digest
 
 import tma_ray
 from tma_ray.embodiments import load_embodiment
-from tma_ray.envs.stump_tracks import LIDAR_ANGLES, StumpTracks
+from tma_ray.envs.stump_tracks import RULES, StumpTracks
 from tma_ray.physics.compiled_engine import CompiledEngine
 from tma_ray.physics.pymunk_engine import PymunkEngine
 from tma_ray.terrain.stump_tracks import stump_tracks
@@ -32,7 +32,7 @@ def some_world(seed: int = 0):
 
 @pytest.mark.parametrize("seed", range(5))
 def test_states_and_contacts_are_pymunks_bit_for_bit(seed: int) -> None:
-    fast, oracle = (engine(BODY, LIDAR_ANGLES) for engine in (CompiledEngine, PymunkEngine))
+    fast, oracle = (engine(BODY, RULES) for engine in (CompiledEngine, PymunkEngine))
     assert digest(fast, seed, 400) == digest(oracle, seed, 400)
 
 
@@ -40,7 +40,7 @@ def test_states_and_contacts_are_pymunks_bit_for_bit(seed: int) -> None:
     "copied", [copy.copy, copy.deepcopy, lambda engine: pickle.loads(pickle.dumps(engine))]
 )
 def test_a_copy_is_an_engine_of_its_own(copied: Callable[[CompiledEngine], CompiledEngine]) -> None:
-    engine = CompiledEngine(BODY, LIDAR_ANGLES)
+    engine = CompiledEngine(BODY, RULES)
     engine.reset(some_world(), 0.0)
     twin = copied(engine)
     assert digest(twin, 1) == digest(engine, 1)
@@ -50,11 +50,11 @@ def test_a_copy_is_an_engine_of_its_own(copied: Callable[[CompiledEngine], Compi
 
 def test_a_step_before_a_reset_is_refused() -> None:
     with pytest.raises(RuntimeError, match="no world yet: call reset"):
-        CompiledEngine(BODY, LIDAR_ANGLES).step(np.zeros(4))
+        CompiledEngine(BODY, RULES).step(np.zeros(4))
 
 
 def test_a_step_after_a_failed_reset_is_refused() -> None:
-    engine = CompiledEngine(BODY, LIDAR_ANGLES)
+    engine = CompiledEngine(BODY, RULES)
     engine.reset(some_world(), 0.0)
     with pytest.raises(TypeError):
         engine.reset(some_world(), None)
@@ -63,9 +63,9 @@ def test_a_step_after_a_failed_reset_is_refused() -> None:
 
 
 def test_two_engines_do_not_disturb_each_other() -> None:
-    alone = CompiledEngine(BODY, LIDAR_ANGLES)
+    alone = CompiledEngine(BODY, RULES)
     expected = digest(alone, 1)
-    other = CompiledEngine(BODY, LIDAR_ANGLES)
+    other = CompiledEngine(BODY, RULES)
     other.reset(some_world(), 2.0)
     assert digest(alone, 1) == expected
     other.step(np.ones(4))
@@ -119,12 +119,12 @@ def play_a_little(engine: CompiledEngine, seed: int) -> None:
 @pytest.mark.parametrize("count", [2_000, pytest.param(100_000, marks=pytest.mark.slow)])
 def test_resets_leak_nothing(count: int) -> None:
     """A world takes over 100 kB, its smallest piece 100 bytes."""
-    engine = CompiledEngine(BODY, LIDAR_ANGLES)
+    engine = CompiledEngine(BODY, RULES)
     assert growth(lambda seed: play_a_little(engine, seed), count) < 1_000_000
 
 
 def test_engines_leak_nothing() -> None:
-    assert growth(lambda seed: play_a_little(CompiledEngine(BODY, LIDAR_ANGLES), seed), 500) < 1_000_000
+    assert growth(lambda seed: play_a_little(CompiledEngine(BODY, RULES), seed), 500) < 1_000_000
 
 
 @pytest.mark.slow

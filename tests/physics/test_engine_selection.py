@@ -8,7 +8,7 @@ import sys
 import pytest
 
 from tma_ray.embodiments import load_embodiment
-from tma_ray.envs.stump_tracks import LIDAR_ANGLES
+from tma_ray.envs.stump_tracks import RULES
 from tma_ray.physics import engine_in_use, make_engine, selection
 from tma_ray.physics.compiled_engine import CompiledEngine
 from tma_ray.physics.pymunk_engine import PymunkEngine
@@ -23,7 +23,7 @@ def fresh_choice(monkeypatch: pytest.MonkeyPatch):
 
 
 def engine() -> object:
-    return make_engine(load_embodiment("classic_bipedal"), LIDAR_ANGLES)
+    return make_engine(load_embodiment("classic_bipedal"), RULES)
 
 
 def test_the_compiled_engine_is_taken_where_it_works() -> None:

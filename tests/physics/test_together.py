@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from tma_ray.embodiments import load_embodiment
-from tma_ray.envs.stump_tracks import LIDAR_ANGLES
+from tma_ray.envs.stump_tracks import RULES
 from tma_ray.physics import engine_in_use, make_engine, together
 from tma_ray.physics.together import CompiledWorlds, SeparateWorlds
 from tma_ray.terrain.stump_tracks import stump_tracks
@@ -23,7 +23,7 @@ def kind(request, monkeypatch: pytest.MonkeyPatch):
 
 def engines():
     """Engines in worlds of their own, with their first observations."""
-    made = [make_engine(load_embodiment("classic_bipedal"), LIDAR_ANGLES) for _ in range(COUNT)]
+    made = [make_engine(load_embodiment("classic_bipedal"), RULES) for _ in range(COUNT)]
     for index, engine in enumerate(made):
         task = np.array([0.5 * index, 6 - index], dtype=np.float32)
         engine.reset(stump_tracks(task, np.random.default_rng(index)), push=float(index))
@@ -55,6 +55,6 @@ def test_malformed_actions_are_refused(actions: np.ndarray) -> None:
 
 @pytest.mark.usefixtures("kind")
 def test_engines_without_a_world_are_refused() -> None:
-    engine = make_engine(load_embodiment("classic_bipedal"), LIDAR_ANGLES)
+    engine = make_engine(load_embodiment("classic_bipedal"), RULES)
     with pytest.raises(RuntimeError, match="call reset first"):
         together([engine]).step(np.array([0]), np.zeros((1, 4), np.float32))

@@ -6,7 +6,7 @@ import sys
 import numpy as np
 
 from tma_ray.embodiments import load_embodiment
-from tma_ray.envs.stump_tracks import LIDAR_ANGLES
+from tma_ray.envs.stump_tracks import RULES
 from tma_ray.physics import Engine, make_engine
 from tma_ray.terrain.stump_tracks import stump_tracks
 
@@ -25,5 +25,5 @@ def digest(engine: Engine, seed: int, steps: int = 150) -> str:
 
 if __name__ == "__main__":
     for name in sys.argv[1:]:
-        trajectory = digest(make_engine(load_embodiment(name), LIDAR_ANGLES), seed=1)
+        trajectory = digest(make_engine(load_embodiment(name), RULES), seed=1)
         sys.stdout.write(f"{name} {trajectory}\n")

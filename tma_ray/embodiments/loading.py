@@ -6,20 +6,26 @@ import difflib
 import tomllib
 from collections.abc import Mapping
 from dataclasses import MISSING, fields, replace
+from enum import StrEnum
 from functools import cache
 from importlib import resources
 from importlib.resources.abc import Traversable
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
-from tma_ray.embodiments.embodiment import BodyType, Embodiment, EmbodimentError
-from tma_ray.embodiments.parts import Joint, Part
+from tma_ray.embodiments.checks import EmbodimentError
+from tma_ray.embodiments.embodiment import BodyType, Embodiment, LidarLayout
+from tma_ray.embodiments.parts import GripSensor, Joint, Part
 from tma_ray.embodiments.polygon import Polygon
 from tma_ray.embodiments.repeats import repeats, written_out
 from tma_ray.embodiments.variants import join_name, resized, split_name, with_motor_torque
 
 SIZE, MOTOR_TORQUE = "size", "motor_torque"
+SURVIVAL = ("steps_survivable_under_water", "steps_survivable_outside_water")
+EVERY_BODY = (SIZE, MOTOR_TORQUE, *SURVIVAL)
 """Parameters that every body has."""
+
+Kind = TypeVar("Kind", bound=StrEnum)
 
 
 def embodiment_names() -> list[str]:
@@ -35,7 +41,8 @@ def load_embodiment(name_or_path: str | Path, **parameters: float) -> Embodiment
     Args:
         name_or_path: the name or the path, which may end with parameters.
         parameters: what shall differ from the file: `size` (a factor of all lengths), `motor_torque` (of
-            every motor, in N m) and how often the file's repeated sections are written out.
+            every motor, in N m), `steps_survivable_under_water` and `steps_survivable_outside_water` (time
+            steps), and how often the file's repeated sections are written out.
 
     Raises:
         EmbodimentError: unknown name or parameter, unreadable file, or a body that cannot be built.
@@ -89,10 +96,11 @@ def _built(data: dict[str, Any], settings: Mapping[str, float]) -> Embodiment:
         if name in sections:
             sections[name].check(value)
             counts[name] = int(value)
-        elif name not in (SIZE, MOTOR_TORQUE):
-            known = ", ".join([*sections, SIZE, MOTOR_TORQUE])
+        elif name not in EVERY_BODY:
+            known = ", ".join([*sections, *EVERY_BODY])
             raise ValueError(f"unknown parameter {name!r}; known: {known}")
-    body = _embodiment(written_out(data, counts))
+    survival = {name: settings[name] for name in SURVIVAL if name in settings}
+    body = _embodiment(written_out(data, counts) | survival)
     if SIZE in settings:
         body = resized(body, settings[SIZE])
     if MOTOR_TORQUE in settings:
@@ -105,11 +113,20 @@ def _embodiment(data: dict[str, Any]) -> Embodiment:
     return Embodiment(
         **{
             **data,
-            "body_type": BodyType(data["body_type"]),
+            "body_type": _one_of(BodyType, "body_type", data["body_type"]),
+            "lidars": _one_of(LidarLayout, "lidars", data.get("lidars", LidarLayout.DOWN)),
             "parts": tuple(_part(entry) for entry in data["parts"]),
             "joints": tuple(_joint(entry) for entry in data["joints"]),
+            "grip_sensors": tuple(_grip_sensor(entry) for entry in data.get("grip_sensors", [])),
         }
     )
+
+
+def _one_of(kind: type[Kind], name: str, value: str) -> Kind:
+    try:
+        return kind(value)
+    except ValueError:
+        raise ValueError(f"{name} {value!r} must be one of {', '.join(kind)}") from None
 
 
 def _part(entry: dict[str, Any]) -> Part:
@@ -136,10 +153,15 @@ def _joint(entry: dict[str, Any]) -> Joint:
     return Joint(**(entry | points))
 
 
+def _grip_sensor(entry: dict[str, Any]) -> GripSensor:
+    _check_fields(f"grip sensor {entry.get('name')!r}", entry, GripSensor)
+    return GripSensor(**{**entry, "position": tuple(entry["position"])})
+
+
 def _check_fields(
     what: str,
     entry: dict[str, Any],
-    kind: type[Embodiment | Part | Joint],
+    kind: type[Embodiment | Part | Joint | GripSensor],
     renamed: dict[str, str] | None = None,
 ) -> None:
     names = renamed or {}

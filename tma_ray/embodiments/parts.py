@@ -1,4 +1,4 @@
-"""What bodies are made of: rigid parts and the joints between them."""
+"""What bodies are made of: rigid parts, the joints between them, and sensors that grip."""
 
 from __future__ import annotations
 
@@ -91,3 +91,32 @@ class Joint:
     def anchors(self) -> tuple[Point, Point]:
         """Where the joint is anchored on `part_a` and on `part_b`, relative to the spawn point, in m."""
         return self.anchor, self.anchor if self.anchor_b is None else self.anchor_b
+
+
+@dataclass(frozen=True)
+class GripSensor:
+    """A circle welded to a part, which may hold on to what it touches; it collides with nothing.
+
+    Attributes:
+        name: unique among the body's parts and sensors.
+        part: name of the part that it is welded to.
+        position: its centre relative to the spawn point, in m.
+        radius: in m.
+        density: in kg/m².
+    """
+
+    name: str
+    part: str
+    position: Point
+    radius: float = 0.05
+    density: float = 1.0
+
+    @property
+    def mass(self) -> float:
+        """Mass in kg."""
+        return self.density * math.pi * self.radius**2
+
+    @property
+    def inertia(self) -> float:
+        """Moment of inertia about the centre, in kg m²."""
+        return self.mass * self.radius**2 / 2

@@ -30,6 +30,7 @@ class Repeat:
         parts: entries of parts, whose texts may hold the copy's number.
         joints: entries of joints, likewise.
         links: entries of joints between copies k and k + 1.
+        grip_sensors: entries of grip sensors, likewise.
         step: how far apart the copies are, in m. They stand around the place written down.
     """
 
@@ -39,6 +40,7 @@ class Repeat:
     parts: list[Entry]
     joints: list[Entry]
     links: list[Entry]
+    grip_sensors: list[Entry]
     step: tuple[float, float] = (0.0, 0.0)
 
     def check(self, count: object) -> None:
@@ -59,7 +61,7 @@ def repeats(data: Mapping[str, Any]) -> dict[str, Repeat]:
     """
     sections: dict[str, Repeat] = {}
     for entry in data.get("repeat", []):
-        values = {"parts": [], "joints": [], "links": []} | entry
+        values = {"parts": [], "joints": [], "links": [], "grip_sensors": []} | entry
         try:
             section = Repeat(**values)
         except TypeError as error:
@@ -72,22 +74,24 @@ def repeats(data: Mapping[str, Any]) -> dict[str, Repeat]:
 
 
 def written_out(data: Mapping[str, Any], counts: Mapping[str, int]) -> dict[str, Any]:
-    """Returns a body's file with its sections written out after the parts and joints outside them.
+    """Returns a body's file with its sections written out after the entries outside them.
 
     Args:
         data: the file's contents.
         counts: copies of each section, by parameter.
     """
     parts, joints = list(data.get("parts", [])), list(data.get("joints", []))
+    sensors = list(data.get("grip_sensors", []))
     for name, section in repeats(data).items():
         count = counts[name]
         for number in range(1, count + 1):
             parts += [_copied(entry, section, number, count) for entry in section.parts]
             joints += [_copied(entry, section, number, count) for entry in section.joints]
+            sensors += [_copied(entry, section, number, count) for entry in section.grip_sensors]
         for number in range(1, count):
             joints += [_copied(entry, section, number, count - 1) for entry in section.links]
     others = {key: value for key, value in data.items() if key != "repeat"}
-    return others | {"parts": parts, "joints": joints}
+    return others | {"parts": parts, "joints": joints, "grip_sensors": sensors}
 
 
 def _copied(entry: Entry, section: Repeat, number: int, count: int) -> Entry:

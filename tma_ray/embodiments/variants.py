@@ -8,7 +8,7 @@ from collections.abc import Mapping
 from dataclasses import replace
 
 from tma_ray.embodiments.embodiment import Embodiment
-from tma_ray.embodiments.parts import Joint, Part
+from tma_ray.embodiments.parts import GripSensor, Joint, Part
 from tma_ray.embodiments.polygon import Point, Polygon
 
 SETTINGS = re.compile(r"(:\w+=[^:=]*)+$")
@@ -49,6 +49,7 @@ def resized(body: Embodiment, size: float) -> Embodiment:
         spawn_height=body.spawn_height * size,
         parts=tuple(_resized_part(part, size) for part in body.parts),
         joints=tuple(_resized_joint(joint, size) for joint in body.joints),
+        grip_sensors=tuple(_resized_grip_sensor(sensor, size) for sensor in body.grip_sensors),
     )
 
 
@@ -71,6 +72,10 @@ def _resized_part(part: Part, size: float) -> Part:
 def _resized_joint(joint: Joint, size: float) -> Joint:
     anchor_b = None if joint.anchor_b is None else _times(joint.anchor_b, size)
     return replace(joint, anchor=_times(joint.anchor, size), anchor_b=anchor_b)
+
+
+def _resized_grip_sensor(sensor: GripSensor, size: float) -> GripSensor:
+    return replace(sensor, position=_times(sensor.position, size), radius=sensor.radius * size)
 
 
 def _times(point: Point, size: float) -> Point:

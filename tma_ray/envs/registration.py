@@ -17,11 +17,19 @@ takes ``options={"task": …}``. It may have an attribute `mastery_return`, the 
 task counts as mastered."""
 
 ENVIRONMENTS: Registry[type[Environment]] = Registry(
-    "environment", "tma_ray.environments", {"stump_tracks": "tma_ray.envs.stump_tracks:StumpTracks"}
+    "environment",
+    "tma_ray.environments",
+    {
+        "stump_tracks": "tma_ray.envs.stump_tracks:StumpTracks",
+        "parkour": "tma_ray.envs.parkour:Parkour",
+    },
 )
 """Environments by name; more through `ENVIRONMENTS.register`, an entry point, or ``module:Name``."""
 
-GYMNASIUM_IDS = {"tma_ray/StumpTracks-v0": "tma_ray.envs.stump_tracks:StumpTracks"}
+GYMNASIUM_IDS = {
+    "tma_ray/StumpTracks-v0": "tma_ray.envs.stump_tracks:StumpTracks",
+    "tma_ray/Parkour-v0": "tma_ray.envs.parkour:Parkour",
+}
 """What `gymnasium.make` knows. The environments truncate their episodes themselves."""
 
 

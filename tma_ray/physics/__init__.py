@@ -3,8 +3,8 @@
 Importing this package loads neither numba nor pymunk; making an engine does.
 """
 
-from tma_ray.physics.arrays import LIDAR_RANGE, LIDARS, observation_size
 from tma_ray.physics.engine import PHYSICS_VERSION, TIME_STEP, Engine, SolverSettings
+from tma_ray.physics.rules import LIDAR_RANGE, LIDARS, Rules, observation_size
 from tma_ray.physics.selection import EngineChoice, engine_in_use, make_engine
 from tma_ray.physics.together import Worlds, together
 
@@ -15,6 +15,7 @@ __all__ = [
     "TIME_STEP",
     "Engine",
     "EngineChoice",
+    "Rules",
     "SolverSettings",
     "Worlds",
     "engine_in_use",

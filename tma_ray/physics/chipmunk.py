@@ -11,7 +11,8 @@ from numpy.typing import NDArray
 
 from tma_ray.embodiments import Embodiment
 from tma_ray.physics.arrays import BodyArrays, body_arrays
-from tma_ray.physics.engine import TIME_STEP, SolverSettings
+from tma_ray.physics.engine import CEILING_TYPE, TIME_STEP, SolverSettings
+from tma_ray.physics.rules import StepArrays
 from tma_ray.terrain import Terrain
 
 SETTLING_STEPS = 20
@@ -25,10 +26,12 @@ CONTACT_CORRECTION = 0.2
 
 
 def add_terrain(space: pymunk.Space, terrain: Terrain) -> None:
-    """Adds the solids of `terrain` to `space`."""
+    """Adds the solids of `terrain` to `space`; those of the ceiling have a collision type of their own."""
     shapes = [pymunk.Poly(space.static_body, corners) for corners in terrain.solids.tolist()]
-    for shape in shapes:
+    for index, shape in enumerate(shapes):
         shape.friction = math.sqrt(terrain.friction)
+        if index >= terrain.ground_solids:
+            shape.collision_type = CEILING_TYPE
     space.add(*shapes)
 
 
@@ -73,6 +76,16 @@ def add_joints(
         space.add(limit, pivot)
         limits.append(limit)
     return motors, limits
+
+
+def hung(terrain: Terrain, body: BodyArrays, step: StepArrays) -> Terrain:
+    """Returns `terrain` with a spawn point from which `body`'s highest grip sensor reaches the ceiling."""
+    heights = []
+    for part, (x, y, _) in zip(step.grip_part, step.grips, strict=True):
+        turned = math.sin(body.angle[part]) * x + math.cos(body.angle[part]) * y
+        heights.append(body.position[part, 1] + turned)
+    above = np.searchsorted(terrain.ceiling[:, 2], terrain.spawn[0])
+    return terrain._replace(spawn=np.array([terrain.spawn[0], terrain.ceiling[above, 1] - max(heights)]))
 
 
 @cache

@@ -10,11 +10,15 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from tma_ray.embodiments import Embodiment
-from tma_ray.physics.arrays import observation_size, step_arrays
-from tma_ray.physics.chipmunk import settled
-from tma_ray.physics.compiled_step import new_memory, step, views
+from tma_ray.physics.chipmunk import hung, settled
+from tma_ray.physics.compiled_step import step
 from tma_ray.physics.compiled_world import build, count_contact, release
-from tma_ray.physics.engine import GRAVITY, TIME_STEP, SolverSettings
+from tma_ray.physics.creepers import chains
+from tma_ray.physics.engine import GRAVITY, HANGING_STEPS, TIME_STEP, SolverSettings
+from tma_ray.physics.grips import NOTHING
+from tma_ray.physics.memory import BEFORE, new_memory, put_world, simulation_in
+from tma_ray.physics.rules import Rules, observation_size, step_arrays
+from tma_ray.physics.world import world_of
 from tma_ray.terrain import Terrain
 
 COUNT_CONTACT = cast("int", count_contact.address)
@@ -28,44 +32,39 @@ class CompiledEngine:
 
     Args:
         body: the body.
-        lidar_angles: directions of the rays (r,), in rad; 0 is straight down, pi/2 forward.
+        rules: of the environment.
         settings: how Chipmunk solves, if not as usual with the body's substeps.
-        environment: whose critical parts count.
     """
 
-    def __init__(
-        self,
-        body: Embodiment,
-        lidar_angles: NDArray[np.float64],
-        settings: SolverSettings | None = None,
-        environment: str = "stump_tracks",
-    ) -> None:
-        self.settings = settings or SolverSettings(substeps=body.substeps)
-        self.arrays = step_arrays(body, lidar_angles, environment)
-        self._recipe = (body, lidar_angles, self.settings, environment)
+    def __init__(self, body: Embodiment, rules: Rules, settings: SolverSettings | None = None) -> None:
+        self.settings = settings or SolverSettings(body.iterations, body.substeps)
+        self.arrays = step_arrays(body, rules)
+        self._recipe = (body, rules, self.settings)
         self._body = settled(body, self.settings)
-        self._floats, self._integers = new_memory(self.arrays, len(self._body.limits))
-        self._floats[2] = TIME_STEP / self.settings.substeps
-        self._integers[4] = self.settings.substeps
-        self._integers[5] = COUNT_CONTACT
-        _, self._simulation = views(self._floats, self._integers)
-        self.state, self.contacts = self._simulation.state, self._simulation.contacts
-        self._action = self._simulation.action
-        self._action_shape = self._action.shape
+        self._memory = new_memory(self.arrays, len(self._body.limits), self.settings, COUNT_CONTACT)
+        self._simulation = simulation = simulation_in(*self._memory)
+        self.state, self.contacts = simulation.state, simulation.contacts
+        self.grips, self.milieu = simulation.grips, simulation.milieu
+        self._action, self._action_shape = simulation.action, simulation.action.shape
         self._observation_size = observation_size(self.arrays)
         self._release: Any = None
 
     def reset(self, terrain: Terrain, push: float) -> NDArray[np.float32]:
-        """Builds a new world and lets one step without torque pass; see `Engine`."""
+        """Builds a new world and lets the first step pass; see `Engine`."""
         if self._release is not None:
             self._release()
             self._release = None  # no step in a world that is gone, should the next not come about
-        handles = self._simulation.handles
-        shapes = build(self._body, terrain, self.settings, (GRAVITY, push * TIME_STEP), handles)
-        self._release = weakref.finalize(self, release, handles.copy(), shapes, len(self.state))
-        self._surface = terrain.surface
-        self._floats[3:5] = 0.0, terrain.goal_x
-        return self.step(np.zeros(self._action_shape))[0]
+        hangs = len(self.grips) > 0 and len(terrain.ceiling) > 0
+        if hangs:
+            terrain = hung(terrain, self._body, self.arrays)
+        self._build(terrain, push)
+        action = np.zeros(self._action_shape)
+        if hangs:
+            action[len(self.arrays.motors) :] = 1.0
+        for _ in range(HANGING_STEPS if hangs else 1):
+            observation = self.step(action)[0]
+            self.milieu[:] = 0
+        return observation
 
     def step(self, action: ArrayLike) -> tuple[NDArray[np.float32], float, bool]:
         """Advances the world by TIME_STEP; see `Engine`."""
@@ -76,18 +75,32 @@ class CompiledEngine:
             raise ValueError(f"an action has shape {self._action_shape}, got {values.shape}")
         self._action[:] = values
         observation = np.empty(self._observation_size, np.float32)
-        reward, ended = step(self._floats, self._integers, self._surface, observation)
+        reward, ended = step(*self._memory, observation)
         if math.isnan(reward):
             raise ValueError(f"an action must be finite, got {values.tolist()}")
         return observation, reward, ended
 
     @property
     def addresses(self) -> tuple[int, ...]:
-        """Where memory and surface of the present world lie, as `step_worlds` takes them."""
+        """Where the memory of the present world lies, as `step_worlds` takes it."""
         if self._release is None:
             raise RuntimeError("this engine has no world yet: call reset first")
-        arrays = self._floats, self._integers, self._surface
-        return tuple(value for array in arrays for value in (array.ctypes.data, len(array)))
+        return tuple(value for array in self._memory for value in (array.ctypes.data, len(array)))
+
+    def _build(self, terrain: Terrain, push: float) -> None:
+        simulation, forces = self._simulation, (GRAVITY, push * TIME_STEP)
+        simulation.grips[:], simulation.holds[:], simulation.milieu[:] = NOTHING, 0, 0
+        simulation.wet[:] = 0
+        shapes, swinging = build(
+            self._body, terrain, chains(terrain), self.settings, forces, simulation.handles
+        )
+        handles = simulation.handles.copy()
+        self._release = weakref.finalize(
+            self, release, handles, simulation.holds, shapes, swinging, len(self.state)
+        )
+        self._world = world_of(terrain), swinging  # whose addresses the memory has
+        put_world(self._memory, *self._world)
+        self._memory.floats[BEFORE] = 0.0
 
     def __reduce__(self) -> tuple[type[CompiledEngine], tuple[Any, ...]]:
         return CompiledEngine, self._recipe

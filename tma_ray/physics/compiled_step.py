@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
 
 import numpy as np
 from numba import carray  # type: ignore[attr-defined]
@@ -11,91 +10,29 @@ from numpy.typing import NDArray
 
 from tma_ray.jit import kernel
 from tma_ray.physics import symbols
-from tma_ray.physics.arrays import StepArrays
-from tma_ray.physics.kernels import command_motors, judge, observe
-
-Floats = NDArray[np.float64]
-Integers = NDArray[np.int64]
-
-FLOATS, INTEGERS = 5, 6
-"""Single values at the start of a memory's vectors; `views` names them."""
-
-
-class Memory(NamedTuple):
-    """Everything that a step reads and writes but the terrain.
-
-    Only two vectors, because numba takes longer to receive twenty arrays than Chipmunk to simulate a body.
-
-    Attributes:
-        floats: (FLOATS + 6 j + 2 r + 6 p,).
-        integers: (INTEGERS + 1 + 3 p + 4 j + 2 h,).
-    """
-
-    floats: Floats
-    integers: Integers
-
-
-class Simulation(NamedTuple):
-    """Views of a memory: what changes while p parts and h joints, j of them with motors, are simulated.
-
-    Attributes:
-        action: (j,).
-        commands: (j, 2), as `command_motors` writes them.
-        state: (p, 6).
-        contacts: (p,).
-        handles: pointers to the space, p bodies, j motors, h limits and h pivots (1 + p + j + 2 h,).
-    """
-
-    action: Floats
-    commands: Floats
-    state: Floats
-    contacts: Integers
-    handles: Integers
-
-
-def new_memory(body: StepArrays, all_joints: int) -> Memory:
-    """Returns the memory for a body, which is copied into it, with `all_joints` joints, passive ones too."""
-    parts, joints, rays = len(body.critical), len(body.motors), len(body.rays)
-    memory = Memory(
-        np.zeros(FLOATS + 6 * joints + 2 * rays + 6 * parts),
-        np.zeros(INTEGERS + 1 + 3 * parts + 4 * joints + 2 * all_joints, dtype=np.int64),
-    )
-    memory.integers[:4] = parts, joints, rays, body.head
-    memory.floats[:2] = body.torque_cost, body.upright_weight
-    copy, _ = views(memory.floats, memory.integers)
-    for name in ("critical", "joint_parts", "contact_part", "motors", "rays"):
-        getattr(copy, name)[:] = getattr(body, name)
-    return memory
-
-
-@kernel
-def views(floats: Floats, integers: Integers) -> tuple[StepArrays, Simulation]:
-    """Returns the contents of a memory by name."""
-    parts, joints, rays = integers[0], integers[1], integers[2]
-    motors, floats_left = floats[FLOATS : FLOATS + 3 * joints], floats[FLOATS + 3 * joints :]
-    ends, floats_left = floats_left[: 2 * rays], floats_left[2 * rays :]
-    action, floats_left = floats_left[:joints], floats_left[joints:]
-    commands, state = floats_left[: 2 * joints], floats_left[2 * joints :]
-    critical, left = integers[INTEGERS : INTEGERS + parts], integers[INTEGERS + parts :]
-    joint_parts, left = left[: 2 * joints], left[2 * joints :]
-    contact_part, left = left[:joints], left[joints:]
-    contacts, handles = left[:parts], left[parts:]
-    body = StepArrays(
-        integers[3],
-        critical,
-        joint_parts.reshape(joints, 2),
-        contact_part,
-        motors.reshape(joints, 3),
-        floats[0],
-        floats[1],
-        ends.reshape(rays, 2),
-    )
-    return body, Simulation(action, commands.reshape(joints, 2), state.reshape(parts, 6), contacts, handles)
+from tma_ray.physics.grips import NOTHING, feel, holder_anchor
+from tma_ray.physics.kernels import breathe, command_motors, judge, observe, survives
+from tma_ray.physics.memory import (
+    BEFORE,
+    COUNT_CONTACT,
+    DURATION,
+    ERROR_BIAS,
+    SUBSTEPS,
+    Floats,
+    Integers,
+    Simulation,
+    body_in,
+    simulation_in,
+    world_in,
+)
+from tma_ray.physics.rules import StepArrays
+from tma_ray.physics.water import water_forces
+from tma_ray.physics.world import World
 
 
 @kernel
 def advance(simulation: Simulation, substeps: int, duration: float, count_contact: int) -> None:
-    """Lets `substeps` of `duration` s pass under `simulation.commands`, then reads state and contacts."""
+    """Lets `substeps` of `duration` s pass under motors and water, then reads state and contacts."""
     parts, joints = len(simulation.state), len(simulation.commands)
     for joint in range(joints):
         motor = simulation.handles[1 + parts + joint]
@@ -103,6 +40,11 @@ def advance(simulation: Simulation, substeps: int, duration: float, count_contac
         symbols.motor_set_rate(motor, -simulation.commands[joint, 0])
         symbols.constraint_set_max_force(motor, simulation.commands[joint, 1])
     for _ in range(substeps):
+        if simulation.wet[0]:  # Chipmunk forgets forces after each step
+            for part in range(parts):
+                body, force = simulation.handles[1 + part], simulation.forces[part]
+                symbols.body_set_force(body, force[0], force[1])
+                symbols.body_set_torque(body, force[2])
         symbols.space_step(simulation.handles[0], duration)
     for part in range(parts):
         body, values = simulation.handles[1 + part], simulation.state[part]
@@ -115,30 +57,105 @@ def advance(simulation: Simulation, substeps: int, duration: float, count_contac
 
 
 @kernel
-def step(
-    floats: Floats, integers: Integers, surface: Floats, observation: NDArray[np.float32]
-) -> tuple[float, bool]:
-    """Runs a step under the action in the memory: motors, simulation, observation and reward.
+def move_creepers(world: World, swinging: Integers) -> None:
+    """Reads where the creepers are that swing."""
+    for index in range(len(swinging)):
+        if swinging[index, 0] != 0:
+            pose = world.poses[index]
+            pose[0], pose[1] = symbols.body_position(swinging[index, 0])
+            pose[2], pose[3] = symbols.body_rotation(swinging[index, 0])
+
+
+@kernel
+def turn(simulation: Simulation) -> None:
+    """Reads the rotations of the parts."""
+    for part in range(len(simulation.state)):
+        rotation = simulation.rotations[part]
+        rotation[0], rotation[1] = symbols.body_rotation(simulation.handles[1 + part])
+
+
+@kernel
+def soak(simulation: Simulation, body: StepArrays, water_y: float, duration: float) -> None:
+    """Finds the forces of the water for the next step, if the body is near it; `duration` of a substep."""
+    lowest = math.inf
+    for part in range(len(simulation.state)):
+        lowest = min(lowest, simulation.state[part, 1] - body.bounds[part, 0])
+    near = lowest < water_y
+    if near or len(body.grips) > 0:
+        turn(simulation)
+    simulation.wet[0] = 0
+    if near:
+        for joint in range(len(simulation.commands)):
+            motor = simulation.handles[1 + len(simulation.state) + joint]
+            torque = symbols.constraint_impulse(motor) / duration
+            simulation.torques[joint] = math.copysign(torque, simulation.commands[joint, 0])
+        wet = water_forces(
+            simulation.state, simulation.rotations, simulation.torques, body, water_y, simulation.forces
+        )
+        simulation.wet[0] = 1 if wet else 0
+
+
+@kernel
+def let_go(simulation: Simulation) -> None:
+    """Opens the grips whose action is not positive."""
+    joints = len(simulation.commands)
+    for sensor in range(len(simulation.holds)):
+        hold = simulation.holds[sensor]
+        if simulation.action[joints + sensor] <= 0 and hold != 0:
+            symbols.space_remove_constraint(simulation.handles[0], hold)
+            symbols.constraint_free(hold)
+            simulation.holds[sensor], simulation.grips[sensor, 1] = 0, NOTHING
+
+
+@kernel
+def take_hold(
+    simulation: Simulation, body: StepArrays, world: World, swinging: Integers, error_bias: float
+) -> None:
+    """Closes the grips whose action is positive on what they touch."""
+    joints, grips = len(simulation.commands), simulation.grips
+    feel(simulation.state, simulation.rotations, body, world, simulation.points, grips)
+    for sensor in range(len(simulation.holds)):
+        touched = grips[sensor, 0]
+        closing = simulation.action[joints + sensor] > 0 and simulation.holds[sensor] == 0
+        if closing and touched != NOTHING:
+            holder = symbols.space_static_body(simulation.handles[0])
+            if touched >= 0 and world.movable[touched]:
+                holder = swinging[touched, 0]
+            x, y = holder_anchor(simulation.points[sensor], touched, world)
+            part = simulation.handles[1 + body.grip_part[sensor]]
+            pivot = symbols.pivot_new(holder, part, x, y, body.grips[sensor, 0], body.grips[sensor, 1])
+            symbols.constraint_set_error_bias(pivot, error_bias)
+            symbols.space_add_constraint(simulation.handles[0], pivot)
+            simulation.holds[sensor], grips[sensor, 1] = pivot, touched
+
+
+@kernel
+def step(floats: Floats, integers: Integers, observation: NDArray[np.float32]) -> tuple[float, bool]:
+    """Runs a step under the action in the memory: motors, simulation, grips, water, observation and reward.
 
     Args:
         floats: of the memory.
         integers: of the memory.
-        surface: of the terrain (m, 4).
         observation: written (o,).
 
     Returns:
         Reward, NaN if the action was not finite and nothing happened; end of the episode.
     """
-    body, simulation = views(floats, integers)
-    substeps, count_contact = integers[4], integers[5]
-    duration, before, goal_x = floats[2], floats[3], floats[4]
-    cost = command_motors(simulation.action, body, simulation.commands)
+    body, simulation = body_in(floats, integers), simulation_in(floats, integers)
+    world, swinging = world_in(floats, integers)
+    alive = survives(simulation.milieu, body)
+    cost = command_motors(simulation.action, alive, body, simulation.commands)
     if math.isnan(cost):
         return cost, False
-    advance(simulation, substeps, duration, count_contact)
-    state, contacts = simulation.state, simulation.contacts
-    observe(state, contacts, body, surface, observation)
-    reward, ended, floats[3] = judge(state, contacts, body, goal_x, cost, before)
+    let_go(simulation)
+    advance(simulation, integers[SUBSTEPS], floats[DURATION], integers[COUNT_CONTACT])
+    move_creepers(world, swinging)
+    soak(simulation, body, world.water_y, floats[DURATION])
+    take_hold(simulation, body, world, swinging, floats[ERROR_BIAS])
+    state, contacts, milieu = simulation.state, simulation.contacts, simulation.milieu
+    breathe(state, world.water_y, body, milieu)
+    observe(state, contacts, milieu, simulation.grips, body, world, observation)
+    reward, ended, floats[BEFORE] = judge(state, contacts, body, world.goal_x, cost, floats[BEFORE])
     return reward, ended
 
 
@@ -153,18 +170,15 @@ def step_worlds(
     """Runs a step of k worlds of one body.
 
     Args:
-        addresses: of each memory's floats and integers and of the terrain's surface, with their lengths
-            (k, 6).
-        actions: (k, j).
+        addresses: of each memory's floats and integers, with their lengths (k, 4).
+        actions: (k, j + g).
         observations: written (k, o).
         rewards: written (k,); NaN as `step` has it.
         ended: written (k,).
     """
     for row in range(len(addresses)):
-        floats_at, floats_size, integers_at, integers_size, surface_at, segments = addresses[row]
+        floats_at, floats_size, integers_at, integers_size = addresses[row]
         floats = carray(symbols.as_pointer(floats_at), floats_size, np.float64)
         integers = carray(symbols.as_pointer(integers_at), integers_size, np.int64)
-        surface = carray(symbols.as_pointer(surface_at), (segments, 4), np.float64)
-        _, simulation = views(floats, integers)
-        simulation.action[:] = actions[row]
-        rewards[row], ended[row] = step(floats, integers, surface, observations[row])
+        simulation_in(floats, integers).action[:] = actions[row]
+        rewards[row], ended[row] = step(floats, integers, observations[row])

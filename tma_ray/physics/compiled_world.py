@@ -14,8 +14,9 @@ from numpy.typing import NDArray
 from tma_ray.jit import kernel
 from tma_ray.physics import symbols
 from tma_ray.physics.arrays import BodyArrays
-from tma_ray.physics.engine import SolverSettings
-from tma_ray.terrain import Terrain
+from tma_ray.physics.creepers import LARGEST_ANGLE, Chains
+from tma_ray.physics.engine import CEILING_TYPE, SolverSettings
+from tma_ray.terrain import FIXED, Terrain
 
 Floats = NDArray[np.float64]
 Handles = NDArray[np.int64]
@@ -28,35 +29,39 @@ EVERY_CATEGORY = -1
 """All bits of a filter's categories and mask."""
 
 
-@cfunc("void(voidptr, voidptr, CPointer(int64))", cache=True)
-def count_contact(_body, _arbiter, count):  # type: ignore[no-untyped-def]
-    """Adds one to `count`; for cpBodyEachArbiter."""
-    carray(count, 1)[0] += 1
+@cfunc("void(intp, intp, CPointer(int64))", cache=True)
+def count_contact(_body, arbiter, counts):  # type: ignore[no-untyped-def]
+    """Adds one to the first of two `counts`, or to the second for the ceiling; for cpBodyEachArbiter."""
+    kind = symbols.shape_collision_type(symbols.other_shape(arbiter))
+    carray(counts, 2)[1 if kind == CEILING_TYPE else 0] += 1
 
 
 @kernel
 def build(
     body: BodyArrays,
     terrain: Terrain,
+    creepers: Chains,
     settings: SolverSettings,
     forces: tuple[float, float],
     handles: Handles,
-) -> Handles:
+) -> tuple[Handles, Handles]:
     """Builds a world.
 
     Args:
         body: the body of p parts and h joints, of which j have motors, settled.
         terrain: what it stands on.
+        creepers: those of its c creepers that swing, as `chains` returns them.
         settings: how Chipmunk solves.
         forces: gravity upwards in m/s², and an impulse forwards on each pushed part in N s.
         handles: pointers to space, parts, motors, limits and pivots, written (1 + p + j + 2 h,).
 
     Returns:
-        Pointers to the shapes; `release` needs them too.
+        Pointers to the shapes and to each creeper's body, limit and pivot (c, 3), 0 for those that do not
+        swing; `release` needs both.
     """
     gravity, impulse = forces
     parts, solids = len(body.mass), len(terrain.solids)
-    shapes = np.empty(solids + parts, dtype=np.int64)
+    shapes, swinging = np.empty(solids + parts, np.int64), np.zeros((len(terrain.creepers), 3), np.int64)
     space = symbols.space_new()
     handles[0] = space
     symbols.space_set_iterations(space, settings.iterations)
@@ -66,22 +71,31 @@ def build(
     add_terrain(space, terrain, shapes)
     add_parts(space, body, terrain.spawn, settings.skin_radius, handles[1 : 1 + parts], shapes[solids:])
     add_joints(space, body, settings, handles)
+    add_creepers(space, creepers, settings, swinging)
     for part in range(parts):
         if body.pushed[part]:
             symbols.body_push(handles[1 + part], impulse, 0.0, body.centre[part, 0], body.centre[part, 1])
-    return shapes
+    return shapes, swinging
 
 
 @kernel
-def release(handles: Handles, shapes: Handles, parts: int) -> None:
-    """Frees a world of `parts` parts."""
+def release(handles: Handles, holds: Handles, shapes: Handles, swinging: Handles, parts: int) -> None:
+    """Frees a world of `parts` parts, with what it `holds` on to."""
     symbols.space_free(handles[0])
     for shape in shapes:
         symbols.shape_free(shape)
     for constraint in handles[1 + parts :]:
         symbols.constraint_free(constraint)
+    for constraint in holds:
+        if constraint != 0:
+            symbols.constraint_free(constraint)
     for part in handles[1 : 1 + parts]:
         symbols.body_free(part)
+    for creeper in swinging:
+        if creeper[0] != 0:
+            symbols.constraint_free(creeper[1])
+            symbols.constraint_free(creeper[2])
+            symbols.body_free(creeper[0])
 
 
 @kernel
@@ -100,6 +114,8 @@ def add_terrain(space: int, terrain: Terrain, shapes: Handles) -> None:
     for index in range(len(terrain.solids)):
         shapes[index] = polygon(ground, terrain.solids[index], 0.0)
         symbols.shape_set_friction(shapes[index], math.sqrt(terrain.friction))
+        if index >= terrain.ground_solids:
+            symbols.shape_set_collision_type(shapes[index], CEILING_TYPE)
         symbols.space_add_shape(space, shapes[index])
 
 
@@ -145,3 +161,26 @@ def add_joints(space: int, body: BodyArrays, settings: SolverSettings, handles: 
         symbols.space_add_constraint(space, limit)
         symbols.space_add_constraint(space, pivot)
         constraints[body.motors + index], constraints[body.motors + joints + index] = limit, pivot
+
+
+@kernel
+def add_creepers(space: int, creepers: Chains, settings: SolverSettings, swinging: Handles) -> None:
+    """Adds the creepers that swing and writes bodies, limits and pivots to `swinging` (c, 3)."""
+    for index in range(len(creepers.mass)):
+        if creepers.holders[index] == FIXED:
+            continue
+        body = symbols.body_new(creepers.mass[index], creepers.inertia[index])
+        symbols.body_set_position(body, creepers.centre[index, 0], creepers.centre[index, 1])
+        holder = symbols.space_static_body(space)
+        if creepers.holders[index] >= 0:
+            holder = swinging[creepers.holders[index], 0]
+        limit = symbols.limit_new(holder, body, -LARGEST_ANGLE, LARGEST_ANGLE)
+        symbols.constraint_set_max_bias(limit, settings.limit_correction_speed)
+        symbols.constraint_set_error_bias(limit, settings.joint_error_bias)
+        anchor = creepers.anchors[index]
+        pivot = symbols.pivot_new(holder, body, anchor[0, 0], anchor[0, 1], anchor[1, 0], anchor[1, 1])
+        symbols.constraint_set_error_bias(pivot, settings.joint_error_bias)
+        symbols.space_add_body(space, body)
+        symbols.space_add_constraint(space, limit)
+        symbols.space_add_constraint(space, pivot)
+        swinging[index, 0], swinging[index, 1], swinging[index, 2] = body, limit, pivot

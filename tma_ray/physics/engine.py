@@ -7,7 +7,7 @@ from typing import NamedTuple, Protocol
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from tma_ray.physics.arrays import StepArrays
+from tma_ray.physics.rules import StepArrays
 from tma_ray.terrain import Terrain
 
 PHYSICS_VERSION = 1
@@ -18,6 +18,13 @@ TIME_STEP = 1 / 50
 
 GRAVITY = -10.0
 """In m/s²."""
+
+
+CEILING_TYPE = 1 << 20
+"""Collision type of the ceiling's shapes."""
+
+HANGING_STEPS = 6
+"""Steps with closed grips before the episode of a body that starts hanging; those of others have one."""
 
 
 class SolverSettings(NamedTuple):
@@ -48,7 +55,7 @@ class Engine(Protocol):
 
     Attributes:
         state: (p, 6) as kernels.py has it, rewritten by every step.
-        contacts: things that each part touches (p,), rewritten by every step.
+        contacts: pieces of ground and of ceiling that each part touches (p, 2), rewritten by every step.
         arrays: what the kernels know of the body.
     """
 
@@ -57,7 +64,9 @@ class Engine(Protocol):
     contacts: NDArray[np.int64]
 
     def reset(self, terrain: Terrain, push: float) -> NDArray[np.float32]:
-        """Builds a new world and lets one step without torque pass, as the original release does.
+        """Builds a new world and lets a step without torque pass, as the original release does.
+
+        A body with grip sensors starts hanging where there is a ceiling, and has HANGING_STEPS.
 
         Args:
             terrain: the world.
@@ -72,7 +81,7 @@ class Engine(Protocol):
         """Advances the world by TIME_STEP.
 
         Args:
-            action: one value in [-1, 1] per motor (j,).
+            action: one value in [-1, 1] per motor, then one per grip sensor (j + g,).
 
         Returns:
             Observation (o,), reward, and whether the episode has ended.

@@ -2,7 +2,7 @@
 
 Small functions over arrays that run compiled or as plain Python, bit for bit the same.
 A state is (p, 6): each part's origin x, y, angle, velocity x, y of its centre of mass, angular velocity
-(m, rad, s). `contacts` (p,) counts the things that each part touches.
+(m, rad, s). `contacts` (p, 2) counts the pieces of ground and of ceiling that each part touches.
 """
 
 from __future__ import annotations
@@ -13,9 +13,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tma_ray.jit import kernel
-from tma_ray.physics.arrays import StepArrays
+from tma_ray.physics.grips import NOTHING
+from tma_ray.physics.lidars import look
+from tma_ray.physics.rules import StepArrays
+from tma_ray.physics.world import World
 
 Floats = NDArray[np.float64]
+Integers = NDArray[np.int64]
 
 FORWARD_WEIGHT = 130 / 30
 """Reward per metre that the head moves forward."""
@@ -29,91 +33,107 @@ VELOCITY_Y_SCALE = 0.3 * (400 / 30) / 50
 
 
 @kernel
-def command_motors(action: Floats, body: StepArrays, commands: Floats) -> float:
+def command_motors(action: Floats, alive: bool, body: StepArrays, commands: Floats) -> float:
     """Writes each motor's target speed (rad/s) and largest torque (N m) to `commands` (j, 2).
 
     An action's sign is the direction, its size (at most 1) the share of the torque; 0 leaves the joint limp.
 
+    Args:
+        action: of motors, then of grip sensors (j + g,); all 0 afterwards if the body is dead.
+        alive: whether the body has survived its milieu.
+        body: the body.
+        commands: written.
+
     Returns:
-        What the torques cost in reward; NaN if an action is not finite.
+        What the actions cost in reward; NaN if one is not finite.
     """
     effort = 0.0
     for index in range(len(action)):
-        value = action[index]
-        if not math.isfinite(value):
+        if not math.isfinite(action[index]):
             return math.nan
+        if not alive:
+            action[index] = 0.0
+        value = action[index]
         share = min(abs(value), 1.0)
-        direction = 1.0 if value > 0 else (-1.0 if value < 0 else 0.0)
-        commands[index, 0] = direction * body.motors[index, 1]
-        commands[index, 1] = share * body.motors[index, 0]
         effort += share
+        if index < len(commands):
+            direction = 1.0 if value > 0 else (-1.0 if value < 0 else 0.0)
+            commands[index, 0] = direction * body.motors[index, 1]
+            commands[index, 1] = share * body.motors[index, 0]
     return effort * body.torque_cost
 
 
 @kernel
-def first_segment(surface: Floats, x: float) -> int:
-    """Returns the index of the first segment (of m, sorted by x) that does not end before `x`."""
-    low, high = 0, len(surface)
-    while low < high:
-        middle = (low + high) // 2
-        if surface[middle, 2] < x:
-            low = middle + 1
-        else:
-            high = middle
-    return low
+def survives(milieu: Integers, body: StepArrays) -> bool:
+    """Tells whether the body is alive after consecutive steps under water and outside it (2,)."""
+    for place in range(2):
+        if 0 <= body.survivable[place] < milieu[place]:
+            return False
+    return True
 
 
 @kernel
-def hit_fraction(x: float, y: float, ray: Floats, surface: Floats) -> float:
-    """Returns the share of a ray's length at which it first enters a solid, 1 if it meets none.
-
-    Args:
-        x: start of the ray, in m.
-        y: start of the ray, in m.
-        ray: its end relative to the start (2,), in m.
-        surface: segments (m, 4), solid on their right; a ray that starts inside a solid does not see it.
-    """
-    nearest = 1.0
-    reach = max(x, x + ray[0])
-    index = first_segment(surface, min(x, x + ray[0]))
-    while index < len(surface) and surface[index, 0] <= reach:
-        start_x, start_y = surface[index, 0] - x, surface[index, 1] - y
-        along_x, along_y = surface[index, 2] - surface[index, 0], surface[index, 3] - surface[index, 1]
-        inwards = ray[1] * along_x - ray[0] * along_y
-        if inwards < 0:
-            along_ray = (start_y * along_x - start_x * along_y) / inwards
-            along_segment = (start_y * ray[0] - start_x * ray[1]) / inwards
-            if 0 <= along_ray < nearest and 0 <= along_segment <= 1:
-                nearest = along_ray
-        index += 1
-    return nearest
+def breathe(state: Floats, water_y: float, body: StepArrays, milieu: Integers) -> None:
+    """Counts a step in `milieu` (2,): under water or outside it, where the head is. The dead do not count."""
+    if survives(milieu, body):
+        submerged = state[body.head, 1] <= water_y
+        milieu[0] = milieu[0] + 1 if submerged else 0
+        milieu[1] = 0 if submerged else milieu[1] + 1
 
 
 @kernel
 def observe(
     state: Floats,
-    contacts: NDArray[np.int64],
+    contacts: Integers,
+    milieu: Integers,
+    grips: Integers,
     body: StepArrays,
-    surface: Floats,
+    world: World,
     observation: NDArray[np.float32],
 ) -> None:
-    """Writes head, joints, contacts and lidars to `observation` (o,), in the release's units and order."""
+    """Writes what the body senses, in the release's units and order.
+
+    That is its head; whether the head is under water and the body dead; joints and contacts; what each grip
+    sensor touches and holds; lidars, and what they hit. Rules say whether the milieu is observed.
+
+    Args:
+        state: (p, 6).
+        contacts: (p, 2).
+        milieu: consecutive steps under water and outside it (2,).
+        grips: what each sensor touches and holds (g, 2).
+        body: the body.
+        world: the world.
+        observation: (o,), written.
+    """
     head = state[body.head]
     observation[0] = head[2]
     observation[1] = ANGULAR_VELOCITY_SCALE * head[5]
     observation[2] = VELOCITY_X_SCALE * head[3]
     observation[3] = VELOCITY_Y_SCALE * head[4]
     at = 4
+    if body.observes_milieu:
+        observation[at] = 1.0 if head[1] <= world.water_y else 0.0
+        observation[at + 1] = 0.0 if survives(milieu, body) else 1.0
+        at += 2
     for joint in range(len(body.joint_parts)):
         a, b = state[body.joint_parts[joint, 0]], state[body.joint_parts[joint, 1]]
         observation[at] = b[2] - a[2] + body.motors[joint, 2]
         observation[at + 1] = (b[5] - a[5]) / body.motors[joint, 1]
         at += 2
         if body.contact_part[joint] >= 0:
-            observation[at] = 1.0 if contacts[body.contact_part[joint]] > 0 else 0.0
+            touches = contacts[body.contact_part[joint]]
+            observation[at] = 1.0 if touches[0] + touches[1] > 0 else 0.0
             at += 1
-    for ray in range(len(body.rays)):
-        observation[at + ray] = hit_fraction(head[0], head[1], body.rays[ray], surface)
+    for sensor in range(len(grips)):
+        observation[at] = 1.0 if grips[sensor, 0] != NOTHING else 0.0
+        observation[at + 1] = 1.0 if grips[sensor, 1] != NOTHING else 0.0
+        at += 2
+    rays = len(body.rays)
+    for ray in range(rays):
+        fraction, kind = look(head[0], head[1], body.rays[ray], world)
+        observation[at + ray] = fraction
+        if body.observes_milieu:
+            observation[at + rays + ray] = kind
 
 
 @kernel
@@ -125,24 +145,27 @@ def shaping(state: Floats, body: StepArrays) -> float:
 
 
 @kernel
-def has_fallen(state: Floats, contacts: NDArray[np.int64], body: StepArrays) -> bool:
-    """Tells whether a critical part touches anything or the head is behind the start of the track."""
+def has_fallen(state: Floats, contacts: Integers, body: StepArrays) -> bool:
+    """Tells whether a critical part touches what it must not or the head is behind the start of the track."""
     for part in range(len(contacts)):
-        if body.critical[part] and contacts[part] > 0:
-            return True
+        if body.critical[part]:
+            if contacts[part, 0] > 0:
+                return True
+            if contacts[part, 1] > 0 and not body.may_touch_ceiling:
+                return True
     behind: bool = state[body.head, 0] < 0
     return behind
 
 
 @kernel
 def judge(
-    state: Floats, contacts: NDArray[np.int64], body: StepArrays, goal_x: float, cost: float, before: float
+    state: Floats, contacts: Integers, body: StepArrays, goal_x: float, cost: float, before: float
 ) -> tuple[float, bool, float]:
     """Judges a step.
 
     Args:
         state: (p, 6) after the step.
-        contacts: (p,) after the step.
+        contacts: (p, 2) after the step.
         body: the body.
         goal_x: the head past this x has arrived, which ends the episode without a bonus.
         cost: what the torques cost.

@@ -10,10 +10,14 @@ from numpy.typing import ArrayLike, NDArray
 from pymunk import batch
 
 from tma_ray.embodiments import Embodiment
-from tma_ray.physics.arrays import observation_size, step_arrays
-from tma_ray.physics.chipmunk import add_joints, add_parts, add_terrain, settled
-from tma_ray.physics.engine import GRAVITY, TIME_STEP, SolverSettings
-from tma_ray.physics.kernels import command_motors, judge, observe
+from tma_ray.physics.chipmunk import add_joints, add_parts, add_terrain, hung, settled
+from tma_ray.physics.creepers import add_creepers, chains
+from tma_ray.physics.engine import CEILING_TYPE, GRAVITY, HANGING_STEPS, TIME_STEP, SolverSettings
+from tma_ray.physics.grips import NOTHING, feel, holder_anchor
+from tma_ray.physics.kernels import breathe, command_motors, judge, observe, survives
+from tma_ray.physics.rules import Rules, observation_size, step_arrays
+from tma_ray.physics.water import water_forces
+from tma_ray.physics.world import world_of
 from tma_ray.terrain import Terrain
 
 STATE_FIELDS = (
@@ -29,49 +33,41 @@ class PymunkEngine:
 
     Args:
         body: the body.
-        lidar_angles: directions of the rays (r,), in rad; 0 is straight down, pi/2 forward.
+        rules: of the environment.
         settings: how Chipmunk solves, if not as usual with the body's substeps.
-        environment: whose critical parts count.
     """
 
-    def __init__(
-        self,
-        body: Embodiment,
-        lidar_angles: NDArray[np.float64],
-        settings: SolverSettings | None = None,
-        environment: str = "stump_tracks",
-    ) -> None:
-        self.settings = settings or SolverSettings(substeps=body.substeps)
-        self.state = np.zeros((len(body.parts), 6))
-        self.contacts = np.zeros(len(body.parts), dtype=np.int64)
+    def __init__(self, body: Embodiment, rules: Rules, settings: SolverSettings | None = None) -> None:
+        self.settings = settings or SolverSettings(body.iterations, body.substeps)
+        self.arrays = step_arrays(body, rules)
         self._body = settled(body, self.settings)
-        self.arrays = step_arrays(body, lidar_angles, environment)
+        parts, motors, grips = len(body.parts), len(body.motors), len(body.grip_sensors)
+        self.state = np.zeros((parts, 6))
+        self.contacts = np.zeros((parts, 2), dtype=np.int64)
+        self.grips = np.full((grips, 2), NOTHING, dtype=np.int64)
+        self._grip_points, self._rotations = np.zeros((grips, 2)), np.zeros((parts, 2))
+        self._forces, self._torques = np.zeros((parts, 3)), np.zeros(motors)
+        self.milieu = np.zeros(2, dtype=np.int64)
         self._observation_size = observation_size(self.arrays)
-        self._action = np.zeros(body.action_size)
-        self._commands = np.zeros((body.action_size, 2))
+        self._action, self._commands = np.zeros(body.action_size), np.zeros((motors, 2))
         self._buffer = batch.Buffer()
         self._space: pymunk.Space | None = None
 
     def reset(self, terrain: Terrain, push: float) -> NDArray[np.float32]:
-        """Builds a new world and lets one step without torque pass; see `Engine`."""
-        self._surface, self._goal_x = terrain.surface, terrain.goal_x
-        self.contacts = np.zeros_like(self.contacts)
-        # A new Space every time: a reused one keeps counters that change later trajectories.
-        self._space = space = pymunk.Space()
-        space.iterations = self.settings.iterations
-        space.gravity = (0.0, GRAVITY)
-        space.collision_slop = self.settings.collision_slop
-        space.collision_bias = self.settings.collision_bias
-        add_terrain(space, terrain)  # before the body: the order of insertion changes trajectories
-        parts = add_parts(space, self._body, terrain.spawn, self.settings.skin_radius)
-        self._motors, _ = add_joints(space, self._body, parts, self.settings)
-        for part in range(len(parts)):
-            space.on_collision(part + 1, None, begin=_touch, separate=_release, data=(self.contacts, part))
-        for index in np.flatnonzero(self._body.pushed):
-            centre = parts[index].center_of_gravity
-            parts[index].apply_impulse_at_local_point((push * TIME_STEP, 0.0), centre)
-        self._shaping = 0.0
-        return self.step(np.zeros_like(self._action))[0]
+        """Builds a new world and lets the first step pass; see `Engine`."""
+        hangs = len(self.grips) > 0 and len(terrain.ceiling) > 0
+        if hangs:
+            terrain = hung(terrain, self._body, self.arrays)
+        self._build(terrain, push)
+        self.grips[:], self.milieu[:], self._wet, self._shaping = NOTHING, 0, False, 0.0
+        self._held: dict[int, pymunk.PivotJoint] = {}
+        action = np.zeros_like(self._action)
+        if hangs:
+            action[len(self._commands) :] = 1.0
+        for _ in range(HANGING_STEPS if hangs else 1):
+            observation = self.step(action)[0]
+            self.milieu[:] = 0
+        return observation
 
     def step(self, action: ArrayLike) -> tuple[NDArray[np.float32], float, bool]:
         """Advances the world by TIME_STEP; see `Engine`."""
@@ -81,37 +77,105 @@ class PymunkEngine:
         if values.shape != self._action.shape:
             raise ValueError(f"an action has shape {self._action.shape}, got {values.shape}")
         self._action[:] = values
-        cost = command_motors(self._action, self.arrays, self._commands)
+        alive = survives(self.milieu, self.arrays)
+        cost = command_motors(self._action, alive, self.arrays, self._commands)
         if math.isnan(cost):
             raise ValueError(f"an action must be finite, got {values.tolist()}")
         self._set_motors()
-        for _ in range(self.settings.substeps):
-            self._space.step(TIME_STEP / self.settings.substeps)
+        self._let_go(self._space)
+        self._advance(self._space)
         self._read_state(self._space)
+        self._take_hold(self._space)
+        breathe(self.state, self._world.water_y, self.arrays, self.milieu)
         observation = np.empty(self._observation_size, dtype=np.float32)
-        observe(self.state, self.contacts, self.arrays, self._surface, observation)
+        observe(
+            self.state, self.contacts, self.milieu, self.grips, self.arrays, self._world, observation
+        )
         reward, terminated, self._shaping = judge(
-            self.state, self.contacts, self.arrays, self._goal_x, cost, self._shaping
+            self.state, self.contacts, self.arrays, self._world.goal_x, cost, self._shaping
         )
         return observation, float(reward), bool(terminated)
+
+    def _build(self, terrain: Terrain, push: float) -> None:
+        self._world = world_of(terrain)
+        self.contacts = np.zeros_like(self.contacts)
+        # A new Space every time: a reused one keeps counters that change later trajectories.
+        self._space = space = pymunk.Space()
+        space.iterations = self.settings.iterations
+        space.gravity = (0.0, GRAVITY)
+        space.collision_slop = self.settings.collision_slop
+        space.collision_bias = self.settings.collision_bias
+        add_terrain(space, terrain)  # before the body: the order of insertion changes trajectories
+        self._parts = add_parts(space, self._body, terrain.spawn, self.settings.skin_radius)
+        self._motors, _ = add_joints(space, self._body, self._parts, self.settings)
+        self._creepers = add_creepers(space, chains(terrain), self.settings)
+        for part in range(len(self._parts)):
+            space.on_collision(part + 1, None, begin=_touch, separate=_release, data=(self.contacts, part))
+        for index in np.flatnonzero(self._body.pushed):
+            centre = self._parts[index].center_of_gravity
+            self._parts[index].apply_impulse_at_local_point((push * TIME_STEP, 0.0), centre)
 
     def _set_motors(self) -> None:
         for motor, (speed, torque) in zip(self._motors, self._commands.tolist(), strict=True):
             motor.rate = -speed  # Chipmunk's rate is the speed of the first part relative to the second
             motor.max_force = torque
 
+    def _let_go(self, space: pymunk.Space) -> None:
+        for sensor, closing in enumerate(self._action[len(self._commands) :]):
+            if closing <= 0 and sensor in self._held:
+                space.remove(self._held.pop(sensor))
+                self.grips[sensor, 1] = NOTHING
+
+    def _advance(self, space: pymunk.Space) -> None:
+        for _ in range(self.settings.substeps):
+            if self._wet:  # Chipmunk forgets forces after each step
+                for part, (x, y, torque) in zip(self._parts, self._forces.tolist(), strict=True):
+                    part.force, part.torque = (x, y), torque
+            space.step(TIME_STEP / self.settings.substeps)
+
     def _read_state(self, space: pymunk.Space) -> None:
         self._buffer.clear()
         batch.get_space_bodies(space, STATE_FIELDS, self._buffer)
-        values = np.frombuffer(self._buffer.float_buf())  # the static body comes last
+        values = np.frombuffer(self._buffer.float_buf())  # creepers come after the parts, the static body last
         self.state[:] = values[: self.state.size].reshape(self.state.shape)
+        for index, creeper in self._creepers.items():
+            self._world.poses[index] = *creeper.position, *creeper.rotation_vector
+        lowest = np.min(self.state[:, 1] - self.arrays.bounds[:, 0])
+        if len(self.grips) or lowest < self._world.water_y:
+            self._rotations[:] = [part.rotation_vector for part in self._parts]
+        self._wet = False
+        if lowest < self._world.water_y:
+            duration = TIME_STEP / self.settings.substeps
+            for index, motor in enumerate(self._motors):
+                self._torques[index] = math.copysign(motor.impulse / duration, self._commands[index, 0])
+            self._wet = water_forces(
+                self.state, self._rotations, self._torques, self.arrays, self._world.water_y, self._forces
+            )
+
+    def _take_hold(self, space: pymunk.Space) -> None:
+        feel(self.state, self._rotations, self.arrays, self._world, self._grip_points, self.grips)
+        for sensor, closing in enumerate(self._action[len(self._commands) :]):
+            touched = int(self.grips[sensor, 0])
+            if closing > 0 and sensor not in self._held and touched != NOTHING:
+                holder = self._creepers.get(touched, space.static_body)
+                anchor = holder_anchor(self._grip_points[sensor], touched, self._world)
+                place = tuple(self.arrays.grips[sensor, :2].tolist())
+                pivot = pymunk.PivotJoint(holder, self._parts[self.arrays.grip_part[sensor]], anchor, place)
+                pivot.error_bias = self.settings.joint_error_bias
+                space.add(pivot)
+                self._held[sensor] = pivot
+                self.grips[sensor, 1] = touched
 
 
-def _touch(_arbiter: pymunk.Arbiter, _space: pymunk.Space, data: tuple[NDArray[np.int64], int]) -> None:
+def _touch(arbiter: pymunk.Arbiter, _space: pymunk.Space, data: tuple[NDArray[np.int64], int]) -> None:
     contacts, part = data
-    contacts[part] += 1
+    contacts[part, _is_ceiling(arbiter)] += 1
 
 
-def _release(_arbiter: pymunk.Arbiter, _space: pymunk.Space, data: tuple[NDArray[np.int64], int]) -> None:
+def _release(arbiter: pymunk.Arbiter, _space: pymunk.Space, data: tuple[NDArray[np.int64], int]) -> None:
     contacts, part = data
-    contacts[part] -= 1
+    contacts[part, _is_ceiling(arbiter)] -= 1
+
+
+def _is_ceiling(arbiter: pymunk.Arbiter) -> int:
+    return int(any(shape.collision_type == CEILING_TYPE for shape in arbiter.shapes))

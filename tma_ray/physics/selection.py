@@ -9,10 +9,10 @@ from functools import cache
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
-from tma_ray.embodiments import Embodiment, load_embodiment
+from tma_ray.embodiments import Embodiment, LidarLayout, load_embodiment
 from tma_ray.physics.engine import Engine, SolverSettings
+from tma_ray.physics.rules import Rules
 
 if TYPE_CHECKING:
     from tma_ray.physics.compiled_engine import CompiledEngine
@@ -41,24 +41,20 @@ class EngineChoice:
 
 
 def make_engine(
-    body: Embodiment,
-    lidar_angles: NDArray[np.float64],
-    settings: SolverSettings | None = None,
-    environment: str = "stump_tracks",
+    body: Embodiment, rules: Rules, settings: SolverSettings | None = None
 ) -> Engine:
     """Returns a new engine of the kind that `engine_in_use` names.
 
     Args:
         body: the body.
-        lidar_angles: directions of the rays (r,), in rad; 0 is straight down, pi/2 forward.
+        rules: of the environment.
         settings: how Chipmunk solves, if not as usual with the body's substeps.
-        environment: whose critical parts count.
 
     Raises:
         ValueError: TMA_RAY_ENGINE is neither "compiled" nor "pymunk".
         RuntimeError: TMA_RAY_ENGINE demands the compiled engine, which does not work here.
     """
-    return _engine_class(engine_in_use().name)(body, lidar_angles, settings, environment)
+    return _engine_class(engine_in_use().name)(body, rules, settings)
 
 
 @cache
@@ -102,10 +98,11 @@ def _try_compiled() -> None:
     """
     from tma_ray.terrain.stump_tracks import stump_tracks  # here, since it loads numba
 
-    body, angles = load_embodiment("classic_bipedal"), np.linspace(0.0, 1.5, 10)
+    body = load_embodiment("classic_bipedal")
+    rules = Rules("stump_tracks", LidarLayout.DOWN, observes_milieu=True)
     terrain = stump_tracks(np.array([1.0, 0.5], dtype=np.float32), np.random.default_rng(0))
     actions = np.random.default_rng(1).uniform(-1.0, 1.0, (TRIAL_STEPS, body.action_size))
-    fast, oracle = (_engine_class(name)(body, angles) for name in ("compiled", "pymunk"))
+    fast, oracle = (_engine_class(name)(body, rules) for name in ("compiled", "pymunk"))
     same = fast.reset(terrain, 3.0).tobytes() == oracle.reset(terrain, 3.0).tobytes()
     for action in actions:
         (seen, *outcome), (expected, *expected_outcome) = fast.step(action), oracle.step(action)

@@ -47,7 +47,7 @@ def load() -> None:
             raise RuntimeError(f"pymunk {pymunk.version} does not export {name}")
 
 
-_NAMES: list[str] = []
+_NAMES: list[str] = ["cpArbiterGetShapes"]
 """Symbols that are declared below."""
 
 
@@ -89,6 +89,26 @@ def _as_pointer(_context: Any, _address: Any) -> Any:
 as_pointer: Any = _as_pointer  # called with the address alone
 
 
+@intrinsic
+def _other_shape(_context: Any, _arbiter: Any) -> Any:
+    """Returns the second of the two shapes of an arbiter (pointers)."""
+
+    def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        pointer = context.get_value_type(types.intp)
+        places = [cgutils.alloca_once(builder, pointer) for _ in range(2)]  # type: ignore[no-untyped-call]
+        kind = ir.FunctionType(ir.VoidType(), [pointer, *(place.type for place in places)])
+        function = cgutils.get_or_insert_function(  # type: ignore[no-untyped-call]
+            builder.module, kind, "cpArbiterGetShapes"
+        )
+        builder.call(function, [arguments[0], *places])
+        return builder.load(places[1])
+
+    return types.intp(types.intp), generate
+
+
+other_shape: Any = _other_shape  # called with the arbiter alone
+
+
 _void, _pointer, _int, _double = types.void, types.intp, types.intc, types.float64
 _vector = (_double, _double)
 
@@ -102,6 +122,7 @@ space_static_body = _function("cpSpaceGetStaticBody", _pointer, _pointer)
 space_add_body = _function("cpSpaceAddBody", _pointer, _pointer, _pointer)
 space_add_shape = _function("cpSpaceAddShape", _pointer, _pointer, _pointer)
 space_add_constraint = _function("cpSpaceAddConstraint", _pointer, _pointer, _pointer)
+space_remove_constraint = _function("cpSpaceRemoveConstraint", _void, _pointer, _pointer)
 space_step = _function("cpSpaceStep", _void, _pointer, _double)
 
 body_new = _function("cpBodyNew", _pointer, _double, _double)
@@ -110,9 +131,12 @@ body_set_centre = _function("cpBodySetCenterOfGravity", _void, _pointer, *_vecto
 body_set_angle = _function("cpBodySetAngle", _void, _pointer, _double)
 body_set_position = _function("cpBodySetPosition", _void, _pointer, *_vector)
 body_push = _function("cpBodyApplyImpulseAtLocalPoint", _void, _pointer, *_vector, *_vector)
+body_set_force = _function("cpBodySetForce", _void, _pointer, *_vector)
+body_set_torque = _function("cpBodySetTorque", _void, _pointer, _double)
 body_each_arbiter = _function("cpBodyEachArbiter", _void, _pointer, _pointer, _pointer)
 body_angle = _function("cpBodyGetAngle", _double, _pointer)
 body_angular_velocity = _function("cpBodyGetAngularVelocity", _double, _pointer)
+body_rotation = _vector_of("cpBodyGetRotation")
 body_position = _vector_of("cpBodyGetPosition")
 body_velocity = _vector_of("cpBodyGetVelocity")
 
@@ -121,12 +145,15 @@ polygon_new = _function("cpPolyShapeNewRaw", _pointer, _pointer, _int, _pointer,
 shape_free = _function("cpShapeFree", _void, _pointer)
 shape_set_friction = _function("cpShapeSetFriction", _void, _pointer, _double)
 shape_set_filter = _function("cpShapeSetFilter", _void, _pointer, _pointer, types.int64)
+shape_set_collision_type = _function("cpShapeSetCollisionType", _void, _pointer, _pointer)
+shape_collision_type = _function("cpShapeGetCollisionType", _pointer, _pointer)
 
 motor_new = _function("cpSimpleMotorNew", _pointer, _pointer, _pointer, _double)
 motor_set_rate = _function("cpSimpleMotorSetRate", _void, _pointer, _double)
 limit_new = _function("cpRotaryLimitJointNew", _pointer, _pointer, _pointer, _double, _double)
 pivot_new = _function("cpPivotJointNew2", _pointer, _pointer, _pointer, *_vector, *_vector)
 constraint_free = _function("cpConstraintFree", _void, _pointer)
+constraint_impulse = _function("cpConstraintGetImpulse", _double, _pointer)
 constraint_set_max_force = _function("cpConstraintSetMaxForce", _void, _pointer, _double)
 constraint_set_max_bias = _function("cpConstraintSetMaxBias", _void, _pointer, _double)
 constraint_set_error_bias = _function("cpConstraintSetErrorBias", _void, _pointer, _double)

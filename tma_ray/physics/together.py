@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Protocol, cast
 import numpy as np
 from numpy.typing import NDArray
 
-from tma_ray.physics.arrays import observation_size
+from tma_ray.physics.rules import observation_size
 from tma_ray.physics.engine import Engine
 from tma_ray.physics.selection import engine_in_use
 
@@ -27,7 +27,7 @@ class Worlds(Protocol):
 
         Args:
             rows: which engines (k,).
-            actions: theirs (k, j), as `Engine.step` takes them.
+            actions: theirs (k, a), as `Engine.step` takes them.
 
         Raises:
             ValueError: actions of another shape, or not finite.
@@ -64,11 +64,12 @@ class CompiledWorlds:
         self._step_worlds = step_worlds
         self._engines = engines  # whose memories must live as long as their addresses are used
         self._addresses = np.array([engine.addresses for engine in engines], dtype=np.int64)
-        self._observation_size = observation_size(engines[0].arrays)
+        body = engines[0].arrays
+        self._observation_size, self._action_size = observation_size(body), len(body.motors) + len(body.grips)
 
     def step(self, rows: NDArray[np.int64], actions: NDArray[np.float32]) -> Outcome:
         """Advances some worlds; see `Worlds`."""
-        expected = len(rows), len(self._engines[0].arrays.motors)
+        expected = len(rows), self._action_size
         if actions.shape != expected:
             raise ValueError(f"actions of {len(rows)} worlds have shape {expected}, got {actions.shape}")
         observations = np.empty((len(rows), self._observation_size), np.float32)

@@ -1,0 +1,121 @@
+"""The CPPN: closed forms on small cases, a plain recomputation in float64, errors of files."""
+
+import os
+from pathlib import Path
+
+import numpy as np
+import pytest
+from threadpoolctl import threadpool_limits
+
+from tma_ray.terrain.cppn import CPPN, POINTS, SHAPES, softplus
+
+SEEDS = range(3)
+
+
+def weights(seed: int = 0, scale: float = 1.0) -> dict[str, np.ndarray]:
+    rng = np.random.default_rng(seed)
+    return {name: rng.normal(0, scale, shape).astype(np.float32) for name, shape in SHAPES.items()}
+
+
+def zeros() -> dict[str, np.ndarray]:
+    return {name: np.zeros(shape, dtype=np.float32) for name, shape in SHAPES.items()}
+
+
+def save(path: Path, arrays: dict[str, np.ndarray]) -> Path:
+    np.savez(path, **arrays)
+    return path
+
+
+def test_softplus_is_the_logarithm_of_one_plus_the_exponential() -> None:
+    values = np.linspace(-30, 30, 1001, dtype=np.float32)
+    np.testing.assert_allclose(softplus(values), np.logaddexp(0, values.astype(np.float64)), atol=2e-6)
+
+
+@pytest.mark.parametrize(("value", "expected"), [(-1e30, 0.0), (-1000, 0.0), (1000, 1000.0), (1e30, 1e30)])
+def test_softplus_does_not_overflow(value: float, expected: float) -> None:
+    with np.errstate(over="raise", invalid="raise"):
+        assert softplus(np.array([value], dtype=np.float32))[0] == np.float32(expected)
+
+
+def test_a_network_of_one_path_in_closed_form() -> None:
+    small = zeros()
+    small["w1"][0, 0], small["w1"][2, 0] = 2.0, 0.5  # x and the second theta
+    small["w2"][0, 0] = 3.0
+    small["w3"][0, 0] = -1.5
+    small["w4"][0, 0] = 0.7
+    small["w5"][0] = 4.0, -4.0
+    x = np.linspace(0, 1, POINTS)
+    first = np.logaddexp(0, 3 * np.tanh(2 * x + 0.5 * 0.8))
+    last = np.logaddexp(0, 0.7 * np.tanh(-1.5 * (first + 0.0)))
+    curves = CPPN(small).curves([9.0, 0.8, -9.0])
+    np.testing.assert_allclose(curves[:, 0], 4 * last, atol=1e-5)
+    np.testing.assert_array_equal(curves[:, 1], -curves[:, 0])
+
+
+@pytest.mark.parametrize("seed", SEEDS)
+def test_many_thetas_at_once_equal_each_alone_in_float64(seed: int) -> None:
+    arrays = weights(seed)
+    theta = np.random.default_rng(seed).uniform(-2, 2, (2, 5, 3))
+    curves = CPPN(arrays).curves(theta)
+    assert curves.shape == (2, 5, POINTS, 2)
+    assert curves.dtype == np.float32
+    for place in np.ndindex(2, 5):
+        signal = np.column_stack([np.arange(POINTS) / 199, np.tile(theta[place], (POINTS, 1))])
+        for name, activation in zip(
+            ("w1", "w2", "w3", "w4"), 2 * (np.tanh, lambda v: np.logaddexp(0, v)), strict=True
+        ):
+            signal = activation(signal @ arrays[name].astype(np.float64))
+        expected = signal @ arrays["w5"].astype(np.float64)
+        np.testing.assert_allclose(curves[place], expected, atol=5e-3)
+
+
+def test_curves_do_not_depend_on_the_number_of_threads() -> None:
+    theta = np.random.default_rng(0).uniform(-1, 1, (50, 3))
+    with threadpool_limits(1):
+        alone = CPPN(weights()).curves(theta)
+    with threadpool_limits(2):
+        np.testing.assert_array_equal(CPPN(weights()).curves(theta), alone)
+
+
+def test_the_shipped_weights_are_drawn_from_the_truncated_normal() -> None:
+    for name, matrix in CPPN.load().weights.items():
+        assert matrix.dtype == np.float32
+        assert np.abs(matrix).max() <= 4.0
+        if matrix.size == 64 * 64:
+            assert matrix.std() == pytest.approx(2 * 0.8796, rel=0.03), name
+
+
+def test_weights_are_read_back(tmp_path: Path) -> None:
+    arrays = weights(1)
+    loaded = CPPN.load(save(tmp_path / "own.npz", {**arrays, "note": np.array(3)}))
+    np.testing.assert_array_equal(loaded.curves([1, 2, 3]), CPPN(arrays).curves([1, 2, 3]))
+
+
+def test_files_that_hold_no_network_are_refused(tmp_path: Path) -> None:
+    arrays = weights()
+    with pytest.raises(ValueError, match=r"no file of CPPN weights '.*absent\.npz'"):
+        CPPN.load(tmp_path / "absent.npz")
+    text = tmp_path / "text.npz"
+    text.write_text("w1")
+    with pytest.raises(ValueError, match=r"text\.npz"):
+        CPPN.load(text)
+    one = tmp_path / "one.npy"
+    np.save(one, np.zeros(3))
+    with pytest.raises(ValueError, match=r"no \.npz file"):
+        CPPN.load(one)
+    with pytest.raises(ValueError, match=r"less\.npz: weights 'w4' are missing"):
+        CPPN.load(save(tmp_path / "less.npz", {k: v for k, v in arrays.items() if k != "w4"}))
+    with pytest.raises(ValueError, match=r"weights 'w3' of shape \(64, 32\).*\(64, 64\)"):
+        CPPN.load(save(tmp_path / "narrow.npz", {**arrays, "w3": arrays["w3"][:, :32]}))
+    with pytest.raises(ValueError, match=r"weights 'w2'.*finite"):
+        CPPN.load(save(tmp_path / "nan.npz", {**arrays, "w2": arrays["w2"] * np.nan}))
+
+
+@pytest.mark.reference
+def test_the_releases_weights_give_its_curves() -> None:
+    if "TMA_REFERENCE" not in os.environ:
+        pytest.skip("TMA_REFERENCE is not set: no measured curves to compare with")
+    folder = Path(os.environ["TMA_REFERENCE"])
+    measured = np.load(folder / "cppn_profiles.npz")
+    curves = CPPN.load(folder / "cppn_weights.npz").curves(measured["input_vectors"])
+    np.testing.assert_allclose(curves, measured["raw_outputs"], atol=0.005)

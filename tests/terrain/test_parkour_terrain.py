@@ -1,0 +1,257 @@
+"""Parkour's world: ground and ceiling from the network, creepers, water, over the whole valid domain."""
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from tma_ray.terrain import CEILING, FIXED, GROUND_HEIGHT, Terrain
+from tma_ray.terrain.cppn import CPPN, SHAPES
+from tma_ray.terrain.parkour import CREEPER_HEIGHT_STD, TRACK_POINTS, creeper_points, outlines, parkour
+from tma_ray.terrain.terrain import STEP
+
+SHIPPED = CPPN.load()
+LOW = np.array([-2, -2, -2, 0, 0, 0, 0, 2], dtype=np.float32)
+HIGH = np.array([2, 2, 2, 1, 1, 4, 5, 40], dtype=np.float32)
+MEDIUM = (-0.15, 0.8, 0.1)
+
+domain = st.tuples(
+    *(
+        st.one_of(st.sampled_from([low, high]), st.floats(low, high, width=32))
+        for low, high in zip(LOW.tolist(), HIGH.tolist(), strict=True)
+    )
+)
+networks = st.one_of(st.just(SHIPPED), st.integers(0, 5).map(lambda seed: random_network(seed)))
+
+
+def random_network(seed: int) -> CPPN:
+    rng = np.random.default_rng(seed)
+    return CPPN({name: rng.normal(0, 2, shape).astype(np.float32) for name, shape in SHAPES.items()})
+
+
+def line_network(ground: float, ceiling: float) -> CPPN:
+    """Returns a network whose curves rise almost linearly over x, by about `ground` and `ceiling` in all.
+
+    Only x acts: tanh(x / 1000) is a line, and each softplus is one around 0, with slope 1/2.
+    """
+    weights = {name: np.zeros(shape, dtype=np.float32) for name, shape in SHAPES.items()}
+    weights["w1"][0, 0] = 0.001
+    weights["w2"][0, 0] = 1.0
+    weights["w3"][0, 0] = 0.001
+    weights["w3"][1, 0] = -0.001  # takes off the constant log 2 of a softplus whose input is 0
+    weights["w4"][0, 0] = 1000.0
+    weights["w5"][0] = np.array([ground, ceiling]) / (0.5 * 0.5 * 0.001)
+    return CPPN(weights)
+
+
+def world(
+    theta: tuple[float, ...] = MEDIUM,
+    water: float = 0.0,
+    creepers: tuple[float, float, float] = (0.25, 0.0, 1.0),
+    delta: float = 10.0,
+    *,
+    cppn: CPPN = SHIPPED,
+    swinging: bool = False,
+    seed: int = 0,
+) -> Terrain:
+    """Returns the world of a task with `creepers` of this width, height and spacing."""
+    task = np.array([*theta, water, *creepers, delta], dtype=np.float32)
+    return parkour(task, np.random.default_rng(seed), cppn=cppn, swinging_creepers=swinging)
+
+
+def doubled_areas(solids: np.ndarray) -> np.ndarray:
+    """Returns cross products (n, 4) of every solid's consecutive sides: all positive if strictly convex."""
+    sides = np.roll(solids, -1, axis=1) - solids
+    following = np.roll(sides, -1, axis=1)
+    return sides[..., 0] * following[..., 1] - sides[..., 1] * following[..., 0]
+
+
+@settings(max_examples=150, deadline=None)
+@given(domain, networks, st.booleans())
+def test_every_valid_task_gives_a_world_in_order(task: tuple[float, ...], cppn: CPPN, swinging: bool) -> None:
+    terrain = world(task[:3], task[3], task[4:7], task[7], cppn=cppn, swinging=swinging)
+    for values in terrain:
+        assert np.all(np.isfinite(values))
+    assert np.all(doubled_areas(terrain.solids) > 0)
+    ground, ceiling = terrain.solids[: terrain.ground_solids], terrain.solids[terrain.ground_solids :]
+    assert len(ground) == len(terrain.surface)
+    assert len(ceiling) == len(terrain.ceiling)
+    for line in (terrain.surface, terrain.ceiling):
+        np.testing.assert_array_equal(line[1:, :2], line[:-1, 2:])
+        assert np.all(line[:, 2] > line[:, 0])
+        assert line[0, 0] <= -20
+        assert line[-1, 2] >= terrain.goal_x + 20
+    np.testing.assert_array_equal(terrain.surface[:, 0], terrain.ceiling[:, 0])
+    assert np.all(terrain.ceiling[:, 1::2] >= terrain.surface[:, 1::2])
+    assert ground[..., 1].min() < terrain.surface[:, 1::2].min() - 9
+    assert ceiling[..., 1].max() > terrain.ceiling[:, 1::2].max() + 9
+    check_creepers(terrain, swinging)
+
+
+def check_creepers(terrain: Terrain, swinging: bool) -> None:
+    left, bottom, right, top = terrain.creepers.T
+    assert np.all(np.diff(left) >= 0)
+    assert np.all(right - left >= 0.2 - 1e-12)
+    assert np.all(top - bottom >= 0.2 - 1e-12)
+    assert len(terrain.holders) == len(left)
+    if not swinging:
+        assert np.all(terrain.holders == FIXED)
+        return
+    assert np.all(top - bottom <= 1.0 + 1e-12)
+    for part, holder in enumerate(terrain.holders):
+        if holder == CEILING:
+            assert part == 0 or left[part - 1] < left[part]
+        else:
+            assert holder == part - 1
+            assert left[holder] == left[part]
+            assert bottom[holder] == top[part]
+
+
+def test_the_solids_fill_what_is_under_the_ground_and_over_the_ceiling() -> None:
+    terrain = world()
+    under, over = np.split(terrain.solids, [terrain.ground_solids])
+    np.testing.assert_array_equal(from_the_left(under)[:, [3, 2]].reshape(-1, 4), terrain.surface)
+    np.testing.assert_array_equal(from_the_left(over)[:, :2].reshape(-1, 4), terrain.ceiling)
+
+
+def from_the_left(solids: np.ndarray) -> np.ndarray:
+    return solids[np.argsort(solids[:, 0, 0])]
+
+
+@pytest.mark.parametrize("delta", [2.0, 10.0, 40.0])
+def test_the_track_begins_flat_with_a_ceiling_whose_height_depends_on_delta(delta: float) -> None:
+    terrain = world(delta=delta)
+    assert terrain.surface[0] == pytest.approx([-20, 10 / 3, 20 * STEP, 10 / 3])
+    assert terrain.ceiling[0] == pytest.approx([-20, 10 / 3 + 200 / delta, 20 * STEP, 10 / 3 + 200 / delta])
+    assert terrain.spawn == pytest.approx([10 * STEP, 10 / 3])
+    assert terrain.goal_x == pytest.approx(100.3333, abs=1e-4)
+    assert terrain.surface[-1, 0] == pytest.approx(219 * STEP)
+
+
+@pytest.mark.parametrize("delta", [5.0, 10.0, 20.0])
+def test_lines_divided_by_delta_in_closed_form(delta: float) -> None:
+    ground, ceiling = outlines(np.zeros(3, np.float32), delta, line_network(30.0, -60.0))
+    x = np.arange(200) / 199
+    np.testing.assert_allclose(ground[20:], 10 / 3 + 30 / delta * x, atol=0.3 / delta)
+    np.testing.assert_allclose(ceiling[20:], 10 / 3 + 200 / delta - 60 / delta * x, atol=0.6 / delta)
+    np.testing.assert_array_equal(ground[:21], np.full(21, GROUND_HEIGHT))
+
+
+def test_a_ceiling_that_would_be_underground_lies_on_the_ground() -> None:
+    ground, ceiling = outlines(np.zeros(3, np.float32), 10.0, line_network(150.0, -150.0))
+    met = ceiling == ground
+    assert np.flatnonzero(met)[0] == pytest.approx(20 + 199 * 200 / 300, abs=3)
+    assert np.all(met[np.flatnonzero(met)[0] :])
+    assert np.all(ceiling[~met] > ground[~met])
+
+
+@pytest.mark.parametrize("delta", [5.0, 10.0, 20.0])
+def test_water_rises_from_far_below_to_the_highest_point_of_the_ceiling(delta: float) -> None:
+    dry, full = world(water=0.0, delta=delta), world(water=1.0, delta=delta)
+    highest = full.ceiling[:, 1::2].max()
+    assert full.water_y == pytest.approx(highest)
+    assert dry.water_y == pytest.approx(-1000 / delta + 0.01 * (highest + 1000 / delta))
+    assert world(water=0.005, delta=delta).water_y == dry.water_y
+    assert world(water=0.5, delta=delta).water_y == pytest.approx((highest - 1000 / delta) / 2)
+
+
+@pytest.mark.parametrize(
+    ("spacing", "steps"), [(0.0, 2), (0.01, 2), (0.46, 2), (0.47, 3), (0.93, 3), (1.0, 4), (5.0, 12)]
+)
+def test_creepers_stand_on_the_grid_at_the_rounded_spacing(spacing: float, steps: int) -> None:
+    left, _, right, _ = world(creepers=(0.25, 1.0, spacing)).creepers.T
+    assert left[0] == 0
+    assert np.diff(left) == pytest.approx(steps * STEP)
+    assert right - left == pytest.approx(0.25)
+    last = (TRACK_POINTS - 1) * STEP
+    assert left[-1] < last <= left[-1] + (steps + 1) * STEP
+
+
+@pytest.mark.parametrize(("width", "points"), [(0.0, 1), (0.25, 1), (0.9, 1), (1.0, 2)])
+def test_creepers_hang_from_the_higher_of_two_points(width: float, points: int) -> None:
+    _, ceiling = outlines(np.array(MEDIUM, np.float32), 10.0, SHIPPED)
+    left, _, right, top = world(creepers=(width, 1.0, 0.0)).creepers.T
+    index = np.rint(left / STEP).astype(int)
+    assert right - left == pytest.approx(max(0.2, width))
+    np.testing.assert_array_equal(top, np.maximum(ceiling[index], ceiling[index + points]))
+    np.testing.assert_array_equal(index, creeper_points(width, 0.0))
+
+
+def test_heights_of_creepers_are_normal_around_the_mean() -> None:
+    creepers = np.concatenate([world(creepers=(0.25, 2.0, 0.0), seed=seed).creepers for seed in range(20)])
+    heights = creepers[:, 3] - creepers[:, 1]
+    assert heights.mean() == pytest.approx(2.0, abs=4 * CREEPER_HEIGHT_STD / np.sqrt(len(heights)))
+    assert heights.std() == pytest.approx(CREEPER_HEIGHT_STD, rel=0.1)
+
+
+def test_creepers_have_a_smallest_height() -> None:
+    creepers = world(creepers=(0.25, 0.0, 0.0)).creepers
+    heights = creepers[:, 3] - creepers[:, 1]
+    assert heights.min() == pytest.approx(0.2)
+    assert np.mean(np.isclose(heights, 0.2)) > 0.9  # two standard deviations over the mean
+
+
+def test_swinging_creepers_are_those_that_do_not_swing_in_parts() -> None:
+    whole, cut = world(creepers=(0.25, 2.05, 1.0)), world(creepers=(0.25, 2.05, 1.0), swinging=True)
+    first = np.flatnonzero(cut.holders == CEILING)
+    np.testing.assert_array_equal(cut.creepers[first][:, [0, 2, 3]], whole.creepers[:, [0, 2, 3]])
+    lowest = np.append(first[1:], len(cut.holders)) - 1
+    excess = whole.creepers[:, 1] - cut.creepers[lowest, 1]
+    rest = np.mod(whole.creepers[:, 3] - whole.creepers[:, 1], 1.0)
+    np.testing.assert_allclose(excess, np.maximum(0, 0.2 - rest), atol=1e-9)
+    assert {1, 2, 3} >= set(np.diff(np.append(first, len(cut.holders)))) >= {2, 3}
+
+
+def test_the_same_generator_state_gives_the_same_world() -> None:
+    first, again, other = world(seed=5), world(seed=5), world(seed=6)
+    np.testing.assert_array_equal(first.creepers, again.creepers)
+    np.testing.assert_array_equal(first.solids, again.solids)
+    assert not np.array_equal(
+        world(creepers=(0.25, 2, 1), seed=5).creepers, world(creepers=(0.25, 2, 1), seed=6).creepers
+    )
+    np.testing.assert_array_equal(first.solids, other.solids)
+
+
+PRINT_A_DIGEST = """
+import hashlib, numpy as np
+from tma_ray.terrain.cppn import CPPN
+from tma_ray.terrain.parkour import parkour
+task = np.array([-0.15, 0.8, 0.1, 0.5, 0.25, 2.1, 1, 10], dtype=np.float32)
+terrain = parkour(task, np.random.default_rng(0), cppn=CPPN.load(), swinging_creepers=True)
+print(hashlib.sha256(b"".join(np.asarray(values).tobytes() for values in terrain)).hexdigest())
+"""
+
+
+def test_compiled_and_plain_kernels_give_the_same_bits() -> None:
+    digests = {
+        subprocess.run(
+            [sys.executable, "-c", PRINT_A_DIGEST],
+            env=os.environ | {"NUMBA_DISABLE_JIT": plain},
+            capture_output=True,
+            text=True,
+            check=True,
+        ).stdout
+        for plain in ("0", "1")
+    }
+    assert len(digests) == 1
+
+
+@pytest.mark.reference
+def test_the_releases_weights_give_its_terrains() -> None:
+    if "TMA_REFERENCE" not in os.environ:
+        pytest.skip("TMA_REFERENCE is not set: no measured terrains to compare with")
+    folder = Path(os.environ["TMA_REFERENCE"])
+    measured, cppn = np.load(folder / "cppn_profiles.npz"), CPPN.load(folder / "cppn_weights.npz")
+    for index, theta in enumerate(measured["input_vectors"]):
+        ground, ceiling = outlines(theta, 10.0, cppn)
+        np.testing.assert_allclose(ground[20:], measured["ground_y"][index], atol=0.005)
+        np.testing.assert_allclose(ceiling[20:], measured["ceiling_y"][index], atol=0.005)
+        above = measured["ceiling_y_unclipped"][index] > measured["ground_y"][index] + 0.01
+        np.testing.assert_allclose(
+            ceiling[20:][above], measured["ceiling_y_unclipped"][index][above], atol=0.005
+        )

@@ -1,0 +1,128 @@
+"""What makes a body one that can be built."""
+
+from __future__ import annotations
+
+from collections import Counter
+from typing import TYPE_CHECKING
+
+from tma_ray.embodiments.parts import GripSensor, Joint, Part
+from tma_ray.embodiments.polygon import Point
+
+if TYPE_CHECKING:
+    from tma_ray.embodiments.embodiment import Embodiment
+
+ANCHOR_TOLERANCE = 0.02
+"""How far outside its parts a joint may be anchored, in m: drawings round to the pixel."""
+
+
+class EmbodimentError(ValueError):
+    """A body that cannot be built; the message names the body and the part or joint at fault."""
+
+
+def check_body(body: Embodiment) -> None:
+    """Checks that `body` is one connected body of numbers that a body can have.
+
+    Raises:
+        EmbodimentError: it is not.
+    """
+    try:
+        _check_numbers(body)
+        _check_parts(body)
+        parts = {part.name: part for part in body.parts}
+        for index, joint in enumerate(body.joints):
+            _check_joint(f"joint {index} ({joint.part_a} to {joint.part_b})", joint, parts)
+        for sensor in body.grip_sensors:
+            _check_grip_sensor(f"grip sensor {sensor.name!r}", sensor, parts)
+        _check_connected(body)
+    except ValueError as error:
+        raise EmbodimentError(f"embodiment {body.name!r}: {error}") from error
+
+
+def _check_numbers(body: Embodiment) -> None:
+    for name in ("substeps", "iterations"):
+        if getattr(body, name) < 1:
+            raise ValueError(f"{name} {getattr(body, name)} must be at least 1")
+    for name in ("steps_survivable_under_water", "steps_survivable_outside_water"):
+        steps: object = getattr(body, name)
+        whole = isinstance(steps, int) and not isinstance(steps, bool) and steps >= 0
+        if steps is not None and not whole:
+            raise ValueError(f"{name} {steps!r} must be a whole number of time steps, 0 or more")
+
+
+def _check_parts(body: Embodiment) -> None:
+    counts = Counter([part.name for part in body.parts] + [sensor.name for sensor in body.grip_sensors])
+    repeated = [name for name, count in counts.items() if count > 1]
+    if repeated:
+        raise ValueError(f"part name {repeated[0]!r} is used more than once; names must differ")
+    heads = [part.name for part in body.parts if part.head]
+    if len(heads) != 1:
+        raise ValueError(f"exactly one part must have head = true, got {heads or 'none'}")
+    for part in body.parts:
+        if not part.density > 0:
+            raise ValueError(f"part {part.name!r}: density {part.density} kg/m² must be over 0")
+        if not part.friction >= 0:
+            raise ValueError(f"part {part.name!r}: friction {part.friction} must not be negative")
+
+
+def _check_joint(where: str, joint: Joint, parts: dict[str, Part]) -> None:
+    for name in (joint.part_a, joint.part_b, joint.contact_part):
+        if name is not None:
+            _check_known(where, name, parts)
+    if joint.part_a == joint.part_b:
+        raise ValueError(f"{where}: a joint needs two different parts")
+    if not joint.limits[0] < joint.limits[1]:
+        raise ValueError(f"{where}: limits {list(joint.limits)} must rise")
+    _check_motor(where, joint)
+    for name, anchor in zip((joint.part_a, joint.part_b), joint.anchors, strict=True):
+        distance = _distance(parts[name], anchor)
+        if not (distance <= ANCHOR_TOLERANCE or joint.outside_parts):
+            raise ValueError(
+                f"{where}: anchor {list(anchor)} lies {distance:.3f} m outside part {name!r}; it must "
+                f"lie in both parts, unless outside_parts = true or an anchor_b of its own say otherwise"
+            )
+
+
+def _check_motor(where: str, joint: Joint) -> None:
+    if joint.passive:
+        if joint.contact_part is not None or joint.angle_offset != 0:
+            raise ValueError(f"{where}: a joint without motor is not observed: it has no contact_part")
+    elif not (joint.motor_torque > 0 and joint.motor_speed > 0):
+        raise ValueError(
+            f"{where}: motor_torque {joint.motor_torque} N m and motor_speed {joint.motor_speed} rad/s "
+            f"must be over 0, or both be left out in a joint without motor"
+        )
+
+
+def _check_grip_sensor(where: str, sensor: GripSensor, parts: dict[str, Part]) -> None:
+    _check_known(where, sensor.part, parts)
+    if not (sensor.radius > 0 and sensor.density > 0):
+        raise ValueError(
+            f"{where}: radius {sensor.radius} m and density {sensor.density} kg/m² must be over 0"
+        )
+    distance = _distance(parts[sensor.part], sensor.position)
+    if not distance <= sensor.radius + ANCHOR_TOLERANCE:
+        raise ValueError(
+            f"{where}: position {list(sensor.position)} lies {distance:.3f} m outside part {sensor.part!r}; "
+            f"the circle of radius {sensor.radius} m must touch it"
+        )
+
+
+def _check_known(where: str, name: str, parts: dict[str, Part]) -> None:
+    if name not in parts:
+        raise ValueError(f"{where}: no part {name!r}; the parts are {', '.join(parts)}")
+
+
+def _distance(part: Part, point: Point) -> float:
+    """Returns how far `point`, relative to the spawn point, lies outside `part`, in m."""
+    return part.shape.distance(part.local(point))
+
+
+def _check_connected(body: Embodiment) -> None:
+    reached = {body.parts[body.head].name}
+    for _ in body.parts:
+        for joint in body.joints:
+            if reached & {joint.part_a, joint.part_b}:
+                reached |= {joint.part_a, joint.part_b}
+    loose = [part.name for part in body.parts if part.name not in reached]
+    if loose:
+        raise ValueError(f"no joint connects part {loose[0]!r} to the head")

@@ -1,0 +1,110 @@
+"""Parkour: uneven ground and ceiling, creepers and water, for every milieu (paper, section 4.2, appendix B)."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from tma_ray.embodiments import Embodiment, LidarLayout
+from tma_ray.envs.body_environment import BodyEnvironment, embodiment_of
+from tma_ray.physics import Rules
+from tma_ray.tasks import Task, TaskSpace
+from tma_ray.terrain import Terrain
+from tma_ray.terrain.cppn import CPPN, DEFAULT_WEIGHTS
+from tma_ray.terrain.parkour import parkour
+
+_UNITS = {
+    "theta_1": "input of the CPPN",
+    "theta_2": "input of the CPPN",
+    "theta_3": "input of the CPPN",
+    "water_level": "share of the height up to the ceiling's highest point",
+    "creepers_width": "m",
+    "creepers_height": "m",
+    "creepers_spacing": "m",
+    "terrain_cppn_scale": "units of the CPPN per m",
+}
+
+
+class Parkour(BodyEnvironment):
+    """A body between an uneven ground and a ceiling, with creepers to climb on and water.
+
+    Observations are the head's angle and velocities; whether the head is under water, and whether the body is
+    dead; each joint's angle, speed and contact; what each grip sensor touches and holds (0 or 1 each); ten
+    lidars, and what each hits (-1 water, 1 a creeper, 0 ground, ceiling or nothing). Reward is progress,
+    less head tilt and the cost of actions. Too many consecutive steps in the wrong milieu kill: actions
+    become 0, and the episode goes on. A critical part that touches the ground (a climber's) ends it with
+    -100; passing the goal ends it too. Bodies with grip sensors start hanging from the ceiling.
+    See `BodyEnvironment` for actions, `reset` and `info`.
+
+    Args:
+        embodiment: a body's name or the path of its file, each with parameters if wanted (as in
+            "fish:size=1.5"), or the body itself.
+        render_mode: None, "rgb_array" or "human".
+        lidars: where the lidars point, if not as the body has it.
+        cppn_weights: path of a ``.npz`` file with other weights of the CPPN than those shipped.
+        swinging_creepers: whether creepers are chains that swing (not used in the paper).
+
+    Attributes:
+        task_space: the paper's medium space (appendix C), with our own weights of the CPPN; creepers' width
+            and the scale do not vary. `reset` accepts more.
+        valid_domain: tasks that `reset` accepts.
+        max_episode_steps: steps after which an episode is truncated.
+
+    Raises:
+        ValueError: an unknown layout of lidars, or no weights in that file.
+
+    Examples:
+        >>> import tma_ray.envs  # registers the environment
+        >>> env = gymnasium.make("tma_ray/Parkour-v0", embodiment="fish")
+        >>> observation, info = env.reset(seed=1)
+        >>> observation.shape, env.action_space.shape
+        ((38,), (4,))
+    """
+
+    task_space = TaskSpace.from_bounds(
+        {
+            "theta_1": (-0.35, 0.05),
+            "theta_2": (0.6, 1.0),
+            "theta_3": (-0.1, 0.3),
+            "water_level": (0, 1),
+            "creepers_width": (0.25, 0.25),
+            "creepers_height": (0, 4),
+            "creepers_spacing": (0, 5),
+            "terrain_cppn_scale": (10, 10),
+        },
+        _UNITS,
+    )
+    valid_domain = TaskSpace.from_bounds(
+        {
+            "theta_1": (-2, 2),
+            "theta_2": (-2, 2),
+            "theta_3": (-2, 2),
+            "water_level": (0, 1),
+            "creepers_width": (0, 1),
+            "creepers_height": (0, 4),
+            "creepers_spacing": (0, 5),
+            "terrain_cppn_scale": (2, 40),
+        },
+        _UNITS,
+    )
+
+    def __init__(
+        self,
+        embodiment: str | Path | Embodiment = "classic_bipedal",
+        render_mode: str | None = None,
+        lidars: LidarLayout | str | None = None,
+        cppn_weights: str | Path = DEFAULT_WEIGHTS,
+        swinging_creepers: bool = False,
+    ) -> None:
+        body = embodiment_of(embodiment)
+        if lidars is not None and lidars not in list(LidarLayout):
+            raise ValueError(f"lidars {lidars!r}: expected one of {', '.join(LidarLayout)}")
+        layout = body.lidars if lidars is None else LidarLayout(lidars)
+        self._cppn = CPPN.load(cppn_weights)
+        self._swinging_creepers = swinging_creepers
+        super().__init__(body, Rules("parkour", layout, observes_milieu=True), render_mode)
+
+    def build(self, task: Task, rng: np.random.Generator) -> Terrain:
+        """Returns the world of `task`; `rng` draws one height per creeper."""
+        return parkour(task, rng, cppn=self._cppn, swinging_creepers=self._swinging_creepers)

@@ -1,0 +1,193 @@
+"""Where a compiled step keeps its numbers: two vectors, and views of them by name."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numba import carray  # type: ignore[attr-defined]
+from numpy.typing import NDArray
+
+from tma_ray.jit import kernel
+from tma_ray.physics import symbols
+from tma_ray.physics.engine import TIME_STEP, SolverSettings
+from tma_ray.physics.grips import NOTHING
+from tma_ray.physics.rules import StepArrays
+from tma_ray.physics.world import World
+
+Floats = NDArray[np.float64]
+Integers = NDArray[np.int64]
+
+FLOATS, INTEGERS = 8, 20
+"""Single values at the start of a memory's vectors; `body_of`, `world_in` and `simulation_in` name them."""
+
+DURATION, ERROR_BIAS, BEFORE, GOAL_X, WATER_Y, SWAY = 2, 3, 4, 5, 6, 7
+"""Places among the floats, after the cost of torques and the weight of being upright."""
+
+SUBSTEPS, COUNT_CONTACT, TERRAIN = 9, 10, 11
+"""Places among the integers, after the sizes; at TERRAIN begin the sizes and addresses of a world's arrays."""
+
+
+class Memory(NamedTuple):
+    """Everything that a step reads and writes, and the addresses of the world's arrays.
+
+    Only two vectors, because numba takes longer to receive twenty arrays than Chipmunk to simulate a body.
+
+    Attributes:
+        floats: the body, then what changes.
+        integers: the body, then what changes.
+    """
+
+    floats: Floats
+    integers: Integers
+
+
+class Simulation(NamedTuple):
+    """What changes while p parts and h joints, j of them with motors, and g grip sensors are simulated.
+
+    Attributes:
+        action: (j + g,).
+        commands: (j, 2), as `command_motors` writes them.
+        state: (p, 6).
+        rotations: cosine and sine of each part's angle (p, 2).
+        torques: of each motor, in N m (j,).
+        forces: of the water on each part (p, 3), as `water_forces` writes them.
+        points: where the sensors are (g, 2), in m.
+        contacts: (p, 2).
+        milieu: consecutive steps under water and outside it (2,).
+        wet: 1 if there are forces of water, else 0 (1,).
+        grips: what each sensor touches and holds (g, 2).
+        handles: pointers to the space, p bodies, j motors, h limits and h pivots (1 + p + j + 2 h,).
+        holds: pointer to the pivot of each sensor that holds something, else 0 (g,).
+    """
+
+    action: Floats
+    commands: Floats
+    state: Floats
+    rotations: Floats
+    torques: Floats
+    forces: Floats
+    points: Floats
+    contacts: Integers
+    milieu: Integers
+    wet: Integers
+    grips: Integers
+    handles: Integers
+    holds: Integers
+
+
+def new_memory(body: StepArrays, all_joints: int, settings: SolverSettings, count_contact: int) -> Memory:
+    """Returns the memory for a body, which is copied into it, with `all_joints` joints, passive ones too."""
+    p, j, r = len(body.critical), len(body.motors), len(body.rays)
+    v, g, h = len(body.vertices), len(body.grips), all_joints
+    memory = Memory(
+        np.zeros(FLOATS + (3 * j + 2 * r + 2 * v + 4 * p + 4 * j + 3 * g) + (4 * j + 3 * g + 11 * p)),
+        np.zeros(INTEGERS + (2 + p + 3 * j + p + 1 + g) + (2 * p + 3 + 2 * g + 1 + p + j + 2 * h + g), np.int64),
+    )
+    memory.integers[:SUBSTEPS] = p, j, r, v, g, h, body.head, body.observes_milieu, body.may_touch_ceiling
+    memory.integers[[SUBSTEPS, COUNT_CONTACT]] = settings.substeps, count_contact
+    memory.floats[:2] = body.torque_cost, body.upright_weight
+    memory.floats[[DURATION, ERROR_BIAS]] = TIME_STEP / settings.substeps, settings.joint_error_bias
+    copy = body_in(memory.floats, memory.integers)
+    for name, value in body._asdict().items():
+        if isinstance(value, np.ndarray):
+            getattr(copy, name)[:] = value
+    simulation_in(memory.floats, memory.integers).grips[:] = NOTHING
+    return memory
+
+
+def put_world(memory: Memory, world: World, swinging: Integers) -> None:
+    """Writes the sizes and addresses of `world` and of its creepers' pointers to `memory`.
+
+    The arrays must live as long as the memory is used.
+    """
+    memory.floats[[GOAL_X, WATER_Y, SWAY]] = world.goal_x, world.water_y, world.sway
+    arrays = (world.ground, world.ceiling, world.creepers, world.poses, world.movable, swinging)
+    sizes = len(world.ground), len(world.ceiling), len(world.creepers)
+    memory.integers[TERRAIN : TERRAIN + 9] = *sizes, *(array.ctypes.data for array in arrays)
+
+
+@kernel
+def body_in(floats: Floats, integers: Integers) -> StepArrays:
+    """Returns the body in a memory."""
+    p, j, r, v, g = integers[0], integers[1], integers[2], integers[3], integers[4]
+    motors, left = floats[FLOATS : FLOATS + 3 * j], floats[FLOATS + 3 * j :]
+    rays, left = left[: 2 * r], left[2 * r :]
+    vertices, left = left[: 2 * v], left[2 * v :]
+    bounds, left = left[: 4 * p], left[4 * p :]
+    hinges, grips = left[: 4 * j], left[4 * j : 4 * j + 3 * g]
+    survivable, rest = integers[INTEGERS : INTEGERS + 2], integers[INTEGERS + 2 :]
+    critical, rest = rest[:p], rest[p:]
+    joint_parts, rest = rest[: 2 * j], rest[2 * j :]
+    contact_part, rest = rest[:j], rest[j:]
+    first_vertex, grip_part = rest[: p + 1], rest[p + 1 : p + 1 + g]
+    return StepArrays(
+        integers[6],
+        integers[7],
+        integers[8],
+        survivable,
+        critical,
+        joint_parts.reshape(j, 2),
+        contact_part,
+        first_vertex,
+        grip_part,
+        floats[0],
+        floats[1],
+        motors.reshape(j, 3),
+        rays.reshape(r, 2),
+        vertices.reshape(v, 2),
+        bounds.reshape(p, 4),
+        hinges.reshape(j, 4),
+        grips.reshape(g, 3),
+    )
+
+
+@kernel
+def simulation_in(floats: Floats, integers: Integers) -> Simulation:
+    """Returns what changes in a memory."""
+    p, j, r, v, g, h = integers[0], integers[1], integers[2], integers[3], integers[4], integers[5]
+    left = floats[FLOATS + 3 * j + 2 * r + 2 * v + 4 * p + 4 * j + 3 * g :]
+    action, left = left[: j + g], left[j + g :]
+    commands, left = left[: 2 * j], left[2 * j :]
+    state, left = left[: 6 * p], left[6 * p :]
+    rotations, left = left[: 2 * p], left[2 * p :]
+    torques, left = left[:j], left[j:]
+    forces, points = left[: 3 * p], left[3 * p : 3 * p + 2 * g]
+    rest = integers[INTEGERS + 2 + p + 3 * j + p + 1 + g :]
+    contacts, rest = rest[: 2 * p], rest[2 * p :]
+    milieu, wet, rest = rest[:2], rest[2:3], rest[3:]
+    grips, rest = rest[: 2 * g], rest[2 * g :]
+    many = 1 + p + j + 2 * h
+    return Simulation(
+        action,
+        commands.reshape(j, 2),
+        state.reshape(p, 6),
+        rotations.reshape(p, 2),
+        torques,
+        forces.reshape(p, 3),
+        points.reshape(g, 2),
+        contacts.reshape(p, 2),
+        milieu,
+        wet,
+        grips.reshape(g, 2),
+        rest[:many],
+        rest[many : many + g],
+    )
+
+
+@kernel
+def world_in(floats: Floats, integers: Integers) -> tuple[World, Integers]:
+    """Returns the world of a memory, and the pointers of its creepers (c, 3)."""
+    grounds, ceilings, creepers = integers[TERRAIN], integers[TERRAIN + 1], integers[TERRAIN + 2]
+    at = integers[TERRAIN + 3 :]
+    world = World(
+        carray(symbols.as_pointer(at[0]), (grounds, 4), np.float64),
+        carray(symbols.as_pointer(at[1]), (ceilings, 4), np.float64),
+        carray(symbols.as_pointer(at[2]), (creepers, 4), np.float64),
+        carray(symbols.as_pointer(at[3]), (creepers, 4), np.float64),
+        carray(symbols.as_pointer(at[4]), creepers, np.int64),
+        floats[SWAY],
+        floats[WATER_Y],
+        floats[GOAL_X],
+    )
+    return world, carray(symbols.as_pointer(at[5]), (creepers, 3), np.int64)

@@ -1,0 +1,142 @@
+"""What an environment asks of the physics, and what the kernels know of a body under these rules."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tma_ray.embodiments import Embodiment, LidarLayout
+from tma_ray.physics.arrays import body_arrays, drawn_angle, joint_parts
+
+LIDARS = 10
+"""Number of lidar rays."""
+
+LIDAR_RANGE = 160 / 30
+"""Length of a ray, in m."""
+
+UPRIGHT_WEIGHT = 5.0
+"""Reward per radian by which the head's tilt shrinks."""
+
+NO_LIMIT = -1
+"""Of steps survivable: for ever."""
+
+Floats = NDArray[np.float64]
+Integers = NDArray[np.int64]
+
+
+class Rules(NamedTuple):
+    """What differs between environments beside their terrain.
+
+    Attributes:
+        environment: name, whose critical parts count.
+        lidars: where the rays point.
+        observes_milieu: whether observations tell water, death and what the lidars hit.
+    """
+
+    environment: str
+    lidars: LidarLayout
+    observes_milieu: bool
+
+
+class StepArrays(NamedTuple):
+    """What the kernels know of a body with p parts, v corners, j motors, g grip sensors and r lidar rays.
+
+    Attributes:
+        head: index of the head.
+        observes_milieu: 1 if observations tell of the milieu, else 0.
+        may_touch_ceiling: 1 if critical parts may touch the ceiling, else 0.
+        survivable: consecutive steps that the body survives under water and outside it (2,), or NO_LIMIT.
+        critical: parts whose contact ends the episode (p,).
+        joint_parts: indices of the two parts (j, 2).
+        contact_part: part whose contact is observed after the joint, -1 for none (j,).
+        first_vertex: as in BodyArrays (p + 1,).
+        grip_part: part that a sensor is welded to (g,).
+        torque_cost: reward charged per action and step at full torque.
+        upright_weight: reward per radian of tilt, 0 where the tilt does not count.
+        motors: torque in N m, speed in rad/s, observed angle less that of the second part relative to the
+            first in rad (j, 3).
+        rays: ends of the lidar rays relative to the head (r, 2), in m.
+        vertices: corners of all parts in their frames (v, 2), in m.
+        bounds: largest distance of a part's corners from its origin in m, its inertia about the origin in
+            kg m², its centre of mass in its frame in m (p, 4).
+        hinges: anchor in the frame of the second part in m, smallest and largest angle of the second part
+            relative to the first in rad (j, 4).
+        grips: place in the frame of its part, and radius, in m (g, 3).
+    """
+
+    head: int
+    observes_milieu: int
+    may_touch_ceiling: int
+    survivable: Integers
+    critical: Integers
+    joint_parts: Integers
+    contact_part: Integers
+    first_vertex: Integers
+    grip_part: Integers
+    torque_cost: float
+    upright_weight: float
+    motors: Floats
+    rays: Floats
+    vertices: Floats
+    bounds: Floats
+    hinges: Floats
+    grips: Floats
+
+
+def step_arrays(body: Embodiment, rules: Rules) -> StepArrays:
+    """Returns what the kernels know of `body` under `rules`."""
+    built, joints, sensors = body_arrays(body), body.motors, body.grip_sensors
+    contacts = [-1 if j.contact_part is None else body.part_index(j.contact_part) for j in joints]
+    motors = [(j.motor_torque, j.motor_speed, j.angle_offset - drawn_angle(body, j)) for j in joints]
+    grips = [(*body.parts[body.part_index(s.part)].local(s.position), s.radius) for s in sensors]
+    limits = (body.steps_survivable_under_water, body.steps_survivable_outside_water)
+    angles = lidar_angles(rules.lidars)
+    return StepArrays(
+        head=body.head,
+        observes_milieu=int(rules.observes_milieu),
+        may_touch_ceiling=int(body.may_touch_ceiling),
+        survivable=np.array([NO_LIMIT if limit is None else limit for limit in limits], dtype=np.int64),
+        critical=np.array([rules.environment in part.critical for part in body.parts], dtype=np.int64),
+        joint_parts=joint_parts(body, joints),
+        contact_part=np.array(contacts, dtype=np.int64),
+        first_vertex=built.first_vertex,
+        grip_part=np.array([body.part_index(sensor.part) for sensor in sensors], dtype=np.int64),
+        torque_cost=body.torque_cost,
+        upright_weight=UPRIGHT_WEIGHT if body.upright_reward else 0.0,
+        motors=np.array(motors).reshape(-1, 3),
+        rays=LIDAR_RANGE * np.stack([np.sin(angles), -np.cos(angles)], axis=1),
+        vertices=built.vertices,
+        bounds=np.array([_bounds(body, index) for index in range(len(body.parts))]),
+        hinges=np.concatenate([built.anchors[: len(joints), 1], built.limits[: len(joints)]], axis=1),
+        grips=np.array(grips).reshape(-1, 3),
+    )
+
+
+def lidar_angles(layout: LidarLayout) -> Floats:
+    """Returns the directions of the rays (r,), in rad; 0 is straight down, pi/2 forward, pi straight up.
+
+    Source: the original release. The paper rounds: its layouts cover 90, 90 and 180 degrees.
+    """
+    ray = np.arange(LIDARS) / LIDARS
+    angles: dict[LidarLayout, Floats] = {
+        LidarLayout.DOWN: 1.5 * np.arange(LIDARS) / LIDARS,
+        LidarLayout.UP: 1.5 + 2.3 * ray,
+        LidarLayout.FULL: np.pi * ray,
+    }
+    return angles[layout]
+
+
+def observation_size(body: StepArrays) -> int:
+    """Returns the number of values that `observe` writes."""
+    contacts, rays = int(np.sum(body.contact_part >= 0)), len(body.rays)
+    milieu = 2 + rays if body.observes_milieu else 0
+    return 4 + 2 * len(body.motors) + contacts + 2 * len(body.grips) + rays + milieu
+
+
+def _bounds(body: Embodiment, index: int) -> tuple[float, ...]:
+    part = body.parts[index]
+    x, y = part.shape.centroid
+    reach = float(np.hypot(*part.shape.points.T).max())
+    return reach, part.inertia + part.mass * (x * x + y * y), x, y
