@@ -160,7 +160,7 @@ def embodiment_of(embodiment: str | Path | Embodiment) -> Embodiment:
     return embodiment if isinstance(embodiment, Embodiment) else load_embodiment(embodiment)
 
 
-def _observation_space(size: int, rules: Rules) -> spaces.Box:
+def _observation_space(size: int, rules: Rules) -> spaces.Space[Observation]:
     """Returns bounds that always hold; joints have none, since one that is hit hard overshoots its limits."""
     low, high = np.full(size, -np.inf, np.float32), np.full(size, np.inf, np.float32)
     if rules.observes_milieu:
