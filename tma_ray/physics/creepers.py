@@ -56,9 +56,7 @@ def chains(terrain: Terrain) -> Chains:
 _NO_CHAINS = Chains(np.empty(0, np.int64), *(np.empty((0, *rest)) for rest in ((), (), (2,), (2, 2))))
 
 
-def add_creepers(
-    space: pymunk.Space, creepers: Chains, settings: SolverSettings
-) -> dict[int, pymunk.Body]:
+def add_creepers(space: pymunk.Space, creepers: Chains, settings: SolverSettings) -> dict[int, pymunk.Body]:
     """Adds the creepers that swing to `space` and returns their bodies by index."""
     bodies: dict[int, pymunk.Body] = {}
     for index in np.flatnonzero(creepers.holders != FIXED).tolist():
