@@ -26,6 +26,11 @@ class TestStaircase(TeacherConformance):
     teacher = Staircase
 
 
+def test_a_teacher_takes_less_than_40_lines() -> None:
+    file = Path(str(sys.modules[Frontier.__module__].__file__))
+    assert len(file.read_text().splitlines()) < 40
+
+
 def test_the_pendulum_is_a_gymnasium_environment_that_builds_its_task() -> None:
     environment = SwingUp()
     check_env(environment, skip_render_check=True)

@@ -8,7 +8,8 @@ from tma_ray.teachers import TEACHERS
 from tma_ray.testing import TeacherConformance
 
 SMALLER: dict[str, dict[str, Any]] = {
-    "covar_gmm": {"most_components": 6},
+    "alp_gmm": {"most_components": 5},
+    "covar_gmm": {"most_components": 5},
     "goal_gan": {"pretraining_iterations": 20, "iterations_per_task": 0.25},
     "setter_solver": {"hidden_units": 16},
 }
