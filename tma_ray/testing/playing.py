@@ -39,7 +39,7 @@ class Pupil(StrEnum):
     """How the returns of a play come about: by a formula of task and episode, so that it can be resumed."""
 
     IMPROVING = "improving"
-    """Masters a share of the tasks that grows with time, the easiest first; those at its limit now and then."""
+    """Masters a share of the tasks that grows with time, the easiest first; at the limit now and then."""
 
     HOPELESS = "hopeless"
     """Returns -100, whatever the task."""
