@@ -103,7 +103,9 @@ def test_reward_is_progress_less_tilt_and_cost() -> None:
 def test_the_head_touching_anything_is_a_fall() -> None:
     reward, ended, _ = judge(state_at(), touching({0: (1, 0)}), ARRAYS, GOAL, 0.0, 0.0)
     assert (reward, ended) == (-100.0, True)
-    _, ended, _ = judge(state_at(), touching({1: (3, 0), 2: (1, 2), 3: (1, 0), 4: (0, 1)}), ARRAYS, GOAL, 0.0, 0.0)
+    _, ended, _ = judge(
+        state_at(), touching({1: (3, 0), 2: (1, 2), 3: (1, 0), 4: (0, 1)}), ARRAYS, GOAL, 0.0, 0.0
+    )
     assert not ended
 
 
