@@ -8,7 +8,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 from measures import joint_drift, limit_overshoot, penetration
-from trajectory import digest
+from parkour_worlds import parkour_rules, parkour_world
+from trajectory import digest, digest_in_parkour
 
 from tma_ray.embodiments import BodyType, Embodiment, Part, Polygon, embodiment_names, load_embodiment
 from tma_ray.envs.stump_tracks import RULES
@@ -57,13 +58,35 @@ def test_another_process_repeats_bit_for_bit(plain: bool) -> None:
     result = subprocess.run(
         [sys.executable, str(script), *names], env=environment, check=True, capture_output=True, text=True
     )
-    expected = [f"{name} {digest(PymunkEngine(load_embodiment(name), RULES), 1)}" for name in names]
+    expected = [
+        f"{name} {digest(PymunkEngine(load_embodiment(name), RULES), 1)} {digest_in_parkour(name)}"
+        for name in names
+    ]
     assert result.stdout.splitlines() == expected
 
 
 def test_both_engines_go_the_same_way_bit_for_bit(body: Embodiment) -> None:
     fast, oracle = (engine(body, RULES) for engine in ENGINES)
     assert digest(fast, 5, 2000) == digest(oracle, 5, 2000)
+
+
+@pytest.mark.parametrize(("water", "swinging"), [(0.0, False), (0.7, True), (0.85, False), (1.0, True)])
+def test_both_engines_go_the_same_way_in_parkour(body: Embodiment, water: float, swinging: bool) -> None:
+    terrain = parkour_world(water, (1.0, 2.0, 0.0), swinging=swinging, seed=3)
+    fast, oracle = (engine(body, parkour_rules(body)) for engine in ENGINES)
+    assert digest(fast, 5, 120, terrain) == digest(oracle, 5, 120, terrain)
+
+
+@pytest.mark.parametrize("name", ["climbing_chimpanzee", "climbing_chest_chimpanzee"])
+def test_both_engines_grip_the_same_creepers(name: str) -> None:
+    """Falls past long creepers, fixed and swinging, with hands that close and open."""
+    body, held = load_embodiment(name), set()
+    for seed in range(8):
+        terrain = parkour_world(0.8, (1.0, 4.0, 0.0), swinging=seed % 2 == 1, seed=seed)
+        fast, oracle = (engine(body, parkour_rules(body)) for engine in ENGINES)
+        assert digest(fast, seed, 150, terrain) == digest(oracle, seed, 150, terrain)
+        held |= set(fast.grips[:, 1].tolist())
+    assert len(held) > 1
 
 
 @pytest.mark.parametrize(

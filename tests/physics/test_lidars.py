@@ -45,7 +45,7 @@ def test_a_ray_meets_what_is_nearest(water: float, swinging: bool) -> None:
         hits = [(1.0, SOLID)]
         for kind, shape in shapes:
             hit = shape.segment_query(start, (x + ray[0], y + ray[1]))
-            if hit.shape is not None and shape.point_query(start).distance > 0:
+            if hit is not None and shape.point_query(start).distance > 0:
                 hits.append((hit.alpha, kind))
         expected = min(hits)
         share, kind = look(x, y, ray, world)

@@ -6,6 +6,7 @@ from parkour_worlds import parkour_rules, parkour_world, without_creepers
 
 from tma_ray.embodiments import BodyType, embodiment_names, load_embodiment
 from tma_ray.physics.compiled_engine import CompiledEngine
+from tma_ray.physics.grips import CEILING, NOTHING
 from tma_ray.physics.kernels import FORWARD_WEIGHT
 from tma_ray.terrain import GROUND_HEIGHT
 
@@ -73,8 +74,9 @@ def test_dead_hands_let_go() -> None:
     engine = engine_for("climbing_chimpanzee")
     engine.reset(DRY, 0.0)
     engine.milieu[0] = 601
-    *_, touches, _, held = *engine.step(np.ones(10))[0][:1], *engine.grips[0]
-    assert held == -2
+    assert np.all(engine.grips[:, 1] == CEILING)
+    engine.step(np.ones(12))
+    assert np.all(engine.grips[:, 1] == NOTHING)
 
 
 @pytest.mark.parametrize(("terrain", "under"), [(DRY, 0.0), (DEEP, 1.0)])

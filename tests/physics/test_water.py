@@ -90,7 +90,7 @@ def test_drag_and_lift_of_a_moving_and_spinning_box(seed: int) -> None:
     angle, motion = rng.uniform(-np.pi, np.pi), rng.normal(0, 3, 3)
     state = np.array([[3.0, 5.0, angle, *motion]])
     outline = turned(corners(0.7, 0.3), angle)
-    expected = resistance(outline, motion) + [0.0, 10 * 0.7 * 0.3, 0.0]
+    expected = resistance(outline, motion) + np.array([0.0, 10 * 0.7 * 0.3, 0.0])
     np.testing.assert_allclose(forces(box(0.7, 0.3), state, DEEP)[0], expected, rtol=1e-9)
 
 
@@ -107,7 +107,7 @@ def test_only_what_is_under_water_drags() -> None:
 
 def test_drag_and_lift_have_bounds() -> None:
     motion = np.array([300.0, -300.0, 0.0])
-    expected = resistance(corners(2.0, 2.0), motion) + [0.0, 40.0, 0.0]
+    expected = resistance(corners(2.0, 2.0), motion) + np.array([0.0, 40.0, 0.0])
     actual = forces(box(2.0, 2.0), np.array([[0.0, 0.0, 0.0, *motion]]), DEEP)[0]
     np.testing.assert_allclose(actual, expected, rtol=1e-9)
     drag = actual[:2] @ np.array([-1, 1]) / np.sqrt(2) - 40 / np.sqrt(2)
