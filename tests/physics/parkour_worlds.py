@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import numpy as np
+import pymunk
 
 from tma_ray.embodiments import Embodiment
 from tma_ray.physics import Rules
+from tma_ray.physics.world import World, world_of
 from tma_ray.terrain import Terrain
 from tma_ray.terrain.cppn import CPPN
 from tma_ray.terrain.parkour import parkour
@@ -37,3 +39,23 @@ def parkour_world(
 def without_creepers(terrain: Terrain) -> Terrain:
     """Returns `terrain` with a bare ceiling."""
     return terrain._replace(creepers=np.empty((0, 4)), holders=np.empty(0, np.int64))
+
+
+def swung(terrain: Terrain, rng: np.random.Generator) -> World:
+    """Returns the world of `terrain` with every creeper turned and moved at random."""
+    world = world_of(terrain)
+    angles = rng.uniform(-1.2, 1.2, len(world.poses))
+    moved = world.poses[:, :2] + rng.uniform(-0.5, 0.5, (len(angles), 2))
+    poses = np.column_stack([moved, np.cos(angles), np.sin(angles)])
+    return world._replace(poses=poses, sway=max(world.sway, 3.0))
+
+
+def in_chipmunk(world: World) -> tuple[pymunk.Space, list[pymunk.Poly]]:
+    """Returns the creepers of `world` as shapes, and the space that keeps them."""
+    space, shapes = pymunk.Space(), []
+    for (left, low, right, high), (x, y, cosine, sine) in zip(world.creepers, world.poses, strict=True):
+        body = pymunk.Body(body_type=pymunk.Body.STATIC)
+        body.position, body.angle = (x, y), float(np.arctan2(sine, cosine))
+        shapes.append(pymunk.Poly.create_box(body, (right - left, high - low)))
+        space.add(body, shapes[-1])
+    return space, shapes

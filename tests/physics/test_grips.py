@@ -3,27 +3,18 @@
 import numpy as np
 import pymunk
 import pytest
-from parkour_worlds import parkour_rules, parkour_world, without_creepers
+from parkour_worlds import in_chipmunk, parkour_rules, parkour_world, swung, without_creepers
 
 from tma_ray.embodiments import load_embodiment
 from tma_ray.physics.compiled_engine import CompiledEngine
 from tma_ray.physics.engine import HANGING_STEPS
 from tma_ray.physics.grips import CEILING, NOTHING, graspable
-from tma_ray.physics.world import World, world_of
+from tma_ray.physics.world import world_of
 from tma_ray.terrain import Terrain
 
 CLIMBERS = ("climbing_chimpanzee", "climbing_chest_chimpanzee")
 BODY = load_embodiment("climbing_chimpanzee")
 REACH = 0.06
-
-
-def swung(terrain: Terrain, rng: np.random.Generator) -> World:
-    """Returns the world of `terrain` with every creeper turned and moved at random."""
-    world = world_of(terrain)
-    angles = rng.uniform(-1.2, 1.2, len(world.poses))
-    moved = world.poses[:, :2] + rng.uniform(-0.5, 0.5, (len(angles), 2))
-    poses = np.column_stack([moved, np.cos(angles), np.sin(angles)])
-    return world._replace(poses=poses, sway=max(world.sway, 3.0))
 
 
 def brute_force(x: float, y: float, shapes: list[pymunk.Shape], ceiling: np.ndarray) -> int:
@@ -42,12 +33,7 @@ def test_a_sensor_touches_what_is_within_its_reach(swinging: bool) -> None:
     rng = np.random.default_rng(1)
     terrain = parkour_world(creepers=(0.25, 1.5, 0.0), swinging=swinging)
     world = swung(terrain, rng) if swinging else world_of(terrain)
-    shapes = []
-    for (left, low, right, high), (x, y, cosine, sine) in zip(world.creepers, world.poses, strict=True):
-        body = pymunk.Body(body_type=pymunk.Body.STATIC)
-        body.position, body.angle = (x, y), float(np.arctan2(sine, cosine))
-        shapes.append(pymunk.Poly.create_box(body, (right - left, high - low)))
-        shapes[-1].cache_bb()
+    _space, shapes = in_chipmunk(world)
     touched = []
     for _ in range(400):
         x = rng.uniform(0, 102)

@@ -9,9 +9,9 @@ import pytest
 from tma_ray.embodiments import load_embodiment
 from tma_ray.envs.stump_tracks import RULES
 from tma_ray.physics import LIDAR_RANGE, observation_size
-from tma_ray.physics.rules import step_arrays
 from tma_ray.physics.kernels import command_motors, judge, observe, shaping
 from tma_ray.physics.lidars import GROUND, hit_fraction
+from tma_ray.physics.rules import step_arrays
 from tma_ray.physics.world import world_of
 from tma_ray.terrain import GROUND_HEIGHT
 from tma_ray.terrain.stump_tracks import stump_tracks

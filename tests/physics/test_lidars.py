@@ -3,8 +3,7 @@
 import numpy as np
 import pymunk
 import pytest
-from parkour_worlds import parkour_world
-from test_grips import swung
+from parkour_worlds import in_chipmunk, parkour_world, swung
 
 from tma_ray.embodiments import LidarLayout
 from tma_ray.physics import LIDAR_RANGE
@@ -14,19 +13,18 @@ from tma_ray.physics.world import World, world_of
 from tma_ray.terrain import Terrain
 
 
-def shapes_of(world: World, terrain: Terrain) -> list[tuple[float, pymunk.Shape]]:
-    """Returns what a ray can hit, as Chipmunk has it, and what it is then told."""
-    static = pymunk.Body(body_type=pymunk.Body.STATIC)
-    shapes = [(SOLID, pymunk.Poly(static, corners)) for corners in terrain.solids.tolist()]
-    for (left, low, right, high), (x, y, cosine, sine) in zip(world.creepers, world.poses, strict=True):
-        body = pymunk.Body(body_type=pymunk.Body.STATIC)
-        body.position, body.angle = (x, y), float(np.arctan2(sine, cosine))
-        shapes.append((CREEPER, pymunk.Poly.create_box(body, (right - left, high - low))))
+Shapes = list[tuple[float, pymunk.Poly]]
+
+
+def shapes_of(world: World, terrain: Terrain) -> tuple[pymunk.Space, Shapes]:
+    """Returns what a ray can hit, as Chipmunk has it, and what it is then told; and the space that keeps it."""
+    space, creepers = in_chipmunk(world)
+    solids = [pymunk.Poly(space.static_body, corners) for corners in terrain.solids.tolist()]
     deep = [(-500, -500), (500, -500), (500, world.water_y), (-500, world.water_y)]
-    shapes.append((WATER, pymunk.Poly(static, deep)))
-    for _, shape in shapes:
-        shape.cache_bb()
-    return shapes
+    water = pymunk.Poly(space.static_body, deep)
+    space.add(*solids, water)
+    kinds = [SOLID] * len(solids) + [CREEPER] * len(creepers) + [WATER]
+    return space, list(zip(kinds, [*solids, *creepers, water], strict=True))
 
 
 @pytest.mark.parametrize(("water", "swinging"), [(0.0, False), (0.87, False), (0.87, True), (0.95, True)])
@@ -34,7 +32,7 @@ def test_a_ray_meets_what_is_nearest(water: float, swinging: bool) -> None:
     rng = np.random.default_rng(2)
     terrain = parkour_world(water, (0.4, 2.0, 1.0), swinging=swinging)
     world = swung(terrain, rng) if swinging else world_of(terrain)
-    shapes, kinds = shapes_of(world, terrain), []
+    (_space, shapes), kinds = shapes_of(world, terrain), []
     while len(kinds) < 400:
         x, y = start = rng.uniform(0, 100), rng.uniform(world.ground[:, 1].min(), world.ceiling[:, 1].max())
         angle = rng.uniform(-np.pi, np.pi)

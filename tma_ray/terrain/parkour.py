@@ -54,6 +54,19 @@ DEPTH = 10.0
 Floats = NDArray[np.float64]
 
 
+def _scattered(count: int) -> NDArray[np.int64]:
+    """Returns the numbers below `count`, neighbours far apart: sorted by their reversed bits."""
+    bits = count.bit_length()
+    return np.array(sorted(range(count), key=lambda number: f"{number:0{bits}b}"[::-1]))
+
+
+COLUMNS = POINTS + 1
+"""Solids of the ground, and of the ceiling: one for the start, for every column, and for the end."""
+
+INSERTION_ORDER = np.concatenate([_scattered(COLUMNS), COLUMNS + _scattered(COLUMNS)])
+"""Order of the solids: Chipmunk's search tree is built three times as fast as from left to right."""
+
+
 def parkour(task: Task, rng: np.random.Generator, *, cppn: CPPN, swinging_creepers: bool = False) -> Terrain:
     """Returns the world of `task`.
 
@@ -71,7 +84,7 @@ def parkour(task: Task, rng: np.random.Generator, *, cppn: CPPN, swinging_creepe
         ceiling, _creeper_heights(height, width, spacing, rng), width, swinging_creepers
     )
     return Terrain(
-        solids,
+        solids[INSERTION_ORDER],
         FRICTION,
         surface,
         spawn=np.array([STARTPAD_STEPS * STEP / 2, GROUND_HEIGHT]),
