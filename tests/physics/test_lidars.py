@@ -12,25 +12,26 @@ from tma_ray.physics.rules import lidar_angles
 from tma_ray.physics.world import World, world_of
 from tma_ray.terrain import Terrain
 
-
 Shapes = list[tuple[float, pymunk.Poly]]
 
 
 def shapes_of(world: World, terrain: Terrain) -> tuple[pymunk.Space, Shapes]:
-    """Returns what a ray can hit, as Chipmunk has it, and what it is then told; and the space that keeps it."""
+    """Returns what a ray can hit and what it is then told, and the Chipmunk space that keeps the shapes."""
     space, creepers = in_chipmunk(world)
     solids = [pymunk.Poly(space.static_body, corners) for corners in terrain.solids.tolist()]
-    deep = [(-500, -500), (500, -500), (500, world.water_y), (-500, world.water_y)]
+    top = max(world.water_y, -400.0)
+    deep = [(-500, -500), (500, -500), (500, top), (-500, top)]
     water = pymunk.Poly(space.static_body, deep)
     space.add(*solids, water)
     kinds = [SOLID] * len(solids) + [CREEPER] * len(creepers) + [WATER]
     return space, list(zip(kinds, [*solids, *creepers, water], strict=True))
 
 
-@pytest.mark.parametrize(("water", "swinging"), [(0.0, False), (0.87, False), (0.87, True), (0.95, True)])
-def test_a_ray_meets_what_is_nearest(water: float, swinging: bool) -> None:
+@pytest.mark.parametrize(("depth", "swinging"), [(-np.inf, False), (2.0, False), (0.5, True), (4.0, True)])
+def test_a_ray_meets_what_is_nearest(depth: float, swinging: bool) -> None:
     rng = np.random.default_rng(2)
-    terrain = parkour_world(water, (0.4, 2.0, 1.0), swinging=swinging)
+    terrain = parkour_world(creepers=(0.4, 2.0, 1.0), swinging=swinging)
+    terrain = terrain._replace(water_y=np.median(terrain.surface[:, 1]) + depth)
     world = swung(terrain, rng) if swinging else world_of(terrain)
     (_space, shapes), kinds = shapes_of(world, terrain), []
     while len(kinds) < 400:
@@ -50,7 +51,7 @@ def test_a_ray_meets_what_is_nearest(water: float, swinging: bool) -> None:
         assert share == pytest.approx(expected[0], abs=1e-9)
         assert kind == expected[1]
         kinds.append(kind if share < 1 else None)
-    wanted = {SOLID, CREEPER, None} | ({WATER} if water > 0.5 else set())
+    wanted = {SOLID, CREEPER, None} | ({WATER} if depth > 0 else set())
     assert {kind for kind in wanted if kinds.count(kind) > 10} == wanted
 
 
