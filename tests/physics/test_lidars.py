@@ -34,8 +34,11 @@ def test_a_ray_meets_what_is_nearest(depth: float, swinging: bool) -> None:
     terrain = terrain._replace(water_y=np.median(terrain.surface[:, 1]) + depth)
     world = swung(terrain, rng) if swinging else world_of(terrain)
     (_space, shapes), kinds = shapes_of(world, terrain), []
+    surface = (world.water_y - 5, world.water_y + 5)
+    everywhere = (world.ground[:, 1].min(), world.ceiling[:, 1].max())
     while len(kinds) < 400:
-        x, y = start = rng.uniform(0, 100), rng.uniform(world.ground[:, 1].min(), world.ceiling[:, 1].max())
+        heights = surface if depth > 0 and len(kinds) % 2 else everywhere
+        x, y = start = rng.uniform(0, 100), rng.uniform(*heights)
         angle = rng.uniform(-np.pi, np.pi)
         ray = LIDAR_RANGE * np.array([np.sin(angle), -np.cos(angle)])
         around = [shape.point_query(start).distance for kind, shape in shapes if kind == SOLID]
