@@ -1,4 +1,4 @@
-"""Episodes that ask much of the physics: bodies, tasks of the whole valid domain, and actions without mercy."""
+"""Episodes that ask much of the physics: tasks of the whole valid domain, and actions without mercy."""
 
 from __future__ import annotations
 
@@ -12,7 +12,10 @@ from tma_ray.envs.body_environment import BodyEnvironment
 from tma_ray.terrain import Terrain
 
 DEEPEST = 0.5
-"""How much more of the distance into a solid than a part's own reach counts as having gone through, in m."""
+"""A part's frame that is deeper in a solid than the part's own reach and this, in m, has gone through."""
+
+FASTEST = 100.0
+"""Nothing in these worlds is as fast, in m/s: a fall over their whole height ends at 60."""
 
 ACTIONS = ("random", "all +1", "all -1", "bang-bang")
 
@@ -33,7 +36,9 @@ def tasks(env: BodyEnvironment, rng: np.random.Generator, inner: int, corners: i
     """Returns `inner` tasks from within the valid domain and some of its corners (None: all)."""
     space = env.valid_domain
     every = np.array(list(product(*zip(space.low, space.high, strict=True))))
-    chosen = every if corners is None else every[rng.choice(len(every), min(corners, len(every)), replace=False)]
+    chosen = (
+        every if corners is None else every[rng.choice(len(every), min(corners, len(every)), replace=False)]
+    )
     return np.concatenate([space.sample(rng, inner), chosen.astype(np.float32)])
 
 
@@ -56,31 +61,34 @@ def endure(env: BodyEnvironment, task: np.ndarray, kind: str, steps: int, seed: 
     observation, _ = env.reset(seed=seed, options={"task": task})
     start = through(env._engine.state, env._engine.arrays.bounds[:, 0], env._terrain)
     troubles |= faults(env, observation, 0.0)
-    for count, action in zip(range(1, steps + 1), players(*env.action_space.shape, kind, rng), strict=False):
-        observation, reward, terminated, truncated, _ = env.step(action)
+    count, over, player = 0, False, players(*env.action_space.shape, kind, rng)
+    while count < steps and not over:
+        observation, reward, terminated, truncated, _ = env.step(next(player))
         troubles |= faults(env, observation, reward)
         if not start:
             troubles |= through(env._engine.state, env._engine.arrays.bounds[:, 0], env._terrain)
-        if terminated or truncated:
-            break
+        count, over = count + 1, terminated or truncated
     return Outcome(count, troubles)
 
 
 def faults(env: BodyEnvironment, observation: np.ndarray, reward: float) -> set[str]:
-    """Returns which numbers are none, or where they must not be."""
+    """Returns what is wrong with the numbers of a step."""
     found = set()
-    if not (np.all(np.isfinite(observation)) and np.all(np.isfinite(env._engine.state)) and np.isfinite(reward)):
+    if not (
+        np.all(np.isfinite(observation)) and np.all(np.isfinite(env._engine.state)) and np.isfinite(reward)
+    ):
         found.add("not finite")
     if observation not in env.observation_space:
         found.add("observation outside its space")
+    if np.abs(env._engine.state[:, 3:5]).max() > FASTEST:
+        found.add("too fast")
     return found
 
 
 def through(state: np.ndarray, reach: np.ndarray, terrain: Terrain) -> set[str]:
-    """Returns whether a part's frame is deeper in ground or ceiling than its own reach (p,), and DEEPEST.
+    """Returns whether a part's frame is deeper in ground or ceiling than its own reach (p,) and DEEPEST.
 
-    Depth is vertical, from the surface over or under the frame, and only counts where the surface is not
-    steeper than 45 degrees: beside a wall, a deep frame may be a hand's breadth inside.
+    Depth is counted from the nearer end of the surface within the part's reach to both sides.
     """
     found = set()
     for name, surface, side in (("ground", terrain.surface, 1.0), ("ceiling", terrain.ceiling, -1.0)):
