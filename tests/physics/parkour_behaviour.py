@@ -14,10 +14,12 @@ from typing import Any
 
 import numpy as np
 from behaviour import RELEASE_NAMES, Figures, embodied, episodes, gaits, start, zero_action
-from parkour_worlds import parkour_world, without_creepers
+from parkour_worlds import parkour_rules, parkour_world, without_creepers
 
-from tma_ray.embodiments import embodiment_names
+from tma_ray.embodiments import Embodiment, embodiment_names, load_embodiment
+from tma_ray.physics import Engine
 from tma_ray.physics.grips import NOTHING
+from tma_ray.physics.pymunk_engine import PymunkEngine
 from tma_ray.terrain import Terrain
 
 DRY, DEEP = (without_creepers(parkour_world(water)) for water in (0.0, 1.0))
@@ -26,8 +28,11 @@ CLIMBERS = ("climbing_chimpanzee", "climbing_chest_chimpanzee")
 RELEASED = ("old_classic_bipedal", "climbing_chimpanzee", "amphibious_bipedal", "fish")
 """Bodies that are let go in open water."""
 
-RELEASE_HEIGHT = 8.0
-"""How far above its start a body is let go, in m; a climber is let go at the ceiling."""
+RELEASE_HEIGHT, RELEASE_STEPS = 8.0, (10, 25, 50)
+"""How far above its start a body is let go, in m, and when it is looked at."""
+
+FISH_STEPS = (100, 200, 300, 500)
+"""When the fish is looked at that starts on the ground."""
 
 BODIES = tuple(embodiment_names())
 
@@ -37,18 +42,24 @@ def place_of(name: str) -> Terrain:
     return DEEP if name == "fish" else DRY
 
 
-def sinking(name: str, steps: tuple[int, ...]) -> Figures:
-    """Returns how far the head has risen and how fast it rises after some `steps` without torque.
-
-    The fish starts on the ground under water.
-    """
-    return _course(name, DEEP, steps)
+def under_water(steps: tuple[int, ...], name: str = "fish") -> Figures:
+    """Returns how far the head has risen, and how fast it rises, after some `steps` without torque."""
+    body, engine = embodied(name, DEEP)
+    start(engine, DEEP, np.random.default_rng(0))
+    return _course(engine, body, steps)
 
 
 def released(name: str) -> Figures:
-    """Returns the same of a body that is let go in open water."""
-    higher = DEEP._replace(spawn=DEEP.spawn + np.array([0.0, RELEASE_HEIGHT]))
-    return _course(name, DEEP if name in CLIMBERS else higher, (10, 25, 50))
+    """Returns the same of a body that is let go in open water: at rest, or a climber at the ceiling."""
+    body = load_embodiment(name)
+    engine = PymunkEngine(body, parkour_rules(body))  # its parts can be moved
+    start(engine, DEEP, np.random.default_rng(0))
+    if name not in CLIMBERS:
+        for part in engine._parts:
+            part.position += (0.0, RELEASE_HEIGHT)
+            part.velocity, part.angular_velocity = (0.0, 0.0), 0.0
+        engine.state[:, 1] += RELEASE_HEIGHT
+    return _course(engine, body, RELEASE_STEPS)
 
 
 def hanging(name: str, grip: float, motors: float = 0.0, count: int = 20) -> Figures:
@@ -91,9 +102,7 @@ def random_figures(name: str, count: int) -> Figures:
     return figures | {"fraction_terminated": (figures["length"] < 500).astype(float)}
 
 
-def _course(name: str, place: Terrain, steps: tuple[int, ...]) -> Figures:
-    body, engine = embodied(name, place)
-    start(engine, place, np.random.default_rng(0))
+def _course(engine: Engine, body: Embodiment, steps: tuple[int, ...]) -> Figures:
     begin, courses = engine.state[body.head, 1], []
     for _ in range(max(steps)):
         engine.step(np.zeros(body.action_size))
@@ -130,11 +139,11 @@ def table(folder: Path) -> Iterator[str]:
             yield f"| {how} | {name} | {_rows(release, hanging(name, grip, motors))} |"
     for name in RELEASED:
         release, ours = theirs["release_in_open_water"]["results"][release_name(name)], released(name)
-        for index, steps in enumerate((10, 25, 50)):
+        for index, steps in enumerate(RELEASE_STEPS):
             figures = release[f"after_{steps}_steps"]
             cells = [f"{figures[key]['mean']:.3f} / {ours[key][index]:.3f}" for key in ("dy", "vy")]
             yield f"| let go in water | {name} | {steps} | {' | '.join(cells)} |"
-    under = sinking("fish", (100, 200, 300, 500))
+    under = under_water(FISH_STEPS)
     yield f"| fish under water | {under['dy'].round(3).tolist()} | {under['vy'].round(3).tolist()} |"
 
 
