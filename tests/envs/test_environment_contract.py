@@ -49,14 +49,27 @@ def walk(env: Environment, steps: int, draw: bool = False) -> list[np.ndarray]:
     return observations
 
 
-@every_one
-def test_gymnasium_accepts_it(name: str, body: str) -> None:
-    gymnasium_check(make_environment(name, embodiment=body))
+@pytest.mark.parametrize("name", ENVIRONMENTS.names())
+def test_gymnasium_accepts_it(name: str) -> None:
+    gymnasium_check(make_environment(name))
+
+
+@pytest.mark.parametrize("name", ENVIRONMENTS.names())
+def test_stable_baselines_accepts_it(name: str) -> None:
+    stable_baselines_check(make_environment(name, render_mode="rgb_array"))
 
 
 @every_one
-def test_stable_baselines_accepts_it(name: str, body: str) -> None:
-    stable_baselines_check(make_environment(name, embodiment=body, render_mode="rgb_array"))
+def test_its_values_are_in_its_spaces(name: str, body: str) -> None:
+    env = make_environment(name, embodiment=body)
+    observation, _ = env.reset(seed=0)
+    assert observation.dtype == np.float32
+    assert observation in env.observation_space
+    observation, reward, terminated, truncated, info = env.step(env.action_space.sample())
+    assert observation in env.observation_space
+    assert type(reward) is float
+    assert (type(terminated), type(truncated)) == (bool, bool)
+    assert info == {"success": False}
 
 
 @every_one
@@ -149,3 +162,43 @@ def test_gymnasiums_vector_environment_runs_it(name: str, body: str) -> None:
     observations, infos = vector.reset(seed=[0, 1])
     assert observations.shape == (2, *vector.single_observation_space.shape)
     assert infos["task"].shape[0] == 2
+
+
+@pytest.mark.parametrize("name", ENVIRONMENTS.names())
+def test_tasks_outside_its_valid_domain_are_refused_by_the_name_of_their_dimension(name: str) -> None:
+    env = make_environment(name)
+    domain, inside = env.valid_domain, (env.task_space.low + env.task_space.high) / 2
+    for index, dimension in enumerate(domain.names):
+        for value in (domain.low[index] - 0.1, domain.high[index] + 0.1, np.nan, np.inf):
+            task = inside.copy()
+            task[index] = value
+            with pytest.raises(ValueError, match=rf"\b{dimension}\b"):
+                env.reset(options={"task": task})
+    env.reset(options={"task": inside})
+
+
+@pytest.mark.parametrize("name", ENVIRONMENTS.names())
+def test_tasks_of_another_shape_are_refused(name: str) -> None:
+    env = make_environment(name)
+    task = env.task_space.low
+    for wrong in (task[:-1], np.append(task, 0.0), task[None], 1.0):
+        with pytest.raises(ValueError, match="shape"):
+            env.reset(options={"task": wrong})
+
+
+@pytest.mark.parametrize("name", ENVIRONMENTS.names())
+def test_the_corners_of_its_valid_domain_can_be_played(name: str) -> None:
+    env = make_environment(name)
+    for corner in (env.valid_domain.low, env.valid_domain.high):
+        env.reset(seed=0, options={"task": corner})
+        wander(env, 10)
+
+
+@every_one
+def test_a_seed_decides_task_world_and_push(name: str, body: str) -> None:
+    env = make_environment(name, embodiment=body)
+    first, info = env.reset(seed=4)
+    again, same = env.reset(seed=4)
+    np.testing.assert_array_equal(first, again)
+    np.testing.assert_array_equal(info["task"], same["task"])
+    assert not np.array_equal(env.reset(seed=5)[1]["task"], info["task"])

@@ -14,6 +14,7 @@ from typing import Any
 
 import numpy as np
 from measures import Floats, joint_drift, limit_overshoot, penetration
+from parkour_worlds import parkour_rules
 
 from tma_ray.embodiments import BodyType, Embodiment, embodiment_names, load_embodiment
 from tma_ray.envs.body_environment import PUSH
@@ -31,6 +32,8 @@ RELEASE_NAMES = {
     "quadrupedal": "big_quadru",
     "walking_chimpanzee": "profile_chimpanzee",
     "old_quadrupedal": "old_big_quadru",
+    "climbing_chimpanzee": "climbing_profile_chimpanzee",
+    "climbing_chest_chimpanzee": "climbing_chest_profile_chimpanzee",
 }
 """Names of the release that differ from ours."""
 
@@ -38,26 +41,29 @@ WALKERS = [name for name in embodiment_names() if load_embodiment(name).body_typ
 """Those of which the release was measured in Stump Tracks."""
 
 Figures = dict[str, Floats]
+Place = tuple[float, float] | Terrain
+"""A task of Stump Tracks, or a world of Parkour."""
 
 
-def embodied(name: str) -> tuple[Embodiment, Engine]:
-    """Returns the body called `name` and an engine for it."""
+def embodied(name: str, place: Place = TASKS[0]) -> tuple[Embodiment, Engine]:
+    """Returns the body called `name` and an engine for it under the rules of `place`."""
     body = load_embodiment(name)
-    return body, make_engine(body, RULES)
+    return body, make_engine(body, parkour_rules(body) if isinstance(place, Terrain) else RULES)
 
 
-def start(engine: Engine, task: tuple[float, float], rng: np.random.Generator) -> Terrain:
+def start(engine: Engine, place: Place, rng: np.random.Generator) -> Terrain:
     """Resets `engine` as the environment does and returns the new world."""
-    terrain = stump_tracks(np.array(task, dtype=np.float32), rng)
-    engine.reset(terrain, rng.uniform(-PUSH, PUSH))
-    return terrain
+    if not isinstance(place, Terrain):
+        place = stump_tracks(np.array(place, dtype=np.float32), rng)
+    engine.reset(place, rng.uniform(-PUSH, PUSH))
+    return place
 
 
-def zero_action(name: str = CLASSIC, count: int = 20) -> Figures:
+def zero_action(name: str = CLASSIC, count: int = 20, place: Place = TASKS[0]) -> Figures:
     """Returns what 100 steps without torque lead to, going on after termination."""
-    body, engine, rows = *embodied(name), []
+    body, engine, rows = *embodied(name, place), []
     for seed in range(count):
-        start(engine, TASKS[0], np.random.default_rng(seed))
+        start(engine, place, np.random.default_rng(seed))
         begin = engine.state[body.head, 0]
         ended = [step for step in range(1, 101) if engine.step(np.zeros(body.action_size))[2]]
         x, y, angle = engine.state[body.head, :3]
@@ -66,12 +72,12 @@ def zero_action(name: str = CLASSIC, count: int = 20) -> Figures:
     return dict(zip(names, np.array(rows).T, strict=True))
 
 
-def episodes(task: tuple[float, float], count: int, cap: int = 2000, name: str = CLASSIC) -> Figures:
+def episodes(place: Place, count: int, cap: int = 2000, name: str = CLASSIC) -> Figures:
     """Returns figures of `count` episodes of uniform actions."""
-    body, engine, rows = *embodied(name), []
+    body, engine, rows = *embodied(name, place), []
     for seed in range(count):
         rng = np.random.default_rng([seed, 1])
-        start(engine, task, rng)
+        start(engine, place, rng)
         begin, total, ended, length = engine.state[body.head, 0], 0.0, False, 0
         while not ended and length < cap:
             _, reward, ended = engine.step(rng.uniform(-1, 1, body.action_size))
@@ -87,12 +93,12 @@ def episodes(task: tuple[float, float], count: int, cap: int = 2000, name: str =
     }
 
 
-def gaits(name: str = CLASSIC, count: int = 100) -> Figures:
+def gaits(name: str = CLASSIC, count: int = 100, place: Place = TASKS[0]) -> Figures:
     """Returns how far and fast random sinusoidal gaits go in 200 steps or until termination."""
-    body, engine, distances, speeds, lengths = *embodied(name), [], [], []
+    body, engine, distances, speeds, lengths = *embodied(name, place), [], [], []
     for seed in range(count):
         rng = np.random.default_rng([seed, 2])
-        start(engine, TASKS[0], rng)
+        start(engine, place, rng)
         frequency, low = rng.uniform(0.5, 3), (0.3, 0.0, -0.5)
         high, motors = (1, 2 * np.pi, 0.5), body.action_size
         size, phase, bias = (rng.uniform(a, b, motors) for a, b in zip(low, high, strict=True))

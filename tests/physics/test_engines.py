@@ -8,7 +8,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 from measures import joint_drift, limit_overshoot, penetration
-from trajectory import digest
+from parkour_worlds import parkour_rules, parkour_world
+from trajectory import digest, digest_in_parkour
 
 from tma_ray.embodiments import BodyType, Embodiment, Part, Polygon, embodiment_names, load_embodiment
 from tma_ray.envs.stump_tracks import RULES
@@ -57,13 +58,35 @@ def test_another_process_repeats_bit_for_bit(plain: bool) -> None:
     result = subprocess.run(
         [sys.executable, str(script), *names], env=environment, check=True, capture_output=True, text=True
     )
-    expected = [f"{name} {digest(PymunkEngine(load_embodiment(name), RULES), 1)}" for name in names]
+    expected = [
+        f"{name} {digest(PymunkEngine(load_embodiment(name), RULES), 1)} {digest_in_parkour(name)}"
+        for name in names
+    ]
     assert result.stdout.splitlines() == expected
 
 
 def test_both_engines_go_the_same_way_bit_for_bit(body: Embodiment) -> None:
     fast, oracle = (engine(body, RULES) for engine in ENGINES)
     assert digest(fast, 5, 2000) == digest(oracle, 5, 2000)
+
+
+@pytest.mark.parametrize(("water", "swinging"), [(0.0, False), (0.7, True), (0.85, False), (1.0, True)])
+def test_both_engines_go_the_same_way_in_parkour(body: Embodiment, water: float, swinging: bool) -> None:
+    terrain = parkour_world(water, (1.0, 2.0, 0.0), swinging=swinging, seed=3)
+    fast, oracle = (engine(body, parkour_rules(body)) for engine in ENGINES)
+    assert digest(fast, 5, 120, terrain) == digest(oracle, 5, 120, terrain)
+
+
+@pytest.mark.parametrize("name", ["climbing_chimpanzee", "climbing_chest_chimpanzee"])
+def test_both_engines_grip_the_same_creepers(name: str) -> None:
+    """Falls past long creepers, fixed and swinging, with hands that close and open."""
+    body, held = load_embodiment(name), set()
+    for seed in range(8):
+        terrain = parkour_world(0.8, (1.0, 4.0, 0.0), swinging=seed % 2 == 1, seed=seed)
+        fast, oracle = (engine(body, parkour_rules(body)) for engine in ENGINES)
+        assert digest(fast, seed, 150, terrain) == digest(oracle, seed, 150, terrain)
+        held |= set(fast.grips[:, 1].tolist())
+    assert len(held) > 1
 
 
 @pytest.mark.parametrize(
@@ -116,12 +139,12 @@ def test_a_motor_seeks_its_speed_and_a_limp_joint_none(make_engine, body: Embodi
     engine, arrays = make_engine(body), body_arrays(body)
     engine.reset(world_below(5.0), 0.0)
     a, b = arrays.joint_parts[0]
-    joint = body.joints[0]
-    direction = 1 if joint.limits[1] > 0 else -1  # arms that hang upwards start at their limit
+    angle, (low, high) = engine.state[b, 2] - engine.state[a, 2], arrays.limits[0]
+    sign = 1.0 if high - angle > angle - low else -1.0
     for _ in range(3):
-        engine.step(direction * np.eye(body.action_size)[0])
-    expected = direction * joint.motor_speed
-    assert engine.state[b, 5] - engine.state[a, 5] == pytest.approx(expected, rel=0.05)
+        engine.step(sign * np.eye(body.action_size)[0])
+    speed = engine.state[b, 5] - engine.state[a, 5]
+    assert speed == pytest.approx(sign * body.joints[0].motor_speed, rel=0.05)
 
 
 def test_a_body_in_the_air_falls_freely(make_engine, body: Embodiment) -> None:

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from parkour_worlds import parkour_rules, parkour_world
 
 from tma_ray.embodiments import load_embodiment
 from tma_ray.envs.stump_tracks import RULES
@@ -22,7 +23,7 @@ def kind(request, monkeypatch: pytest.MonkeyPatch):
 
 
 def engines():
-    """Engines in worlds of their own, with their first observations."""
+    """Engines in worlds of their own."""
     made = [make_engine(load_embodiment("classic_bipedal"), RULES) for _ in range(COUNT)]
     for index, engine in enumerate(made):
         task = np.array([0.5 * index, 6 - index], dtype=np.float32)
@@ -30,13 +31,24 @@ def engines():
     return made
 
 
-def test_they_equal_single_engines_bit_for_bit(kind: str) -> None:
-    alone, joined = engines(), engines()
+def parkour_engines():
+    """Climbers in worlds of Parkour of their own."""
+    body = load_embodiment("climbing_chimpanzee")
+    made = [make_engine(body, parkour_rules(body)) for _ in range(COUNT)]
+    for index, engine in enumerate(made):
+        terrain = parkour_world(index / COUNT, (1.0, 2.0, 0.0), swinging=index % 2 == 1, seed=index)
+        engine.reset(terrain, push=float(index))
+    return made
+
+
+@pytest.mark.parametrize(("make", "actions_each"), [(engines, 4), (parkour_engines, 12)])
+def test_they_equal_single_engines_bit_for_bit(kind: str, make, actions_each: int) -> None:
+    alone, joined = make(), make()
     worlds, rng = together(joined), np.random.default_rng(0)
     assert isinstance(worlds, KINDS[kind])
     for _ in range(150):
         rows = np.sort(rng.choice(COUNT, rng.integers(1, COUNT + 1), replace=False))
-        actions = rng.uniform(-1, 1, (len(rows), 4)).astype(np.float32)
+        actions = rng.uniform(-1, 1, (len(rows), actions_each)).astype(np.float32)
         observations, rewards, ended = worlds.step(rows, actions)
         expected = [alone[row].step(action) for row, action in zip(rows, actions, strict=True)]
         assert observations.tobytes() == np.stack([outcome[0] for outcome in expected]).tobytes()

@@ -4,27 +4,44 @@ import hashlib
 import sys
 
 import numpy as np
+from parkour_worlds import parkour_rules, parkour_world
 
 from tma_ray.embodiments import load_embodiment
 from tma_ray.envs.stump_tracks import RULES
 from tma_ray.physics import Engine, make_engine
+from tma_ray.terrain import Terrain
 from tma_ray.terrain.stump_tracks import stump_tracks
 
+GRIP_STEPS = 12
+"""Steps for which a random player's grips stay closed or open."""
 
-def digest(engine: Engine, seed: int, steps: int = 150) -> str:
+
+def digest(engine: Engine, seed: int, steps: int = 150, terrain: Terrain | None = None) -> str:
     """Returns a hash of every observation, reward and state of a random episode."""
     rng, content = np.random.default_rng(seed), hashlib.sha256()
-    terrain = stump_tracks(np.array([1.5, 1.0], dtype=np.float32), rng)
+    if terrain is None:
+        terrain = stump_tracks(np.array([1.5, 1.0], dtype=np.float32), rng)
+    motors, grips = len(engine.arrays.motors), np.ones(len(engine.arrays.grips))
     content.update(engine.reset(terrain, 3.0).tobytes())
-    size = len(engine.arrays.motors) + len(engine.arrays.grips)
-    for _ in range(steps):
-        observation, reward, ended = engine.step(rng.uniform(-1, 1, size))
+    for step in range(steps):
+        if step % GRIP_STEPS == GRIP_STEPS - 1:
+            grips = rng.choice([-1.0, 1.0], len(grips))
+        action = np.concatenate([rng.uniform(-1, 1, motors), grips])
+        observation, reward, ended = engine.step(action)
         content.update(observation.tobytes() + np.float64(reward).tobytes() + bytes([ended]))
         content.update(engine.state.tobytes() + engine.contacts.tobytes())
+        content.update(engine.grips.tobytes() + engine.milieu.tobytes())
     return content.hexdigest()
+
+
+def digest_in_parkour(name: str) -> str:
+    """Returns the same of a body among creepers that swing over water."""
+    body = load_embodiment(name)
+    terrain = parkour_world(0.8, (1.0, 2.0, 0.0), swinging=True)
+    return digest(make_engine(body, parkour_rules(body)), 1, 40, terrain)
 
 
 if __name__ == "__main__":
     for name in sys.argv[1:]:
         trajectory = digest(make_engine(load_embodiment(name), RULES), seed=1)
-        sys.stdout.write(f"{name} {trajectory}\n")
+        sys.stdout.write(f"{name} {trajectory} {digest_in_parkour(name)}\n")

@@ -153,8 +153,8 @@ def step(floats: Floats, integers: Integers, observation: NDArray[np.float32]) -
     soak(simulation, body, world.water_y, floats[DURATION])
     take_hold(simulation, body, world, swinging, floats[ERROR_BIAS])
     state, contacts, milieu = simulation.state, simulation.contacts, simulation.milieu
-    breathe(state, world.water_y, body, milieu)
     observe(state, contacts, milieu, simulation.grips, body, world, observation)
+    breathe(state, world.water_y, body, milieu)
     reward, ended, floats[BEFORE] = judge(state, contacts, body, world.goal_x, cost, floats[BEFORE])
     return reward, ended
 

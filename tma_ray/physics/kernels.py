@@ -92,13 +92,14 @@ def observe(
 ) -> None:
     """Writes what the body senses, in the release's units and order.
 
-    That is its head; whether the head is under water and the body dead; joints and contacts; what each grip
-    sensor touches and holds; lidars, and what they hit. Rules say whether the milieu is observed.
+    That is its head; whether the head is under water and the body was dead when it acted; joints and
+    contacts; what each grip sensor touches and holds; lidars, and what they hit. Rules say whether the milieu
+    is observed.
 
     Args:
         state: (p, 6).
         contacts: (p, 2).
-        milieu: consecutive steps under water and outside it (2,).
+        milieu: consecutive steps under water and outside it before this one (2,).
         grips: what each sensor touches and holds (g, 2).
         body: the body.
         world: the world.

@@ -86,9 +86,9 @@ class PymunkEngine:
         self._advance(self._space)
         self._read_state(self._space)
         self._take_hold(self._space)
-        breathe(self.state, self._world.water_y, self.arrays, self.milieu)
         observation = np.empty(self._observation_size, dtype=np.float32)
         observe(self.state, self.contacts, self.milieu, self.grips, self.arrays, self._world, observation)
+        breathe(self.state, self._world.water_y, self.arrays, self.milieu)
         reward, terminated, self._shaping = judge(
             self.state, self.contacts, self.arrays, self._world.goal_x, cost, self._shaping
         )

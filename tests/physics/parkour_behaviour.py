@@ -1,0 +1,151 @@
+"""The bodies in Parkour under the protocols by which the original release was measured.
+
+``TMA_REFERENCE=folder python tests/physics/parkour_behaviour.py`` prints the tables of docs/fidelity.md.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from behaviour import RELEASE_NAMES, Figures, embodied, episodes, gaits, start, zero_action
+from parkour_worlds import parkour_rules, parkour_world, without_creepers
+
+from tma_ray.embodiments import Embodiment, embodiment_names, load_embodiment
+from tma_ray.physics import Engine
+from tma_ray.physics.grips import NOTHING
+from tma_ray.physics.pymunk_engine import PymunkEngine
+from tma_ray.terrain import Terrain
+
+DRY, DEEP = (without_creepers(parkour_world(water)) for water in (0.0, 1.0))
+CEILING_Y = DRY.ceiling[0, 1]
+CLIMBERS = ("climbing_chimpanzee", "climbing_chest_chimpanzee")
+RELEASED = ("old_classic_bipedal", "climbing_chimpanzee", "amphibious_bipedal", "fish")
+"""Bodies that are let go in open water."""
+
+RELEASE_HEIGHT, RELEASE_STEPS = 8.0, (10, 25, 50)
+"""How far above its start a body is let go, in m, and when it is looked at."""
+
+FISH_STEPS = (100, 200, 300, 500)
+"""When the fish is looked at that starts on the ground."""
+
+BODIES = tuple(embodiment_names())
+
+
+def place_of(name: str) -> Terrain:
+    """Returns the world in which the body called `name` acts: deep water for the fish, else a dry one."""
+    return DEEP if name == "fish" else DRY
+
+
+def under_water(steps: tuple[int, ...], name: str = "fish") -> Figures:
+    """Returns how far the head has risen, and how fast it rises, after some `steps` without torque."""
+    body, engine = embodied(name, DEEP)
+    start(engine, DEEP, np.random.default_rng(0))
+    return _course(engine, body, steps)
+
+
+def released(name: str) -> Figures:
+    """Returns the same of a body that is let go in open water: at rest, or a climber at the ceiling."""
+    body = load_embodiment(name)
+    engine = PymunkEngine(body, parkour_rules(body))  # its parts can be moved
+    start(engine, DEEP, np.random.default_rng(0))
+    if name not in CLIMBERS:
+        for part in engine._parts:
+            part.position += (0.0, RELEASE_HEIGHT)
+            part.velocity, part.angular_velocity = (0.0, 0.0), 0.0
+        engine.state[:, 1] += RELEASE_HEIGHT
+    return _course(engine, body, RELEASE_STEPS)
+
+
+def hanging(name: str, grip: float, motors: float = 0.0, count: int = 20) -> Figures:
+    """Returns where a climber is after 100 steps with an action of `grip` and random ones of its `motors`."""
+    body, engine, rows = *embodied(name, DRY), []
+    for seed in range(count):
+        rng = np.random.default_rng([seed, 4])
+        start(engine, DRY, rng)
+        begin, action = engine.state[body.head, 0], np.full(body.action_size, grip)
+        ended = []
+        for step in range(1, 101):
+            action[: len(body.motors)] = motors * rng.uniform(-1, 1, len(body.motors))
+            ended += [step] if engine.step(action)[2] else []
+        x, y = engine.state[body.head, :2]
+        held = np.all(engine.grips[:, 1] != NOTHING)
+        rows.append((held, bool(ended), ended[0] if ended else 101, CEILING_Y - y, x - begin))
+    names = (
+        "still_attached_by_both_hands_after_100",
+        "fraction_terminated",
+        "first_terminal_step",
+        "head_distance_below_ceiling",
+        "head_x_displacement",
+    )
+    return dict(zip(names, np.array(rows).T.astype(float), strict=True))
+
+
+def reference(folder: Path) -> dict[str, Any]:
+    """Returns the release's figures of all protocols."""
+    return json.loads((folder / "behaviour.json").read_text())
+
+
+def release_name(name: str) -> str:
+    """Returns what the release calls the body that we call `name`."""
+    return RELEASE_NAMES.get(name, name)
+
+
+def random_figures(name: str, count: int) -> Figures:
+    """Returns figures of `count` episodes of uniform actions, cut at 500 steps."""
+    figures = episodes(place_of(name), count, 500, name)
+    return figures | {"fraction_terminated": (figures["length"] < 500).astype(float)}
+
+
+def _course(engine: Engine, body: Embodiment, steps: tuple[int, ...]) -> Figures:
+    begin, courses = engine.state[body.head, 1], []
+    for _ in range(max(steps)):
+        engine.step(np.zeros(body.action_size))
+        courses.append((engine.state[body.head, 1] - begin, engine.state[body.head, 4]))
+    rises, speeds = np.array(courses)[np.array(steps) - 1].T
+    return {"dy": rises, "vy": speeds}
+
+
+def _rows(theirs: dict[str, Any], ours: Figures) -> str:
+    pairs = [(theirs.get(figure), values) for figure, values in ours.items()]
+    cells = [f"{release['mean']:.2f} / {values.mean():.2f}" for release, values in pairs if release]
+    return " | ".join(cells)
+
+
+def table(folder: Path) -> Iterator[str]:
+    """Yields the release's figures against ours as rows of Markdown tables."""
+    theirs = reference(folder)
+    protocols = {
+        "zero_action_flat_ground_100_steps": lambda name: zero_action(name, 20, DRY),
+        "random_actions_cap500": lambda name: random_figures(name, 100),
+        "random_open_loop_gaits": lambda name: gaits(name, 100, place_of(name)),
+    }
+    for protocol, measure in protocols.items():
+        for name in BODIES:
+            release = theirs[protocol]["bodies"][f"parkour/{release_name(name)}"]
+            yield f"| {protocol} | {name} | {_rows(release, measure(name))} |"
+    for name in CLIMBERS:
+        for how, grip, motors in (
+            ("all_zero", 0.0, 0.0),
+            ("grip_only", 1.0, 0.0),
+            ("grip_plus_random_motors", 1.0, 1.0),
+        ):
+            release = theirs["climbers_100_steps"]["results"][f"{release_name(name)}/{how}"]
+            yield f"| {how} | {name} | {_rows(release, hanging(name, grip, motors))} |"
+    for name in RELEASED:
+        release, ours = theirs["release_in_open_water"]["results"][release_name(name)], released(name)
+        for index, steps in enumerate(RELEASE_STEPS):
+            figures = release[f"after_{steps}_steps"]
+            cells = [f"{figures[key]['mean']:.3f} / {ours[key][index]:.3f}" for key in ("dy", "vy")]
+            yield f"| let go in water | {name} | {steps} | {' | '.join(cells)} |"
+    under = under_water(FISH_STEPS)
+    yield f"| fish under water | {under['dy'].round(3).tolist()} | {under['vy'].round(3).tolist()} |"
+
+
+if __name__ == "__main__":
+    sys.stdout.writelines(f"{row}\n" for row in table(Path(os.environ["TMA_REFERENCE"])))

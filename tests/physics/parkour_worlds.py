@@ -1,0 +1,61 @@
+"""Worlds of Parkour for tests and measurements of the physics."""
+
+from __future__ import annotations
+
+import numpy as np
+import pymunk
+
+from tma_ray.embodiments import Embodiment
+from tma_ray.physics import Rules
+from tma_ray.physics.world import World, world_of
+from tma_ray.terrain import Terrain
+from tma_ray.terrain.cppn import CPPN
+from tma_ray.terrain.parkour import parkour
+
+THETA = (-0.1, 0.9, 0.1)
+CREEPERS = (0.25, 1.5, 1.0)
+DELTA = 10.0
+SHIPPED = CPPN.load()
+
+
+def parkour_rules(body: Embodiment) -> Rules:
+    """Returns the rules of Parkour for `body`, as its environment has them."""
+    return Rules("parkour", body.lidars, observes_milieu=True)
+
+
+def parkour_world(
+    water: float = 0.0,
+    creepers: tuple[float, float, float] = CREEPERS,
+    *,
+    delta: float = DELTA,
+    swinging: bool = False,
+    seed: int = 0,
+) -> Terrain:
+    """Returns a world with `creepers` of this width, mean height and spacing, in m."""
+    task = np.array([*THETA, water, *creepers, delta], dtype=np.float32)
+    return parkour(task, np.random.default_rng(seed), cppn=SHIPPED, swinging_creepers=swinging)
+
+
+def without_creepers(terrain: Terrain) -> Terrain:
+    """Returns `terrain` with a bare ceiling."""
+    return terrain._replace(creepers=np.empty((0, 4)), holders=np.empty(0, np.int64))
+
+
+def swung(terrain: Terrain, rng: np.random.Generator) -> World:
+    """Returns the world of `terrain` with every creeper turned and moved at random."""
+    world = world_of(terrain)
+    angles = rng.uniform(-1.2, 1.2, len(world.poses))
+    moved = world.poses[:, :2] + rng.uniform(-0.5, 0.5, (len(angles), 2))
+    poses = np.column_stack([moved, np.cos(angles), np.sin(angles)])
+    return world._replace(poses=poses, sway=max(world.sway, 3.0))
+
+
+def in_chipmunk(world: World) -> tuple[pymunk.Space, list[pymunk.Poly]]:
+    """Returns the creepers of `world` as shapes, and the space that keeps them."""
+    space, shapes = pymunk.Space(), []
+    for (left, low, right, high), (x, y, cosine, sine) in zip(world.creepers, world.poses, strict=True):
+        body = pymunk.Body(body_type=pymunk.Body.STATIC)
+        body.position, body.angle = (x, y), float(np.arctan2(sine, cosine))
+        shapes.append(pymunk.Poly.create_box(body, (right - left, high - low)))
+        space.add(body, shapes[-1])
+    return space, shapes
