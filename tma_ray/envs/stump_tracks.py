@@ -45,6 +45,8 @@ class StumpTracks(BodyEnvironment):
         ((24,), [1.5, 3.0])
     """
 
+    task_space = TaskSpace.from_bounds({"stump_height": (0, 3), "obstacle_spacing": (0, 6)}, _UNITS)
+    valid_domain = TaskSpace.from_bounds({"stump_height": (-3, 9), "obstacle_spacing": (0, 6)}, _UNITS)
 
     def __init__(
         self, embodiment: str | Path | Embodiment = "classic_bipedal", render_mode: str | None = None
