@@ -1,0 +1,1 @@
+"""What a frame is drawn with: what it shows, from where, and in which colours."""
