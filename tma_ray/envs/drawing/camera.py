@@ -21,7 +21,7 @@ HEAD_SHARE = 0.3
 GROUND_SHARE = 0.22
 """Height of the ground in the frame, as a share of the frame's, while the head is low enough."""
 
-HIGHEST_VIEW = 13.0
+HIGHEST_VIEW = 12.0
 """How much of a high passage is shown, in m."""
 
 PASSAGE_SHARE = 0.8

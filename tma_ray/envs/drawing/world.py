@@ -29,12 +29,13 @@ def draw_goal(canvas: Canvas, terrain: Terrain) -> None:
 
 
 def draw_world(canvas: Canvas, scene: Scene) -> None:
-    """Draws water, then ground and ceiling with the distances from the start, then creepers."""
+    """Draws water, creepers, and ground and ceiling with the distances from the start."""
     terrain = scene.terrain
     canvas.tint(terrain.water_y, palette.WATER, 120)
     edge = np.array([[canvas.view.left, terrain.water_y], [canvas.view.right, terrain.water_y]])
     if canvas.view.bottom < terrain.water_y < canvas.view.top:
         canvas.line(edge, palette.WATER_EDGE, 1)
+    _draw_creepers(canvas, scene)  # before the solids, into which they reach where the ceiling slopes
     split = terrain.ground_solids
     _draw_solids(canvas, terrain.solids[:split], terrain.surface, palette.SOIL, palette.SOIL_EDGE)
     _draw_solids(canvas, terrain.solids[split:], terrain.ceiling, palette.ROCK, palette.ROCK_EDGE)
@@ -43,7 +44,6 @@ def draw_world(canvas: Canvas, scene: Scene) -> None:
         place = np.array([float(mark), _base(terrain, mark) - 0.25])
         if place[1] > canvas.view.bottom:
             canvas.text(place, f"{mark} m", palette.MARK)
-    _draw_creepers(canvas, scene)
 
 
 def flood(canvas: Canvas, water_y: float) -> None:
