@@ -108,7 +108,9 @@ def _add_render(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--results", default="results", metavar="ROOT", help="where RUN is (%(default)s)")
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--steps", type=whole_number, default=1000, metavar="N", help="at most (%(default)s)")
-    parser.add_argument("--every", type=whole_number, default=2, metavar="N", help="steps a frame (%(default)s)")
+    parser.add_argument(
+        "--every", type=whole_number, default=2, metavar="N", help="steps a frame (%(default)s)"
+    )
     parser.add_argument("-o", "--output", type=Path, required=True, metavar="FILE.mp4|.gif|.png")
     parser.set_defaults(command=_render)
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import sys
 from fractions import Fraction
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -47,7 +48,7 @@ def test_a_gif_moves_at_the_pace_of_the_simulation(tmp_path: Path) -> None:
         for index in range(4):
             gif.seek(index)
             frames.append(np.asarray(gif.convert("RGB")))
-    assert all(np.any(before != after) for before, after in zip(frames, frames[1:], strict=False))
+    assert all(np.any(before != after) for before, after in pairwise(frames))
 
 
 def test_a_png_is_the_last_frame(tmp_path: Path) -> None:

@@ -8,9 +8,11 @@ from numpy.typing import NDArray
 from tma_ray.embodiments import Embodiment
 from tma_ray.envs.drawing.body import BodyPainter, draw_lidars
 from tma_ray.envs.drawing.camera import HEIGHT, WIDTH, view_of
-from tma_ray.envs.drawing.canvas import Canvas, pygame
+from tma_ray.envs.drawing.canvas import Canvas
 from tma_ray.envs.drawing.scene import Scene
 from tma_ray.envs.drawing.world import draw_goal, draw_progress, draw_world, flood
+
+import pygame  # after canvas, which asks it not to print
 
 __all__ = ["Renderer", "Scene"]
 

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 Frame = NDArray[np.uint8]
 """One picture (height, width, 3), red, green and blue."""
 
-GIF_COLOURS = 128
+GIF_COLOURS = 256
 """Colours that all frames of a .gif share."""
 
 PALETTE_FRAMES = 12
@@ -93,7 +93,7 @@ def _write_gif(path: Path, frames: Iterable[Frame], frames_per_second: Fraction)
     first.save(path, save_all=True, append_images=others, duration=milliseconds, loop=0, disposal=1)
 
 
-def _write_png(path: Path, frames: Iterable[Frame], _: Fraction) -> None:
+def _write_png(path: Path, frames: Iterable[Frame], _frames_per_second: Fraction) -> None:
     from PIL import Image
 
     *_, last = frames

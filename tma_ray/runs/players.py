@@ -107,7 +107,7 @@ def _in_folder(store: Store, folder: str) -> SavedPolicy:
     path = f"{folder}/{SPEC_FILE}"
     if not store.exists(path):
         raise ValueError(
-            f"there is no saved policy in {store.where(folder)}: it has no {SPEC_FILE}; a run saves its policy "
-            f"when it ends"
+            f"there is no saved policy in {store.where(folder)}: it has no {SPEC_FILE}; "
+            f"a run saves its policy when it ends"
         )
     return SavedPolicy(store, folder, RunSpec.from_dict(json.loads(store.read_bytes(path))))

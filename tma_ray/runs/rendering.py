@@ -47,7 +47,9 @@ class Scenario:
     def __post_init__(self) -> None:
         for name, least in (("seed", 0), ("steps", 0), ("every", 1)):
             if getattr(self, name) < least:
-                raise ValueError(f"{name} = {getattr(self, name)}: expected a whole number of at least {least}")
+                raise ValueError(
+                    f"{name} = {getattr(self, name)}: expected a whole number of at least {least}"
+                )
 
 
 @dataclass

@@ -52,12 +52,12 @@ class View(NamedTuple):
 
     @property
     def right(self) -> float:
-        """x of the right edge, in m."""
+        """Where the right edge is (x), in m."""
         return self.left + WIDTH / self.scale
 
     @property
     def top(self) -> float:
-        """y of the upper edge, in m."""
+        """Where the upper edge is (y), in m."""
         return self.bottom + HEIGHT / self.scale
 
 

@@ -73,6 +73,15 @@ class Canvas:
         drawn = self._font.render(text, True, colour)
         self.surface.blit(drawn, drawn.get_rect(midtop=self._pixels(point).tolist()))
 
+    def bar(self, share: float, colours: tuple[Colour, Colour, Colour]) -> None:
+        """Draws along the top how much of a way, of a colour, is done, of another, and its end, of a third."""
+        left, right, y = (SUPERSAMPLING * value for value in (20, WIDTH - 20, 16))
+        at, (way, done, end) = left + share * (right - left), colours
+        pygame.draw.line(self.surface, way, (left, y), (right, y), 2 * SUPERSAMPLING)
+        pygame.draw.line(self.surface, done, (left, y), (at, y), 4 * SUPERSAMPLING)
+        pygame.draw.circle(self.surface, done, (at, y), 5 * SUPERSAMPLING)
+        pygame.draw.circle(self.surface, end, (right, y), 4 * SUPERSAMPLING)
+
     def sees(self, left: Floats, right: Floats) -> NDArray[np.bool_]:
         """Tells of things that reach from x = `left` to `right` (n,) whether the frame shows them (n,)."""
         return np.asarray((right >= self.view.left) & (left <= self.view.right))

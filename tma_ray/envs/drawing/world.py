@@ -6,8 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tma_ray.envs.drawing import palette
-from tma_ray.envs.drawing.camera import WIDTH, height_at
-from tma_ray.envs.drawing.canvas import SUPERSAMPLING, Canvas, pygame
+from tma_ray.envs.drawing.camera import height_at
+from tma_ray.envs.drawing.canvas import Canvas
 from tma_ray.envs.drawing.scene import Scene
 from tma_ray.terrain import GROUND_HEIGHT, Terrain
 
@@ -55,12 +55,7 @@ def draw_progress(canvas: Canvas, head_x: float, terrain: Terrain) -> None:
     """Draws how far the head is between spawn point and goal, along the top."""
     start, goal = terrain.spawn[0], terrain.goal_x
     share = float(np.clip((head_x - start) / (goal - start), 0, 1))
-    left, right, y = (SUPERSAMPLING * value for value in (20, WIDTH - 20, 16))
-    at = left + share * (right - left)
-    pygame.draw.line(canvas.surface, palette.TRACK, (left, y), (right, y), 2 * SUPERSAMPLING)
-    pygame.draw.line(canvas.surface, palette.HEAD, (left, y), (at, y), 4 * SUPERSAMPLING)
-    pygame.draw.circle(canvas.surface, palette.HEAD, (at, y), 5 * SUPERSAMPLING)
-    pygame.draw.circle(canvas.surface, palette.GOAL, (right, y), 4 * SUPERSAMPLING)
+    canvas.bar(share, (palette.TRACK, palette.HEAD, palette.GOAL))
 
 
 def _draw_solids(
