@@ -6,12 +6,16 @@ import pytest
 from tma_ray.benchmark import CHALLENGES, Challenge, find_challenge, load_test_set, shipped_test_sets
 from tma_ray.envs import make_environment
 from tma_ray.tasks import TestSet
+from tma_ray.terrain.cppn import CPPN
+from tma_ray.terrain.demands import demands, difficulty
+from tma_ray.terrain.parkour import parkour
 
 
 @pytest.mark.parametrize("challenge", CHALLENGES, ids=lambda challenge: challenge.name)
 def test_every_challenge_can_be_built_and_evaluated(challenge: Challenge) -> None:
     domain = make_environment(challenge.environment).get_wrapper_attr("valid_domain")
-    load_test_set(challenge.test_set).check(domain)
+    for name in (challenge.test_set, *challenge.other_test_sets.values()):
+        load_test_set(name).check(domain)
     assert domain.contains(np.stack([challenge.task_space.low, challenge.task_space.high]))
     assert challenge.easy_task is None or challenge.task_space.contains(challenge.easy_task)
 
@@ -23,11 +27,61 @@ def test_the_original_test_set_is_the_papers_grid() -> None:
     assert len(shipped) == 100
 
 
-def test_the_easy_test_set_is_drawn_from_its_space() -> None:
-    easy = find_challenge("stump_tracks", "easy")
+@pytest.mark.parametrize(
+    "easy", [each for each in CHALLENGES if "easy" in each.test_set], ids=lambda challenge: challenge.test_set
+)
+def test_easy_test_sets_are_drawn_from_their_spaces(easy: Challenge) -> None:
     drawn = easy.task_space.sample(np.random.default_rng(0), 20)
     np.testing.assert_array_equal(load_test_set(easy.test_set).tasks, drawn)
 
 
 def test_no_shipped_test_set_is_orphaned() -> None:
-    assert {challenge.test_set for challenge in CHALLENGES} == set(shipped_test_sets())
+    named = {challenge.test_set for challenge in CHALLENGES}
+    named |= {name for challenge in CHALLENGES for name in challenge.other_test_sets.values()}
+    assert named == set(shipped_test_sets())
+
+
+def test_bodies_are_tested_where_they_live() -> None:
+    parkour, stumps = find_challenge("parkour", "medium"), find_challenge("stump_tracks", "original")
+    assert parkour.test_set_of("walker") == "parkour_walking"
+    assert parkour.test_set_of("swimmer") == "parkour_swimming"
+    assert parkour.test_set_of("climber") == "parkour_climbing"
+    assert {stumps.test_set_of(body_type) for body_type in ("", "walker", "swimmer")} == {"stump_tracks"}
+
+
+def test_parkours_spaces_lie_in_each_other_and_hold_two_dimensions_fixed() -> None:
+    easy, medium, hard = (find_challenge("parkour", name).task_space for name in ("easy", "medium", "hard"))
+    assert hard.contains(np.stack([medium.low, medium.high]))
+    assert medium.contains(np.stack([easy.low, easy.high]))
+    for space in (easy, medium, hard):
+        assert space.size == 8
+        assert [d.name for d in space.dimensions if d.low == d.high] == [
+            "creepers_width",
+            "terrain_cppn_scale",
+        ]
+
+
+@pytest.mark.parametrize("name", ["parkour_walking", "parkour_swimming", "parkour_climbing"])
+def test_sixty_parkour_tasks_are_from_the_medium_space_and_forty_are_not(name: str) -> None:
+    medium, tests = find_challenge("parkour", "medium").task_space, load_test_set(name)
+    inside = [medium.contains(task) for task in tests.tasks]
+    assert (len(inside), sum(inside)) == (100, 60)
+    theta_outside = [not np.all((t[:3] >= medium.low[:3]) & (t[:3] <= medium.high[:3])) for t in tests.tasks]
+    other_delta = tests.tasks[:, 7] != 10
+    assert sum(theta_outside) >= 20
+    assert sum(other_delta) >= 20
+
+
+@pytest.mark.parametrize(
+    ("name", "body_type"),
+    [("parkour_walking", "walker"), ("parkour_swimming", "swimmer"), ("parkour_climbing", "climber")],
+)
+def test_parkours_test_tasks_are_feasible_and_ordered_in_each_source(name: str, body_type: str) -> None:
+    cppn, rng = CPPN.load(), np.random.default_rng(0)
+    worlds = (parkour(task, rng, cppn=cppn) for task in load_test_set(name).tasks)
+    values = np.array([difficulty(demands(terrain, body_type)) for terrain in worlds])
+    assert np.all(np.isfinite(values))
+    for source in np.split(values, [60, 80]):
+        assert np.all(np.diff(source) >= 0)
+    cuts = (values[[19, 39]] + values[[20, 40]]) / 2  # where the medium space's tasks are cut into thirds
+    assert np.bincount(np.searchsorted(cuts, values[60:])) == pytest.approx([13, 14, 13], abs=2)

@@ -9,9 +9,9 @@ import pytest
 from tma_ray.embodiments import load_embodiment
 from tma_ray.envs.stump_tracks import RULES
 from tma_ray.physics import LIDAR_RANGE, observation_size
-from tma_ray.physics.rules import step_arrays
 from tma_ray.physics.kernels import command_motors, judge, observe, shaping
 from tma_ray.physics.lidars import GROUND, hit_fraction
+from tma_ray.physics.rules import step_arrays
 from tma_ray.physics.world import world_of
 from tma_ray.terrain import GROUND_HEIGHT
 from tma_ray.terrain.stump_tracks import stump_tracks
@@ -103,7 +103,9 @@ def test_reward_is_progress_less_tilt_and_cost() -> None:
 def test_the_head_touching_anything_is_a_fall() -> None:
     reward, ended, _ = judge(state_at(), touching({0: (1, 0)}), ARRAYS, GOAL, 0.0, 0.0)
     assert (reward, ended) == (-100.0, True)
-    _, ended, _ = judge(state_at(), touching({1: (3, 0), 2: (1, 2), 3: (1, 0), 4: (0, 1)}), ARRAYS, GOAL, 0.0, 0.0)
+    _, ended, _ = judge(
+        state_at(), touching({1: (3, 0), 2: (1, 2), 3: (1, 0), 4: (0, 1)}), ARRAYS, GOAL, 0.0, 0.0
+    )
     assert not ended
 
 

@@ -94,6 +94,21 @@ def test_a_teacher_without_its_knowledge_is_refused_by_name() -> None:
     assert {part: plugin.module for part, plugin in plugins.items()} == {"teacher": "odd_teachers"}
 
 
+@pytest.mark.parametrize(
+    ("embodiment", "milieu"),
+    [
+        ("classic_bipedal", "walking"),
+        ("amphibious_bipedal", "walking"),
+        ("fish", "swimming"),
+        ("climbing_chimpanzee", "climbing"),
+    ],
+)
+def test_parkour_tests_bodies_where_they_live(embodiment: str, milieu: str) -> None:
+    spec = spec_of(environment="parkour", challenge="medium", embodiment=embodiment)
+    assert spec.test_set.name == f"parkour_{milieu}"
+    assert len(spec.test_set) == 100
+
+
 def test_a_test_set_outside_the_valid_domain_is_refused(tmp_path: Path) -> None:
     (tmp_path / "wild.csv").write_text("stump_height,obstacle_spacing\n0,6\n0,60\n")
     with pytest.raises(ValueError, match="task 1"):

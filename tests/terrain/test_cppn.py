@@ -5,6 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from threadpoolctl import threadpool_limits
 
 from tma_ray.terrain.cppn import CPPN, POINTS, SHAPES, softplus
 
@@ -66,6 +67,14 @@ def test_many_thetas_at_once_equal_each_alone_in_float64(seed: int) -> None:
             signal = activation(signal @ arrays[name].astype(np.float64))
         expected = signal @ arrays["w5"].astype(np.float64)
         np.testing.assert_allclose(curves[place], expected, atol=5e-3)
+
+
+def test_curves_do_not_depend_on_the_number_of_threads() -> None:
+    theta = np.random.default_rng(0).uniform(-1, 1, (50, 3))
+    with threadpool_limits(1):
+        alone = CPPN(weights()).curves(theta)
+    with threadpool_limits(2):
+        np.testing.assert_array_equal(CPPN(weights()).curves(theta), alone)
 
 
 def test_the_shipped_weights_are_drawn_from_the_truncated_normal() -> None:

@@ -1,6 +1,8 @@
 """Parkour's world: ground and ceiling from the network, creepers, water, over the whole valid domain."""
 
 import os
+import subprocess
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -213,6 +215,30 @@ def test_the_same_generator_state_gives_the_same_world() -> None:
         world(creepers=(0.25, 2, 1), seed=5).creepers, world(creepers=(0.25, 2, 1), seed=6).creepers
     )
     np.testing.assert_array_equal(first.solids, other.solids)
+
+
+PRINT_A_DIGEST = """
+import hashlib, numpy as np
+from tma_ray.terrain.cppn import CPPN
+from tma_ray.terrain.parkour import parkour
+task = np.array([-0.15, 0.8, 0.1, 0.5, 0.25, 2.1, 1, 10], dtype=np.float32)
+terrain = parkour(task, np.random.default_rng(0), cppn=CPPN.load(), swinging_creepers=True)
+print(hashlib.sha256(b"".join(np.asarray(values).tobytes() for values in terrain)).hexdigest())
+"""
+
+
+def test_compiled_and_plain_kernels_give_the_same_bits() -> None:
+    digests = {
+        subprocess.run(
+            [sys.executable, "-c", PRINT_A_DIGEST],
+            env=os.environ | {"NUMBA_DISABLE_JIT": plain},
+            capture_output=True,
+            text=True,
+            check=True,
+        ).stdout
+        for plain in ("0", "1")
+    }
+    assert len(digests) == 1
 
 
 @pytest.mark.reference

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import difflib
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from pathlib import Path
 
 from tma_ray.tasks import TaskSpace, TestSet
@@ -11,6 +12,8 @@ from tma_ray.tasks import TaskSpace, TestSet
 TEST_SETS = Path(__file__).parent / "test_sets"
 
 STUMP_TRACKS_UNITS = {"stump_height": "terrain steps of 0.4667 m", "obstacle_spacing": "m"}
+
+PARKOUR_UNITS = {"creepers_width": "m", "creepers_height": "m", "creepers_spacing": "m"}
 
 
 @dataclass(frozen=True)
@@ -25,6 +28,7 @@ class Challenge:
         test_set: name of a CSV shipped with the package, without its ending.
         easy_task: a task easy for an untrained student, the initial mean at high expert
             knowledge; None where nobody knows one.
+        other_test_sets: name of the CSV of each type of body for which `test_set` is no world to live in.
     """
 
     environment: str
@@ -33,6 +37,54 @@ class Challenge:
     task_space: TaskSpace
     test_set: str
     easy_task: tuple[float, ...] | None
+    other_test_sets: Mapping[str, str] = field(default_factory=dict)
+
+    def test_set_of(self, body_type: str) -> str:
+        """Returns the name of the test set for bodies of `body_type`, as in "swimmer"."""
+        return self.other_test_sets.get(body_type, self.test_set)
+
+
+def _parkour(name: str, title: str, *theta: tuple[float, float]) -> Challenge:
+    """Returns the Parkour whose teacher may choose `theta` from three intervals."""
+    free = dict(zip(("theta_1", "theta_2", "theta_3"), theta, strict=True))
+    others = {
+        "water_level": (0.0, 1.0),
+        "creepers_width": (0.25, 0.25),
+        "creepers_height": (0.0, 4.0),
+        "creepers_spacing": (0.0, 5.0),
+        "terrain_cppn_scale": (10.0, 10.0),
+    }
+    return Challenge(
+        environment="parkour",
+        name=name,
+        title=title,
+        task_space=TaskSpace.from_bounds(free | others, PARKOUR_UNITS),
+        test_set="parkour_walking",
+        easy_task=None,
+        other_test_sets={"swimmer": "parkour_swimming", "climber": "parkour_climbing"},
+    )
+
+
+def _easy_parkour(milieu: str, theta_2: tuple[float, float], water: float, delta: float) -> Challenge:
+    """Returns an easy piece of Parkour for the bodies of one milieu, with tests drawn from it."""
+    bounds = {
+        "theta_1": (-0.15, -0.05),
+        "theta_2": theta_2,
+        "theta_3": (0.1, 0.15),
+        "water_level": (water, water),
+        "creepers_width": (0.25, 0.25),
+        "creepers_height": (0.0, 1.0),
+        "creepers_spacing": (2.0, 5.0),
+        "terrain_cppn_scale": (delta, delta),
+    }
+    return Challenge(
+        environment="parkour",
+        name=f"easy_{milieu}",
+        title=f"Parkour, easy {milieu}",
+        task_space=TaskSpace.from_bounds(bounds, PARKOUR_UNITS),
+        test_set=f"parkour_easy_{milieu}",
+        easy_task=None,
+    )
 
 
 CHALLENGES: tuple[Challenge, ...] = (
@@ -56,9 +108,17 @@ CHALLENGES: tuple[Challenge, ...] = (
         test_set="stump_tracks_easy",
         easy_task=(0, 6),
     ),
+    _parkour("easy", "Parkour, easy task space", (-0.25, -0.05), (0.8, 1.0), (0.0, 0.2)),
+    _parkour("medium", "Parkour", (-0.35, 0.05), (0.6, 1.0), (-0.1, 0.3)),
+    _parkour("hard", "Parkour, hard task space", (-1.0, 1.0), (-1.0, 1.0), (-1.0, 1.0)),
+    _easy_parkour("walking", theta_2=(0.9, 1.0), water=0.0, delta=40.0),
+    _easy_parkour("swimming", theta_2=(0.9, 1.0), water=1.0, delta=10.0),
+    _easy_parkour("climbing", theta_2=(0.9, 1.0), water=0.0, delta=25.0),
 )
-"""The original space of the paper's appendix C, whose easy task is [0, 6], and a corner of it in which every
-working student learns to walk: for trying out students, bodies and settings."""
+"""Of Stump Tracks, the original space of the paper's appendix C, whose easy task is [0, 6], and a corner of
+it in which every working student learns to walk: for trying out students, bodies and settings. Of Parkour,
+the three spaces of appendix C (its experiment takes the medium one, and each milieu has test tasks), and an
+easy piece for each milieu: gentle dry ground, deep water, and a nearly flat ceiling."""
 
 
 def challenges_of(environment: str) -> dict[str, Challenge]:

@@ -39,8 +39,9 @@ def check_body(body: Embodiment) -> None:
 
 
 def _check_numbers(body: Embodiment) -> None:
-    if body.substeps < 1:
-        raise ValueError(f"substeps {body.substeps} must be at least 1")
+    for name in ("substeps", "iterations"):
+        if getattr(body, name) < 1:
+            raise ValueError(f"{name} {getattr(body, name)} must be at least 1")
     for name in ("steps_survivable_under_water", "steps_survivable_outside_water"):
         steps: object = getattr(body, name)
         whole = isinstance(steps, int) and not isinstance(steps, bool) and steps >= 0

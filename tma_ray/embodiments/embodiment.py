@@ -39,6 +39,7 @@ class Embodiment:
         parts: in the order of the engine's state.
         joints: those with motors in the order of actions.
         substeps: steps of the simulation in a time step; light parts with strong motors need more.
+        iterations: of the solver in each of these steps; more steps need fewer.
         grip_sensors: in the order of their actions, which come after those of the motors.
         lidars: where it looks in Parkour.
         steps_survivable_under_water: consecutive time steps with the head under water after which the body
@@ -59,6 +60,7 @@ class Embodiment:
     parts: tuple[Part, ...]
     joints: tuple[Joint, ...]
     substeps: int = 2
+    iterations: int = 30
     grip_sensors: tuple[GripSensor, ...] = ()
     lidars: LidarLayout = LidarLayout.DOWN
     steps_survivable_under_water: int | None = None

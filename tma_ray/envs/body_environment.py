@@ -47,6 +47,8 @@ class BodyEnvironment(gymnasium.Env[Observation, NDArray[np.float32]]):
         task_space: tasks that a teacher may choose; `reset` accepts more.
         valid_domain: tasks that `reset` accepts.
         max_episode_steps: steps after which an episode is truncated.
+        embodiment: the body.
+        rules: of the environment for it.
     """
 
     metadata = {"render_modes": ["human", "rgb_array"], "render_fps": round(1 / TIME_STEP)}
@@ -58,7 +60,7 @@ class BodyEnvironment(gymnasium.Env[Observation, NDArray[np.float32]]):
         if render_mode not in (None, *self.metadata["render_modes"]):
             raise ValueError(f"render_mode {render_mode!r}: expected None, 'human' or 'rgb_array'")
         self.render_mode = render_mode
-        self.embodiment = embodiment
+        self.embodiment, self.rules = embodiment, rules
         self._engine = make_engine(embodiment, rules)
         self.observation_space = _observation_space(observation_size(self._engine.arrays), rules)
         self.action_space = spaces.Box(-1.0, 1.0, (embodiment.action_size,), dtype=np.float32)
@@ -157,7 +159,7 @@ def embodiment_of(embodiment: str | Path | Embodiment) -> Embodiment:
     return embodiment if isinstance(embodiment, Embodiment) else load_embodiment(embodiment)
 
 
-def _observation_space(size: int, rules: Rules) -> spaces.Box:
+def _observation_space(size: int, rules: Rules) -> spaces.Space[Observation]:
     """Returns bounds that always hold; joints have none, since one that is hit hard overshoots its limits."""
     low, high = np.full(size, -np.inf, np.float32), np.full(size, np.inf, np.float32)
     if rules.observes_milieu:

@@ -1,4 +1,4 @@
-"""Parkour: uneven ground and ceiling, creepers and water, for every milieu (paper, section 4.2, appendix B)."""
+"""Parkour: uneven ground, ceiling, creepers and water, for every milieu (paper, section 4.2, appendix B)."""
 
 from __future__ import annotations
 

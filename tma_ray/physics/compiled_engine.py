@@ -37,7 +37,7 @@ class CompiledEngine:
     """
 
     def __init__(self, body: Embodiment, rules: Rules, settings: SolverSettings | None = None) -> None:
-        self.settings = settings or SolverSettings(substeps=body.substeps)
+        self.settings = settings or SolverSettings(body.iterations, body.substeps)
         self.arrays = step_arrays(body, rules)
         self._recipe = (body, rules, self.settings)
         self._body = settled(body, self.settings)

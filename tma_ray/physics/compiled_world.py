@@ -50,7 +50,7 @@ def build(
     Args:
         body: the body of p parts and h joints, of which j have motors, settled.
         terrain: what it stands on.
-        creepers: its c creepers.
+        creepers: those of its c creepers that swing, as `chains` returns them.
         settings: how Chipmunk solves.
         forces: gravity upwards in m/s², and an impulse forwards on each pushed part in N s.
         handles: pointers to space, parts, motors, limits and pivots, written (1 + p + j + 2 h,).
@@ -61,7 +61,7 @@ def build(
     """
     gravity, impulse = forces
     parts, solids = len(body.mass), len(terrain.solids)
-    shapes, swinging = np.empty(solids + parts, dtype=np.int64), np.zeros((len(creepers.mass), 3), np.int64)
+    shapes, swinging = np.empty(solids + parts, np.int64), np.zeros((len(terrain.creepers), 3), np.int64)
     space = symbols.space_new()
     handles[0] = space
     symbols.space_set_iterations(space, settings.iterations)

@@ -19,7 +19,7 @@ LARGEST_ANGLE = 0.4 * np.pi
 
 
 class Chains(NamedTuple):
-    """Those of c creepers that swing, as an engine builds them; the values of others mean nothing.
+    """Creepers as an engine builds them, none if none of them swings; the values of fixed ones mean nothing.
 
     Attributes:
         holders: as in Terrain (c,).
@@ -38,6 +38,8 @@ class Chains(NamedTuple):
 
 def chains(terrain: Terrain) -> Chains:
     """Returns the creepers of `terrain` as an engine builds them."""
+    if not (terrain.holders != FIXED).any():
+        return _NO_CHAINS
     low, high = terrain.creepers[:, :2], terrain.creepers[:, 2:]
     sizes, centre = high - low, (low + high) / 2
     mass = DENSITY * sizes.prod(axis=1)
@@ -51,9 +53,10 @@ def chains(terrain: Terrain) -> Chains:
     return Chains(terrain.holders, mass, inertia, centre, anchors)
 
 
-def add_creepers(
-    space: pymunk.Space, creepers: Chains, settings: SolverSettings
-) -> dict[int, pymunk.Body]:
+_NO_CHAINS = Chains(np.empty(0, np.int64), *(np.empty((0, *rest)) for rest in ((), (), (2,), (2, 2))))
+
+
+def add_creepers(space: pymunk.Space, creepers: Chains, settings: SolverSettings) -> dict[int, pymunk.Body]:
     """Adds the creepers that swing to `space` and returns their bodies by index."""
     bodies: dict[int, pymunk.Body] = {}
     for index in np.flatnonzero(creepers.holders != FIXED).tolist():

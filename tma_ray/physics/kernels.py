@@ -66,10 +66,9 @@ def command_motors(action: Floats, alive: bool, body: StepArrays, commands: Floa
 @kernel
 def survives(milieu: Integers, body: StepArrays) -> bool:
     """Tells whether the body is alive after consecutive steps under water and outside it (2,)."""
-    for place in range(2):
-        if 0 <= body.survivable[place] < milieu[place]:
-            return False
-    return True
+    drowned = 0 <= body.survivable[0] < milieu[0]
+    dried = 0 <= body.survivable[1] < milieu[1]
+    return not (drowned or dried)
 
 
 @kernel

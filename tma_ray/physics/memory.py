@@ -25,7 +25,7 @@ DURATION, ERROR_BIAS, BEFORE, GOAL_X, WATER_Y, SWAY = 2, 3, 4, 5, 6, 7
 """Places among the floats, after the cost of torques and the weight of being upright."""
 
 SUBSTEPS, COUNT_CONTACT, TERRAIN = 9, 10, 11
-"""Places among the integers, after the sizes; at TERRAIN begin the sizes and addresses of a world's arrays."""
+"""Places among the integers, after the sizes; at TERRAIN begin sizes and addresses of the world's arrays."""
 
 
 class Memory(NamedTuple):
@@ -82,7 +82,9 @@ def new_memory(body: StepArrays, all_joints: int, settings: SolverSettings, coun
     v, g, h = len(body.vertices), len(body.grips), all_joints
     memory = Memory(
         np.zeros(FLOATS + (3 * j + 2 * r + 2 * v + 4 * p + 4 * j + 3 * g) + (4 * j + 3 * g + 11 * p)),
-        np.zeros(INTEGERS + (2 + p + 3 * j + p + 1 + g) + (2 * p + 3 + 2 * g + 1 + p + j + 2 * h + g), np.int64),
+        np.zeros(
+            INTEGERS + (2 + p + 3 * j + p + 1 + g) + (2 * p + 3 + 2 * g + 1 + p + j + 2 * h + g), np.int64
+        ),
     )
     memory.integers[:SUBSTEPS] = p, j, r, v, g, h, body.head, body.observes_milieu, body.may_touch_ceiling
     memory.integers[[SUBSTEPS, COUNT_CONTACT]] = settings.substeps, count_contact

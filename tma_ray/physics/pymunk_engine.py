@@ -38,7 +38,7 @@ class PymunkEngine:
     """
 
     def __init__(self, body: Embodiment, rules: Rules, settings: SolverSettings | None = None) -> None:
-        self.settings = settings or SolverSettings(substeps=body.substeps)
+        self.settings = settings or SolverSettings(body.iterations, body.substeps)
         self.arrays = step_arrays(body, rules)
         self._body = settled(body, self.settings)
         parts, motors, grips = len(body.parts), len(body.motors), len(body.grip_sensors)
@@ -88,9 +88,7 @@ class PymunkEngine:
         self._take_hold(self._space)
         breathe(self.state, self._world.water_y, self.arrays, self.milieu)
         observation = np.empty(self._observation_size, dtype=np.float32)
-        observe(
-            self.state, self.contacts, self.milieu, self.grips, self.arrays, self._world, observation
-        )
+        observe(self.state, self.contacts, self.milieu, self.grips, self.arrays, self._world, observation)
         reward, terminated, self._shaping = judge(
             self.state, self.contacts, self.arrays, self._world.goal_x, cost, self._shaping
         )
@@ -143,7 +141,9 @@ class PymunkEngine:
     def _read_state(self, space: pymunk.Space) -> None:
         self._buffer.clear()
         batch.get_space_bodies(space, STATE_FIELDS, self._buffer)
-        values = np.frombuffer(self._buffer.float_buf())  # creepers come after the parts, the static body last
+        values = np.frombuffer(
+            self._buffer.float_buf()
+        )  # creepers come after the parts, the static body last
         self.state[:] = values[: self.state.size].reshape(self.state.shape)
         for index, creeper in self._creepers.items():
             self._world.poses[index] = *creeper.position, *creeper.rotation_vector

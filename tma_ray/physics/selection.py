@@ -40,9 +40,7 @@ class EngineChoice:
     reason: str
 
 
-def make_engine(
-    body: Embodiment, rules: Rules, settings: SolverSettings | None = None
-) -> Engine:
+def make_engine(body: Embodiment, rules: Rules, settings: SolverSettings | None = None) -> Engine:
     """Returns a new engine of the kind that `engine_in_use` names.
 
     Args:

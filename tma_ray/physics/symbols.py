@@ -93,7 +93,7 @@ as_pointer: Any = _as_pointer  # called with the address alone
 def _other_shape(_context: Any, _arbiter: Any) -> Any:
     """Returns the second of the two shapes of an arbiter (pointers)."""
 
-    def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+    def generate(context: Any, builder: Any, _signature: Any, arguments: Any) -> Any:
         pointer = context.get_value_type(types.intp)
         places = [cgutils.alloca_once(builder, pointer) for _ in range(2)]  # type: ignore[no-untyped-call]
         kind = ir.FunctionType(ir.VoidType(), [pointer, *(place.type for place in places)])

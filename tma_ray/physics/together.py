@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Protocol, cast
 import numpy as np
 from numpy.typing import NDArray
 
-from tma_ray.physics.rules import observation_size
 from tma_ray.physics.engine import Engine
+from tma_ray.physics.rules import observation_size
 from tma_ray.physics.selection import engine_in_use
 
 if TYPE_CHECKING:

@@ -35,15 +35,15 @@ class World(NamedTuple):
 
 
 def world_of(terrain: Terrain) -> World:
-    """Returns `terrain` with its creepers at rest."""
+    """Returns `terrain` with its creepers at rest, its arrays contiguous: compiled code knows addresses."""
     poses = np.zeros((len(terrain.creepers), 4))
     poses[:, :2] = (terrain.creepers[:, :2] + terrain.creepers[:, 2:]) / 2
     poses[:, 2] = 1.0
     movable = terrain.holders != FIXED
     return World(
-        terrain.surface,
-        terrain.ceiling,
-        terrain.creepers,
+        np.ascontiguousarray(terrain.surface),
+        np.ascontiguousarray(terrain.ceiling),
+        np.ascontiguousarray(terrain.creepers),
         poses,
         movable.astype(np.int64),
         _longest_chain(terrain) if movable.any() else 0.0,

@@ -115,11 +115,13 @@ def _setting(cell: Cell, options: Mapping[str, Any]) -> _Setting:
         own_space: TaskSpace = environment.get_wrapper_attr("task_space")
         domain: TaskSpace = environment.get_wrapper_attr("valid_domain")
         threshold = mastery_return(environment)
+        body_type = _body_type(environment)
     finally:
         environment.close()
     if challenges_of(cell.environment) or cell.challenge != OWN_CHALLENGE:
         challenge = find_challenge(cell.environment, cell.challenge)
-        space, easy_task, tests = challenge.task_space, challenge.easy_task, load_test_set(challenge.test_set)
+        space, easy_task = challenge.task_space, challenge.easy_task
+        tests = load_test_set(challenge.test_set_of(body_type))
     else:
         space, easy_task, tests = own_space, None, _own_test_set(cell.environment, own_space)
     if cell.test_set is not None:
@@ -131,6 +133,13 @@ def _setting(cell: Cell, options: Mapping[str, Any]) -> _Setting:
                 f"the task space of {cell.challenge!r} exceeds the valid domain at {corner.tolist()}"
             )
     return _Setting(space, easy_task, threshold, tests)
+
+
+def _body_type(environment: gymnasium.Env[Any, Any]) -> str:
+    """Returns how the body of `environment` moves, empty for an environment without bodies."""
+    if not environment.has_wrapper_attr("embodiment"):
+        return ""
+    return str(environment.get_wrapper_attr("embodiment").body_type)
 
 
 def _check_spaces(cell: Cell, environment: gymnasium.Env[Any, Any]) -> None:

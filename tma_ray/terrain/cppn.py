@@ -29,6 +29,10 @@ SHAPES = {
 }
 """Names and shapes of the weight matrices, from the input [x, theta] to the output [ground, ceiling]."""
 
+BLOCK = 50
+"""Points that pass the network together: too few for BLAS to spread over threads, which for so small products
+takes longer, and so the same bits with any number of threads."""
+
 DEFAULT_WEIGHTS = Path(__file__).parent / "data" / "cppn.npz"
 """Weights shipped with the package, found by docs/search_cppn_weights.py."""
 
@@ -82,19 +86,19 @@ class CPPN:
         """Returns ground and ceiling for `theta` (..., 3): heights (..., 200, 2), not scaled or aligned."""
         values = np.asarray(theta, dtype=np.float32)
         w1, w2, w3, w4, w5 = (self.weights[name] for name in SHAPES)
-        signal = self._from_x + (values @ w1[1:])[..., None, :]
+        signal: Floats = self._from_x + (values @ w1[1:])[..., None, None, :]
         np.tanh(signal, out=signal)
         signal = softplus(signal @ w2)
         signal = signal @ w3
         np.tanh(signal, out=signal)
         curves: Floats = softplus(signal @ w4) @ w5
-        return curves
+        return curves.reshape(*values.shape[:-1], POINTS, 2)
 
     @cached_property
     def _from_x(self) -> Floats:
-        """What x, alike in all tasks, brings to the first layer (200, 64)."""
+        """What x, alike in all tasks, brings to the first layer (blocks, 50, 64)."""
         x = np.arange(POINTS, dtype=np.float32) / np.float32(POINTS - 1)
-        return np.outer(x, self.weights["w1"][0])
+        return np.outer(x, self.weights["w1"][0]).reshape(-1, BLOCK, UNITS)
 
 
 def softplus(values: Floats) -> Floats:

@@ -21,7 +21,7 @@ class Terrain(NamedTuple):
     """One world.
 
     Attributes:
-        solids: corners of convex quadrilaterals (n, 4, 2), counter-clockwise, in m; those of the ground first.
+        solids: corners of convex quadrilaterals (n, 4, 2), counter-clockwise, in m; the ground's first.
         friction: coefficient of all solids.
         surface: lidar segments of the ground (m, 4) as x0, y0, x1, y1, in m, solid on their right side.
             Both ends are sorted by x, so that the segments near an x are found by bisection.

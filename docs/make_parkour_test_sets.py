@@ -1,0 +1,126 @@
+"""Draws Parkour's three test sets: 100 tasks each that the body can master, a third easy, medium, and hard.
+
+python docs/make_parkour_test_sets.py --output tma_ray/benchmark/test_sets
+
+As in the paper, 60 tasks are from the medium task space and 40 are not: 20 with theta outside it, 20 with
+another delta. Prints the shares of random tasks that are feasible, and where the thirds are cut.
+"""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+
+from tma_ray.benchmark import find_challenge
+from tma_ray.tasks import TestSet
+from tma_ray.terrain.cppn import CPPN
+from tma_ray.terrain.demands import demands, difficulty
+from tma_ray.terrain.parkour import parkour
+
+MEDIUM = find_challenge("parkour", "medium").task_space
+HARD = find_challenge("parkour", "hard").task_space
+BODY_TYPES = {"walking": "walker", "swimming": "swimmer", "climbing": "climber"}
+DELTA = (5.0, 30.0)
+"""Range of the deltas that are not the medium space's 10."""
+
+REFERENCE_TASKS = 3000
+"""Random tasks of the medium space whose feasible ones are cut into thirds."""
+
+DECIMALS = 4
+
+Draw = Callable[[np.random.Generator], np.ndarray]
+
+
+def inside(rng: np.random.Generator) -> np.ndarray:
+    """Returns a task of the medium space (8,)."""
+    return MEDIUM.clip(np.round(MEDIUM.sample(rng).astype(np.float64), DECIMALS))
+
+
+def other_theta(rng: np.random.Generator) -> np.ndarray:
+    """Returns a task (8,) whose theta is in the hard space only."""
+    while True:
+        task = HARD.clip(np.round(HARD.sample(rng).astype(np.float64), DECIMALS))
+        if not MEDIUM.contains(task):
+            return task
+
+
+def other_delta(rng: np.random.Generator) -> np.ndarray:
+    """Returns a task (8,) of the medium space but for its delta."""
+    task = inside(rng)
+    task[-1] = np.round(rng.uniform(*DELTA), 1)
+    return other_delta(rng) if task[-1] == 10 else task
+
+
+SOURCES: tuple[tuple[str, Draw, tuple[int, int, int]], ...] = (
+    ("medium space", inside, (20, 20, 20)),
+    ("other theta", other_theta, (7, 7, 6)),
+    ("other delta", other_delta, (6, 7, 7)),
+)
+"""Where tasks come from, and how many easy, medium and hard ones from each."""
+
+
+def judge(task: np.ndarray, body_type: str, cppn: CPPN) -> float:
+    """Returns the difficulty of a task (8,), infinite where it is not feasible."""
+    # Creepers' heights, all that is random, make no difference to the demands.
+    return difficulty(demands(parkour(task, np.random.default_rng(0), cppn=cppn), body_type))
+
+
+def thirds(body_type: str, cppn: CPPN, rng: np.random.Generator) -> tuple[np.ndarray, float]:
+    """Returns where the feasible tasks of the medium space are cut (2,), and their share."""
+    values = np.array([judge(inside(rng), body_type, cppn) for _ in range(REFERENCE_TASKS)])
+    feasible = values[np.isfinite(values)]
+    return np.quantile(feasible, [1 / 3, 2 / 3]), len(feasible) / len(values)
+
+
+def choose(
+    draw: Draw,
+    quotas: tuple[int, ...],
+    rate: Callable[[np.ndarray], float],
+    cuts: np.ndarray,
+    rng: np.random.Generator,
+) -> tuple[list[tuple[float, np.ndarray]], float]:
+    """Returns (difficulty, task) of as many tasks of each third as `quotas` say, and the feasible share."""
+    found: list[list[tuple[float, np.ndarray]]] = [[] for _ in quotas]
+    drawn = feasible = 0
+    while any(len(tasks) < quota for tasks, quota in zip(found, quotas, strict=True)):
+        task = draw(rng)
+        value = rate(task)
+        drawn += 1
+        if np.isfinite(value):
+            feasible += 1
+            third = int(np.searchsorted(cuts, value))
+            if len(found[third]) < quotas[third]:
+                found[third].append((value, task))
+    chosen = [pair for tasks in found for pair in tasks]
+    return sorted(chosen, key=lambda pair: pair[0]), feasible / drawn
+
+
+def make(name: str, seed: int, cppn: CPPN) -> TestSet:
+    """Returns a milieu's test set: the medium space's tasks first, those of each source by difficulty."""
+    body_type, rng = BODY_TYPES[name], np.random.default_rng(seed)
+    cuts, share = thirds(body_type, cppn, rng)
+    print(f"{name}: thirds cut at {cuts.round(3).tolist()}; {share:.1%} of the medium space are feasible")
+    tasks: list[np.ndarray] = []
+    for source, draw, quotas in SOURCES:
+        chosen, share = choose(draw, quotas, lambda task: judge(task, body_type, cppn), cuts, rng)
+        print(f"  {source}: {share:.2%} of its tasks are feasible")
+        tasks += [task for _, task in chosen]
+    return TestSet(f"parkour_{name}", MEDIUM.names, np.array(tasks, dtype=np.float32))
+
+
+def main() -> None:
+    """Writes the three files."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--output", type=Path, default=Path("tma_ray/benchmark/test_sets"))
+    options = parser.parse_args()
+    cppn = CPPN.load()
+    for seed, name in enumerate(BODY_TYPES):
+        test_set = make(name, seed, cppn)
+        (options.output / f"{test_set.name}.csv").write_text(test_set.to_csv())
+
+
+if __name__ == "__main__":
+    main()
