@@ -8,6 +8,7 @@ from fractions import Fraction
 from pathlib import Path
 
 import numpy as np
+from gymnasium import spaces
 
 from tma_ray.envs import ENVIRONMENTS, Environment, make_environment
 from tma_ray.runs.pictures import Frame, check_picture, write_frames
@@ -152,11 +153,16 @@ def _make(scenario: Scenario, saved: SavedPolicy | None) -> Environment:
 def _player(
     policy: str, saved: SavedPolicy | None, environment: Environment, rng: np.random.Generator
 ) -> Player:
+    observations, actions = environment.observation_space, environment.action_space
+    if not (isinstance(observations, spaces.Box) and isinstance(actions, spaces.Box)):
+        raise ValueError(f"{environment} has spaces {observations}, {actions}; expected boxes")
     if saved is not None:
-        return saved.load(environment.observation_space, environment.action_space)
-    if policy == ZERO:
-        return zero_player(environment.action_space)
-    return random_player(environment.action_space, rng)
+        return saved.load(observations, actions)
+    return zero_player(actions) if policy == ZERO else random_player(actions, rng)
+
+
+def _frame(environment: Environment) -> Frame:
+    return np.asarray(environment.render(), dtype=np.uint8)
 
 
 def _play(
@@ -166,10 +172,10 @@ def _play(
     observation, _ = environment.reset(seed=scenario.seed, options={"task": outcome.task})
     while outcome.steps < scenario.steps and not outcome.ended:
         if every and outcome.steps % every == 0:
-            yield environment.render()
+            yield _frame(environment)
         observation, reward, terminated, truncated, info = environment.step(player(observation))
         outcome.steps += 1
         outcome.episodic_return += float(reward)
         outcome.ended = bool(terminated or truncated)
         outcome.success = bool(info.get("success", False))
-    yield environment.render()
+    yield _frame(environment)

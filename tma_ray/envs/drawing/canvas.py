@@ -2,16 +2,12 @@
 
 from __future__ import annotations
 
-import os
-
 import numpy as np
+import pygame
 from numpy.typing import NDArray
 
 from tma_ray.envs.drawing.camera import HEIGHT, WIDTH, View
 from tma_ray.envs.drawing.palette import SKY_BOTTOM, SKY_TOP, Colour
-
-os.environ.setdefault("PYGAME_HIDE_SUPPORT_PROMPT", "1")
-import pygame
 
 SUPERSAMPLING = 2
 CROP = 10.0
@@ -42,6 +38,10 @@ class Canvas:
     def frame(self) -> pygame.Surface:
         """Returns the frame, smoothed."""
         return pygame.transform.smoothscale(self.surface, (WIDTH, HEIGHT))
+
+    def pixels(self) -> NDArray[np.uint8]:
+        """Returns the frame (height, width, 3)."""
+        return np.ascontiguousarray(pygame.surfarray.array3d(self.frame()).transpose(1, 0, 2))
 
     def line(self, ends: Floats, colour: Colour, width: int) -> None:
         """Draws a line between two points (2, 2)."""
@@ -74,7 +74,7 @@ class Canvas:
         self.surface.blit(drawn, drawn.get_rect(midtop=self._pixels(point).tolist()))
 
     def bar(self, share: float, colours: tuple[Colour, Colour, Colour]) -> None:
-        """Draws along the top how much of a way, of a colour, is done, of another, and its end, of a third."""
+        """Draws along the top how much of a way is done, in colours of the way, what is done, and the end."""
         left, right, y = (SUPERSAMPLING * value for value in (20, WIDTH - 20, 16))
         at, (way, done, end) = left + share * (right - left), colours
         pygame.draw.line(self.surface, way, (left, y), (right, y), 2 * SUPERSAMPLING)
