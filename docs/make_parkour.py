@@ -28,6 +28,7 @@ from tma_ray.runs.pictures import write_frames
 from tma_ray.terrain import Terrain
 from tma_ray.terrain.cppn import CPPN, DEFAULT_WEIGHTS
 from tma_ray.terrain.parkour import GROUND_LIMIT, outlines, parkour
+from tma_ray.terrain.terrain import STEP
 
 COLUMNS = 3
 CELL, GAP, CAPTION, MAP = (3.7, 3.75), 0.15, 0.6, 0.55
@@ -35,12 +36,18 @@ CELL, GAP, CAPTION, MAP = (3.7, 3.75), 0.15, 0.6, 0.55
 
 DPI = 110
 
+LEVEL = 2.0, 0.4
+"""A place is level where, so far around it, heights differ by no more than that, in m."""
+
 SOIL, ROCK, WATER, SKY, HERE = "#687a5c", "#7c766e", "#7fb4dc", "#dfeaf4", "#d84232"
 SERVO, DAMPING = 6.0, 0.3
 """Of those who keep their pose, per rad and per rad/s."""
 
 BEAT = 12
-"""Steps of one stroke of those who move at random, or up and down."""
+"""Steps between two decisions of those who move at random."""
+
+STROKE = 16
+"""Steps in which a swimmer beats up and down."""
 
 GRASP_STEPS = 600
 """Steps in which a climber at random should have grasped a creeper."""
@@ -57,7 +64,7 @@ class View:
         body: its name.
         theta: input of the CPPN.
         delta: by which heights are divided.
-        x: where the body is, in m.
+        x: near where the body is, in m; it starts where ground or ceiling is level.
         water: height of the water over the ground there, in m; None where it is dry.
         creepers: their mean height and spacing, in m.
         swinging: whether creepers swing.
@@ -113,11 +120,11 @@ CLIMBER = View(
     x=42.3,
     creepers=(3.0, 1.0),
     swinging=True,
-    steps=141,
+    steps=123,
     seed=3,
 )
 SWIMMER = View(
-    "fish", (0.05, 0.75, -0.1), delta=20, x=36.0, water=5.0, lift=1.0, creepers=(2.5, 2.0), steps=141
+    "fish", (0.05, 0.75, -0.1), delta=20, x=36.0, water=5.0, lift=1.0, creepers=(2.5, 2.0), steps=123
 )
 """Who moves in the README's picture."""
 
@@ -133,12 +140,22 @@ def world_of(view: View, cppn: CPPN) -> tuple[Terrain, NDArray[np.float32]]:
     level = 0.0
     if view.water is not None:
         bottom = GROUND_LIMIT / view.delta
-        here = np.interp(view.x, np.arange(len(ground)) * 14 / 30, ground)
+        points = np.arange(len(ground)) * STEP
+        here = np.interp(level_place(np.stack([points, ground], axis=1), view.x), points, ground)
         level = (here + view.water - bottom) / (ceiling.max() - bottom)
     task = np.array([*theta, level, 0.25, *view.creepers, view.delta], np.float32)
     terrain = parkour(task, np.random.default_rng(0), cppn=cppn, swinging_creepers=view.swinging)
-    spawn = np.array([view.x, float(height_at(terrain.surface, view.x)) + view.lift])
+    x = level_place(terrain.ceiling if "climbing" in view.body else terrain.surface, view.x)
+    spawn = np.array([x, float(height_at(terrain.surface, x)) + view.lift])
     return terrain._replace(spawn=spawn), task
+
+
+def level_place(segments: NDArray[np.float64], x: float) -> float:
+    """Returns the place nearest to `x` around which ground or ceiling is level, in m."""
+    lefts, heights = segments[1:-1, 0], segments[1:-1, 1]
+    spread = [np.ptp(heights[np.abs(lefts - left) < LEVEL[0]]) for left in lefts]
+    level = lefts[np.array(spread) <= max(LEVEL[1], min(spread))]
+    return float(level[np.argmin(np.abs(level - x))])
 
 
 def keep_pose(engine: Engine) -> Acting:
@@ -154,9 +171,9 @@ def keep_pose(engine: Engine) -> Acting:
 
 
 def wriggle(engine: Engine) -> Acting:
-    """Returns the acting of one who beats up and down, from head to tail."""
-    phases = -0.9 * np.arange(len(engine.arrays.motors))
-    return lambda step, _: np.sin(2 * np.pi * step / (2 * BEAT) + phases)
+    """Returns the acting of one who beats up and down, each joint a little before the last."""
+    phases = 0.9 * np.arange(len(engine.arrays.motors))
+    return lambda step, _: np.sin(2 * np.pi * step / STROKE + phases)
 
 
 def swing(engine: Engine, seed: int = 0) -> Acting:

@@ -198,3 +198,17 @@ def test_a_file_appears_when_it_is_complete(tmp_path: Path) -> None:
     with pytest.raises(RuntimeError, match="halfway"):
         write_frames(path, broken(), Fraction(10))
     assert [path.read_bytes() for path in tmp_path.iterdir()] == [before]
+
+
+def test_a_gif_keeps_rare_colours(tmp_path: Path) -> None:
+    sky = np.linspace((150, 190, 225), (236, 243, 247), 200)[:, None].repeat(300, axis=1)
+    frame = (sky + np.random.default_rng(0).uniform(-3, 3, sky.shape)).round().astype(np.uint8)
+    rare = ((210, 40, 36), (246, 208, 52), (34, 120, 44))
+    for place, colour in enumerate(rare):
+        frame[50, 10 * place : 10 * place + 4] = colour
+    write_frames(tmp_path / "a.gif", [frame, frame[::-1]], Fraction(25))
+    with Image.open(tmp_path / "a.gif") as gif:
+        seen = np.asarray(gif.convert("RGB")).astype(int)
+    for place, colour in enumerate(rare):
+        np.testing.assert_allclose(seen[50, 10 * place + 1], colour, atol=12)
+    assert np.abs(seen - frame).mean() < 3

@@ -9,12 +9,14 @@ from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
+from PIL import Image
 
 Frame = NDArray[np.uint8]
 """One picture (height, width, 3), red, green and blue."""
 
-GIF_COLOURS = 256
-"""Colours that all frames of a .gif share."""
+SHADES, HUES = 192, 64
+"""Colours that all frames of a .gif share: such as many pixels have, as in a sky, and such as differ most,
+as that of a red hand."""
 
 PALETTE_FRAMES = 12
 """From how many frames, evenly spaced, those colours are chosen."""
@@ -80,12 +82,14 @@ def _write_mp4(path: Path, frames: Iterable[Frame], frames_per_second: Fraction)
 
 
 def _write_gif(path: Path, frames: Iterable[Frame], frames_per_second: Fraction) -> None:
-    from PIL import Image
-
     kept = list(frames)
     chosen = np.linspace(0, len(kept) - 1, min(PALETTE_FRAMES, len(kept))).round().astype(int)
     mosaic = Image.fromarray(np.concatenate([kept[index] for index in chosen]))
-    palette = mosaic.quantize(GIF_COLOURS, method=Image.Quantize.MEDIANCUT)
+    palette = Image.new("P", (1, 1))
+    palette.putpalette(
+        _colours(mosaic, SHADES, Image.Quantize.MEDIANCUT)
+        + _colours(mosaic, HUES, Image.Quantize.MAXCOVERAGE)
+    )
     first, *others = (
         Image.fromarray(frame).quantize(palette=palette, dither=Image.Dither.NONE) for frame in kept
     )
@@ -93,9 +97,13 @@ def _write_gif(path: Path, frames: Iterable[Frame], frames_per_second: Fraction)
     first.save(path, save_all=True, append_images=others, duration=milliseconds, loop=0, disposal=1)
 
 
-def _write_png(path: Path, frames: Iterable[Frame], _frames_per_second: Fraction) -> None:
-    from PIL import Image
+def _colours(picture: Image.Image, count: int, method: Image.Quantize) -> list[int]:
+    """Returns `count` colours of `picture`, one value after the other."""
+    values = picture.quantize(count, method=method).getpalette() or []
+    return (values + [0] * 3 * count)[: 3 * count]
 
+
+def _write_png(path: Path, frames: Iterable[Frame], _frames_per_second: Fraction) -> None:
     *_, last = frames
     Image.fromarray(last).save(path, optimize=True)
 
