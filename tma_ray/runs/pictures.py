@@ -51,7 +51,8 @@ def check_picture(path: Path) -> None:
 def write_frames(path: Path, frames: Iterable[Frame], frames_per_second: Fraction) -> None:
     """Writes `frames`, at least one and all of one size, in the format that `path` ends in.
 
-    A .png holds the last frame alone. The file appears when it is complete.
+    A .png holds the last frame alone; of a .gif all frames are held in memory. The file appears when it is
+    complete.
 
     Raises:
         ValueError: as `check_picture` does.
