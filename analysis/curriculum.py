@@ -70,8 +70,10 @@ class Curriculum:
         return Curriculum(cut(self.episodes), cut(self.probes), cut(self.updates), self.steps, self.mastery)
 
     def probed_at(self, step: int) -> NDArray[np.float32]:
-        """Returns the tasks probed at `step` (n, d); (0, 0) if there was no probe."""
-        return stack(self.probes.loc[self.probes["step"] == step, "task"])
+        """Returns the tasks of the last probe up to `step` (n, d); (0, 0) if the probes end before it."""
+        steps = self.probes["step"]
+        last = steps[steps <= step].max() if (steps >= step).any() else None
+        return stack(self.probes.loc[steps == last, "task"])
 
     def update_at(self, step: int) -> pd.Series | None:
         """Returns the teacher's last update up to `step`, None if it had none."""

@@ -17,7 +17,7 @@ from analysis.task_axes import Axis, task_axes
 from analysis.teacher_view import boxes_of, gaussians_of, moments, teacher_view
 
 LARGEST = 20
-"""Spaces of more dimensions are not drawn."""
+"""Spaces with more varied dimensions are not drawn."""
 
 
 def curriculum_pictures(frames: Frames, mine: Measured) -> Iterator[Picture]:
@@ -33,13 +33,15 @@ def curriculum_pictures(frames: Frames, mine: Measured) -> Iterator[Picture]:
         return
     seeds = ", ".join(f"{label(teacher)}: seed {examples[teacher]['seed']}" for teacher in curricula)
     which = f"One run of each teacher, the median one by mastered tasks ({seeds})"
-    if len(axes) == 2:
-        yield _taught(curricula, (axes[0], axes[1]), which)
+    varied = sum(axis.low < axis.high for axis in axes)
+    plane = (axes[0], axes[1]) if len(axes) == varied == 2 else None
+    if plane is not None:
+        yield _taught(curricula, plane, which)
     probed = {teacher: each for teacher, each in curricula.items() if len(each.probes)}
     if len(moments(probed)) > 1:
-        if len(axes) == 2:
-            yield _view(probed, (axes[0], axes[1]), which)
-        elif len(axes) <= LARGEST:
+        if plane is not None:
+            yield _view(probed, plane, which)
+        elif 0 < varied <= LARGEST:
             yield _dimensions(probed, axes, which)
     figure = scalar_curves(curricula)
     if figure is not None:
@@ -64,12 +66,12 @@ def _taught(curricula: Mapping[str, Curriculum], plane: tuple[Axis, Axis], which
 
 def _view(curricula: Mapping[str, Curriculum], plane: tuple[Axis, Axis], which: str) -> Picture:
     caption = f"{which}. Dots: tasks probed without exploration at that step."
-    updates = pd.concat([curriculum.updates for curriculum in curricula.values()])
-    if any(gaussians_of(update) for _, update in updates.iterrows()):
+    updates = [update for each in curricula.values() for _, update in each.updates.iterrows()]
+    if any(gaussians_of(update) for update in updates):
         caption += (
             " Ellipses: the teacher's latest Gaussians at two standard deviations, fuller for more weight."
         )
-    if any(boxes_of(update) for _, update in updates.iterrows()):
+    if any(boxes_of(update) for update in updates):
         caption += " Rectangles: its latest boxes; where it has several, they are coloured by score."
     return Picture.of(
         "teacher-view",

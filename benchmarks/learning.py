@@ -8,11 +8,9 @@ environment with the same PPO: 245 and 85 % at 1 million steps, 275 and 95 % at 
 
 from __future__ import annotations
 
-import argparse
+from campaigns import main
 
 from tma_ray.campaign import Campaign, cells_of
-from tma_ray.campaign.options import add_options
-from tma_ray.campaign.script import execute
 from tma_ray.results import Results, Table
 from tma_ray.runs import Schedule
 from tma_ray.tasks import MASTERY_RETURN
@@ -43,16 +41,5 @@ def summarise(root: str) -> None:
     )
 
 
-def main() -> int:
-    """Runs what is missing of the campaign, then summarises it."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    add_options(parser)
-    options = parser.parse_args()
-    code = execute(CAMPAIGN, options)
-    if code == 0 and not options.dry_run:
-        summarise(options.results)
-    return code
-
-
 if __name__ == "__main__":
-    raise SystemExit(main())
+    raise SystemExit(main(CAMPAIGN, str(__doc__), summarise))

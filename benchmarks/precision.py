@@ -10,19 +10,17 @@ Welch's and a bootstrap 95 % interval.
 
 from __future__ import annotations
 
-import argparse
 from typing import Any
 
 import numpy as np
 import pandas as pd
 import torch
+from campaigns import main
 from scipy import stats
 from torch.overrides import TorchFunctionMode
 
 from analysis.statistics import welch
 from tma_ray.campaign import Campaign
-from tma_ray.campaign.options import add_options
-from tma_ray.campaign.script import execute
 from tma_ray.results import Results, Table
 from tma_ray.runs import Cell, Schedule
 from tma_ray.students.ppo import PPO
@@ -102,16 +100,5 @@ def difference(sample: pd.Series, reference: pd.Series) -> str:
     )
 
 
-def main() -> int:
-    """Runs what is missing of the campaign, then compares."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    add_options(parser)
-    options = parser.parse_args()
-    code = execute(CAMPAIGN, options)
-    if code == 0 and not options.dry_run:
-        compare(options.results)
-    return code
-
-
 if __name__ == "__main__":
-    raise SystemExit(main())
+    raise SystemExit(main(CAMPAIGN, str(__doc__), compare))

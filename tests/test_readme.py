@@ -26,7 +26,7 @@ def test_the_teacher_of_the_readme_trains_a_student(tmp_path: Path) -> None:
     (teacher,) = (block for block in blocks("python") if "class Frontier" in block)
     (tmp_path / "frontier.py").write_text(teacher)
     (tmp_path / "one.csv").write_text("stump_height,obstacle_spacing\n0,6\n")
-    arguments = "run --teacher frontier:Frontier --student ppo --steps 4000 --test-set one.csv --results mine"
+    arguments = "run --teacher frontier:Frontier --student ppo --steps 2000 --test-set one.csv --results mine"
     command = [sys.executable, "-m", "tma_ray.cli", *arguments.split()]
     subprocess.run(command, cwd=tmp_path, check=True)
     (run,) = Results.open(tmp_path / "mine").runs()

@@ -40,6 +40,7 @@ class SyntheticCampaign:
     experiment: str = "original"
     environment: str = "stump_tracks"
     boxes: bool = False
+    updates: int = 20
 
     def __post_init__(self) -> None:
         self.committer = Committer.open(self.root)
@@ -143,7 +144,7 @@ class SyntheticCampaign:
         return tables | (self._teacher(rng, end) if guided else self._uniform_probes(rng, end)), end
 
     def _uniform_probes(self, rng: np.random.Generator, end: int) -> dict[Table, Any]:
-        steps = range(0, end + 1, self.steps // 20)
+        steps = range(0, end + 1, self.steps // self.updates)
         tasks = (rng.random((len(steps), 40, 2)) * [3, 6]).astype(np.float32)
         return {
             Table.CURRICULUM: [
@@ -196,7 +197,7 @@ class SyntheticCampaign:
 
     def _teacher(self, rng: np.random.Generator, end: int) -> dict[Table, Any]:
         log, probes = [], []
-        for step in range(self.steps // 20, end + 1, self.steps // 20):
+        for step in range(self.steps // self.updates, end + 1, self.steps // self.updates):
             learning = 1 - np.exp(-4 * step / self.steps)
             mean = np.array([0.3 + 2.4 * learning, 4.5 - 3 * learning])
             gaussians = [

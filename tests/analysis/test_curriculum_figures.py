@@ -77,6 +77,12 @@ def test_the_view_shows_probes_at_their_step_and_says_where_there_are_none() -> 
     assert [bool(panel.texts) for panel in adr] == [False] * 3 + [True] * 3
 
 
+def test_a_moment_between_two_probes_shows_the_earlier_one() -> None:
+    shown = curriculum("adr", upto=0.5)
+    np.testing.assert_array_equal(shown.probed_at(300_000), shown.probed_at(250_000))
+    assert not len(shown.probed_at(STEPS // 2 + 1))
+
+
 def test_the_latest_update_counts_at_each_moment() -> None:
     box = {"low": [0.0, 0.0], "high": [1.0, 2.0], "score": 0.0}
     before, after = teacher_view({"adr": with_update(15, boxes=[box])}, PLANE).axes

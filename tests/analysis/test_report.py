@@ -47,7 +47,11 @@ class Page(HTMLParser):
 
 def small(root: Path, **changes: object) -> SyntheticCampaign:
     return SyntheticCampaign(
-        root, **({"steps": 40_000, "evaluation_every": 10_000, "episode_steps": 500, "grid": 4} | changes)
+        root,
+        **(
+            {"steps": 40_000, "evaluation_every": 10_000, "episode_steps": 500, "grid": 4, "updates": 1}
+            | changes
+        ),
     )
 
 
@@ -266,13 +270,14 @@ def test_analysis_needs_neither_torch_nor_ray() -> None:
     subprocess.run([sys.executable, "-c", code], check=True, timeout=120)
 
 
-def test_a_world_with_a_threshold_and_three_dimensions_of_its_own(tmp_path: Path) -> None:
+@pytest.mark.parametrize("highs", [(1,), (1, 0), (1, 1, 1)])
+def test_a_world_with_a_threshold_and_a_task_space_of_its_own(tmp_path: Path, highs: tuple[int, ...]) -> None:
     campaign = small(tmp_path, steps=1000)
-    space = [{"name": name, "low": 0, "high": 1, "unit": "m"} for name in "abc"]
+    space = [{"name": f"x{i}", "low": 0, "high": high, "unit": "m"} for i, high in enumerate(highs)]
     spec = json.dumps({"mastery_threshold": -200.0, "task_space": space})
     record = campaign.record("random", 0, "low", spec=spec)
     campaign.cell(record, "low")
-    task = np.zeros(3, np.float32)
+    task = np.zeros(len(highs), np.float32)
     evaluation = {"step": 1000, "test_set": "own", "task_index": 0, "task": task, "length": 1}
     episode = {"step": 10, "episode": 0, "task": task, "length": 10, "success": False}
     tables = {

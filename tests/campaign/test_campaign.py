@@ -36,6 +36,11 @@ def corridor(teacher: str, level: KnowledgeLevel = KnowledgeLevel.NONE, **hyperp
     )
 
 
+def idle(teacher: str, level: KnowledgeLevel = KnowledgeLevel.NONE) -> Cell:
+    """Returns a cell in which nothing is learned, and which starts sooner for that."""
+    return replace(corridor(teacher, level), student="idle_student:Idle", student_hyperparameters={})
+
+
 def campaign(*cells: Cell, seeds: tuple[int, ...] = (0,)) -> Campaign:
     return Campaign("short", cells, seeds, SCHEDULE)
 
@@ -52,26 +57,34 @@ def execute(what: Campaign, root: Path, **changes: Any) -> Snapshot:
     return run_campaign(what, root, settings(**changes), view=quiet())
 
 
-def test_actors_give_the_files_of_a_run_in_one_process(tmp_path: Path) -> None:
-    asking = corridor("odd_teachers:Scrutinising")
-    what = campaign(corridor("random"), corridor("alp_gmm", fit_every=20), asking)
-    ended = execute(what, tmp_path / "actors", checkpoint_seconds=0.5)
-    assert (ended.done, ended.failed, ended.total) == (3, 0, 3)
-    execute(what, tmp_path / "inline", teachers=TeacherPlacement.INLINE)
+def alone(what: Campaign, root: Path) -> dict[str, bytes]:
+    """Executes the runs of `what` one after the other in this process; returns their data files."""
     for spec in what.plan().runs:
-        run_locally(spec, Committer.open(tmp_path / "alone"))
-    expected = data_files(tmp_path / "alone")
-    assert len(expected) == 15
+        run_locally(spec, Committer.open(root))
+    return data_files(root)
+
+
+def test_actors_give_the_files_of_a_run_in_one_process(tmp_path: Path) -> None:
+    what = campaign(corridor("alp_gmm", fit_every=20), corridor("odd_teachers:Scrutinising"))
+    ended = execute(what, tmp_path / "actors", checkpoint_seconds=0.5)
+    assert (ended.done, ended.failed, ended.total) == (2, 0, 2)
+    expected = alone(what, tmp_path / "alone")
+    assert len(expected) == 10
     assert data_files(tmp_path / "actors") == expected
-    assert data_files(tmp_path / "inline") == expected
     attempts = rows(tmp_path / "actors", Table.ATTEMPTS)
-    assert [(row["outcome"], row["attempt"]) for row in attempts] == [("done", 0)] * 3
+    assert [(row["outcome"], row["attempt"]) for row in attempts] == [("done", 0)] * 2
     assert all(row["env_steps_per_second"] > 0 and row["host"] for row in attempts)
 
 
-def test_running_again_does_only_what_is_missing(tmp_path: Path) -> None:
-    execute(campaign(corridor("random")), tmp_path)
-    assert execute(campaign(corridor("random"), seeds=(0, 1)), tmp_path).done == 2
+def test_cells_share_runs_and_running_again_does_only_what_is_missing(tmp_path: Path) -> None:
+    cells = [idle("random", level) for level in (KnowledgeLevel.NONE, KnowledgeLevel.LOW)]
+    assert len(campaign(*cells).plan().runs) == 1
+    execute(campaign(*cells), tmp_path, teachers=TeacherPlacement.INLINE)
+    shared = rows(tmp_path, Table.CELLS)
+    assert [cell["expert_knowledge"] for cell in shared] == ["low", "none"]
+    assert len({cell["run_id"] for cell in shared}) == 1
+    again = execute(campaign(*cells, seeds=(0, 1)), tmp_path, teachers=TeacherPlacement.INLINE)
+    assert again.done == 2
     attempts = rows(tmp_path, Table.ATTEMPTS)
     assert sorted((row["attempt"], row["outcome"]) for row in attempts) == [(0, "done"), (0, "done")]
     assert {
@@ -79,17 +92,9 @@ def test_running_again_does_only_what_is_missing(tmp_path: Path) -> None:
     } == {"done"}
 
 
-def test_cells_share_runs(tmp_path: Path) -> None:
-    what = campaign(*(corridor("random", level) for level in (KnowledgeLevel.NONE, KnowledgeLevel.LOW)))
-    assert len(what.plan().runs) == 1
-    execute(what, tmp_path)
-    cells = rows(tmp_path, Table.CELLS)
-    assert [cell["expert_knowledge"] for cell in cells] == ["low", "none"]
-    assert len({cell["run_id"] for cell in cells}) == 1
-
-
 def test_an_exception_fails_its_run_and_the_rest_goes_on(tmp_path: Path) -> None:
-    ended = execute(campaign(corridor("misbehaving:Raising"), corridor("random")), tmp_path)
+    both = campaign(idle("misbehaving:Raising"), idle("random"))
+    ended = execute(both, tmp_path, teachers=TeacherPlacement.INLINE)
     assert (ended.done, ended.failed) == (1, 1)
     failed = [run for run in Results.open(tmp_path).runs() if run.status is RunStatus.FAILED]
     assert [run.run.teacher for run in failed] == ["misbehaving:Raising"]
@@ -104,26 +109,27 @@ def test_a_killed_process_is_replaced_and_nothing_is_lost_or_doubled(tmp_path: P
     assert ended.done == 1
     attempts = rows(tmp_path / "killed", Table.ATTEMPTS)
     assert [(row["attempt"], row["outcome"]) for row in attempts] == [(0, "lost"), (1, "done")]
-    execute(campaign(cell), tmp_path / "undisturbed")
-    assert data_files(tmp_path / "killed") == data_files(tmp_path / "undisturbed")
+    assert data_files(tmp_path / "killed") == alone(campaign(cell), tmp_path / "undisturbed")
 
 
-def test_a_stopped_campaign_leaves_checkpoints_and_continues(tmp_path: Path) -> None:
-    cells = corridor("random"), corridor("alp_gmm", fit_every=20)
-    what = Campaign("long", cells, (0,), replace(SCHEDULE, steps=10_000))
+def test_a_stopped_campaign_leaves_checkpoints_and_continues_wherever_its_teachers_are(
+    tmp_path: Path,
+) -> None:
+    cells = (corridor("alp_gmm", fit_every=20),)
+    what = Campaign("long", cells, (0,), replace(SCHEDULE, steps=6_000))
     committer = Committer(Store.open(tmp_path / "stopped"))
-    scheduler = Scheduler(committer, settings(), quiet(), lambda: None)
+    inline = settings(teachers=TeacherPlacement.INLINE)
+    scheduler = Scheduler(committer, inline, quiet(), lambda: None)
     checkpoints = tmp_path / "stopped" / "checkpoints"
     ended = scheduler.execute(what.plan().runs, lambda: any(checkpoints.rglob("index.json")))
-    assert ended.stopped >= 1
-    assert ended.done + ended.stopped + ended.waiting == 2
-    assert "stopped" in {row["outcome"] for row in rows(tmp_path / "stopped", Table.ATTEMPTS)}
+    assert (ended.done, ended.stopped, ended.waiting) == (0, 1, 0)
+    assert [row["outcome"] for row in rows(tmp_path / "stopped", Table.ATTEMPTS)] == ["stopped"]
     committer.write_cells("long", what.plan().cell_rows)
-    states = [run for runs in overview(tmp_path / "stopped")["long"].values() for run in runs]
-    assert any(run.state == "interrupted" and 0 < run.step < 10_000 for run in states)
-    assert execute(what, tmp_path / "stopped").done == 2
-    execute(what, tmp_path / "undisturbed")
-    assert data_files(tmp_path / "stopped") == data_files(tmp_path / "undisturbed")
+    ((state,),) = overview(tmp_path / "stopped")["long"].values()
+    assert state.state == "interrupted"
+    assert 0 < state.step < 6_000
+    assert execute(what, tmp_path / "stopped", teachers=TeacherPlacement.ACTOR).done == 1
+    assert data_files(tmp_path / "stopped") == alone(what, tmp_path / "undisturbed")
 
 
 @pytest.mark.parametrize(

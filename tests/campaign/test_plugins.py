@@ -26,11 +26,12 @@ from dataclasses import dataclass
 
 import numpy as np
 from helper import LEVEL
+from idle_student import Idle
 
 from tma_ray.campaign import Campaign
 from tma_ray.envs import ENVIRONMENTS
 from tma_ray.runs import Cell, Schedule
-from tma_ray.students import STUDENTS, Student
+from tma_ray.students import STUDENTS
 from tma_ray.tasks import TeacherUpdate
 from tma_ray.teachers import Teacher, register_teacher
 from world import World
@@ -48,37 +49,7 @@ class Steady(Teacher):
     def observe(self, episode):
         self.log(TeacherUpdate(scalars={"shipped": float("tma_ray_plugins" in __file__)}))
 
-@dataclass(frozen=True)
-class Nothing:
-    """No hyper-parameters."""
-
-@STUDENTS.register("idle")
-class Idle(Student):
-    """Does nothing, and so needs no torch."""
-
-    hyperparameters_type = Nothing
-    gamma = 1.0
-
-    def __init__(self, observation_space, action_space, *others):
-        self.size = action_space.shape[0]
-
-    def act(self, observation):
-        return self.act_greedily(observation[None])[0]
-
-    def act_greedily(self, observations):
-        return np.zeros((len(observations), self.size), np.float32)
-
-    def state_values(self, observations):
-        return np.zeros(len(observations))
-
-    def observe(self, transition): ...
-    def reset(self): ...
-    def save(self, folder, previous=None): ...
-    def load(self, folder): ...
-    def save_policy(self, folder): ...
-
-    @classmethod
-    def load_policy(cls, folder, device="cpu"): ...
+STUDENTS.register("idle")(Idle)
 
 cells = (Cell("world", "original", "", "idle", "steady"),)
 campaign = Campaign("mine", cells, (0,), Schedule(200, 200, 200, 3, 200))
@@ -118,11 +89,12 @@ def address() -> Iterator[str]:
 
 @pytest.fixture
 def folder(tmp_path: Path) -> Path:
-    """A user's folder with a script, and two modules beside it."""
+    """A user's folder with a script, and three modules beside it."""
     folder = tmp_path / "user"
     folder.mkdir()
     (folder / "script.py").write_text(GUARDED)
     (folder / "helper.py").write_text(HELPER)
+    (folder / "idle_student.py").write_text(Path(__file__).with_name("idle_student.py").read_text())
     (folder / "world.py").write_text(
         (ROOT / "tests/runs/corridor.py").read_text().replace("Corridor", "World")
     )

@@ -16,8 +16,9 @@ def digest(engine: Engine, seed: int, steps: int = 150) -> str:
     rng, content = np.random.default_rng(seed), hashlib.sha256()
     terrain = stump_tracks(np.array([1.5, 1.0], dtype=np.float32), rng)
     content.update(engine.reset(terrain, 3.0).tobytes())
+    size = len(engine.arrays.motors) + len(engine.arrays.grips)
     for _ in range(steps):
-        observation, reward, ended = engine.step(rng.uniform(-1, 1, len(engine.arrays.motors)))
+        observation, reward, ended = engine.step(rng.uniform(-1, 1, size))
         content.update(observation.tobytes() + np.float64(reward).tobytes() + bytes([ended]))
         content.update(engine.state.tobytes() + engine.contacts.tobytes())
     return content.hexdigest()

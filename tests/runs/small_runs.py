@@ -1,6 +1,6 @@
-"""Real runs, small enough for the fast suite; also a script that runs one in a new process.
+"""Real runs, small enough for the fast suite; also a script that finishes some in a new process.
 
-python small_runs.py SPEC.json ROOT STOP_AFTER_EPISODES
+python small_runs.py FOLDER ...   # each with a spec.json; its results root is FOLDER/resumed
 """
 
 from __future__ import annotations
@@ -92,5 +92,5 @@ def rows(root: Path, table: Table) -> list[dict[str, Any]]:
 
 
 if __name__ == "__main__":
-    content, place = (Path(argument) for argument in sys.argv[1:])
-    run(RunSpec.from_dict(json.loads(content.read_text())), place)
+    for folder in map(Path, sys.argv[1:]):
+        run(RunSpec.from_dict(json.loads((folder / "spec.json").read_text())), folder / "resumed")

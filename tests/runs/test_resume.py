@@ -15,63 +15,83 @@ from tma_ray.runs import Placement, RunSpec
 
 HERE = Path(__file__).parent
 
+MANY_EPISODES = [
+    ("ppo", "random"),
+    ("ppo", "goal_gan"),
+    ("ppo", "odd_teachers:Scrutinising"),
+    ("sac", "alp_gmm"),
+    ("sac", "spdl"),
+    ("sac", "setter_solver"),
+]
+STUMP_TRACKS = [("ppo", "alp_gmm"), ("sac", "random")]
 
-def finish_in_a_new_process(spec: RunSpec, folder: Path) -> None:
-    (folder / "spec.json").write_text(json.dumps(spec.to_dict()))
-    command = [sys.executable, "small_runs.py", str(folder / "spec.json"), str(folder / "resumed")]
-    subprocess.run(command, cwd=HERE, check=True)
+Case = tuple[str, str, str]
 
 
-@pytest.mark.parametrize(
-    ("student", "teacher"),
-    [
-        ("ppo", "random"),
-        ("ppo", "alp_gmm"),
-        ("ppo", "odd_teachers:Scrutinising"),
-        ("ppo", "goal_gan"),
-        ("sac", "random"),
-        ("sac", "alp_gmm"),
-        ("sac", "spdl"),
-        ("sac", "setter_solver"),
-    ],
-)
+@pytest.fixture(scope="module")
+def finished(tmp_path_factory: pytest.TempPathFactory) -> dict[Case, tuple[RunSpec, Path]]:
+    """Runs that were stopped, and then all finished in one new process: their specs and folders."""
+    cases = {}
+    for world, make, stops, pairs in (
+        ("corridor", small_spec, (37, 41), MANY_EPISODES),
+        ("stump_tracks", stump_tracks_spec, (2,), STUMP_TRACKS),
+    ):
+        for student, teacher in pairs:
+            folder = tmp_path_factory.mktemp(f"{world}-{student}")
+            spec = make(folder, student, teacher)
+            for stop in stops:
+                assert run(spec, folder / "resumed", stop_after=stop) == "stopped"
+            (folder / "spec.json").write_text(json.dumps(spec.to_dict()))
+            cases[world, student, teacher] = spec, folder
+    folders = [str(folder) for _, folder in cases.values()]
+    subprocess.run([sys.executable, "small_runs.py", *folders], cwd=HERE, check=True)
+    return cases
+
+
+@pytest.mark.parametrize(("student", "teacher"), MANY_EPISODES)
 def test_many_episodes_stopped_twice_and_finished_in_a_new_process(
-    tmp_path: Path, student: str, teacher: str
+    finished: dict[Case, tuple[RunSpec, Path]], student: str, teacher: str
 ) -> None:
-    spec = small_spec(tmp_path, student, teacher)
-    run(spec, tmp_path / "undisturbed")
-    assert run(spec, tmp_path / "resumed", stop_after=37) == "stopped"
-    assert run(spec, tmp_path / "resumed", stop_after=41) == "stopped"
-    finish_in_a_new_process(spec, tmp_path)
-    undisturbed = data_files(tmp_path / "undisturbed")
+    spec, folder = finished["corridor", student, teacher]
+    run(spec, folder / "undisturbed")
+    undisturbed = data_files(folder / "undisturbed")
     assert len(undisturbed) == 5
-    assert data_files(tmp_path / "resumed") == undisturbed
-    assert (len(rows(tmp_path / "resumed", Table.TEACHER_LOG)) > 3) == (teacher != "random")
+    assert data_files(folder / "resumed") == undisturbed
+    assert (len(rows(folder / "resumed", Table.TEACHER_LOG)) > 3) == (teacher != "random")
 
 
-@pytest.mark.parametrize(("student", "teacher"), [("ppo", "alp_gmm"), ("sac", "random")])
+@pytest.mark.parametrize(("student", "teacher"), STUMP_TRACKS)
 def test_stump_tracks_stopped_and_finished_in_a_new_process(
-    tmp_path: Path, student: str, teacher: str
+    finished: dict[Case, tuple[RunSpec, Path]], student: str, teacher: str
 ) -> None:
-    spec = stump_tracks_spec(tmp_path, student, teacher)
-    run(spec, tmp_path / "undisturbed")
-    assert run(spec, tmp_path / "resumed", stop_after=2) == "stopped"
-    finish_in_a_new_process(spec, tmp_path)
-    assert data_files(tmp_path / "resumed") == data_files(tmp_path / "undisturbed")
+    spec, folder = finished["stump_tracks", student, teacher]
+    run(spec, folder / "undisturbed")
+    assert data_files(folder / "resumed") == data_files(folder / "undisturbed")
 
 
-def test_checkpoints_at_every_episode_change_nothing(tmp_path: Path) -> None:
-    spec = small_spec(tmp_path, teacher="alp_gmm", steps=1_000)
-    run(spec, tmp_path / "few")
-    run(spec, tmp_path / "many", placement=Placement(checkpoint_seconds=0.0))
-    assert data_files(tmp_path / "many") == data_files(tmp_path / "few")
-    assert not list((tmp_path / "many" / "checkpoints").rglob("*.*")), "checkpoints go when the run has ended"
+@pytest.fixture(scope="module")
+def short(tmp_path_factory: pytest.TempPathFactory) -> tuple[RunSpec, dict[str, bytes]]:
+    """A short run, and the files that it gives undisturbed."""
+    folder = tmp_path_factory.mktemp("short")
+    spec = small_spec(folder, teacher="alp_gmm", steps=1_000)
+    run(spec, folder / "undisturbed")
+    return spec, data_files(folder / "undisturbed")
+
+
+def test_checkpoints_at_every_episode_change_nothing(
+    tmp_path: Path, short: tuple[RunSpec, dict[str, bytes]]
+) -> None:
+    spec, undisturbed = short
+    run(spec, tmp_path, placement=Placement(checkpoint_seconds=0.0))
+    assert data_files(tmp_path) == undisturbed
+    assert not list((tmp_path / "checkpoints").rglob("*.*")), "checkpoints go when the run has ended"
 
 
 @pytest.mark.parametrize("damage", ["flip", "truncate", "no_index", "garbage_index"])
-def test_a_damaged_checkpoint_falls_back_to_the_one_before(tmp_path: Path, damage: str) -> None:
-    spec = small_spec(tmp_path)
-    run(spec, tmp_path / "undisturbed")
+def test_a_damaged_checkpoint_falls_back_to_the_one_before(
+    tmp_path: Path, short: tuple[RunSpec, dict[str, bytes]], damage: str
+) -> None:
+    spec, undisturbed = short
     root = tmp_path / "damaged"
     assert run(spec, root, stop_after=12, placement=Placement(checkpoint_seconds=0.0)) == "stopped"
     folders = sorted((root / "checkpoints" / spec.run_id).iterdir())
@@ -88,19 +108,20 @@ def test_a_damaged_checkpoint_falls_back_to_the_one_before(tmp_path: Path, damag
     else:
         (newest / "index.json").write_text("{")
     assert run(spec, root) == "done"
-    assert data_files(root) == data_files(tmp_path / "undisturbed")
+    assert data_files(root) == undisturbed
 
 
-def test_rows_of_an_attempt_after_its_last_checkpoint_are_not_published(tmp_path: Path) -> None:
+def test_rows_of_an_attempt_after_its_last_checkpoint_are_not_published(
+    tmp_path: Path, short: tuple[RunSpec, dict[str, bytes]]
+) -> None:
     """A killed process may leave parts that no checkpoint knows: they are played again, not doubled."""
-    spec = small_spec(tmp_path)
-    run(spec, tmp_path / "undisturbed")
+    spec, undisturbed = short
     root = tmp_path / "killed"
     run(spec, root, stop_after=12, placement=Placement(checkpoint_seconds=0.0))
     newest = sorted((root / "checkpoints" / spec.run_id).iterdir())[-1]
     Store.open(root).delete(newest.relative_to(root).as_posix())
     assert run(spec, root) == "done"
-    assert data_files(root) == data_files(tmp_path / "undisturbed")
+    assert data_files(root) == undisturbed
 
 
 def test_a_reader_sees_whole_evaluations_while_the_run_stands(tmp_path: Path) -> None:

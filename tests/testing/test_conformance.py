@@ -133,3 +133,13 @@ def test_scenarios_hold_easy_and_hard_tasks(scenario) -> None:
     for index in (0, 300):
         successes = [scenario.episode(task, index, Pupil.IMPROVING).success for task in tasks]
         assert 0.1 < np.mean(successes) < 0.9
+
+
+@pytest.mark.parametrize("scenario", SCENARIOS, ids=lambda scenario: scenario.name)
+def test_scenarios_hold_tasks_that_are_mastered_now_and_then(scenario) -> None:
+    """Else a teacher that looks for intermediate difficulty would find none."""
+    tasks = scenario.space.sample(np.random.default_rng(0), 200)
+    first, second = (
+        [scenario.episode(task, index, Pupil.IMPROVING).success for task in tasks] for index in (0, 1)
+    )
+    assert 0.1 < np.mean(np.not_equal(first, second)) < 0.5

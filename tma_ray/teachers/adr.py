@@ -66,6 +66,7 @@ class ADR(Teacher):
         self.bounds_ = np.stack([example, example])
         self.queues_: dict[Boundary, list[float]] = {}
         self.boundary_: Boundary | None = None
+        self._log_box(0.0)
 
     def sample(self) -> Task:
         """Returns a task (d,) of the box, or on one of its boundaries."""
@@ -116,7 +117,7 @@ class ADR(Teacher):
             self._log_box(mean_return)
 
     def _log_box(self, mean_return: float) -> None:
-        """Logs the box, scored by the mean return that moved a boundary."""
+        """Logs the box, scored by the mean return that moved a boundary; 0 at the start."""
         low, high = self.bounds_.copy()
         width = self.space.width
         shares = (high - low)[width > 0] / width[width > 0]

@@ -1,0 +1,71 @@
+"""Does a body learn to live where it should? PPO under Random on the easy piece of each milieu of Parkour.
+
+    python benchmarks/milieus.py --seeds 3 --steps 2M --results build/milieus
+
+The classic bipedal walks on gentle dry ground, the fish swims in deep water, the climbing chimpanzee climbs
+along a nearly flat ceiling. Prints the mean return of every evaluation on the 20 test tasks, and beside the
+last ones what uniformly random actions earn there.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from campaigns import main
+from scipy import stats
+
+from tma_ray.benchmark import find_challenge, load_test_set
+from tma_ray.campaign import Campaign
+from tma_ray.envs import make_environment
+from tma_ray.results import Results, Table
+from tma_ray.runs import Cell, Schedule
+
+BODIES = {
+    "easy_walking": "classic_bipedal",
+    "easy_swimming": "fish",
+    "easy_climbing": "climbing_chimpanzee",
+}
+"""Who lives where."""
+
+CAMPAIGN = Campaign(
+    name="milieus",
+    cells=tuple(Cell("parkour", challenge, body, "ppo", "random") for challenge, body in BODIES.items()),
+    seeds=(0, 1, 2),
+    schedule=Schedule(steps=2_000_000),
+)
+
+
+def random_return(challenge: str, body: str) -> float:
+    """Returns the mean return of uniformly random actions on the test tasks of `challenge`."""
+    environment = make_environment("parkour", embodiment=body)
+    tasks, rng = load_test_set(find_challenge("parkour", challenge).test_set).tasks, np.random.default_rng(0)
+    total = 0.0
+    for index, task in enumerate(tasks):
+        environment.reset(seed=index, options={"task": task})
+        over = False
+        while not over:
+            action = rng.uniform(-1, 1, environment.action_space.shape).astype(np.float32)
+            _, reward, terminated, truncated, _ = environment.step(action)
+            total += float(reward)
+            over = terminated or truncated
+    return total / len(tasks)
+
+
+def summarise(root: str) -> None:
+    """Prints the curves of every milieu, and the last returns over the seeds with their 95 % interval."""
+    results = Results.open(root)
+    cells = results.table(Table.CELLS).to_pandas()[["run_id", "challenge", "seed"]]
+    rows = results.table(Table.EVALUATIONS).to_pandas().merge(cells, on="run_id")
+    for challenge, body in BODIES.items():
+        mine = rows[rows.challenge == challenge]
+        if len(mine):
+            curves = mine.pivot_table("episodic_return", "step", "seed", observed=True)
+            last = curves.iloc[-1].to_numpy()
+            margin = stats.t.ppf(0.975, len(last) - 1) * stats.sem(last) if len(last) > 1 else np.nan
+            print(f"\n{body}, {challenge}: mean return by seed\n{curves.round(1).to_string()}")
+            print(
+                f"last {last.mean():.1f} ± {margin:.1f} (95 %), random {random_return(challenge, body):.1f}"
+            )
+
+
+if __name__ == "__main__":
+    raise SystemExit(main(CAMPAIGN, str(__doc__), summarise))

@@ -1,0 +1,66 @@
+"""What the paper's tables say of each teacher: the hyper-parameters chosen, and the knowledge it uses."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import pytest
+
+from tma_ray.tasks import KnowledgeLevel
+from tma_ray.teachers import TEACHERS, effective_level, hyperparameters_of, make_teacher
+
+NONE, LOW, HIGH = KnowledgeLevel
+
+BEST_VALUES: dict[str, dict[str, Any]] = {
+    "random": {},
+    "adr": {"shrink_at": 0, "expand_at": 180, "boundary_share": 0.7, "queue_size": 10, "step": 0.1},
+    "riac": {"region_capacity": 150, "split_attempts": 75, "smallest_side": 0.1},
+    "covar_gmm": {"fit_every": 150, "most_components": 15, "explore": 0.1},
+    "alp_gmm": {"fit_every": 150, "most_components": 10, "explore": 0.05},
+    "goal_gan": {"noise": 0.01, "train_every": 100, "old_share": 0.2, "rollouts": 2},
+    "spdl": {
+        "first_update": 200_000,
+        "update_every": 100_000,
+        "updates_without_penalty": 0,
+        "penalty_share": 0.05,
+        "most_divergence": 0.8,
+    },
+    "setter_solver": {"update_every": 100, "noise": 0.05, "hidden_units": 128},
+}
+"""The table of tuned hyper-parameters in appendix A, in its order."""
+
+OF_THE_TEXT: dict[str, dict[str, Any]] = {
+    "covar_gmm": {"progress": "absolute"},
+    "goal_gan": {"least_success": 0.25, "most_success": 0.75, "spacing": 0.1},
+    "setter_solver": {"learning_rate": 3e-4},
+}
+"""What appendix A says elsewhere."""
+
+DIFFERENT_LEVELS = {
+    "random": (NONE, NONE, NONE),
+    "riac": (NONE, NONE, NONE),
+    "alp_gmm": (NONE, NONE, HIGH),
+    "covar_gmm": (NONE, NONE, HIGH),
+    "spdl": (NONE, NONE, HIGH),
+    "adr": (None, LOW, HIGH),
+    "goal_gan": (None, LOW, HIGH),
+    "setter_solver": (None, LOW, LOW),
+}
+"""What each makes of no, low and high knowledge; with None it cannot run."""
+
+
+@pytest.mark.parametrize("name", TEACHERS.names())
+def test_defaults_are_the_papers_best_values(name: str) -> None:
+    expected = BEST_VALUES[name] | OF_THE_TEXT.get(name, {})
+    values = hyperparameters_of(make_teacher(name))
+    assert {key: values.get(key) for key in expected} == expected
+
+
+@pytest.mark.parametrize("name", TEACHERS.names())
+def test_knowledge_is_used_or_refused_by_name(name: str) -> None:
+    for given, used in zip(KnowledgeLevel, DIFFERENT_LEVELS[name], strict=True):
+        if used is None:
+            with pytest.raises(ValueError, match=f"teacher '{name}' cannot run with expert knowledge 'none'"):
+                effective_level(TEACHERS.get(name), name, given)
+        else:
+            assert effective_level(TEACHERS.get(name), name, given) is used
