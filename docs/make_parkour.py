@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from fractions import Fraction
 from functools import partial
 from pathlib import Path
@@ -87,6 +87,10 @@ class View:
     seed: int = 0
 
 
+CLIMBER = View("climbing_chimpanzee", (-0.1, 0.85, 0.3), 15, 42.0, None, (3.0, 1.0), True, steps=123, seed=3)
+SWIMMER = View("fish", (0.05, 0.75, -0.1), 20, 36.0, 5.0, (2.5, 2.0), lift=1.0, steps=123)
+"""Who moves in the README's picture."""
+
 SHEET = (
     View("classic_bipedal", (-0.1, 0.7, 0.0), x=31.0),
     View("spider", (-0.3, 0.9, 0.25), delta=25, x=40.0, creepers=(0.8, 2.0)),
@@ -100,33 +104,9 @@ SHEET = (
     ),
     View("climbing_chimpanzee", (-0.25, 1.0, 0.0), x=29.2, creepers=(3.0, 1.0), grasp=True, seed=10),
     View("climbing_chest_chimpanzee", (0.0, 0.6, 0.15), x=48.0, creepers=(1.0, 4.0), steps=30),
-    View(
-        "climbing_chimpanzee",
-        (-0.1, 0.85, 0.3),
-        delta=15,
-        x=42.0,
-        creepers=(4.0, 1.0),
-        swinging=True,
-        grasp=True,
-        steps=30,
-    ),
+    replace(CLIMBER, creepers=(4.0, 1.0), grasp=True, steps=30, seed=0),
     View("wheel", (0.0, 1.0, 0.2), delta=15, x=55.0, creepers=(0.5, 5.0)),
 )
-
-CLIMBER = View(
-    "climbing_chimpanzee",
-    (-0.1, 0.85, 0.3),
-    delta=15,
-    x=42.3,
-    creepers=(3.0, 1.0),
-    swinging=True,
-    steps=123,
-    seed=3,
-)
-SWIMMER = View(
-    "fish", (0.05, 0.75, -0.1), delta=20, x=36.0, water=5.0, lift=1.0, creepers=(2.5, 2.0), steps=123
-)
-"""Who moves in the README's picture."""
 
 STEPS_PER_FRAME = 3
 CLIP_SIZE = 360, 240
@@ -201,15 +181,14 @@ def play(view: View, body: Embodiment, terrain: Terrain) -> tuple[Engine, NDArra
     """Returns the engine with the body as it is shown, and its last observation."""
     engine = engine_of(body)
     observation = engine.reset(terrain, 0.0)
-    choices = {"fish": wriggle} if not view.grasp else {view.body: partial(swing, seed=view.seed)}
-    acting = choices.get(view.body, keep_pose)(engine)
-    step = 0
-    while view.grasp and not _straddles(engine.grips[:, 1]):
-        if step == GRASP_STEPS:
-            raise SystemExit(f"the {view.body} at x = {view.x} grasps no creeper in {GRASP_STEPS} steps")
-        observation, *_ = engine.step(acting(step, engine))
-        step += 1
-    acting = keep_pose(engine) if view.grasp else acting
+    if view.grasp:
+        acting, step = swing(engine, view.seed), 0
+        while not _straddles(engine.grips[:, 1]):
+            if step == GRASP_STEPS:
+                raise SystemExit(f"the {view.body} at x = {view.x} grasps no creeper in {GRASP_STEPS} steps")
+            observation, *_ = engine.step(acting(step, engine))
+            step += 1
+    acting = wriggle(engine) if view.body == "fish" else keep_pose(engine)
     for step in range(view.steps):
         observation, *_ = engine.step(acting(step, engine))
     return engine, observation
