@@ -54,6 +54,8 @@ def test_every_command_is_understood(command: str, tmp_path: Path, monkeypatch: 
     arguments = shlex.split(command)[1:]
     if arguments[0] == "campaign":
         assert main([*arguments, "--dry-run"]) == 0
+    elif arguments[0] == "render" and "--policy" not in arguments:
+        assert main([*arguments, "--steps", "3"]) == 0
     elif arguments[0] == "simulate":
         assert main([*arguments, "--episodes", "20"]) == 0
     else:

@@ -37,6 +37,7 @@ def _parser() -> argparse.ArgumentParser:
     _add_run(commands.add_parser("run", help="one run in this process, without Ray"))
     _add_campaign(commands.add_parser("campaign", help="a matrix of runs on Ray"))
     _add_simulate(commands.add_parser("simulate", help="teachers of simulated students, without physics"))
+    _add_render(commands.add_parser("render", help="an episode as a video or a picture"))
     status = commands.add_parser("status", help="how far the campaigns of a results root are")
     status.add_argument("root", metavar="ROOT")
     status.set_defaults(command=_status)
@@ -95,6 +96,25 @@ def _add_simulate(parser: argparse.ArgumentParser) -> None:
     parser.set_defaults(command=_simulate)
 
 
+def _add_render(parser: argparse.ArgumentParser) -> None:
+    from tma_ray.campaign.options import whole_number
+
+    parser.add_argument("--environment", metavar="NAME", help="default: the run's, else stump_tracks")
+    parser.add_argument("--embodiment", metavar="NAME", help="default: the run's, else classic_bipedal")
+    parser.add_argument("--task", metavar="V,V|NAME=V|random", help="default: the middle of the task space")
+    parser.add_argument(
+        "--policy", default="random", metavar="RUN|FOLDER|random|zero", help="who acts (%(default)s)"
+    )
+    parser.add_argument("--results", default="results", metavar="ROOT", help="where RUN is (%(default)s)")
+    parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--steps", type=whole_number, default=1000, metavar="N", help="at most (%(default)s)")
+    parser.add_argument(
+        "--every", type=whole_number, default=2, metavar="N", help="steps a frame (%(default)s)"
+    )
+    parser.add_argument("-o", "--output", type=Path, required=True, metavar="FILE.mp4|.gif|.png")
+    parser.set_defaults(command=_render)
+
+
 def _run(options: argparse.Namespace) -> int:
     from tma_ray.campaign.single import run_single
 
@@ -130,6 +150,17 @@ def _simulate(options: argparse.Namespace) -> int:
     if options.output:
         simulated.write(frame, options.output)
     simulated.show(frame)
+    return 0
+
+
+def _render(options: argparse.Namespace) -> int:
+    from tma_ray.runs.rendering import Scenario, render
+
+    given = {name: value for name, value in vars(options).items() if name in Scenario.__dataclass_fields__}
+    outcome = render(Scenario(**given), options.output)
+    success = "mastered" if outcome.success else "not mastered"
+    end = f"ended after {outcome.steps}" if outcome.ended else f"left after {outcome.steps}"
+    print(f"{options.output}: {end} steps, return {outcome.episodic_return:.1f}, {success}")
     return 0
 
 

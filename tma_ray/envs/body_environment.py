@@ -64,7 +64,6 @@ class BodyEnvironment(gymnasium.Env[Observation, NDArray[np.float32]]):
         self._engine = make_engine(embodiment, rules)
         self.observation_space = _observation_space(observation_size(self._engine.arrays), rules)
         self.action_space = spaces.Box(-1.0, 1.0, (embodiment.action_size,), dtype=np.float32)
-        self._distances = slice(-2 * LIDARS, -LIDARS) if rules.observes_milieu else slice(-LIDARS, None)
         self._renderer: Renderer | None = None
         self._running = False
 
@@ -132,15 +131,13 @@ class BodyEnvironment(gymnasium.Env[Observation, NDArray[np.float32]]):
         if self.render_mode is None:
             gymnasium.logger.warn("render() needs a render_mode: make the environment with 'rgb_array'")
             return None
-        from tma_ray.envs.rendering import Renderer, Scene  # here, so that training never loads pygame
+        from tma_ray.envs.drawing.scene import scene_of
+        from tma_ray.envs.rendering import Renderer  # here, so that training never loads pygame
 
         if self._renderer is None:
             window = self.render_mode == "human"
             self._renderer = Renderer(self.embodiment, window, self.metadata["render_fps"])
-        poses = self._engine.state[:, :3]
-        head = poses[self.embodiment.head, :2]
-        lidars = head + self._observation[self._distances, None] * self._engine.arrays.rays
-        return self._renderer.draw(Scene(poses, self._terrain, lidars))
+        return self._renderer.draw(scene_of(self._engine, self._terrain, self._observation))
 
     def close(self) -> None:
         """Closes the window, if there is one."""

@@ -81,6 +81,13 @@ class CompiledEngine:
         return observation, reward, ended
 
     @property
+    def creeper_poses(self) -> NDArray[np.float64]:
+        """Where the creepers are (c, 4); see `Engine`."""
+        if self._release is None:
+            raise RuntimeError("this engine has no world yet: call reset first")
+        return self._world[0].poses
+
+    @property
     def addresses(self) -> tuple[int, ...]:
         """Where the memory of the present world lies, as `step_worlds` takes it."""
         if self._release is None:

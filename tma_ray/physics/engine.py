@@ -56,12 +56,19 @@ class Engine(Protocol):
     Attributes:
         state: (p, 6) as kernels.py has it, rewritten by every step.
         contacts: pieces of ground and of ceiling that each part touches (p, 2), rewritten by every step.
+        grips: what each grip sensor touches and holds (g, 2) as grips.py has it, rewritten by every step.
         arrays: what the kernels know of the body.
     """
 
     arrays: StepArrays
     state: NDArray[np.float64]
     contacts: NDArray[np.int64]
+    grips: NDArray[np.int64]
+
+    @property
+    def creeper_poses(self) -> NDArray[np.float64]:
+        """Each creeper's centre in m, cosine and sine of its angle (c, 4), rewritten by every step."""
+        ...
 
     def reset(self, terrain: Terrain, push: float) -> NDArray[np.float32]:
         """Builds a new world and lets a step without torque pass, as the original release does.

@@ -94,6 +94,13 @@ class PymunkEngine:
         )
         return observation, float(reward), bool(terminated)
 
+    @property
+    def creeper_poses(self) -> NDArray[np.float64]:
+        """Where the creepers are (c, 4); see `Engine`."""
+        if self._space is None:
+            raise RuntimeError("this engine has no world yet: call reset first")
+        return self._world.poses
+
     def _build(self, terrain: Terrain, push: float) -> None:
         self._world = world_of(terrain)
         self.contacts = np.zeros_like(self.contacts)

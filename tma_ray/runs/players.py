@@ -1,0 +1,113 @@
+"""Who acts in a rendered episode: a policy that a run saved, chance, or nobody."""
+
+from __future__ import annotations
+
+import json
+import tempfile
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from gymnasium import spaces
+from numpy.typing import NDArray
+
+from tma_ray.results import POLICIES, Results, Store
+from tma_ray.runs.spec import RunSpec
+from tma_ray.students import load_policy
+
+Player = Callable[[NDArray[np.float32]], NDArray[np.float32]]
+"""Takes an observation (o,) and returns an action (a,)."""
+
+RANDOM, ZERO = "random", "zero"
+"""Policies that nobody trained."""
+
+SPEC_FILE = "spec.json"
+"""Beside every saved policy, the spec of its run."""
+
+SHOWN = 5
+"""How many runs a message names."""
+
+
+@dataclass(frozen=True)
+class SavedPolicy:
+    """A policy that a run saved.
+
+    Attributes:
+        store: where it lies.
+        folder: path of its files in the store.
+        spec: of the run.
+    """
+
+    store: Store
+    folder: str
+    spec: RunSpec
+
+    def load(self, observations: spaces.Box, actions: spaces.Box) -> Player:
+        """Returns it as a player that acts without exploration.
+
+        Raises:
+            ValueError: it was trained with another body, or in another environment, than has these spaces.
+        """
+        with tempfile.TemporaryDirectory() as place:
+            for path in self.store.files(self.folder):
+                (Path(place) / Path(path).name).write_bytes(self.store.read_bytes(path))
+            policy = load_policy(self.spec.student, Path(place))
+        try:
+            shape = policy(np.zeros((1, *observations.shape), np.float32)).shape
+        except (ValueError, RuntimeError):  # a matrix product of numpy, of torch
+            shape = ()
+        if shape != (1, *actions.shape):
+            raise ValueError(
+                f"the policy of {self.spec.run_id} does not fit {observations.shape[0]} observations and "
+                f"{actions.shape[0]} actions; it was trained in {self.spec.environment} with "
+                f"{self.spec.embodiment or 'no body'}"
+            )
+        return lambda observation: policy(observation[None])[0]
+
+
+def find_policy(name: str, results: str | Path) -> SavedPolicy:
+    """Returns the policy called `name`.
+
+    Args:
+        name: folder of a saved policy or a file in it; else a run of `results`: its id, or the beginning
+            of that of no other run.
+        results: folder or URI of a results root.
+
+    Raises:
+        ValueError: there is no such policy, or several runs could be meant.
+    """
+    path = Path(name)
+    if path.exists():
+        folder = path.absolute() if path.is_dir() else path.absolute().parent
+        return _in_folder(Store.open(folder.parent), folder.name)
+    found = Results.open(results)
+    runs = [manifest.run.run_id for manifest in found.runs()]
+    meant = [run for run in runs if run == name] or [run for run in runs if run.startswith(name)]
+    if len(meant) == 1:
+        return _in_folder(found.store, f"{POLICIES}/{meant[0]}")
+    problem = f"{len(meant)} runs begin with" if meant else "there is neither a file nor a run called"
+    rest = "" if len(meant or runs) <= SHOWN else ", …"
+    raise ValueError(
+        f"{problem} {name!r}; {found.store} has {', '.join((meant or runs)[:SHOWN]) or 'no runs'}{rest}"
+    )
+
+
+def random_player(actions: spaces.Box, rng: np.random.Generator) -> Player:
+    """Returns a player whose actions are uniform, whatever it observes."""
+    return lambda _: rng.uniform(actions.low, actions.high).astype(np.float32)
+
+
+def zero_player(actions: spaces.Box) -> Player:
+    """Returns a player that does nothing."""
+    return lambda _: np.zeros(actions.shape, np.float32)
+
+
+def _in_folder(store: Store, folder: str) -> SavedPolicy:
+    path = f"{folder}/{SPEC_FILE}"
+    if not store.exists(path):
+        raise ValueError(
+            f"there is no saved policy in {store.where(folder)}: it has no {SPEC_FILE}; "
+            f"a run saves its policy when it ends"
+        )
+    return SavedPolicy(store, folder, RunSpec.from_dict(json.loads(store.read_bytes(path))))

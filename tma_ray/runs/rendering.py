@@ -1,0 +1,181 @@
+"""One episode as a video or a picture, without a window."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from fractions import Fraction
+from pathlib import Path
+
+import numpy as np
+from gymnasium import spaces
+
+from tma_ray.envs import ENVIRONMENTS, Environment, make_environment
+from tma_ray.runs.pictures import Frame, check_picture, write_frames
+from tma_ray.runs.players import RANDOM, ZERO, Player, SavedPolicy, find_policy, random_player, zero_player
+from tma_ray.tasks import Task, TaskSpace, check_task
+
+DEFAULT_ENVIRONMENT, DEFAULT_EMBODIMENT = "stump_tracks", "classic_bipedal"
+FRAME_RATE = 50
+"""Frames per second of an environment that does not say."""
+
+
+@dataclass(frozen=True)
+class Scenario:
+    """What to render.
+
+    Attributes:
+        policy: "random" (uniform actions), "zero" (none), the folder of a saved policy, or a run of
+            `results`: its id or an unambiguous beginning of it.
+        results: folder or URI of a results root.
+        environment: registered name or ``module:Name``; None for that of the run, else Stump Tracks.
+        embodiment: name of the body, empty for none; None for that of the run, else the classic bipedal.
+        task: as `parse_task` takes it.
+        seed: of the world, of a random task and of random actions.
+        steps: after which the episode is left, if it has not ended.
+        every: steps from one frame to the next.
+    """
+
+    policy: str = RANDOM
+    results: str | Path = "results"
+    environment: str | None = None
+    embodiment: str | None = None
+    task: str | None = None
+    seed: int = 0
+    steps: int = 1000
+    every: int = 2
+
+    def __post_init__(self) -> None:
+        for name, least in (("seed", 0), ("steps", 0), ("every", 1)):
+            if getattr(self, name) < least:
+                raise ValueError(
+                    f"{name} = {getattr(self, name)}: expected a whole number of at least {least}"
+                )
+
+
+@dataclass
+class Outcome:
+    """What has happened in the episode so far.
+
+    Attributes:
+        task: that it was played on (d,).
+        steps: how many were taken.
+        episodic_return: sum of rewards.
+        ended: whether the episode is over.
+        success: what the environment said last.
+    """
+
+    task: Task
+    steps: int = 0
+    episodic_return: float = 0.0
+    ended: bool = False
+    success: bool = False
+
+
+def render(scenario: Scenario, output: Path) -> Outcome:
+    """Plays an episode into the file `output`: .mp4 or .gif, or .png for its last frame.
+
+    Raises:
+        ValueError: a file that cannot be written, no such policy or one that does not fit, an environment
+            that cannot be drawn, or a task outside its valid domain; all before anything is played.
+    """
+    check_picture(output)
+    untrained = scenario.policy in (RANDOM, ZERO)
+    saved = None if untrained else find_policy(scenario.policy, scenario.results)
+    environment = _make(scenario, saved)
+    try:
+        domain: TaskSpace = environment.get_wrapper_attr("valid_domain")
+        space = environment.get_wrapper_attr("task_space") if saved is None else saved.spec.task_space
+        if space.names != domain.names:  # the policy of one environment in another
+            space = environment.get_wrapper_attr("task_space")
+        tasks, actions = (np.random.default_rng([scenario.seed, stream]) for stream in range(2))
+        outcome = Outcome(parse_task(scenario.task, space, domain, tasks))
+        player = _player(scenario.policy, saved, environment, actions)
+        still = output.suffix == ".png"
+        frames = _play(environment, player, scenario, outcome, 0 if still else scenario.every)
+        rate = Fraction(environment.metadata.get("render_fps", FRAME_RATE)) / scenario.every
+        write_frames(output, frames, rate)
+    finally:
+        environment.close()
+    return outcome
+
+
+def parse_task(text: str | None, space: TaskSpace, domain: TaskSpace, rng: np.random.Generator) -> Task:
+    """Returns the task that `text` names (d,).
+
+    Args:
+        text: "3,0.5", or "stump_height=3" with the other dimensions in the middle of `space`; None for the
+            middle, "random" for a task drawn from `space`.
+        space: tasks that a teacher may choose.
+        domain: tasks that the environment can build.
+        rng: draws a random task.
+
+    Raises:
+        ValueError: no numbers, too few or too many, an unknown dimension, or a task outside `domain`.
+    """
+    if text == "random":
+        return space.sample(rng)
+    values = dict(zip(space.names, space.centre, strict=True))
+    given = [value.strip() for value in text.split(",")] if text else []
+    if any("=" in value for value in given):
+        pairs = [value.partition("=")[::2] for value in given]
+    elif given and len(given) != space.size:
+        raise ValueError(f"task {text!r}: expected {space.size} numbers ({', '.join(space.names)})")
+    else:
+        pairs = list(zip(space.names, given, strict=False))
+    for name, value in pairs:
+        if name.strip() not in values:
+            raise ValueError(f"task {text!r}: no dimension {name!r}; there are {', '.join(space.names)}")
+        try:
+            values[name.strip()] = float(value)
+        except ValueError:
+            raise ValueError(f"task {text!r}: {name} = {value!r} is no number") from None
+    return check_task(list(values.values()), domain)
+
+
+def _make(scenario: Scenario, saved: SavedPolicy | None) -> Environment:
+    """Returns the environment, which draws frames."""
+    spec = saved.spec if saved else None
+    name = scenario.environment or (spec.environment if spec else DEFAULT_ENVIRONMENT)
+    options = dict(spec.environment_options) if spec and spec.environment == name else {}
+    body = scenario.embodiment
+    if body is None and "embodiment" not in options:
+        body = spec.embodiment if spec else DEFAULT_EMBODIMENT
+    if body:
+        options["embodiment"] = body
+    elif body is not None:
+        options.pop("embodiment", None)
+    if "rgb_array" not in ENVIRONMENTS.get(name).metadata.get("render_modes", ()):
+        raise ValueError(f"environment {name!r} cannot be drawn: it has no render mode 'rgb_array'")
+    return make_environment(name, render_mode="rgb_array", **options)
+
+
+def _player(
+    policy: str, saved: SavedPolicy | None, environment: Environment, rng: np.random.Generator
+) -> Player:
+    observations, actions = environment.observation_space, environment.action_space
+    if not (isinstance(observations, spaces.Box) and isinstance(actions, spaces.Box)):
+        raise ValueError(f"{environment} has spaces {observations}, {actions}; expected boxes")
+    if saved is not None:
+        return saved.load(observations, actions)
+    return zero_player(actions) if policy == ZERO else random_player(actions, rng)
+
+
+def _frame(environment: Environment) -> Frame:
+    return np.asarray(environment.render(), dtype=np.uint8)
+
+
+def _play(
+    environment: Environment, player: Player, scenario: Scenario, outcome: Outcome, every: int
+) -> Iterator[Frame]:
+    """Yields a frame every `every` steps, the first and the last included; for 0 the last alone."""
+    observation, _ = environment.reset(seed=scenario.seed, options={"task": outcome.task})
+    while outcome.steps < scenario.steps and not outcome.ended:
+        if every and outcome.steps % every == 0:
+            yield _frame(environment)
+        observation, reward, terminated, truncated, info = environment.step(player(observation))
+        outcome.steps += 1
+        outcome.episodic_return += float(reward)
+        outcome.ended = bool(terminated or truncated)
+        outcome.success = bool(info.get("success", False))
+    yield _frame(environment)
