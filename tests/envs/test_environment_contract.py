@@ -36,10 +36,10 @@ def play(env: Environment, seed: int, steps: int = 300) -> str:
     return content.hexdigest()
 
 
-def walk(env: Environment, steps: int, draw: bool = False) -> list[np.ndarray]:
+def walk(env: Environment, steps: int, draw: bool = False, task: object = None) -> list[np.ndarray]:
     """Returns the observations of `steps` random actions, over as many episodes as they take."""
     rng = np.random.default_rng(0)
-    observations = [env.reset(seed=0)[0]]
+    observations = [env.reset(seed=0, options={"task": task})[0]]
     for _ in range(steps):
         if draw:
             env.render()
@@ -190,8 +190,7 @@ def test_tasks_of_another_shape_are_refused(name: str) -> None:
 def test_the_corners_of_its_valid_domain_can_be_played(name: str) -> None:
     env = make_environment(name)
     for corner in (env.valid_domain.low, env.valid_domain.high):
-        env.reset(seed=0, options={"task": corner})
-        wander(env, 10)
+        walk(env, 10, task=corner)
 
 
 @every_one
