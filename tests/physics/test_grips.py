@@ -88,7 +88,7 @@ def test_closed_grips_hold_and_open_ones_let_go(name: str, closed: float) -> Non
     for _ in range(100):
         act(engine, (closed, closed))
         places.append(hands(engine).copy())
-    assert np.ptp(places, axis=0).max() < 0.1
+    assert np.ptp(places, axis=0).max() < 0.02
     assert act(engine, (0.0, closed)).tolist()[-24:-20] == [1.0, 0.0, 1.0, 1.0]
     act(engine, (0.0, -1.0), 20)
     assert np.all(engine.grips == NOTHING)
