@@ -21,7 +21,7 @@ from tma_ray.terrain.parkour import TRACK_POINTS, parkour
 from tma_ray.terrain.terrain import STEP
 
 NETWORK = CPPN.load()
-MEDIUM = find_challenge("parkour", "medium").task_space
+MEDIUM = find_challenge("parkour", "original").task_space
 LENGTH = (TRACK_POINTS - 1) * STEP
 BELOW, ABOVE = 20.0, 28.0
 """How far pictures reach under and over the start's ground, in m."""

@@ -20,7 +20,7 @@ from tma_ray.terrain.cppn import CPPN
 from tma_ray.terrain.demands import demands, difficulty
 from tma_ray.terrain.parkour import parkour
 
-MEDIUM = find_challenge("parkour", "medium").task_space
+MEDIUM = find_challenge("parkour", "original").task_space
 HARD = find_challenge("parkour", "hard").task_space
 BODY_TYPES = {"walking": "walker", "swimming": "swimmer", "climbing": "climber"}
 DELTA = (5.0, 30.0)

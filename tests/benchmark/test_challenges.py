@@ -42,7 +42,7 @@ def test_no_shipped_test_set_is_orphaned() -> None:
 
 
 def test_bodies_are_tested_where_they_live() -> None:
-    parkour, stumps = find_challenge("parkour", "medium"), find_challenge("stump_tracks", "original")
+    parkour, stumps = find_challenge("parkour", "original"), find_challenge("stump_tracks", "original")
     assert parkour.test_set_of("walker") == "parkour_walking"
     assert parkour.test_set_of("swimmer") == "parkour_swimming"
     assert parkour.test_set_of("climber") == "parkour_climbing"
@@ -50,7 +50,7 @@ def test_bodies_are_tested_where_they_live() -> None:
 
 
 def test_parkours_spaces_lie_in_each_other_and_hold_two_dimensions_fixed() -> None:
-    easy, medium, hard = (find_challenge("parkour", name).task_space for name in ("easy", "medium", "hard"))
+    easy, medium, hard = (find_challenge("parkour", name).task_space for name in ("easy", "original", "hard"))
     assert hard.contains(np.stack([medium.low, medium.high]))
     assert medium.contains(np.stack([easy.low, easy.high]))
     for space in (easy, medium, hard):
@@ -63,7 +63,7 @@ def test_parkours_spaces_lie_in_each_other_and_hold_two_dimensions_fixed() -> No
 
 @pytest.mark.parametrize("name", ["parkour_walking", "parkour_swimming", "parkour_climbing"])
 def test_sixty_parkour_tasks_are_from_the_medium_space_and_forty_are_not(name: str) -> None:
-    medium, tests = find_challenge("parkour", "medium").task_space, load_test_set(name)
+    medium, tests = find_challenge("parkour", "original").task_space, load_test_set(name)
     inside = [medium.contains(task) for task in tests.tasks]
     assert (len(inside), sum(inside)) == (100, 60)
     theta_outside = [not np.all((t[:3] >= medium.low[:3]) & (t[:3] <= medium.high[:3])) for t in tests.tasks]

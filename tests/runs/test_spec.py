@@ -104,7 +104,7 @@ def test_a_teacher_without_its_knowledge_is_refused_by_name() -> None:
     ],
 )
 def test_parkour_tests_bodies_where_they_live(embodiment: str, milieu: str) -> None:
-    spec = spec_of(environment="parkour", challenge="medium", embodiment=embodiment)
+    spec = spec_of(environment="parkour", embodiment=embodiment)
     assert spec.test_set.name == f"parkour_{milieu}"
     assert len(spec.test_set) == 100
 

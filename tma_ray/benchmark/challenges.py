@@ -108,8 +108,8 @@ CHALLENGES: tuple[Challenge, ...] = (
         test_set="stump_tracks_easy",
         easy_task=(0, 6),
     ),
+    _parkour("original", "Parkour", (-0.35, 0.05), (0.6, 1.0), (-0.1, 0.3)),
     _parkour("easy", "Parkour, easy task space", (-0.25, -0.05), (0.8, 1.0), (0.0, 0.2)),
-    _parkour("medium", "Parkour", (-0.35, 0.05), (0.6, 1.0), (-0.1, 0.3)),
     _parkour("hard", "Parkour, hard task space", (-1.0, 1.0), (-1.0, 1.0), (-1.0, 1.0)),
     _easy_parkour("walking", theta_2=(0.9, 1.0), water=0.0, delta=40.0),
     _easy_parkour("swimming", theta_2=(0.9, 1.0), water=1.0, delta=10.0),
@@ -117,8 +117,8 @@ CHALLENGES: tuple[Challenge, ...] = (
 )
 """Of Stump Tracks, the original space of the paper's appendix C, whose easy task is [0, 6], and a corner of
 it in which every working student learns to walk: for trying out students, bodies and settings. Of Parkour,
-the three spaces of appendix C (its experiment takes the medium one, and each milieu has test tasks), and an
-easy piece for each milieu: gentle dry ground, deep water, and a nearly flat ceiling."""
+the three spaces of appendix C (its experiment takes the medium one, the original; each milieu has test
+tasks), and an easy piece for each milieu: gentle dry ground, deep water, and a nearly flat ceiling."""
 
 
 def challenges_of(environment: str) -> dict[str, Challenge]:
