@@ -93,8 +93,8 @@ def test_the_dead_are_grey() -> None:
 
 
 def test_a_body_that_has_drowned_is_dead() -> None:
-    assert scene("classic_bipedal", world(water=1.0), steps=601).dead
-    assert not scene("fish", world(water=1.0), steps=601).dead
+    assert scene("classic_bipedal", world(water=1.0), steps=602).dead
+    assert not scene("fish", world(water=1.0), steps=602).dead
 
 
 def test_grips_show_what_they_do() -> None:
