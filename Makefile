@@ -24,9 +24,8 @@ quickstart: $(INSTALLED) ## train two teachers' students for a few minutes and w
 	@echo "The report:"
 	@$(BIN)/tma-ray report $(RESULTS)
 
-# In the order of files: by number of tests, the few long ones of campaigns would come last.
 test: $(INSTALLED) ## the fast test suite
-	$(BIN)/python -m pytest -m "not slow and not chaos" --numprocesses auto --dist loadfile --no-loadscope-reorder
+	$(BIN)/python -m pytest -m "not slow and not chaos" --numprocesses auto --dist loadfile
 
 static: $(INSTALLED) ## format, lint, types, layers
 	$(BIN)/ruff format --check .
