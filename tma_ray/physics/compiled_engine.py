@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from tma_ray.embodiments import Embodiment
 from tma_ray.physics.chipmunk import hung, settled
-from tma_ray.physics.compiled_step import step
+from tma_ray.physics.compiled_step import step_at
 from tma_ray.physics.compiled_world import build, count_contact, release
 from tma_ray.physics.creepers import chains
 from tma_ray.physics.engine import GRAVITY, HANGING_STEPS, TIME_STEP, SolverSettings
@@ -42,6 +42,7 @@ class CompiledEngine:
         self._recipe = (body, rules, self.settings)
         self._body = settled(body, self.settings)
         self._memory = new_memory(self.arrays, len(self._body.limits), self.settings, COUNT_CONTACT)
+        self._addresses = tuple(value for array in self._memory for value in (array.ctypes.data, len(array)))
         self._simulation = simulation = simulation_in(*self._memory)
         self.state, self.contacts = simulation.state, simulation.contacts
         self.grips, self.milieu = simulation.grips, simulation.milieu
@@ -75,7 +76,7 @@ class CompiledEngine:
             raise ValueError(f"an action has shape {self._action_shape}, got {values.shape}")
         self._action[:] = values
         observation = np.empty(self._observation_size, np.float32)
-        reward, ended = step(*self._memory, observation)
+        reward, ended = step_at(*self._addresses, observation)
         if math.isnan(reward):
             raise ValueError(f"an action must be finite, got {values.tolist()}")
         return observation, reward, ended
@@ -92,7 +93,7 @@ class CompiledEngine:
         """Where the memory of the present world lies, as `step_worlds` takes it."""
         if self._release is None:
             raise RuntimeError("this engine has no world yet: call reset first")
-        return tuple(value for array in self._memory for value in (array.ctypes.data, len(array)))
+        return self._addresses
 
     def _build(self, terrain: Terrain, push: float) -> None:
         simulation, forces = self._simulation, (GRAVITY, push * TIME_STEP)
