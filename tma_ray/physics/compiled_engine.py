@@ -42,7 +42,8 @@ class CompiledEngine:
         self._recipe = (body, rules, self.settings)
         self._body = settled(body, self.settings)
         self._memory = new_memory(self.arrays, len(self._body.limits), self.settings, COUNT_CONTACT)
-        self._addresses = tuple(value for array in self._memory for value in (array.ctypes.data, len(array)))
+        floats, integers = self._memory
+        self._addresses = floats.ctypes.data, len(floats), integers.ctypes.data, len(integers)
         self._simulation = simulation = simulation_in(*self._memory)
         self.state, self.contacts = simulation.state, simulation.contacts
         self.grips, self.milieu = simulation.grips, simulation.milieu

@@ -163,7 +163,7 @@ def step(floats: Floats, integers: Integers, observation: NDArray[np.float32]) -
 def step_at(
     floats_at: int, floats_size: int, integers_at: int, integers_size: int, observation: NDArray[np.float32]
 ) -> tuple[float, bool]:
-    """Runs a step of the memory at two addresses: numba counts no references to arrays that it made itself."""
+    """Runs a step of the memory at two addresses; numba counts no references to arrays that it made."""
     floats = carray(symbols.as_pointer(floats_at), floats_size, np.float64)
     integers = carray(symbols.as_pointer(integers_at), integers_size, np.int64)
     return step(floats, integers, observation)
