@@ -14,7 +14,7 @@ from tma_ray.physics.chipmunk import hung, settled
 from tma_ray.physics.compiled_step import step_at
 from tma_ray.physics.compiled_world import build, count_contact, release
 from tma_ray.physics.creepers import chains
-from tma_ray.physics.engine import GRAVITY, HANGING_STEPS, TIME_STEP, SolverSettings
+from tma_ray.physics.engine import GRAVITY, TIME_STEP, SolverSettings, first_steps
 from tma_ray.physics.grips import NOTHING
 from tma_ray.physics.memory import BEFORE, new_memory, put_world, simulation_in
 from tma_ray.physics.rules import Rules, observation_size, step_arrays
@@ -60,13 +60,7 @@ class CompiledEngine:
         if hangs:
             terrain = hung(terrain, self._body, self.arrays)
         self._build(terrain, push)
-        action = np.zeros(self._action_shape)
-        if hangs:
-            action[len(self.arrays.motors) :] = 1.0
-        for _ in range(HANGING_STEPS if hangs else 1):
-            observation = self.step(action)[0]
-            self.milieu[:] = 0
-        return observation
+        return first_steps(self, hangs)
 
     def step(self, action: ArrayLike) -> tuple[NDArray[np.float32], float, bool]:
         """Advances the world by TIME_STEP; see `Engine`."""

@@ -152,15 +152,25 @@ def add_joints(space: int, body: BodyArrays, settings: SolverSettings, handles: 
             symbols.constraint_set_max_force(motor, 0.0)
             symbols.space_add_constraint(space, motor)
             constraints[index] = motor
-        limit = symbols.limit_new(a, b, body.limits[index, 0], body.limits[index, 1])
-        symbols.constraint_set_max_bias(limit, settings.limit_correction_speed)
-        symbols.constraint_set_error_bias(limit, settings.joint_error_bias)
-        anchor = body.anchors[index]
-        pivot = symbols.pivot_new(a, b, anchor[0, 0], anchor[0, 1], anchor[1, 0], anchor[1, 1])
-        symbols.constraint_set_error_bias(pivot, settings.joint_error_bias)
-        symbols.space_add_constraint(space, limit)
-        symbols.space_add_constraint(space, pivot)
+        low, high = body.limits[index]
+        limit, pivot = hinge(space, (a, b), body.anchors[index], (low, high), settings)
         constraints[body.motors + index], constraints[body.motors + joints + index] = limit, pivot
+
+
+@kernel
+def hinge(
+    space: int, parts: tuple[int, int], anchor: Floats, limits: tuple[float, float], settings: SolverSettings
+) -> tuple[int, int]:
+    """Joins two bodies at `anchor` (2, 2), in the frame of each, within `limits`; returns limit and pivot."""
+    a, b = parts
+    limit = symbols.limit_new(a, b, limits[0], limits[1])
+    symbols.constraint_set_max_bias(limit, settings.limit_correction_speed)
+    symbols.constraint_set_error_bias(limit, settings.joint_error_bias)
+    pivot = symbols.pivot_new(a, b, anchor[0, 0], anchor[0, 1], anchor[1, 0], anchor[1, 1])
+    symbols.constraint_set_error_bias(pivot, settings.joint_error_bias)
+    symbols.space_add_constraint(space, limit)
+    symbols.space_add_constraint(space, pivot)
+    return limit, pivot
 
 
 @kernel
@@ -174,13 +184,7 @@ def add_creepers(space: int, creepers: Chains, settings: SolverSettings, swingin
         holder = symbols.space_static_body(space)
         if creepers.holders[index] >= 0:
             holder = swinging[creepers.holders[index], 0]
-        limit = symbols.limit_new(holder, body, -LARGEST_ANGLE, LARGEST_ANGLE)
-        symbols.constraint_set_max_bias(limit, settings.limit_correction_speed)
-        symbols.constraint_set_error_bias(limit, settings.joint_error_bias)
-        anchor = creepers.anchors[index]
-        pivot = symbols.pivot_new(holder, body, anchor[0, 0], anchor[0, 1], anchor[1, 0], anchor[1, 1])
-        symbols.constraint_set_error_bias(pivot, settings.joint_error_bias)
         symbols.space_add_body(space, body)
-        symbols.space_add_constraint(space, limit)
-        symbols.space_add_constraint(space, pivot)
+        limits = -LARGEST_ANGLE, LARGEST_ANGLE
+        limit, pivot = hinge(space, (holder, body), creepers.anchors[index], limits, settings)
         swinging[index, 0], swinging[index, 1], swinging[index, 2] = body, limit, pivot

@@ -57,6 +57,7 @@ class Engine(Protocol):
         state: (p, 6) as kernels.py has it, rewritten by every step.
         contacts: pieces of ground and of ceiling that each part touches (p, 2), rewritten by every step.
         grips: what each grip sensor touches and holds (g, 2) as grips.py has it, rewritten by every step.
+        milieu: consecutive steps under water and outside it (2,), rewritten by every step.
         arrays: what the kernels know of the body.
     """
 
@@ -64,6 +65,7 @@ class Engine(Protocol):
     state: NDArray[np.float64]
     contacts: NDArray[np.int64]
     grips: NDArray[np.int64]
+    milieu: NDArray[np.int64]
 
     @property
     def creeper_poses(self) -> NDArray[np.float64]:
@@ -97,3 +99,18 @@ class Engine(Protocol):
             ValueError: an action of another shape, or not finite.
         """
         ...
+
+
+def first_steps(engine: Engine, hanging: bool) -> NDArray[np.float32]:
+    """Lets the steps pass that come before an episode, with closed grips if `hanging`; returns what is seen.
+
+    They count neither under water nor outside it.
+    """
+    motors, grips = len(engine.arrays.motors), len(engine.arrays.grips)
+    action = np.zeros(motors + grips)
+    if hanging:
+        action[motors:] = 1.0
+    for _ in range(HANGING_STEPS if hanging else 1):
+        observation = engine.step(action)[0]
+        engine.milieu[:] = 0
+    return observation

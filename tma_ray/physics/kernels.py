@@ -128,12 +128,18 @@ def observe(
         observation[at] = 1.0 if grips[sensor, 0] != NOTHING else 0.0
         observation[at + 1] = 1.0 if grips[sensor, 1] != NOTHING else 0.0
         at += 2
+    _observe_lidars(head, body, world, observation[at:])
+
+
+@kernel
+def _observe_lidars(head: Floats, body: StepArrays, world: World, observation: NDArray[np.float32]) -> None:
+    """Writes what the rays meet, and how far away, to the end of an observation."""
     rays = len(body.rays)
     for ray in range(rays):
         fraction, kind = look(head[0], head[1], body.rays[ray], world)
-        observation[at + ray] = fraction
+        observation[ray] = fraction
         if body.observes_milieu:
-            observation[at + rays + ray] = kind
+            observation[rays + ray] = kind
 
 
 @kernel

@@ -12,7 +12,7 @@ from pymunk import batch
 from tma_ray.embodiments import Embodiment
 from tma_ray.physics.chipmunk import add_joints, add_parts, add_terrain, hung, settled
 from tma_ray.physics.creepers import add_creepers, chains
-from tma_ray.physics.engine import CEILING_TYPE, GRAVITY, HANGING_STEPS, TIME_STEP, SolverSettings
+from tma_ray.physics.engine import CEILING_TYPE, GRAVITY, TIME_STEP, SolverSettings, first_steps
 from tma_ray.physics.grips import NOTHING, feel, holder_anchor
 from tma_ray.physics.kernels import breathe, command_motors, judge, observe, survives
 from tma_ray.physics.rules import Rules, observation_size, step_arrays
@@ -61,13 +61,7 @@ class PymunkEngine:
         self._build(terrain, push)
         self.grips[:], self.milieu[:], self._wet, self._shaping = NOTHING, 0, False, 0.0
         self._held: dict[int, pymunk.PivotJoint] = {}
-        action = np.zeros_like(self._action)
-        if hangs:
-            action[len(self._commands) :] = 1.0
-        for _ in range(HANGING_STEPS if hangs else 1):
-            observation = self.step(action)[0]
-            self.milieu[:] = 0
-        return observation
+        return first_steps(self, hangs)
 
     def step(self, action: ArrayLike) -> tuple[NDArray[np.float32], float, bool]:
         """Advances the world by TIME_STEP; see `Engine`."""
@@ -141,9 +135,7 @@ class PymunkEngine:
     def _read_state(self, space: pymunk.Space) -> None:
         self._buffer.clear()
         batch.get_space_bodies(space, STATE_FIELDS, self._buffer)
-        values = np.frombuffer(
-            self._buffer.float_buf()
-        )  # creepers come after the parts, the static body last
+        values = np.frombuffer(self._buffer.float_buf())  # after the parts come creepers and the static body
         self.state[:] = values[: self.state.size].reshape(self.state.shape)
         for index, creeper in self._creepers.items():
             self._world.poses[index] = *creeper.position, *creeper.rotation_vector
