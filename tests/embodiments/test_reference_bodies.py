@@ -2,6 +2,7 @@
 
 import json
 import os
+import sys
 from pathlib import Path
 from typing import Any
 
@@ -12,18 +13,12 @@ from tma_ray.physics import Rules, observation_size
 from tma_ray.physics.arrays import body_arrays
 from tma_ray.physics.rules import step_arrays
 
+sys.path.insert(0, str(Path(__file__).parents[1] / "physics"))
+
+from behaviour import RELEASE_NAMES
+
 pytestmark = pytest.mark.reference
 TOLERANCE = {"rel": 0.01, "abs": 1e-5}
-
-RELEASE_NAMES = {
-    "short_bipedal": "small_bipedal",
-    "quadrupedal": "big_quadru",
-    "walking_chimpanzee": "profile_chimpanzee",
-    "old_quadrupedal": "old_big_quadru",
-    "climbing_chimpanzee": "climbing_profile_chimpanzee",
-    "climbing_chest_chimpanzee": "climbing_chest_profile_chimpanzee",
-}
-"""Names of the release that differ from ours."""
 
 CHOSEN_LIDARS = {"amphibious_bipedal": LidarLayout.FULL}
 """Lidars of bodies whose lidars the release leaves open."""
