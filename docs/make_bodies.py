@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from tma_ray.embodiments import BodyType, Embodiment, embodiment_names, load_embodiment
 from tma_ray.physics.arrays import BodyArrays
 from tma_ray.physics.chipmunk import settled
-from tma_ray.physics.engine import SolverSettings
+from tma_ray.physics.engine import settings_for
 
 COLUMNS = 5
 WIDTH, HEIGHT, MARGIN = 4.2, 6.2, 0.35
@@ -40,7 +40,7 @@ def placed(position: Floats, angle: float, points: Floats) -> Floats:
 
 def draw(axis: Axes, body: Embodiment) -> None:
     """Draws `body` on the ground, or hanging from the ceiling, or in the water, as its kind begins."""
-    pose = settled(body, SolverSettings(substeps=body.substeps))
+    pose = settled(body, settings_for(body))
     places = range(len(body.parts))
     outlines = [placed(pose.position[i], pose.angle[i], body.parts[i].shape.points) for i in places]
     corners = np.concatenate(outlines)

@@ -42,6 +42,8 @@ def _check_numbers(body: Embodiment) -> None:
     for name in ("substeps", "iterations"):
         if getattr(body, name) < 1:
             raise ValueError(f"{name} {getattr(body, name)} must be at least 1")
+    if not 0 < body.joint_correction < 1:
+        raise ValueError(f"joint_correction {body.joint_correction} must be over 0 and under 1")
     for name in ("steps_survivable_under_water", "steps_survivable_outside_water"):
         steps: object = getattr(body, name)
         whole = isinstance(steps, int) and not isinstance(steps, bool) and steps >= 0

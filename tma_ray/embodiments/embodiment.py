@@ -40,6 +40,8 @@ class Embodiment:
         joints: those with motors in the order of actions.
         substeps: steps of the simulation in a time step; light parts with strong motors need more.
         iterations: of the solver in each of these steps; more steps need fewer.
+        joint_correction: share of a joint's error that the solver takes back in 1/60 s, under 1. With a large
+            one it needs more iterations, or a heavy body jerks at its light hands.
         grip_sensors: in the order of their actions, which come after those of the motors.
         lidars: where it looks in Parkour.
         steps_survivable_under_water: consecutive time steps with the head under water after which the body
@@ -61,6 +63,7 @@ class Embodiment:
     joints: tuple[Joint, ...]
     substeps: int = 2
     iterations: int = 30
+    joint_correction: float = 0.5
     grip_sensors: tuple[GripSensor, ...] = ()
     lidars: LidarLayout = LidarLayout.DOWN
     steps_survivable_under_water: int | None = None

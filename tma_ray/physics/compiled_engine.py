@@ -14,7 +14,7 @@ from tma_ray.physics.chipmunk import hung, settled
 from tma_ray.physics.compiled_step import step_at
 from tma_ray.physics.compiled_world import build, count_contact, release
 from tma_ray.physics.creepers import chains
-from tma_ray.physics.engine import GRAVITY, TIME_STEP, SolverSettings, first_steps
+from tma_ray.physics.engine import GRAVITY, TIME_STEP, SolverSettings, first_steps, settings_for
 from tma_ray.physics.grips import NOTHING
 from tma_ray.physics.memory import BEFORE, new_memory, put_world, simulation_in
 from tma_ray.physics.rules import Rules, observation_size, step_arrays
@@ -37,7 +37,7 @@ class CompiledEngine:
     """
 
     def __init__(self, body: Embodiment, rules: Rules, settings: SolverSettings | None = None) -> None:
-        self.settings = settings or SolverSettings(body.iterations, body.substeps)
+        self.settings = settings or settings_for(body)
         self.arrays = step_arrays(body, rules)
         self._recipe = (body, rules, self.settings)
         self._body = settled(body, self.settings)

@@ -7,10 +7,11 @@ from typing import NamedTuple, Protocol
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from tma_ray.embodiments import Embodiment
 from tma_ray.physics.rules import StepArrays
 from tma_ray.terrain import Terrain
 
-PHYSICS_VERSION = 1
+PHYSICS_VERSION = 2
 """Rises whenever a trajectory changes; part of every run's identity."""
 
 TIME_STEP = 1 / 50
@@ -48,6 +49,11 @@ class SolverSettings(NamedTuple):
     collision_bias: float = 0.5**60
     collision_slop: float = 0.005
     skin_radius: float = 0.01
+
+
+def settings_for(body: Embodiment) -> SolverSettings:
+    """Returns the settings with what `body` says of its own."""
+    return SolverSettings(body.iterations, body.substeps, (1 - body.joint_correction) ** 60)
 
 
 class Engine(Protocol):

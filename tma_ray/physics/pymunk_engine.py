@@ -12,7 +12,7 @@ from pymunk import batch
 from tma_ray.embodiments import Embodiment
 from tma_ray.physics.chipmunk import add_joints, add_parts, add_terrain, hung, settled
 from tma_ray.physics.creepers import add_creepers, chains
-from tma_ray.physics.engine import CEILING_TYPE, GRAVITY, TIME_STEP, SolverSettings, first_steps
+from tma_ray.physics.engine import CEILING_TYPE, GRAVITY, TIME_STEP, SolverSettings, first_steps, settings_for
 from tma_ray.physics.grips import NOTHING, feel, holder_anchor
 from tma_ray.physics.kernels import breathe, command_motors, judge, observe, survives
 from tma_ray.physics.rules import Rules, observation_size, step_arrays
@@ -38,7 +38,7 @@ class PymunkEngine:
     """
 
     def __init__(self, body: Embodiment, rules: Rules, settings: SolverSettings | None = None) -> None:
-        self.settings = settings or SolverSettings(body.iterations, body.substeps)
+        self.settings = settings or settings_for(body)
         self.arrays = step_arrays(body, rules)
         self._body = settled(body, self.settings)
         parts, motors, grips = len(body.parts), len(body.motors), len(body.grip_sensors)
