@@ -79,4 +79,7 @@ def test_pictures_and_files_exist() -> None:
         assert (ROOT / picture).stat().st_size > 10_000
     for text, folder in ((README, ROOT), (EXAMPLES, ROOT / "examples")):
         for target in re.findall(r"\]\(((?!http)[^)]*)\)", text):
-            assert (folder / target).exists()
+            file, _, heading = target.partition("#")
+            assert (folder / file).exists()
+            headings = re.findall(r"^#+ (.*)$", (folder / file).read_text(), re.MULTILINE) if heading else []
+            assert not heading or heading in [line.lower().replace(" ", "-") for line in headings]
