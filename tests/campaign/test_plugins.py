@@ -138,8 +138,8 @@ def test_a_script_that_starts_its_campaign_on_import_is_refused_before_anything_
 def test_the_examples_learn(address: str, tmp_path: Path) -> None:
     (tmp_path / "three.csv").write_text("mass,length\n0.2,0.6\n0.5,0.6\n1,0.5\n")
     arguments = (
-        "experiment.py --teachers staircase,frontier_teacher:Frontier --seeds 1 --steps 1500 "
-        f"--evaluation-interval 1500 --probe-interval 500 --test-set {tmp_path / 'three.csv'} "
+        "experiment.py --teachers staircase,frontier_teacher:Frontier --seeds 1 --steps 2000 "
+        f"--evaluation-interval 2000 --probe-interval 500 --test-set {tmp_path / 'three.csv'} "
         f"--memory-per-run 0.5 --address {address} --results {tmp_path / 'root'}"
     )
     done = start(*arguments.split(), cwd=ROOT / "examples")
@@ -155,6 +155,6 @@ def test_the_examples_learn(address: str, tmp_path: Path) -> None:
                 for row in evaluations
                 if (row["run_id"], row["step"]) == (run.run.run_id, step)
             )
-            for step in (0, 1500)
+            for step in (0, 2000)
         )
         assert last > 0.85 * first, "costs have fallen"
