@@ -137,11 +137,18 @@ class SeedActor:
         use_shipped()
         # Imported here, so that a failing import is the run's error and not the actor's death.
         from tma_ray.runs.attempt import Attempt
+        from tma_ray.runs.run_log import RunLog
 
         inline = self._teachers is TeacherPlacement.INLINE
-        teacher: TeacherLink = InlineTeacher(self._spec) if inline else RemoteTeacher(self._spec)
-        self._attempt = Attempt(self._spec, self._store, self._number, teacher, self._placement)
-        return cast("tuple[PartFile, ...] | None", self._attempt.execute(self._stop.is_set, self._note))
+        with RunLog(self._store, self._spec.run_id, self._number) as log:
+            teacher: TeacherLink = InlineTeacher(self._spec) if inline else RemoteTeacher(self._spec)
+            self._attempt = Attempt(self._spec, self._store, self._number, teacher, self._placement)
+
+            def note(parts: Sequence[PartFile]) -> None:
+                self._parts = tuple(parts)
+                log.publish()
+
+            return cast("tuple[PartFile, ...] | None", self._attempt.execute(self._stop.is_set, note))
 
     def report(self) -> Report | None:
         """Returns where the run stands; None while it is being set up."""
@@ -154,6 +161,3 @@ class SeedActor:
     def request_stop(self) -> None:
         """Asks the run for a checkpoint at the next episode end, and to return."""
         self._stop.set()
-
-    def _note(self, parts: Sequence[PartFile]) -> None:
-        self._parts = tuple(parts)

@@ -6,12 +6,12 @@ from pathlib import Path
 
 from tma_ray.campaign.campaign import Campaign, lease_holder
 from tma_ray.campaign.cluster import check_feasible, connect
-from tma_ray.campaign.progress import ProgressView, Snapshot
+from tma_ray.campaign.progress import ProgressView, PublishedProgress, Snapshot, View
 from tma_ray.campaign.scheduler import Scheduler
 from tma_ray.campaign.settings import Settings
 from tma_ray.campaign.stopping import StopSignals
 from tma_ray.campaign.warming import warm_nodes
-from tma_ray.results import Committer, Lease, Store, check_usable
+from tma_ray.results import Committer, Lease, Pulse, Store, check_usable
 from tma_ray.runs.plugins import importing_plugins, plugin_sources
 
 
@@ -20,7 +20,7 @@ def run_campaign(
     results: str | Path,
     settings: Settings | None = None,
     address: str | None = None,
-    view: ProgressView | None = None,
+    view: View | None = None,
 ) -> Snapshot:
     """Runs what is missing of `campaign` under a results root.
 
@@ -59,6 +59,7 @@ def run_campaign(
     with Lease(store, lease_holder(campaign.name)) as lease:
         committer.write_cells(campaign.name, plan.cell_rows)
         committer.sweep()
-        scheduler = Scheduler(committer, settings, view or ProgressView(), lease.keep)
+        progress = PublishedProgress(view or ProgressView(), Pulse(store, lease.holder))
+        scheduler = Scheduler(committer, settings, progress, lease.keep)
         with StopSignals() as signals:
-            return scheduler.execute(plan.runs, lambda: signals.requested)
+            return scheduler.execute(plan.runs, lambda: signals.requested or lease.asked_to_stop())

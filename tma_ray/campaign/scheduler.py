@@ -15,7 +15,7 @@ from ray.exceptions import RayActorError, RayTaskError
 
 from tma_ray.campaign.actors import Report, SeedActor
 from tma_ray.campaign.cluster import capacity
-from tma_ray.campaign.progress import ProgressView, Snapshot, Standing
+from tma_ray.campaign.progress import Snapshot, Standing, View
 from tma_ray.campaign.settings import Settings
 from tma_ray.results import AttemptOutcome, AttemptRecord, Committer, DamagedFileError, PartFile, RunStatus
 from tma_ray.runs.checkpoints import Checkpoints
@@ -52,7 +52,7 @@ class Scheduler:
     """
 
     def __init__(
-        self, committer: Committer, settings: Settings, view: ProgressView, keep_lease: Callable[[], None]
+        self, committer: Committer, settings: Settings, view: View, keep_lease: Callable[[], None]
     ) -> None:
         self._committer = committer
         self._keep_lease = keep_lease

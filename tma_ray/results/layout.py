@@ -13,11 +13,14 @@ from tma_ray.results.store import TEMPORARY, Store
 FORMAT: Final = "tma_ray results"
 ROOT_FILE: Final = "root.json"
 LEASE_FILE: Final = "lease.json"
+STOP_FILE: Final = "stop.json"
+HEARTBEAT_FILE: Final = "heartbeat.json"
 MANIFESTS: Final = "manifests"
 STAGING: Final = "staging"
 TABLES: Final = "tables"
 CHECKPOINTS: Final = "checkpoints"
 POLICIES: Final = "policies"
+LOGS: Final = "logs"
 
 
 class ResultsRootError(ValueError):
@@ -33,7 +36,7 @@ def check_usable(store: Store) -> None:
     if store.exists(ROOT_FILE):
         check_root(store)
         return
-    ours = (LEASE_FILE, f"{TEMPORARY}/")
+    ours = (LEASE_FILE, STOP_FILE, f"{TEMPORARY}/")
     foreign = [path for path in store.files() if not path.startswith(ours)]
     if foreign:
         raise ResultsRootError(
@@ -109,6 +112,11 @@ def part_number(path: str) -> int:
 def final_path(run_id: str, attempt: int, table: Table) -> str:
     """Path of a canonical file before its publication."""
     return f"{staging_folder(run_id)}/attempt-{attempt:03d}/final/{table}.parquet"
+
+
+def log_path(run_id: str, attempt: int) -> str:
+    """Path of what was logged during an attempt."""
+    return f"{LOGS}/{check_id(run_id)}/attempt-{attempt:03d}.log"
 
 
 def table_path(table: Table, name: str) -> str:

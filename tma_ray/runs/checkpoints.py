@@ -50,17 +50,18 @@ class Checkpoints:
         self._folder = f"{CHECKPOINTS}/{check_id(run_id)}"
         self._attempt = attempt
 
-    def save(self, run: Run, parts: Sequence[PartFile], fingerprint: str) -> None:
-        """Writes a checkpoint of `run`, then drops all but the one before it."""
+    def save(self, run: Run, parts: Sequence[PartFile], fingerprint: str) -> int:
+        """Writes a checkpoint of `run`, then drops all but the one before it; returns its bytes."""
         step = run.progress.step
         folder = f"{self._folder}/{step:012d}-attempt-{self._attempt:03d}"
-        files = {}
+        files, size = {}, 0
         with tempfile.TemporaryDirectory() as place:
             run.save(Path(place))
             for path in sorted(p for p in Path(place).rglob("*") if p.is_file()):
                 name, data = path.relative_to(place).as_posix(), path.read_bytes()
                 self._store.write_bytes(f"{folder}/{name}", data)
                 files[name] = hashlib.sha256(data).hexdigest()
+                size += len(data)
         index = {
             "step": step,
             "fingerprint": fingerprint,
@@ -70,6 +71,7 @@ class Checkpoints:
         self._store.write_bytes(f"{folder}/{INDEX}", json.dumps(index).encode())
         for old in self._folders()[:-2]:
             self._store.delete(old)
+        return size
 
     def restore(self, run: Run) -> Checkpoint | None:
         """Loads the newest complete and undamaged checkpoint into a new `run`; returns it, or None."""

@@ -8,6 +8,7 @@ from collections.abc import Callable
 from tma_ray.results import AttemptOutcome, Committer, RunStatus
 from tma_ray.runs.attempt import Attempt
 from tma_ray.runs.checkpoints import Checkpoints
+from tma_ray.runs.run_log import RunLog
 from tma_ray.runs.placement import Placement, Status
 from tma_ray.runs.spec import RunSpec
 from tma_ray.runs.teaching import InlineTeacher
@@ -41,11 +42,12 @@ def run_locally(
     number = committer.start(record)
     attempt, outcome = None, AttemptOutcome.FAILED
     try:
-        attempt = Attempt(spec, committer.store, number, InlineTeacher(spec), placement)
-        final = attempt.execute(
-            _reporting(attempt, should_stop, on_status),
-            lambda parts: committer.publish(record, number, parts),
-        )
+        with RunLog(committer.store, spec.run_id, number) as log:
+            attempt = Attempt(spec, committer.store, number, InlineTeacher(spec), placement)
+            final = attempt.execute(
+                _reporting(attempt, should_stop, on_status),
+                lambda parts: (committer.publish(record, number, parts), log.publish()),
+            )
         outcome = AttemptOutcome.STOPPED if final is None else AttemptOutcome.DONE
         if final is not None:
             committer.finish(record, number, final)
