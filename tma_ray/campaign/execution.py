@@ -53,7 +53,8 @@ def run_campaign(
     store = Store.open(results)
     check_usable(store)
     shipped = connect(address, plugin_sources(plan.runs))
-    check_feasible(settings.resources)
+    if not settings.autoscaling:
+        check_feasible(settings.resources)
     warm_nodes(plan.runs, shipped)
     committer = Committer(store)
     with Lease(store, lease_holder(campaign.name)) as lease:

@@ -38,9 +38,9 @@ class _Running:
 
 
 class Scheduler:
-    """Executes runs on the connected Ray cluster, with as many in flight as it holds and one more.
+    """Executes runs on the connected Ray cluster, with as many in flight as it holds and some more.
 
-    The one more keeps a demand in the queue that an autoscaler can see. Every run gets a fresh actor.
+    The more keep a demand in the queue that an autoscaler can see. Every run gets a fresh actor.
     A run whose process dies is taken up again from its newest checkpoint by a new attempt; a run
     that raises is marked as failed, with its traceback, and the others go on.
 
@@ -104,7 +104,9 @@ class Scheduler:
         return published is not None and published.status is RunStatus.DONE
 
     def _fill(self) -> None:
-        while self._waiting and len(self._running) <= capacity(self._settings.resources):
+        while (
+            self._waiting and len(self._running) < capacity(self._settings.resources) + self._settings.queued
+        ):
             self._start(self._waiting.popleft())
 
     def _start(self, spec: RunSpec) -> None:

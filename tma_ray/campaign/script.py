@@ -34,11 +34,11 @@ def execute(campaign: Campaign, options: argparse.Namespace) -> int:
 
     console = Console()
     try:
-        chosen = chosen_campaign(campaign, options)
+        chosen, settings = chosen_campaign(campaign, options), chosen_settings(options)
         console.print(chosen.plan().describe(), highlight=False, soft_wrap=True)
         if options.dry_run:
             return 0
-        ended = run_campaign(chosen, options.results, chosen_settings(options), chosen_address(options))
+        ended = run_campaign(chosen, options.results, settings, chosen_address(options))
     except (ValueError, ConnectionError, RootInUseError) as error:
         sys.stderr.write(f"{campaign.name}: {error}\n")
         return EXIT_REFUSED
