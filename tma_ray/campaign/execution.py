@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from tma_ray.campaign.campaign import Campaign, lease_holder
+from tma_ray.campaign.campaign import Campaign, Plan, lease_holder
 from tma_ray.campaign.cluster import check_feasible, connect
 from tma_ray.campaign.progress import ProgressView, PublishedProgress, Snapshot, View
 from tma_ray.campaign.scheduler import Scheduler
@@ -43,13 +43,18 @@ def run_campaign(
         ConnectionError: no cluster answers at `address`.
         RuntimeError: called by a module that is imported for its plug-in.
     """
+    return execute_plan(campaign.plan(), results, settings or Settings(), address, view)
+
+
+def execute_plan(
+    plan: Plan, results: str | Path, settings: Settings, address: str | None, view: View | None = None
+) -> Snapshot:
+    """Runs what is missing of `plan`; see `run_campaign`."""
     if importing_plugins():
         raise RuntimeError(
-            f"campaign {campaign.name!r} was started by a module that was imported for its plug-in: "
+            f"campaign {plan.name!r} was started by a module that was imported for its plug-in: "
             f"put the call below 'if __name__ == \"__main__\":'"
         )
-    settings = settings or Settings()
-    plan = campaign.plan()
     store = Store.open(results)
     check_usable(store)
     shipped = connect(address, plugin_sources(plan.runs))
@@ -57,8 +62,9 @@ def run_campaign(
         check_feasible(settings.resources)
     warm_nodes(plan.runs, shipped)
     committer = Committer(store)
-    with Lease(store, lease_holder(campaign.name)) as lease:
-        committer.write_cells(campaign.name, plan.cell_rows)
+    with Lease(store, lease_holder(plan.name)) as lease:
+        if plan.cell_rows:
+            committer.write_cells(plan.name, plan.cell_rows)
         committer.sweep()
         progress = PublishedProgress(view or ProgressView(), Pulse(store, lease.holder))
         scheduler = Scheduler(committer, settings, progress, lease.keep)

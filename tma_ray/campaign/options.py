@@ -25,10 +25,14 @@ def add_options(parser: argparse.ArgumentParser) -> None:
         flag = field.name.replace("_", "-")
         what.add_argument(f"--{flag}", type=whole_number, metavar="N")
     what.add_argument("--independent-levels", action="store_true", help="repeat runs that cells could share")
-    how = parser.add_argument_group("how to run it")
-    how.add_argument(
+    add_execution_options(parser).add_argument(
         "--results", default="results", metavar="ROOT", help="folder, s3:// or gs:// (%(default)s)"
     )
+
+
+def add_execution_options(parser: argparse.ArgumentParser) -> argparse._ArgumentGroup:
+    """Adds the flags that choose how to run it, and returns their group."""
+    how = parser.add_argument_group("how to run it")
     where = how.add_mutually_exclusive_group()
     where.add_argument("--local", action="store_true", help="on a Ray of its own on this machine (default)")
     where.add_argument(
@@ -46,6 +50,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     how.add_argument("--teacher-placement", type=TeacherPlacement, choices=list(TeacherPlacement))
     how.add_argument("--checkpoint-seconds", type=float, default=Settings.checkpoint_seconds, metavar="S")
     how.add_argument("--dry-run", action="store_true", help="say what would run, and stop")
+    return how
 
 
 def chosen_campaign(campaign: Campaign, options: argparse.Namespace) -> Campaign:

@@ -22,6 +22,9 @@ COUNTED = (RunStatus.DONE, RunStatus.RUNNING, INTERRUPTED, RunStatus.FAILED, WAI
 MOST_ERRORS, MOST_NAMES = 5, 3
 """Kinds of errors, and runs of each, that are named; the others are counted."""
 
+MIN_NAME_WIDTH = 32
+"""Of the first column, in characters."""
+
 WATCH_SECONDS = 5.0
 """Time between two looks of a status that is watched, s."""
 
@@ -84,15 +87,17 @@ def _pace(runs: Sequence[RunState]) -> str:
 
 
 def _grid(groups: dict[str, list[RunState]]) -> Grid:
-    grid = Grid(box=None)
-    grid.add_column("environment · challenge · body · student")
-    for name in (*COUNTED, "steps", "steps/s"):
-        grid.add_column(str(name), justify="right")
-    for name, members in groups.items():
-        runs = _distinct(members)
-        count = Counter(run.state for run in runs)
+    """Returns a line for every group, with columns for the states that occur."""
+    members = {name: _distinct(runs) for name, runs in groups.items()}
+    counts = {name: Counter(run.state for run in runs) for name, runs in members.items()}
+    states = [state for state in COUNTED if any(count[state] for count in counts.values())]
+    grid = Grid(box=None, pad_edge=False)
+    grid.add_column("environment · challenge · body · student", min_width=MIN_NAME_WIDTH)
+    for name in (*states, "steps", "steps/s"):
+        grid.add_column(str(name), justify="right", no_wrap=True)
+    for name, runs in members.items():
         speed = sum(run.steps_per_second for run in runs)
-        numbers = [str(count[state] or "") for state in COUNTED]
+        numbers = [str(counts[name][state] or "") for state in states]
         grid.add_row(name, *numbers, f"{sum(run.step for run in runs):,}", f"{speed:,.0f}" if speed else "")
     return grid
 

@@ -1,6 +1,7 @@
 """Results as Parquet tables: written by runs, published by one committer, read by anyone."""
 
 from tma_ray.results.committer import Committer, StaleAttemptError
+from tma_ray.results.heartbeat import Heartbeat, Pulse, RunPace
 from tma_ray.results.layout import (
     CHECKPOINTS,
     LOGS,
@@ -12,7 +13,6 @@ from tma_ray.results.layout import (
     create_root,
     log_path,
 )
-from tma_ray.results.heartbeat import Heartbeat, Pulse, RunPace
 from tma_ray.results.lease import Lease, NotRunningError, RootInUseError, ask_to_stop
 from tma_ray.results.manifest import DamagedFileError, Manifest, PartFile
 from tma_ray.results.reader import DamagedFileWarning, Results
