@@ -74,6 +74,8 @@ class Settings:
         teachers: where teachers run.
         checkpoint_seconds: longest time between two checkpoints of a run, s.
         most_losses: how often a run may lose its process before it counts as failed.
+        unreachable_seconds: how long a run may be silent that is not known to be dead, before it counts
+            as lost, s.
         grace_seconds: how long a stop waits for checkpoints, s.
         poll_seconds: time between two looks at the runs, s.
         autoscaling: whether the cluster adds nodes for runs that wait: then none are refused because
@@ -85,6 +87,7 @@ class Settings:
     teachers: TeacherPlacement = TeacherPlacement.ACTOR
     checkpoint_seconds: float = 600.0
     most_losses: int = 3
+    unreachable_seconds: float = 300.0
     grace_seconds: float = 60.0
     poll_seconds: float = 1.0
     autoscaling: bool = False
