@@ -89,6 +89,17 @@ def check_id(name: str) -> str:
     return name
 
 
+def check_path(path: str) -> str:
+    """Returns `path` if it stays below the folder that it is relative to: files name other files.
+
+    Raises:
+        ValueError: an absolute path, or one with "..", a backslash or an empty part.
+    """
+    if any(part in ("", ".", "..") or "\\" in part for part in path.split("/")):
+        raise ValueError(f"path {path!r} may lead out of its folder: expected names, separated by '/'")
+    return path
+
+
 def manifest_path(run_id: str) -> str:
     """Path of the file that makes a run's parts visible."""
     return f"{MANIFESTS}/{check_id(run_id)}.json"

@@ -10,7 +10,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
 
-from tma_ray.results import CHECKPOINTS, PartFile, Store, check_id
+from tma_ray.results import CHECKPOINTS, PartFile, Store, check_id, check_path
 from tma_ray.runs.run import Run
 
 INDEX = "index.json"
@@ -106,7 +106,7 @@ class Checkpoints:
                 data = self._store.read_bytes(f"{folder}/{name}")
                 if hashlib.sha256(data).hexdigest() != digest:
                     return None
-                target = place / PurePosixPath(name)
+                target = place / PurePosixPath(check_path(name))
                 target.parent.mkdir(parents=True, exist_ok=True)
                 target.write_bytes(data)
             parts = tuple(PartFile.from_json(part) for part in index["parts"])
