@@ -7,7 +7,7 @@ from tma_ray.benchmark import CHALLENGES, Challenge, find_challenge, load_test_s
 from tma_ray.envs import make_environment
 from tma_ray.tasks import TestSet
 from tma_ray.terrain.cppn import CPPN
-from tma_ray.terrain.demands import demands, difficulty
+from tma_ray.terrain.demands import WALKER_DROP, WALKER_RISE, demands, difficulty
 from tma_ray.terrain.parkour import parkour
 
 
@@ -85,3 +85,15 @@ def test_parkours_test_tasks_are_feasible_and_ordered_in_each_source(name: str, 
         assert np.all(np.diff(source) >= 0)
     cuts = (values[[19, 39]] + values[[20, 40]]) / 2  # where the medium space's tasks are cut into thirds
     assert np.bincount(np.searchsorted(cuts, values[60:])) == pytest.approx([13, 14, 13], abs=2)
+
+
+def test_easy_pieces_of_parkour_are_gentle() -> None:
+    cppn, rng = CPPN.load(), np.random.default_rng(0)
+    for milieu, body_type in (("walking", "walker"), ("swimming", "swimmer"), ("climbing", "climber")):
+        space = find_challenge("parkour", f"easy_{milieu}").task_space
+        for task in space.sample(rng, 50):
+            demanded = demands(parkour(task, rng, cppn=cppn), body_type)
+            assert max(demanded.values()) <= 1, (milieu, task.tolist())
+            if body_type == "walker":
+                assert demanded["rise"] * WALKER_RISE < 0.8
+                assert demanded["drop"] * WALKER_DROP < 0.8

@@ -65,12 +65,12 @@ def _parkour(name: str, title: str, *theta: tuple[float, float]) -> Challenge:
     )
 
 
-def _easy_parkour(milieu: str, theta_2: tuple[float, float], water: float, delta: float) -> Challenge:
+def _easy_parkour(
+    milieu: str, theta: tuple[tuple[float, float], ...], water: float, delta: float
+) -> Challenge:
     """Returns an easy piece of Parkour for the bodies of one milieu, with tests drawn from it."""
     bounds = {
-        "theta_1": (-0.15, -0.05),
-        "theta_2": theta_2,
-        "theta_3": (0.1, 0.15),
+        **dict(zip(("theta_1", "theta_2", "theta_3"), theta, strict=True)),
         "water_level": (water, water),
         "creepers_width": (0.25, 0.25),
         "creepers_height": (0.0, 1.0),
@@ -86,6 +86,12 @@ def _easy_parkour(milieu: str, theta_2: tuple[float, float], water: float, delta
         easy_task=None,
     )
 
+
+FLAT_GROUND = (0.87, 0.93), (0.66, 0.72), (0.47, 0.53)
+"""Where in theta the ground is gentlest: with delta 40 it rises and drops by at most 0.8 m within 2.33 m."""
+
+FLAT_CEILING = (-0.15, -0.05), (0.9, 1.0), (0.1, 0.15)
+"""Where in theta the ceiling is nearly flat."""
 
 CHALLENGES: tuple[Challenge, ...] = (
     Challenge(
@@ -111,9 +117,9 @@ CHALLENGES: tuple[Challenge, ...] = (
     _parkour("original", "Parkour", (-0.35, 0.05), (0.6, 1.0), (-0.1, 0.3)),
     _parkour("easy", "Parkour, easy task space", (-0.25, -0.05), (0.8, 1.0), (0.0, 0.2)),
     _parkour("hard", "Parkour, hard task space", (-1.0, 1.0), (-1.0, 1.0), (-1.0, 1.0)),
-    _easy_parkour("walking", theta_2=(0.9, 1.0), water=0.0, delta=40.0),
-    _easy_parkour("swimming", theta_2=(0.9, 1.0), water=1.0, delta=10.0),
-    _easy_parkour("climbing", theta_2=(0.9, 1.0), water=0.0, delta=25.0),
+    _easy_parkour("walking", FLAT_GROUND, water=0.0, delta=40.0),
+    _easy_parkour("swimming", FLAT_CEILING, water=1.0, delta=10.0),
+    _easy_parkour("climbing", FLAT_CEILING, water=0.0, delta=25.0),
 )
 """Of Stump Tracks, the original space of the paper's appendix C, whose easy task is [0, 6], and a corner of
 it in which every working student learns to walk: for trying out students, bodies and settings. Of Parkour,

@@ -16,7 +16,7 @@ from tma_ray.physics.rules import StepArrays
 from tma_ray.terrain import Terrain
 
 SETTLING_STEPS = 20
-"""Steps in which a body is bent into its limits; each leaves less than half of the error."""
+"""Steps in which a body is bent into its limits; they leave 2 % of the error of the softest joints."""
 
 CLOSING_SWEEPS = 60
 """How often every joint of a stretched body is corrected (Box2D's iterations for positions)."""

@@ -1,0 +1,86 @@
+"""Draws how bodies learn in Parkour, and films the best of them, from results of benchmarks/milieus.py.
+
+python docs/make_milieus.py build/milieus --output docs/images
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from pathlib import Path
+
+import matplotlib.pyplot as plt
+import pandas as pd
+from matplotlib.axes import Axes
+
+from tma_ray.results import Results, Table
+from tma_ray.runs.rendering import Scenario, render
+
+sys.path.append(str(Path(__file__).parents[1] / "benchmarks"))
+from milieus import BODIES, random_return
+
+WANTED = 150.0
+"""Mean return by which a body has learned to live in its milieu, for all but the climber."""
+
+FILM_STEPS, STEPS_PER_FRAME = 450, 5
+SEED_COLOURS = ("#1b6f9c", "#d1603d", "#5d8a4a")
+
+
+def evaluations(roots: list[Path]) -> pd.DataFrame:
+    """Returns the mean return of every evaluation: root, run_id, challenge, seed, step, episodic_return."""
+    tables = []
+    for root in roots:
+        results = Results.open(root)
+        cells = results.table(Table.CELLS).to_pandas()[["run_id", "challenge", "seed"]]
+        rows = results.table(Table.EVALUATIONS, columns=["run_id", "step", "episodic_return"]).to_pandas()
+        means = rows.groupby(["run_id", "step"], observed=True).episodic_return.mean().reset_index()
+        tables.append(means.merge(cells, on="run_id").assign(root=str(root)))
+    return pd.concat(tables, ignore_index=True)
+
+
+def draw(axes: Axes, challenge: str, rows: pd.DataFrame) -> None:
+    """Draws a milieu's curve for every seed, and what random actions earn there."""
+    body = BODIES[challenge]
+    for colour, (seed, curve) in zip(SEED_COLOURS, rows.groupby("seed"), strict=False):
+        curve = curve.sort_values("step")
+        axes.plot(curve.step / 1e6, curve.episodic_return, color=colour, label=f"seed {seed}")
+    axes.axhline(random_return(challenge, body), color="#777777", linestyle=":", label="random actions")
+    if challenge != "easy_climbing":
+        axes.axhline(WANTED, color="#777777", linestyle="--", label="asked for")
+    axes.set_title(f"{body.replace('_', ' ')}, {challenge.removeprefix('easy_')}", fontsize=10)
+    axes.set_xlabel("million environment steps")
+    axes.spines[["top", "right"]].set_visible(False)
+    axes.legend(frameon=False, fontsize=8)
+
+
+def film(challenge: str, rows: pd.DataFrame, folder: Path) -> Path:
+    """Films the run that did best at its last evaluation; returns the file."""
+    last = rows[rows.step == rows.step.max()]
+    best = last.loc[last.episodic_return.idxmax()]
+    path = folder / f"learned_{challenge.removeprefix('easy_')}.gif"
+    render(Scenario(best.run_id, best.root, steps=FILM_STEPS, every=STEPS_PER_FRAME), path)
+    return path
+
+
+def main() -> None:
+    """Writes milieus.png and a film of each milieu."""
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("roots", type=Path, nargs="+", help="finished results roots, a milieu in one only")
+    parser.add_argument("--output", type=Path, default=Path("docs/images"))
+    options = parser.parse_args()
+    options.output.mkdir(parents=True, exist_ok=True)
+    rows = evaluations(options.roots)
+    found = [challenge for challenge in BODIES if challenge in set(rows.challenge)]
+    figure, panels = plt.subplots(1, len(found), figsize=(3.6 * len(found), 3.0), squeeze=False)
+    for axes, challenge in zip(panels[0], found, strict=True):
+        draw(axes, challenge, rows[rows.challenge == challenge])
+        film(challenge, rows[rows.challenge == challenge], options.output)
+    panels[0, 0].set_ylabel("mean return on 20 test tasks")
+    figure.tight_layout()
+    figure.savefig(options.output / "milieus.png", dpi=130)
+
+
+if __name__ == "__main__":
+    main()
