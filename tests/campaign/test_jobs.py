@@ -64,8 +64,8 @@ def test_a_stopped_job_leaves_checkpoints_and_the_same_command_continues(head: H
 
     def submit(name: str, results: Path, *options: str) -> subprocess.CompletedProcess[str]:
         script = (
-            f"experiment.py --teachers frontier_teacher:Frontier --seeds 1 --steps 6000 "
-            f"--evaluation-interval 6000 --checkpoint-seconds 0.5 --results {results} {ONLY_THERE}"
+            f"experiment.py --teachers frontier_teacher:Frontier --seeds 1 --steps 8000 "
+            f"--evaluation-interval 8000 --checkpoint-seconds 0.5 --results {results} {ONLY_THERE}"
         )
         flags = "--submission-id", name, "--working-dir", "examples", *options
         return jobs(head, "submit", *flags, "--", sys.executable, *script.split())

@@ -140,6 +140,7 @@ def test_a_device_and_a_share_of_a_gpu_belong_together() -> None:
     for resources, device, message in refused:
         with pytest.raises(ValueError, match=message):
             Settings(resources, device)
+    assert (Settings().queued, Settings(autoscaling=True).queued) == (1, 64)
     with pytest.raises(ValueError, match=r"gpus = 1\.5: expected a share of one GPU"):
         Resources(gpus=1.5)
 

@@ -34,7 +34,7 @@ esac
 """
 
 ARGUMENTS = (
-    "experiments/quickstart.py --teachers random --seeds 1 --steps 12000 --evaluation-interval 12000 "
+    "experiments/quickstart.py --teachers random --seeds 1 --steps 20000 --evaluation-interval 20000 "
     "--memory-per-run 0.5 --checkpoint-seconds 0.5 --results"
 )
 
@@ -101,6 +101,7 @@ def test_a_campaign_asked_to_leave_is_queued_again_and_ends_there(
     output, _ = again.communicate(timeout=300)
     assert again.returncode == 0, output
     assert "1/1 runs done" in output
+    assert output.count("Ray runtime started") == 2, "a head and one more node"
     attempts = sorted(rows(root, Table.ATTEMPTS), key=lambda row: row["attempt"])
     assert [row["outcome"] for row in attempts] == ["stopped", "done"]
     assert json.loads(attempts[0]["fingerprint"])["device"] == "cpu"
