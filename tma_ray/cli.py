@@ -6,6 +6,7 @@ import argparse
 import sys
 import warnings
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from pathlib import Path
 
 from tma_ray import __version__
@@ -40,7 +41,17 @@ def _parser() -> argparse.ArgumentParser:
     _add_render(commands.add_parser("render", help="an episode as a video or a picture"))
     status = commands.add_parser("status", help="how far the campaigns of a results root are")
     status.add_argument("root", metavar="ROOT")
+    status.add_argument("--cells", action="store_true", help="a line for every cell")
+    status.add_argument("--watch", action="store_true", help="again every few seconds, until Ctrl-C")
     status.set_defaults(command=_status)
+    stop = commands.add_parser("stop", help="ask the campaign on a results root to leave with checkpoints")
+    stop.add_argument("root", metavar="ROOT")
+    stop.set_defaults(command=_stop)
+    logs = commands.add_parser("logs", help="what a run went through, and why it failed")
+    logs.add_argument("run", metavar="RUN", help="its id, or an unambiguous beginning of it")
+    logs.add_argument("--results", default="results", metavar="ROOT", help="(%(default)s)")
+    logs.set_defaults(command=_logs)
+    _add_rerun(commands.add_parser("rerun", help="runs of a results root again that failed"))
     report = commands.add_parser("report", help="write the report of a results root")
     report.add_argument("root", metavar="ROOT")
     report.add_argument("-o", "--output", type=Path, metavar="FOLDER", help="default: ROOT/report")
@@ -80,6 +91,16 @@ def _add_campaign(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--name", default="campaign", help="of the campaign in the results (%(default)s)")
     add_options(parser)
     parser.set_defaults(command=_campaign)
+
+
+def _add_rerun(parser: argparse.ArgumentParser) -> None:
+    from tma_ray.campaign.options import add_execution_options
+
+    parser.add_argument("root", metavar="ROOT")
+    parser.add_argument("runs", nargs="*", metavar="RUN", help="ids, or unambiguous beginnings of them")
+    parser.add_argument("--failed", action="store_true", help="all that failed")
+    add_execution_options(parser)
+    parser.set_defaults(command=_rerun)
 
 
 def _add_simulate(parser: argparse.ArgumentParser) -> None:
@@ -165,10 +186,34 @@ def _render(options: argparse.Namespace) -> int:
 
 
 def _status(options: argparse.Namespace) -> int:
-    from tma_ray.campaign.overview import show
+    from tma_ray.campaign.status import show, watch
 
-    show(options.root)
+    if options.watch:
+        with suppress(KeyboardInterrupt):
+            watch(options.root, options.cells)
+    else:
+        show(options.root, options.cells)
     return 0
+
+
+def _stop(options: argparse.Namespace) -> int:
+    from tma_ray.results import Store, ask_to_stop
+
+    print(f"asked {ask_to_stop(Store.open(options.root))} to stop; its runs leave checkpoints and it ends")
+    return 0
+
+
+def _logs(options: argparse.Namespace) -> int:
+    from tma_ray.campaign.history import show
+
+    show(options.run, options.results)
+    return 0
+
+
+def _rerun(options: argparse.Namespace) -> int:
+    from tma_ray.campaign.rerun import rerun
+
+    return rerun(options)
 
 
 def _report(options: argparse.Namespace) -> int:

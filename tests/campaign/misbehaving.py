@@ -31,3 +31,15 @@ class Dying(Random):
         if self.episodes_ == 40 and not Path(self.marker).exists():
             Path(self.marker).touch()
             os.kill(os.getpid(), signal.SIGKILL)
+
+
+@dataclass
+class Waiting(Random):
+    """Raises until a file is there: whatever was missing has been mended."""
+
+    needed: str = ""
+
+    def sample(self) -> Task:
+        if not Path(self.needed).exists():
+            raise FileNotFoundError(f"{self.needed} is missing")
+        return super().sample()

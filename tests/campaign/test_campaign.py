@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import time
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -87,9 +88,8 @@ def test_cells_share_runs_and_running_again_does_only_what_is_missing(tmp_path: 
     assert again.done == 2
     attempts = rows(tmp_path, Table.ATTEMPTS)
     assert sorted((row["attempt"], row["outcome"]) for row in attempts) == [(0, "done"), (0, "done")]
-    assert {
-        state.state for cells in overview(tmp_path).values() for runs in cells.values() for state in runs
-    } == {"done"}
+    cells_now = overview(tmp_path, time.time()).campaigns["short"]
+    assert {state.state for runs in cells_now.values() for state in runs} == {"done"}
 
 
 def test_an_exception_fails_its_run_and_the_rest_goes_on(tmp_path: Path) -> None:
@@ -125,7 +125,7 @@ def test_a_stopped_campaign_leaves_checkpoints_and_continues_wherever_its_teache
     assert (ended.done, ended.stopped, ended.waiting) == (0, 1, 0)
     assert [row["outcome"] for row in rows(tmp_path / "stopped", Table.ATTEMPTS)] == ["stopped"]
     committer.write_cells("long", what.plan().cell_rows)
-    ((state,),) = overview(tmp_path / "stopped")["long"].values()
+    ((state,),) = overview(tmp_path / "stopped", time.time()).campaigns["long"].values()
     assert state.state == "interrupted"
     assert 0 < state.step < 6_000
     assert execute(what, tmp_path / "stopped", teachers=TeacherPlacement.ACTOR).done == 1
@@ -136,7 +136,7 @@ def test_a_stopped_campaign_leaves_checkpoints_and_continues_wherever_its_teache
     ("changes", "message"),
     [
         ({"resources": Resources(cpus=64)}, "no node can hold a run of 64 CPUs"),
-        ({"resources": Resources(gpus=1, memory_gib=0.5)}, "1 GPUs"),
+        ({"resources": Resources(gpus=1, memory_gib=0.5), "device": "cuda"}, "1 GPUs"),
         ({"resources": Resources(memory_gib=10_000)}, "10000 GiB"),
     ],
 )

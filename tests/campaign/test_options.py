@@ -3,15 +3,17 @@ from __future__ import annotations
 import argparse
 import io
 import math
+import socket
 from pathlib import Path
 
 import pytest
 from rich.console import Console
 
 from tma_ray.campaign import Campaign, cells_of
-from tma_ray.campaign.options import add_options, chosen_campaign, parse_seeds, whole_number
+from tma_ray.campaign.address import check_address
+from tma_ray.campaign.options import add_options, chosen_address, chosen_campaign, parse_seeds, whole_number
 from tma_ray.campaign.progress import ProgressView, Snapshot, Standing, duration
-from tma_ray.campaign.settings import Resources
+from tma_ray.campaign.settings import Resources, Settings
 from tma_ray.cli import main
 from tma_ray.physics import engine_in_use
 from tma_ray.runs import Status
@@ -54,7 +56,7 @@ def test_numbers_of_steps() -> None:
 
 def test_a_plan_counts_cells_and_runs() -> None:
     plan = chosen("--expert-knowledge", "none,low", "--steps", "1000").plan()
-    assert (len(plan.campaign.cells), len(plan.cell_rows), len(plan.runs), plan.steps) == (4, 8, 4, 4000)
+    assert (len(plan.cell_rows), len(plan.runs), plan.steps) == (8, 4, 4000)
     assert plan.describe().startswith(
         "campaign 'small': 4 cells x 2 seeds = 4 runs (4 more cells share them)"
     )
@@ -120,6 +122,74 @@ def test_resources_decide_how_many_runs_fit() -> None:
     assert Resources(gpus=1).fit_into({"CPU": 4.0, "memory": 2.0**40}) == 0
     with pytest.raises(ValueError, match="cpus = 0"):
         Resources(cpus=0)
+
+
+def test_a_device_and_a_share_of_a_gpu_belong_together() -> None:
+    for resources, device in [
+        (Resources(gpus=0.25), "cuda"),
+        (Resources(gpus=2), "cuda:0"),
+        (Resources(), "mps"),
+    ]:
+        assert Settings(resources, device).placement.device == device
+    refused = [
+        (Resources(gpus=0.5), "cpu", r"each run occupies 0\.5 GPUs: add '--device cuda'"),
+        (Resources(), "cuda", r"no GPU is reserved for a run: add '--gpus-per-run 0\.25'"),
+        (Resources(gpus=1), "cuda:1", "Ray chooses the GPU"),
+        (Resources(), "gpu", "expected one of cpu, cuda"),
+    ]
+    for resources, device, message in refused:
+        with pytest.raises(ValueError, match=message):
+            Settings(resources, device)
+    assert (Settings().queued, Settings(autoscaling=True).queued) == (1, 64)
+    with pytest.raises(ValueError, match=r"gpus = 1\.5: expected a share of one GPU"):
+        Resources(gpus=1.5)
+
+
+@pytest.mark.parametrize(
+    ("flags", "message"),
+    [
+        (["--gpus-per-run", "0.5"], "add '--device cuda'"),
+        (["--device", "cuda"], "add '--gpus-per-run 0.25'"),
+        (["--address", "http://127.0.0.1:8265"], "ray job submit"),
+        (["--address", "ray://127.0.0.1:10001"], "its driver belongs on the cluster"),
+        (["--address", "head"], "'host:port'"),
+        (["--address", "127.0.0.1:{free}"], "nothing listens there"),
+    ],
+)
+def test_a_campaign_that_cannot_start_says_what_to_change(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], flags: list[str], message: str
+) -> None:
+    with socket.socket() as bound:
+        bound.bind(("127.0.0.1", 0))  # bound, but not listening: nobody can answer there
+        flags = [flag.format(free=bound.getsockname()[1]) for flag in flags]
+        root = tmp_path / "root"
+        assert main(["campaign", "--students", "ppo", "--seeds", "1", "--results", str(root), *flags]) == 2
+    assert message in capsys.readouterr().err
+    assert not root.exists()
+
+
+def test_the_address_comes_from_the_environment_and_local_wins(monkeypatch: pytest.MonkeyPatch) -> None:
+    def address(*arguments: str) -> str | None:
+        parser = argparse.ArgumentParser()
+        add_options(parser)
+        return chosen_address(parser.parse_args(arguments))
+
+    monkeypatch.setenv("RAY_ADDRESS", "10.0.0.5:6379")  # as Ray sets it for a job
+    assert address() == "10.0.0.5:6379"
+    assert address("--address", "auto") == "auto"
+    assert address("--local") is None
+    monkeypatch.setenv("RAY_ADDRESS", "")
+    assert address() is None
+
+
+def test_auto_is_the_address_of_the_environment(monkeypatch: pytest.MonkeyPatch) -> None:
+    with socket.create_server(("127.0.0.1", 0)) as listening:
+        monkeypatch.setenv("RAY_ADDRESS", f"127.0.0.1:{listening.getsockname()[1]}")
+        check_address("auto")
+    with pytest.raises(ConnectionError, match=r"no Ray cluster was joined at '127\.0\.0\.1"):
+        check_address("auto")
+    monkeypatch.delenv("RAY_ADDRESS")
+    check_address("auto")  # Ray looks for one
 
 
 def test_progress_without_a_terminal_is_plain_lines() -> None:

@@ -3,16 +3,14 @@
 from __future__ import annotations
 
 import json
-import secrets
-import signal
-import socket
+import os
 import subprocess
 import sys
-import tempfile
 from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
+from local_head import local_head
 from small_runs import rows
 
 from tma_ray.results import Results, Table
@@ -60,31 +58,11 @@ GUARDED = SCRIPT + "if __name__ == '__main__':\n    campaign.main()\n"
 
 @pytest.fixture(scope="module")
 def address() -> Iterator[str]:
-    """A Ray of its own: nobody else's is joined or stopped, and nothing is written to the user's home."""
-    with socket.socket() as free:
-        free.bind(("127.0.0.1", 0))
-        port = free.getsockname()[1]
-    with (
-        tempfile.TemporaryDirectory(prefix="ray", ignore_cleanup_errors=True) as place,
-        pytest.MonkeyPatch.context() as patch,
-    ):
-        patch.setenv("HOME", place)
-        patch.setenv("RAY_AUTH_MODE", "token")
-        patch.setenv("RAY_AUTH_TOKEN", secrets.token_hex(32))
-        patch.setenv("RAY_USAGE_STATS_ENABLED", "0")
-        options = (
-            f"start --head --block --port={port} --num-cpus=2 --temp-dir={place} --node-ip-address=127.0.0.1 "
-            "--include-dashboard=false --object-store-memory=100000000"
-        )
-        ray = Path(sys.executable).with_name("ray")
-        head = subprocess.Popen([ray, *options.split()], cwd=place, stdout=subprocess.PIPE, text=True)
-        try:
-            assert head.stdout is not None
-            assert any("Ray runtime started" in line for line in head.stdout)
-            yield f"127.0.0.1:{port}"
-        finally:
-            head.send_signal(signal.SIGTERM)
-            head.wait(timeout=60)
+    with local_head() as head, pytest.MonkeyPatch.context() as patch:
+        patch.delenv("RAY_AUTH_TOKEN", raising=False)
+        for name in head.environment.keys() - os.environ.keys() | {"HOME"}:
+            patch.setenv(name, head.environment[name])
+        yield head.address
 
 
 @pytest.fixture

@@ -1,10 +1,13 @@
 import subprocess
 import sys
+import time
 from pathlib import Path
 
 import pytest
 
-from tma_ray.results import Lease, RootInUseError, Store
+from tma_ray.results import Lease, NotRunningError, RootInUseError, Store, ask_to_stop
+from tma_ray.results.layout import LEASE_FILE
+from tma_ray.results.lease import STOP_CHECK_SECONDS
 
 
 class Clock:
@@ -77,3 +80,33 @@ def test_the_lease_of_a_dead_process_of_this_machine_is_free_at_once(store: Stor
     subprocess.run([sys.executable, "-c", script], check=True)
     with Lease(Store.open(tmp_path / "root"), "successor") as successor:
         successor.keep()
+
+
+def test_a_campaign_is_asked_to_stop_from_anywhere_and_only_once(store: Store) -> None:
+    clock = Clock()
+    with pytest.raises(NotRunningError, match="nothing to stop"):
+        ask_to_stop(store)
+    with Lease(store, "stumps on head-1", clock=clock) as lease:
+        assert not lease.asked_to_stop()
+        clock.now = time.time()
+        lease.renew()
+        assert ask_to_stop(store) == "stumps on head-1"
+        clock.now += STOP_CHECK_SECONDS
+        assert lease.asked_to_stop()
+    with Lease(store, "the next", clock=clock) as lease:
+        assert not lease.asked_to_stop(), "the request was for its predecessor"
+
+
+def test_a_request_left_by_a_killed_campaign_does_not_stop_the_next(store: Store) -> None:
+    killed = Lease(store, "killed")
+    killed.acquire()
+    ask_to_stop(store)
+    store.delete(LEASE_FILE)
+    with Lease(store, "the next") as lease:
+        assert not lease.asked_to_stop()
+
+
+def test_a_dead_campaign_cannot_be_asked(store: Store) -> None:
+    Lease(store, "long gone", clock=lambda: time.time() - 1000).acquire()
+    with pytest.raises(NotRunningError, match="long gone is dead"):
+        ask_to_stop(store)

@@ -1,3 +1,4 @@
+import re
 import warnings
 
 import numpy as np
@@ -113,6 +114,29 @@ def test_a_damaged_manifest_is_named_and_the_other_runs_load(store: Store, conte
         results = Results(store)
     assert [m.run.run_id for m in results.runs()] == ["run-b"]
     assert results.table(Table.EPISODES)["run_id"].unique().to_pylist() == ["run-b"]
+
+
+@pytest.mark.parametrize(
+    ("field", "lie"),
+    [
+        ("path", "../../secret.parquet"),
+        ("path", "/etc/passwd"),
+        ("path", "tables//episodes.parquet"),
+        ("path", "..\\\\secret.parquet"),
+        ("run_id", "../../somewhere"),
+        ("run_id", "run-b"),
+    ],
+)
+def test_a_hostile_manifest_leads_nowhere_and_the_other_runs_load(store: Store, field: str, lie: str) -> None:
+    for run_id in ("run-a", "run-b"):
+        add_run(store, run_id, (0,))
+    text = store.read_bytes("manifests/run-a.json").decode()
+    changed = re.sub(rf'"{field}": "[^"]*"', lambda _: f'"{field}": "{lie}"', text)
+    assert changed != text
+    store.write_bytes("manifests/run-a.json", changed.encode())
+    with pytest.warns(DamagedFileWarning, match=r"manifests/run-a\.json"):
+        results = Results(store)
+    assert [m.run.run_id for m in results.runs()] == ["run-b"]
 
 
 def test_a_damaged_table_about_runs_is_named(store: Store) -> None:

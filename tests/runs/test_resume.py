@@ -87,7 +87,7 @@ def test_checkpoints_at_every_episode_change_nothing(
     assert not list((tmp_path / "checkpoints").rglob("*.*")), "checkpoints go when the run has ended"
 
 
-@pytest.mark.parametrize("damage", ["flip", "truncate", "no_index", "garbage_index"])
+@pytest.mark.parametrize("damage", ["flip", "truncate", "no_index", "garbage_index", "escape"])
 def test_a_damaged_checkpoint_falls_back_to_the_one_before(
     tmp_path: Path, short: tuple[RunSpec, dict[str, bytes]], damage: str
 ) -> None:
@@ -105,6 +105,10 @@ def test_a_damaged_checkpoint_falls_back_to_the_one_before(
         state.write_bytes(state.read_bytes()[: state.stat().st_size // 2])
     elif damage == "no_index":
         (newest / "index.json").unlink()
+    elif damage == "escape":
+        index = newest / "index.json"
+        index.write_text(index.read_text().replace('"run.pickle"', '"../run.pickle"'))
+        (newest.parent / "run.pickle").write_bytes((newest / "run.pickle").read_bytes())
     else:
         (newest / "index.json").write_text("{")
     assert run(spec, root) == "done"

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Sequence
+from concurrent.futures import Future
 from dataclasses import dataclass
 from typing import Any, cast
 
 import ray
-from ray.util.scheduling_strategies import NodeAffinitySchedulingStrategy
+from ray.util.scheduling_strategies import NodeAffinitySchedulingStrategy, NodeLabelSchedulingStrategy, NotIn
 
 from tma_ray.campaign.settings import GIB, Resources, TeacherPlacement
 from tma_ray.campaign.shipping import use_shipped
@@ -17,6 +18,12 @@ from tma_ray.runs.placement import Placement, Status
 from tma_ray.runs.spec import RunSpec
 from tma_ray.runs.teaching import InlineTeacher, Reply, TeacherLink
 from tma_ray.tasks import Answer, Episode, Task
+
+NODE_LABEL = "ray.io/node-id"
+"""Label that Ray gives every node."""
+
+CONCURRENT_CALLS = 4
+"""Of a seed actor at once: the run, another that waits for it, a report and a request."""
 
 
 @dataclass(frozen=True)
@@ -27,11 +34,13 @@ class Report:
         record: of the attempt, as if its process were lost now.
         status: where the run stands.
         parts: result files that its newest checkpoint holds; None before the first.
+        node: Ray's id of where it runs.
     """
 
     record: AttemptRecord
     status: Status
     parts: tuple[PartFile, ...] | None
+    node: str
 
 
 class TeacherActor:
@@ -115,45 +124,75 @@ class SeedActor:
         self._stop = threading.Event()
         self._attempt: Any = None
         self._parts: tuple[PartFile, ...] | None = None
+        self._outcome: Future[tuple[PartFile, ...] | None] | None = None
+        self._first_call = threading.Lock()
 
     @classmethod
-    def launch(cls, resources: Resources, *arguments: Any) -> Any:
-        """Returns the handle of a new seed actor on the cluster, made with `arguments`."""
+    def launch(cls, resources: Resources, avoid: Sequence[str], *arguments: Any) -> Any:
+        """Returns the handle of a new seed actor on the cluster, made with `arguments`.
+
+        Nodes to `avoid`, by Ray's ids, are taken only if the others are full.
+        """
         remote: Any = ray.remote(cls)
+        others: Any = NotIn
+        elsewhere = NodeLabelSchedulingStrategy({}, soft={NODE_LABEL: others(*avoid)}) if avoid else "DEFAULT"
         return remote.options(
             num_cpus=resources.cpus,
             num_gpus=resources.gpus,
             memory=int(resources.memory_gib * GIB),
             max_restarts=0,
-            max_concurrency=2,
+            max_concurrency=CONCURRENT_CALLS,
+            scheduling_strategy=elsewhere,
         ).remote(*arguments)
 
     def run(self) -> tuple[PartFile, ...] | None:
         """Executes the attempt; returns the canonical result files, or None after a stop.
 
+        Another call waits for the first one and returns the same: the scheduler calls again if it lost
+        sight of this actor.
+
         Raises:
             Exception: whatever teacher, student or environment raise.
         """
+        with self._first_call:
+            outcome, self._outcome = self._outcome, self._outcome or Future()
+        if outcome is not None:
+            return outcome.result()
+        assert self._outcome is not None
+        try:
+            self._outcome.set_result(self._train())
+        except Exception as error:
+            self._outcome.set_exception(error)
+        return self._outcome.result()
+
+    def _train(self) -> tuple[PartFile, ...] | None:
         use_shipped()
         # Imported here, so that a failing import is the run's error and not the actor's death.
         from tma_ray.runs.attempt import Attempt
+        from tma_ray.runs.run_log import RunLog
 
         inline = self._teachers is TeacherPlacement.INLINE
-        teacher: TeacherLink = InlineTeacher(self._spec) if inline else RemoteTeacher(self._spec)
-        self._attempt = Attempt(self._spec, self._store, self._number, teacher, self._placement)
-        return cast("tuple[PartFile, ...] | None", self._attempt.execute(self._stop.is_set, self._note))
+        with RunLog(self._store, self._spec.run_id, self._number) as log:
+            teacher: TeacherLink = InlineTeacher(self._spec) if inline else RemoteTeacher(self._spec)
+            self._attempt = Attempt(self._spec, self._store, self._number, teacher, self._placement)
+
+            def note(parts: Sequence[PartFile]) -> None:
+                self._parts = tuple(parts)
+                log.publish()
+
+            return cast("tuple[PartFile, ...] | None", self._attempt.execute(self._stop.is_set, note))
 
     def report(self) -> Report | None:
         """Returns where the run stands; None while it is being set up."""
         if self._attempt is None:
             return None
         return Report(
-            record=self._attempt.record(AttemptOutcome.LOST), status=self._attempt.status(), parts=self._parts
+            record=self._attempt.record(AttemptOutcome.LOST),
+            status=self._attempt.status(),
+            parts=self._parts,
+            node=ray.get_runtime_context().get_node_id(),
         )
 
     def request_stop(self) -> None:
         """Asks the run for a checkpoint at the next episode end, and to return."""
         self._stop.set()
-
-    def _note(self, parts: Sequence[PartFile]) -> None:
-        self._parts = tuple(parts)

@@ -55,7 +55,8 @@ class Campaign:
                 spec = replace(first, seed=seed)
                 runs.setdefault(spec.run_id, spec)
                 rows.append({**_cell_row(self.name, cell), "seed": seed, "run_id": spec.run_id})
-        return Plan(self, tuple(runs.values()), tuple(rows))
+        size = f"{len(self.cells)} cells x {len(self.seeds)} seeds"
+        return Plan(self.name, size, tuple(runs.values()), tuple(rows))
 
     def main(self, arguments: Sequence[str] | None = None) -> None:
         """Runs the campaign as a script, with the flags that all scripts share; exits with its code.
@@ -74,12 +75,14 @@ class Plan:
     """What a campaign executes.
 
     Attributes:
-        campaign: what was planned.
+        name: of the campaign.
+        size: what was asked for, in words.
         runs: effective specs, one per run.
         cell_rows: rows of the table of cells, without the campaign; several may name one run.
     """
 
-    campaign: Campaign
+    name: str
+    size: str
     runs: tuple[RunSpec, ...]
     cell_rows: tuple[dict[str, Any], ...]
 
@@ -91,10 +94,10 @@ class Plan:
     def describe(self) -> str:
         """Returns the size of the campaign in one sentence."""
         shared = len(self.cell_rows) - len(self.runs)
-        sharing = f" ({shared} more cells share them)" if shared else ""
+        sharing = f" ({shared} more cells share them)" if shared > 0 else ""
         return (
-            f"campaign {self.campaign.name!r}: {len(self.campaign.cells)} cells x {len(self.campaign.seeds)} "
-            f"seeds = {len(self.runs)} runs{sharing}, {self.steps:,} environment steps"
+            f"campaign {self.name!r}: {self.size} = {len(self.runs)} runs{sharing}, "
+            f"{self.steps:,} environment steps"
         )
 
 

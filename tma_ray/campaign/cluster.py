@@ -9,7 +9,9 @@ from collections.abc import Sequence
 from typing import Any
 
 import ray
+from ray.exceptions import AuthenticationError
 
+from tma_ray.campaign.address import check_address, explanation
 from tma_ray.campaign.settings import GIB, Resources
 from tma_ray.campaign.shipping import runtime_environment
 from tma_ray.plugin_source import PluginSource
@@ -31,14 +33,15 @@ def connect(address: str | None, plugins: Sequence[PluginSource] = ()) -> bool:
         Whether the workers get the plug-ins; with an existing connection they must have them already.
 
     Raises:
-        ConnectionError: no cluster answers at `address`; nothing is started instead.
-        ValueError: the plug-ins are too large.
+        ConnectionError: no cluster answers at `address`, or it has another token; nothing is started.
+        ValueError: no cluster can be at such an address, or the plug-ins are too large.
     """
     if ray.is_initialized():
         return False
     os.environ.setdefault("RAY_USAGE_STATS_ENABLED", "0")
     options: dict[str, Any] = {"log_to_driver": False, "logging_level": logging.ERROR}
     if address is not None:
+        check_address(address)
         options["address"] = address
     else:
         # Ray asks for a token even here, and would write one into the user's home.
@@ -46,7 +49,10 @@ def connect(address: str | None, plugins: Sequence[PluginSource] = ()) -> bool:
         local = {"include_dashboard": False, "object_store_memory": LOCAL_OBJECT_STORE_BYTES}
         options |= {"address": "local", **local}
     with runtime_environment(plugins) as environment:
-        ray.init(runtime_env=environment, **options)
+        try:
+            ray.init(runtime_env=environment, **options)
+        except (ConnectionError, AuthenticationError) as error:
+            raise ConnectionError(explanation(options["address"], str(error))) from error
     return True
 
 
@@ -69,7 +75,8 @@ def check_feasible(resources: Resources) -> None:
     )
     raise ValueError(
         f"no node can hold a run of {resources.cpus:g} CPUs, {resources.gpus:g} GPUs and "
-        f"{resources.memory_gib:g} GiB: the nodes have {offers}; ask for less or add larger nodes"
+        f"{resources.memory_gib:g} GiB: the nodes have {offers}; ask for less, add larger nodes, or give "
+        f"'--autoscaling' if the cluster adds them by itself"
     )
 
 

@@ -4,14 +4,14 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from tma_ray.campaign.campaign import Campaign, lease_holder
+from tma_ray.campaign.campaign import Campaign, Plan, lease_holder
 from tma_ray.campaign.cluster import check_feasible, connect
-from tma_ray.campaign.progress import ProgressView, Snapshot
+from tma_ray.campaign.progress import ProgressView, PublishedProgress, Snapshot, View
 from tma_ray.campaign.scheduler import Scheduler
 from tma_ray.campaign.settings import Settings
 from tma_ray.campaign.stopping import StopSignals
 from tma_ray.campaign.warming import warm_nodes
-from tma_ray.results import Committer, Lease, Store, check_usable
+from tma_ray.results import Committer, Lease, Pulse, Store, check_usable
 from tma_ray.runs.plugins import importing_plugins, plugin_sources
 
 
@@ -20,7 +20,7 @@ def run_campaign(
     results: str | Path,
     settings: Settings | None = None,
     address: str | None = None,
-    view: ProgressView | None = None,
+    view: View | None = None,
 ) -> Snapshot:
     """Runs what is missing of `campaign` under a results root.
 
@@ -43,22 +43,30 @@ def run_campaign(
         ConnectionError: no cluster answers at `address`.
         RuntimeError: called by a module that is imported for its plug-in.
     """
+    return execute_plan(campaign.plan(), results, settings or Settings(), address, view)
+
+
+def execute_plan(
+    plan: Plan, results: str | Path, settings: Settings, address: str | None, view: View | None = None
+) -> Snapshot:
+    """Runs what is missing of `plan`; see `run_campaign`."""
     if importing_plugins():
         raise RuntimeError(
-            f"campaign {campaign.name!r} was started by a module that was imported for its plug-in: "
+            f"campaign {plan.name!r} was started by a module that was imported for its plug-in: "
             f"put the call below 'if __name__ == \"__main__\":'"
         )
-    settings = settings or Settings()
-    plan = campaign.plan()
     store = Store.open(results)
     check_usable(store)
     shipped = connect(address, plugin_sources(plan.runs))
-    check_feasible(settings.resources)
+    if not settings.autoscaling:
+        check_feasible(settings.resources)
     warm_nodes(plan.runs, shipped)
     committer = Committer(store)
-    with Lease(store, lease_holder(campaign.name)) as lease:
-        committer.write_cells(campaign.name, plan.cell_rows)
+    with Lease(store, lease_holder(plan.name)) as lease:
+        if plan.cell_rows:
+            committer.write_cells(plan.name, plan.cell_rows)
         committer.sweep()
-        scheduler = Scheduler(committer, settings, view or ProgressView(), lease.keep)
+        progress = PublishedProgress(view or ProgressView(), Pulse(store, lease.holder))
+        scheduler = Scheduler(committer, settings, progress, lease.keep)
         with StopSignals() as signals:
-            return scheduler.execute(plan.runs, lambda: signals.requested)
+            return scheduler.execute(plan.runs, lambda: signals.requested or lease.asked_to_stop())

@@ -25,20 +25,32 @@ def add_options(parser: argparse.ArgumentParser) -> None:
         flag = field.name.replace("_", "-")
         what.add_argument(f"--{flag}", type=whole_number, metavar="N")
     what.add_argument("--independent-levels", action="store_true", help="repeat runs that cells could share")
-    how = parser.add_argument_group("how to run it")
-    how.add_argument(
+    add_execution_options(parser).add_argument(
         "--results", default="results", metavar="ROOT", help="folder, s3:// or gs:// (%(default)s)"
     )
+
+
+def add_execution_options(parser: argparse.ArgumentParser) -> argparse._ArgumentGroup:
+    """Adds the flags that choose how to run it, and returns their group."""
+    how = parser.add_argument_group("how to run it")
     where = how.add_mutually_exclusive_group()
     where.add_argument("--local", action="store_true", help="on a Ray of its own on this machine (default)")
-    where.add_argument("--address", default=os.environ.get("RAY_ADDRESS"), help="of a Ray cluster, or 'auto'")
+    where.add_argument(
+        "--address", default=os.environ.get("RAY_ADDRESS"), help="of a cluster's head, or 'auto'"
+    )
+    how.add_argument(
+        "--autoscaling", action="store_true", help="the cluster adds nodes: do not ask for room before it has"
+    )
     how.add_argument("--cpus-per-run", type=float, default=Resources.cpus, metavar="X")
-    how.add_argument("--gpus-per-run", type=float, default=Resources.gpus, metavar="X")
+    how.add_argument(
+        "--gpus-per-run", type=float, default=Resources.gpus, metavar="X", help="share of one, as in 0.25"
+    )
     how.add_argument("--memory-per-run", type=float, default=Resources.memory_gib, metavar="GIB")
-    how.add_argument("--device", default=Settings.device, help="of the students' networks (%(default)s)")
+    how.add_argument("--device", default=Settings.device, help="cpu or cuda (%(default)s)")
     how.add_argument("--teacher-placement", type=TeacherPlacement, choices=list(TeacherPlacement))
     how.add_argument("--checkpoint-seconds", type=float, default=Settings.checkpoint_seconds, metavar="S")
     how.add_argument("--dry-run", action="store_true", help="say what would run, and stop")
+    return how
 
 
 def chosen_campaign(campaign: Campaign, options: argparse.Namespace) -> Campaign:
@@ -59,12 +71,13 @@ def chosen_settings(options: argparse.Namespace) -> Settings:
         device=options.device,
         teachers=options.teacher_placement or TeacherPlacement.ACTOR,
         checkpoint_seconds=options.checkpoint_seconds,
+        autoscaling=options.autoscaling,
     )
 
 
 def chosen_address(options: argparse.Namespace) -> str | None:
     """Returns the cluster's address, None for a Ray on this machine."""
-    return None if options.local else options.address
+    return None if options.local else options.address or None
 
 
 def names(text: str) -> tuple[str, ...]:

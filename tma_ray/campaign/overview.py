@@ -2,16 +2,12 @@
 
 from __future__ import annotations
 
-from collections import Counter
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from rich.console import Console
-from rich.table import Table as Grid
-
-from tma_ray.results import AttemptOutcome, Manifest, Results, RunStatus, Table
+from tma_ray.results import AttemptOutcome, Heartbeat, Manifest, Results, RunPace, RunStatus, Table
 
 INTERRUPTED = "interrupted"
 """A run that has been started and is not done, and whose last attempt is known to have ended."""
@@ -27,8 +23,9 @@ class RunState:
     Attributes:
         run_id: its id.
         state: done, running, failed, interrupted or waiting.
-        step: environment steps that are published.
+        step: environment steps that are known of: published, or told by the campaign's last heartbeat.
         steps: its budget; 0 if it was never started.
+        steps_per_second: as the last heartbeat tells; 0 of a run that is not running.
         error: why it failed.
     """
 
@@ -36,55 +33,56 @@ class RunState:
     state: str
     step: int
     steps: int
+    steps_per_second: float = 0.0
     error: str | None = None
 
 
-def overview(root: str | Path) -> dict[str, dict[str, list[RunState]]]:
-    """Returns the runs of a root by campaign and by a line that names their cell."""
+@dataclass(frozen=True)
+class Overview:
+    """The campaigns of a results root.
+
+    Attributes:
+        campaigns: runs by campaign and by cell; a cell is named by what it consists of.
+        heartbeat: the root's last; None if no campaign ever gave one.
+    """
+
+    campaigns: Mapping[str, Mapping[tuple[str, ...], list[RunState]]]
+    heartbeat: Heartbeat | None
+
+
+def overview(root: str | Path, now: float) -> Overview:
+    """Returns what is known of the runs of a root at `now`, s since 1970."""
     results = Results.open(root)
-    manifests = {manifest.run.run_id: manifest for manifest in results.runs()}
+    heartbeat = Heartbeat.load(results.store)
+    paces = heartbeat.runs if heartbeat is not None and heartbeat.alive(now) else {}
     steps, outcomes = _published_steps(results), _last_outcomes(results)
     states = {
-        run_id: _state(manifest, steps.get(run_id, 0), outcomes.get(run_id))
-        for run_id, manifest in manifests.items()
+        manifest.run.run_id: _state(
+            manifest,
+            steps.get(manifest.run.run_id, 0),
+            outcomes.get(manifest.run.run_id),
+            paces.get(manifest.run.run_id),
+        )
+        for manifest in results.runs()
     }
-    campaigns: dict[str, dict[str, list[RunState]]] = {}
+    campaigns: dict[str, dict[tuple[str, ...], list[RunState]]] = {}
     for row in results.table(Table.CELLS).to_pylist():
         cells = campaigns.setdefault(row["campaign"], {})
         state = states.get(row["run_id"], RunState(row["run_id"], WAITING, 0, 0))
-        cells.setdefault(_cell_name(row), []).append(state)
-    return campaigns
+        cells.setdefault(_cell(row), []).append(state)
+    return Overview(campaigns, heartbeat)
 
 
-def show(root: str | Path, console: Console | None = None) -> None:
-    """Prints the overview of a root, and why runs failed."""
-    console = console or Console()
-    campaigns = overview(root)
-    if not campaigns:
-        console.print(f"{root} holds no campaign yet.", highlight=False)
-    for campaign, cells in campaigns.items():
-        grid = Grid(title=f"campaign {campaign}", title_justify="left", box=None)
-        grid.add_column("cell")
-        for name in ("done", "running", INTERRUPTED, "failed", WAITING, "steps"):
-            grid.add_column(name, justify="right")
-        for cell, runs in cells.items():
-            count = Counter(run.state for run in runs)
-            counts = [str(count[name] or "") for name in ("done", "running", INTERRUPTED, "failed", WAITING)]
-            grid.add_row(cell, *counts, f"{sum(run.step for run in runs):,}")
-        console.print(grid)
-        for run in {run.run_id: run for runs in cells.values() for run in runs}.values():
-            if run.error:
-                console.print(f"failed: {run.run_id}\n{run.error.rstrip()}", markup=False, highlight=False)
-
-
-def _state(manifest: Manifest, step: int, outcome: tuple[int, str] | None) -> RunState:
-    state = manifest.status.value
+def _state(manifest: Manifest, step: int, outcome: tuple[int, str] | None, pace: RunPace | None) -> RunState:
+    state, speed = manifest.status.value, 0.0
     ended = outcome is not None and outcome[0] == manifest.attempt
     if manifest.status is RunStatus.RUNNING and ended:
         state = INTERRUPTED
+    elif manifest.status is RunStatus.RUNNING and pace is not None:
+        step, speed = max(step, pace.step), pace.steps_per_second
     if manifest.status is RunStatus.DONE:
         step = manifest.run.steps
-    return RunState(manifest.run.run_id, state, step, manifest.run.steps, manifest.error)
+    return RunState(manifest.run.run_id, state, step, manifest.run.steps, speed, manifest.error)
 
 
 def _published_steps(results: Results) -> dict[str, int]:
@@ -104,6 +102,6 @@ def _last_outcomes(results: Results) -> dict[str, tuple[int, str]]:
     return last
 
 
-def _cell_name(row: Mapping[str, Any]) -> str:
+def _cell(row: Mapping[str, Any]) -> tuple[str, ...]:
     names = ("environment", "challenge", "embodiment", "student", "teacher", "expert_knowledge")
-    return " · ".join(row[name] for name in names if row[name])
+    return tuple(row[name] for name in names)

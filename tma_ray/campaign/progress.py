@@ -6,12 +6,14 @@ import math
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Protocol
 
 from rich.console import Console, Group
 from rich.live import Live
 from rich.table import Table
 from rich.text import Text
 
+from tma_ray.results import Pulse, RunPace
 from tma_ray.runs.placement import Status
 
 MOST_ROWS = 20
@@ -92,6 +94,37 @@ def duration(seconds: float) -> str:
         if seconds >= size and smaller:
             return f"{int(seconds // size)} {name} {int(seconds % size // smaller)} {smaller_name}"
     return f"{int(seconds)} s"
+
+
+class View(Protocol):
+    """Is shown a campaign's progress."""
+
+    def update(self, snapshot: Snapshot) -> None:
+        """Takes the latest snapshot."""
+        ...
+
+    def close(self, snapshot: Snapshot) -> None:
+        """Takes the last snapshot."""
+        ...
+
+
+class PublishedProgress:
+    """Passes what it is shown to a view here, and as heartbeats to all who see the results root."""
+
+    def __init__(self, view: View, pulse: Pulse) -> None:
+        self._view = view
+        self._pulse = pulse
+
+    def update(self, snapshot: Snapshot) -> None:
+        """Shows the latest snapshot."""
+        standings = ((standing.run_id, standing.status) for standing in snapshot.running)
+        self._pulse.beat({run: RunPace(status.step, status.steps_per_second) for run, status in standings})
+        self._view.update(snapshot)
+
+    def close(self, snapshot: Snapshot) -> None:
+        """Shows the last snapshot."""
+        self._pulse.end()
+        self._view.close(snapshot)
 
 
 class ProgressView:

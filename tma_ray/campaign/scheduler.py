@@ -11,15 +11,19 @@ from datetime import UTC, datetime
 from typing import Any
 
 import ray
-from ray.exceptions import RayActorError, RayTaskError
+from ray.exceptions import ActorUnavailableError, RayActorError, RayTaskError
 
 from tma_ray.campaign.actors import Report, SeedActor
 from tma_ray.campaign.cluster import capacity
-from tma_ray.campaign.progress import ProgressView, Snapshot, Standing
+from tma_ray.campaign.progress import Snapshot, Standing, View
+from tma_ray.campaign.retries import Retries
 from tma_ray.campaign.settings import Settings
 from tma_ray.results import AttemptOutcome, AttemptRecord, Committer, DamagedFileError, PartFile, RunStatus
 from tma_ray.runs.checkpoints import Checkpoints
 from tma_ray.runs.spec import RunSpec
+
+UNREACHABLE_PAUSE = 0.5
+"""Before an actor is called again that did not answer, s."""
 
 logger = logging.getLogger(__name__)
 
@@ -35,12 +39,13 @@ class _Running:
     submitted_at: datetime
     asked: Any = None
     report: Report | None = None
+    unreachable_since: float | None = None
 
 
 class Scheduler:
-    """Executes runs on the connected Ray cluster, with as many in flight as it holds and one more.
+    """Executes runs on the connected Ray cluster, with as many in flight as it holds and some more.
 
-    The one more keeps a demand in the queue that an autoscaler can see. Every run gets a fresh actor.
+    The more keep a demand in the queue that an autoscaler can see. Every run gets a fresh actor.
     A run whose process dies is taken up again from its newest checkpoint by a new attempt; a run
     that raises is marked as failed, with its traceback, and the others go on.
 
@@ -52,7 +57,7 @@ class Scheduler:
     """
 
     def __init__(
-        self, committer: Committer, settings: Settings, view: ProgressView, keep_lease: Callable[[], None]
+        self, committer: Committer, settings: Settings, view: View, keep_lease: Callable[[], None]
     ) -> None:
         self._committer = committer
         self._keep_lease = keep_lease
@@ -60,7 +65,7 @@ class Scheduler:
         self._view = view
         self._waiting: deque[RunSpec] = deque()
         self._running: dict[Any, _Running] = {}
-        self._losses: dict[str, int] = {}
+        self._retries = Retries(settings.most_losses)
         self._done = 0
         self._failed = 0
         self._stopped = 0
@@ -82,7 +87,7 @@ class Scheduler:
                 self._waiting.append(spec)
         self._total, self._total_steps = len(specs), sum(spec.schedule.steps for spec in specs)
         try:
-            while self._waiting or self._running:
+            while self._waiting or self._running or self._retries:
                 if stop_requested():
                     self._leave()
                     break
@@ -104,13 +109,17 @@ class Scheduler:
         return published is not None and published.status is RunStatus.DONE
 
     def _fill(self) -> None:
-        while self._waiting and len(self._running) <= capacity(self._settings.resources):
+        self._waiting.extend(self._retries.due())
+        while (
+            self._waiting and len(self._running) < capacity(self._settings.resources) + self._settings.queued
+        ):
             self._start(self._waiting.popleft())
 
     def _start(self, spec: RunSpec) -> None:
         number = self._committer.start(spec.record())
         actor = SeedActor.launch(
             self._settings.resources,
+            self._retries.nodes_to_avoid(spec.run_id),
             spec.to_dict(),
             self._committer.store,
             number,
@@ -121,7 +130,11 @@ class Scheduler:
         self._running[result] = _Running(spec, actor, result, number, datetime.now(UTC))
 
     def _wait(self, seconds: float) -> None:
-        ended, _ = ray.wait(list(self._running), num_returns=1, timeout=seconds)
+        ended: list[Any] = []
+        if self._running:
+            ended, _ = ray.wait(list(self._running), num_returns=1, timeout=seconds)
+        else:  # all that is left pauses after a loss
+            time.sleep(seconds)
         self._keep_lease()
         for result in ended:
             self._settle(self._running.pop(result))
@@ -151,6 +164,10 @@ class Scheduler:
         """Deals with a run whose actor has returned, raised or died."""
         try:
             final: tuple[PartFile, ...] | None = ray.get(running.result)
+        except ActorUnavailableError as error:
+            if self._seek(running):
+                return
+            self._lose(running, error)
         except RayActorError as error:  # also when it is the teacher's process that died
             self._lose(running, error)
         except RayTaskError as error:
@@ -169,16 +186,27 @@ class Scheduler:
                 self._done += 1
         ray.kill(running.actor)
 
+    def _seek(self, running: _Running) -> bool:
+        """Waits for a run again that does not answer and may live; returns False when that took too long."""
+        now = time.monotonic()
+        running.unreachable_since = running.unreachable_since or now
+        if now - running.unreachable_since > self._settings.unreachable_seconds:
+            return False
+        logger.warning("run %s does not answer; it is not known to be dead", running.spec.run_id)
+        time.sleep(UNREACHABLE_PAUSE)
+        running.result, running.asked = running.actor.run.remote(), None
+        self._running[running.result] = running
+        return True
+
     def _lose(self, running: _Running, error: RayActorError) -> None:
         self._record(running, AttemptOutcome.LOST)
-        losses = self._losses[running.spec.run_id] = self._losses.get(running.spec.run_id, 0) + 1
-        if losses > self._settings.most_losses:
-            message = f"its process died {losses} times, last: {error}"
+        run_id, node = running.spec.run_id, running.report.node if running.report else ""
+        if self._retries.take(running.spec, node):
+            logger.warning("run %s lost its process; resuming from its checkpoint", run_id)
+        else:
+            message = f"its process died {self._retries.losses(run_id)} times, last: {error}"
             self._committer.fail(running.spec.record(), running.number, message)
             self._failed += 1
-        else:
-            logger.warning("run %s lost its process; resuming from its checkpoint", running.spec.run_id)
-            self._waiting.append(running.spec)
 
     def _leave(self) -> None:
         """Asks all runs for a checkpoint and waits for them, for the grace period at most."""
@@ -210,7 +238,7 @@ class Scheduler:
 
     def _snapshot(self) -> Snapshot:
         starting = [r.spec for r in self._running.values() if r.report is None]
-        waiting = [*self._waiting, *starting]
+        waiting = [*self._waiting, *self._retries.specs, *starting]
         standings = [
             Standing(r.spec.run_id, r.spec.schedule.steps, r.report.status)
             for r in self._running.values()

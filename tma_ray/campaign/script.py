@@ -8,7 +8,7 @@ from collections.abc import Sequence
 
 from rich.console import Console
 
-from tma_ray.campaign.campaign import Campaign
+from tma_ray.campaign.campaign import Campaign, Plan
 from tma_ray.campaign.options import add_options, chosen_address, chosen_campaign, chosen_settings
 from tma_ray.campaign.progress import Snapshot
 from tma_ray.results import RootInUseError
@@ -30,21 +30,31 @@ def main(campaign: Campaign, arguments: Sequence[str] | None = None) -> int:
 
 def execute(campaign: Campaign, options: argparse.Namespace) -> int:
     """Runs what `options` choose of `campaign`; returns the exit code as `main`."""
-    from tma_ray.campaign.execution import run_campaign
-
-    console = Console()
     try:
-        chosen = chosen_campaign(campaign, options)
-        console.print(chosen.plan().describe(), highlight=False, soft_wrap=True)
-        if options.dry_run:
-            return 0
-        ended = run_campaign(chosen, options.results, chosen_settings(options), chosen_address(options))
+        plan = chosen_campaign(campaign, options).plan()
+        return carry_out(plan, options.results, options)
     except (ValueError, ConnectionError, RootInUseError) as error:
         sys.stderr.write(f"{campaign.name}: {error}\n")
         return EXIT_REFUSED
+
+
+def carry_out(plan: Plan, results: str, options: argparse.Namespace) -> int:
+    """Says what `plan` comes to and runs it as the flags for execution say; returns the exit code as `main`.
+
+    Raises:
+        Exception: what `execute_plan` raises.
+    """
+    from tma_ray.campaign.execution import execute_plan
+
+    console, settings = Console(), chosen_settings(options)
+    console.print(plan.describe(), highlight=False, soft_wrap=True)
+    if options.dry_run:
+        return 0
+    try:
+        ended = execute_plan(plan, results, settings, chosen_address(options))
     except KeyboardInterrupt:  # the second one: runs go on from the checkpoints they had
         return EXIT_STOPPED
-    return _conclude(ended, options.results, console)
+    return _conclude(ended, results, console)
 
 
 def _conclude(ended: Snapshot, results: str, console: Console) -> int:

@@ -10,6 +10,12 @@ from tma_ray.runs.placement import Placement
 
 GIB = 2**30
 
+AUTOSCALING_QUEUE = 64
+"""Runs that wait on an autoscaling cluster: with one only, nodes would come one after the other."""
+
+DEVICES = ("cpu", "cuda", "mps", "xpu")
+"""Kinds that torch knows and a student can train on; Ray counts CUDA's and Intel's as GPUs."""
+
 
 class TeacherPlacement(StrEnum):
     """Where teachers run; results do not depend on it."""
@@ -26,7 +32,7 @@ class Resources:
 
     Attributes:
         cpus: cores; also the number of torch threads (at least 1).
-        gpus: share of a GPU.
+        gpus: share of a GPU, or a whole number of them.
         memory_gib: memory in GiB; a SAC run with a full buffer of 2 million transitions takes about 1.
     """
 
@@ -41,6 +47,10 @@ class Resources:
         if self.cpus == 0:
             raise ValueError(
                 "cpus = 0: a run needs some share of a core, else Ray starts all of them at once"
+            )
+        if self.gpus > 1 and self.gpus % 1:
+            raise ValueError(
+                f"gpus = {self.gpus:g}: expected a share of one GPU, as in 0.25, or a whole number"
             )
 
     @property
@@ -60,12 +70,16 @@ class Settings:
 
     Attributes:
         resources: of one run.
-        device: torch's name of where networks live.
+        device: torch's name of where networks live; "cuda" exactly if a run occupies a share of a GPU.
         teachers: where teachers run.
         checkpoint_seconds: longest time between two checkpoints of a run, s.
         most_losses: how often a run may lose its process before it counts as failed.
+        unreachable_seconds: how long a run may be silent that is not known to be dead, before it counts
+            as lost, s.
         grace_seconds: how long a stop waits for checkpoints, s.
         poll_seconds: time between two looks at the runs, s.
+        autoscaling: whether the cluster adds nodes for runs that wait: then none are refused because
+            today's nodes cannot hold them, and more of them wait.
     """
 
     resources: Resources = field(default_factory=Resources)
@@ -73,8 +87,34 @@ class Settings:
     teachers: TeacherPlacement = TeacherPlacement.ACTOR
     checkpoint_seconds: float = 600.0
     most_losses: int = 3
+    unreachable_seconds: float = 300.0
     grace_seconds: float = 60.0
     poll_seconds: float = 1.0
+    autoscaling: bool = False
+
+    def __post_init__(self) -> None:
+        kind, _, index = self.device.partition(":")
+        if kind not in DEVICES:
+            raise ValueError(f"device = {self.device!r}: expected one of {', '.join(DEVICES)}")
+        if index.strip("0"):
+            raise ValueError(
+                f"device = {self.device!r}: expected {kind!r}; Ray chooses the GPU and shows a run no other"
+            )
+        if self.resources.gpus and kind == "cpu":
+            raise ValueError(
+                f"device = 'cpu', but each run occupies {self.resources.gpus:g} GPUs: add '--device cuda', "
+                f"or leave out '--gpus-per-run'"
+            )
+        if kind == "cuda" and not self.resources.gpus:
+            raise ValueError(
+                f"device = {self.device!r}, but no GPU is reserved for a run: add '--gpus-per-run 0.25' for "
+                f"four runs on each GPU, or 1 for one"
+            )
+
+    @property
+    def queued(self) -> int:
+        """Runs submitted beyond what the nodes hold: the demand that an autoscaler sees."""
+        return AUTOSCALING_QUEUE if self.autoscaling else 1
 
     @property
     def placement(self) -> Placement:

@@ -8,10 +8,10 @@ from dataclasses import fields
 from rich.console import Console
 
 from tma_ray.campaign.campaign import Campaign, lease_holder
-from tma_ray.campaign.progress import ProgressView, Snapshot, Standing
+from tma_ray.campaign.progress import ProgressView, PublishedProgress, Snapshot, Standing
 from tma_ray.campaign.script import EXIT_STOPPED
 from tma_ray.campaign.stopping import StopSignals
-from tma_ray.results import AttemptOutcome, Committer, Lease
+from tma_ray.results import AttemptOutcome, Committer, Lease, Pulse
 from tma_ray.runs import Cell, Placement, Schedule, Status, run_locally
 from tma_ray.tasks import KnowledgeLevel
 
@@ -42,7 +42,8 @@ def run_single(options: argparse.Namespace) -> int:
     plan = Campaign(CAMPAIGN, (cell,), (options.seed,), schedule).plan()
     committer = Committer.open(options.results)
     (spec,) = plan.runs
-    console, view = Console(), ProgressView()
+    console, holder = Console(), lease_holder(CAMPAIGN)
+    view = PublishedProgress(ProgressView(), Pulse(committer.store, holder))
 
     def show(status: Status) -> None:
         lease.keep()
@@ -51,9 +52,11 @@ def run_single(options: argparse.Namespace) -> int:
         )
 
     placement = Placement(options.device, options.threads, options.checkpoint_seconds)
-    with Lease(committer.store, lease_holder(CAMPAIGN)) as lease, StopSignals() as signals:
+    with Lease(committer.store, holder) as lease, StopSignals() as signals:
         committer.write_cells(CAMPAIGN, plan.cell_rows)
-        outcome = run_locally(spec, committer, placement, lambda: signals.requested, show)
+        outcome = run_locally(
+            spec, committer, placement, lambda: signals.requested or lease.asked_to_stop(), show
+        )
     done = outcome is AttemptOutcome.DONE
     view.close(Snapshot(1, int(done), 0, int(not done), 0, 0, schedule.steps, []))
     console.print(f"{spec.run_id}: {outcome} in {options.results}", highlight=False, soft_wrap=True)

@@ -1,16 +1,20 @@
 """Results as Parquet tables: written by runs, published by one committer, read by anyone."""
 
 from tma_ray.results.committer import Committer, StaleAttemptError
+from tma_ray.results.heartbeat import Heartbeat, Pulse, RunPace
 from tma_ray.results.layout import (
     CHECKPOINTS,
+    LOGS,
     POLICIES,
     ResultsRootError,
     check_id,
+    check_path,
     check_root,
     check_usable,
     create_root,
+    log_path,
 )
-from tma_ray.results.lease import Lease, RootInUseError
+from tma_ray.results.lease import Lease, NotRunningError, RootInUseError, ask_to_stop
 from tma_ray.results.manifest import DamagedFileError, Manifest, PartFile
 from tma_ray.results.reader import DamagedFileWarning, Results
 from tma_ray.results.records import AttemptOutcome, AttemptRecord, RunRecord, RunStatus
@@ -22,6 +26,7 @@ from tma_ray.results.writer import RunWriter
 __all__ = [
     "CHECKPOINTS",
     "DATA_TABLES",
+    "LOGS",
     "POLICIES",
     "SCHEMAS",
     "SCHEMA_VERSION",
@@ -30,21 +35,28 @@ __all__ = [
     "Committer",
     "DamagedFileError",
     "DamagedFileWarning",
+    "Heartbeat",
     "Lease",
     "Manifest",
+    "NotRunningError",
     "PartFile",
+    "Pulse",
     "Results",
     "ResultsRootError",
     "RootInUseError",
+    "RunPace",
     "RunRecord",
     "RunStatus",
     "RunWriter",
     "StaleAttemptError",
     "Store",
     "Table",
+    "ask_to_stop",
     "check_id",
+    "check_path",
     "check_root",
     "check_usable",
     "create_root",
+    "log_path",
     "teacher_log_row",
 ]

@@ -13,11 +13,14 @@ from tma_ray.results.store import TEMPORARY, Store
 FORMAT: Final = "tma_ray results"
 ROOT_FILE: Final = "root.json"
 LEASE_FILE: Final = "lease.json"
+STOP_FILE: Final = "stop.json"
+HEARTBEAT_FILE: Final = "heartbeat.json"
 MANIFESTS: Final = "manifests"
 STAGING: Final = "staging"
 TABLES: Final = "tables"
 CHECKPOINTS: Final = "checkpoints"
 POLICIES: Final = "policies"
+LOGS: Final = "logs"
 
 
 class ResultsRootError(ValueError):
@@ -33,7 +36,7 @@ def check_usable(store: Store) -> None:
     if store.exists(ROOT_FILE):
         check_root(store)
         return
-    ours = (LEASE_FILE, f"{TEMPORARY}/")
+    ours = (LEASE_FILE, STOP_FILE, f"{TEMPORARY}/")
     foreign = [path for path in store.files() if not path.startswith(ours)]
     if foreign:
         raise ResultsRootError(
@@ -86,6 +89,17 @@ def check_id(name: str) -> str:
     return name
 
 
+def check_path(path: str) -> str:
+    """Returns `path` if it stays below the folder that it is relative to: files name other files.
+
+    Raises:
+        ValueError: an absolute path, or one with "..", a backslash or an empty part.
+    """
+    if any(part in ("", ".", "..") or "\\" in part for part in path.split("/")):
+        raise ValueError(f"path {path!r} may lead out of its folder: expected names, separated by '/'")
+    return path
+
+
 def manifest_path(run_id: str) -> str:
     """Path of the file that makes a run's parts visible."""
     return f"{MANIFESTS}/{check_id(run_id)}.json"
@@ -109,6 +123,11 @@ def part_number(path: str) -> int:
 def final_path(run_id: str, attempt: int, table: Table) -> str:
     """Path of a canonical file before its publication."""
     return f"{staging_folder(run_id)}/attempt-{attempt:03d}/final/{table}.parquet"
+
+
+def log_path(run_id: str, attempt: int) -> str:
+    """Path of what was logged during an attempt."""
+    return f"{LOGS}/{check_id(run_id)}/attempt-{attempt:03d}.log"
 
 
 def table_path(table: Table, name: str) -> str:

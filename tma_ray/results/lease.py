@@ -3,19 +3,29 @@
 from __future__ import annotations
 
 import json
+import math
 import os
 import time
 from collections.abc import Callable
+from contextlib import suppress
 from pathlib import Path
 from types import TracebackType
 from typing import Any, Final, Self
 from uuid import uuid4
 
-from tma_ray.results.layout import LEASE_FILE
+from tma_ray.results.layout import LEASE_FILE, STOP_FILE
 from tma_ray.results.store import Store
 
 LEASE_SECONDS: Final = 120.0
 """Age over which a lease that nobody renewed is taken to be that of a killed process, s."""
+
+
+STOP_CHECK_SECONDS: Final = 3.0
+"""How often a campaign looks whether it was asked to stop, s."""
+
+
+class NotRunningError(ValueError):
+    """No campaign holds the results root."""
 
 
 class RootInUseError(RuntimeError):
@@ -49,6 +59,7 @@ class Lease:
         self._clock = clock
         self._token = uuid4().hex
         self._renewed_at = 0.0
+        self._asked, self._looked_at = False, -math.inf
 
     def __enter__(self) -> Self:
         self.acquire()
@@ -65,7 +76,7 @@ class Lease:
         Raises:
             RootInUseError: another campaign renewed it less than `seconds` ago.
         """
-        current = self._read()
+        current = _read(self.store, LEASE_FILE)
         if current is not None and current["token"] != self._token:
             age = self._clock() - current["renewed_at"]
             if age < self.seconds and not _is_dead(current.get("process")):
@@ -82,7 +93,7 @@ class Lease:
         Raises:
             RootInUseError: another campaign has taken the lease over; publish nothing more.
         """
-        current = self._read()
+        current = _read(self.store, LEASE_FILE)
         if current is None or current["token"] != self._token:
             taker = current["holder"] if current else "nobody: its lease file is gone"
             raise RootInUseError(f"{self.holder} has lost {self.store} to {taker}; start it again")
@@ -99,16 +110,19 @@ class Lease:
 
     def release(self) -> None:
         """Gives the lease back; one that was taken over stays with its holder."""
-        current = self._read()
+        current = _read(self.store, LEASE_FILE)
         if current is not None and current["token"] == self._token:
+            with suppress(FileNotFoundError):
+                self.store.delete(STOP_FILE)
             self.store.delete(LEASE_FILE)
 
-    def _read(self) -> dict[str, Any] | None:
-        try:
-            content: dict[str, Any] = json.loads(self.store.read_bytes(LEASE_FILE))
-        except FileNotFoundError:
-            return None
-        return content
+    def asked_to_stop(self) -> bool:
+        """Tells whether `ask_to_stop` was called for this holder; cheap enough for every turn of a loop."""
+        if not self._asked and self._clock() - self._looked_at >= STOP_CHECK_SECONDS:
+            self._looked_at = self._clock()
+            request = _read(self.store, STOP_FILE)
+            self._asked = request is not None and request["token"] == self._token
+        return self._asked
 
     def _write(self) -> None:
         self._renewed_at = self._clock()
@@ -119,6 +133,31 @@ class Lease:
             "process": _this_process(),
         }
         self.store.write_bytes(LEASE_FILE, json.dumps(content).encode())
+
+
+def ask_to_stop(store: Store, seconds: float = LEASE_SECONDS) -> str:
+    """Asks the campaign that holds a results root to leave with checkpoints; returns how it is called.
+
+    From any machine that sees the root. The campaign looks every few seconds.
+
+    Raises:
+        NotRunningError: nobody holds the root.
+    """
+    current = _read(store, LEASE_FILE)
+    if current is None:
+        raise NotRunningError(f"no campaign is running on {store}: there is nothing to stop")
+    if time.time() - current["renewed_at"] >= seconds or _is_dead(current.get("process")):
+        raise NotRunningError(f"{current['holder']} is dead: there is nothing to stop on {store}")
+    store.write_bytes(STOP_FILE, json.dumps({"token": current["token"]}).encode())
+    return str(current["holder"])
+
+
+def _read(store: Store, path: str) -> dict[str, Any] | None:
+    try:
+        content: dict[str, Any] = json.loads(store.read_bytes(path))
+    except FileNotFoundError:
+        return None
+    return content
 
 
 def _this_process() -> dict[str, Any] | None:

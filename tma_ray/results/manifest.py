@@ -8,7 +8,7 @@ from collections.abc import Mapping
 from dataclasses import asdict, dataclass, replace
 from typing import Any, Self
 
-from tma_ray.results.layout import manifest_path
+from tma_ray.results.layout import check_path, manifest_path
 from tma_ray.results.records import RunRecord, RunStatus
 from tma_ray.results.schema import Table
 from tma_ray.results.store import Store
@@ -63,7 +63,7 @@ class PartFile:
     @classmethod
     def from_json(cls, value: Mapping[str, Any]) -> Self:
         """Returns what `to_json` was called on."""
-        return cls(Table(value["table"]), value["path"], value["rows"], value["sha256"])
+        return cls(Table(value["table"]), check_path(value["path"]), value["rows"], value["sha256"])
 
 
 @dataclass(frozen=True)
@@ -104,7 +104,7 @@ class Manifest:
                 files=tuple(PartFile.from_json(file) for file in content["files"]),
                 error=content["error"],
             )
-        except (ValueError, KeyError, TypeError) as error:
+        except (ValueError, KeyError, TypeError, AttributeError) as error:
             raise DamagedFileError(f"not a manifest: {error!r}") from error
 
     @classmethod
@@ -117,7 +117,10 @@ class Manifest:
         """
         path = manifest_path(run_id)
         try:
-            return cls.from_bytes(store.read_bytes(path))
+            manifest = cls.from_bytes(store.read_bytes(path))
+            if manifest.run.run_id != run_id:
+                raise DamagedFileError(f"it is about another run, {manifest.run.run_id!r}")
+            return manifest
         except DamagedFileError as error:
             raise DamagedFileError(f"{store.where(path)} is damaged: {error}") from error
 

@@ -23,6 +23,9 @@ T = TypeVar("T")
 
 _UNREADABLE: Final = (OSError, pa.ArrowException, DamagedFileError)
 
+SHOWN_RUNS: Final = 5
+"""How many runs a message names."""
+
 _THREADS: Final = 16  # more than cores: they wait for disks and object stores
 
 
@@ -61,6 +64,21 @@ class Results:
     def runs(self) -> tuple[Manifest, ...]:
         """Returns what each run has published, with its status and error, by run id."""
         return self._manifests
+
+    def find(self, name: str) -> Manifest:
+        """Returns what the run has published whose id is, or alone begins with, `name`.
+
+        Raises:
+            ValueError: no such run, or several.
+        """
+        runs = {manifest.run.run_id: manifest for manifest in self.runs()}
+        meant = [name] if name in runs else [run for run in runs if run.startswith(name)]
+        if len(meant) == 1:
+            return runs[meant[0]]
+        problem = f"{len(meant)} runs begin with" if meant else "there is no run called"
+        shown = (meant or list(runs))[:SHOWN_RUNS]
+        rest = ", …" if len(meant or runs) > SHOWN_RUNS else ""
+        raise ValueError(f"{problem} {name!r}; {self.store} has {', '.join(shown) or 'no runs'}{rest}")
 
     def table(
         self, table: Table, run_ids: Collection[str] | None = None, columns: Sequence[str] | None = None

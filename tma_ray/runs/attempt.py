@@ -58,6 +58,15 @@ class Attempt:
         self._started, self._first_step = time.monotonic(), self._run.progress.step
         self._saved_at, self._saved_evaluations = self._started, self._run.progress.evaluations
         self._returns: list[float] = []
+        logger.info(
+            "attempt %d on %s, %s, %d threads: from step %s of %s",
+            number,
+            platform.node(),
+            self._placement.device,
+            self._placement.threads,
+            f"{self._first_step:,}",
+            f"{spec.schedule.steps:,}",
+        )
 
     def execute(
         self, should_stop: Callable[[], bool], publish: Callable[[Sequence[PartFile]], None]
@@ -82,8 +91,10 @@ class Attempt:
             if stopping or self._checkpoint_due():
                 self._checkpoint(publish)
             if stopping:
+                logger.info("stopped as asked at step %s", f"{run.progress.step:,}")
                 return None
         self._save_policy()
+        logger.info("done")
         return run.writer.finish()
 
     def status(self) -> Status:
@@ -127,8 +138,18 @@ class Attempt:
 
     def _checkpoint(self, publish: Callable[[Sequence[PartFile]], None]) -> None:
         parts = self._run.writer.flush()
-        self._checkpoints.save(self._run, parts, self.fingerprint)
+        started = time.monotonic()
+        size = self._checkpoints.save(self._run, parts, self.fingerprint)
         self._saved_at, self._saved_evaluations = time.monotonic(), self._run.progress.evaluations
+        status = self.status()
+        logger.info(
+            "step %s: %.0f steps/s, recent return %.1f; checkpoint of %.1f MB in %.1f s",
+            f"{status.step:,}",
+            status.steps_per_second,
+            status.recent_return,
+            size / 1e6,
+            self._saved_at - started,
+        )
         publish(parts)
 
     def _save_policy(self) -> None:

@@ -10,7 +10,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
 
-from tma_ray.results import CHECKPOINTS, PartFile, Store, check_id
+from tma_ray.results import CHECKPOINTS, PartFile, Store, check_id, check_path
 from tma_ray.runs.run import Run
 
 INDEX = "index.json"
@@ -50,17 +50,18 @@ class Checkpoints:
         self._folder = f"{CHECKPOINTS}/{check_id(run_id)}"
         self._attempt = attempt
 
-    def save(self, run: Run, parts: Sequence[PartFile], fingerprint: str) -> None:
-        """Writes a checkpoint of `run`, then drops all but the one before it."""
+    def save(self, run: Run, parts: Sequence[PartFile], fingerprint: str) -> int:
+        """Writes a checkpoint of `run`, then drops all but the one before it; returns its bytes."""
         step = run.progress.step
         folder = f"{self._folder}/{step:012d}-attempt-{self._attempt:03d}"
-        files = {}
+        files, size = {}, 0
         with tempfile.TemporaryDirectory() as place:
             run.save(Path(place))
             for path in sorted(p for p in Path(place).rglob("*") if p.is_file()):
                 name, data = path.relative_to(place).as_posix(), path.read_bytes()
                 self._store.write_bytes(f"{folder}/{name}", data)
                 files[name] = hashlib.sha256(data).hexdigest()
+                size += len(data)
         index = {
             "step": step,
             "fingerprint": fingerprint,
@@ -70,6 +71,7 @@ class Checkpoints:
         self._store.write_bytes(f"{folder}/{INDEX}", json.dumps(index).encode())
         for old in self._folders()[:-2]:
             self._store.delete(old)
+        return size
 
     def restore(self, run: Run) -> Checkpoint | None:
         """Loads the newest complete and undamaged checkpoint into a new `run`; returns it, or None."""
@@ -104,7 +106,7 @@ class Checkpoints:
                 data = self._store.read_bytes(f"{folder}/{name}")
                 if hashlib.sha256(data).hexdigest() != digest:
                     return None
-                target = place / PurePosixPath(name)
+                target = place / PurePosixPath(check_path(name))
                 target.parent.mkdir(parents=True, exist_ok=True)
                 target.write_bytes(data)
             parts = tuple(PartFile.from_json(part) for part in index["parts"])

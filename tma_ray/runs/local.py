@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import traceback
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
-from tma_ray.results import AttemptOutcome, Committer, RunStatus
+from tma_ray.results import AttemptOutcome, Committer, PartFile, RunStatus
 from tma_ray.runs.attempt import Attempt
 from tma_ray.runs.checkpoints import Checkpoints
 from tma_ray.runs.placement import Placement, Status
+from tma_ray.runs.run_log import RunLog
 from tma_ray.runs.spec import RunSpec
 from tma_ray.runs.teaching import InlineTeacher
 
@@ -41,11 +42,14 @@ def run_locally(
     number = committer.start(record)
     attempt, outcome = None, AttemptOutcome.FAILED
     try:
-        attempt = Attempt(spec, committer.store, number, InlineTeacher(spec), placement)
-        final = attempt.execute(
-            _reporting(attempt, should_stop, on_status),
-            lambda parts: committer.publish(record, number, parts),
-        )
+        with RunLog(committer.store, spec.run_id, number) as log:
+
+            def publish(parts: Sequence[PartFile]) -> None:
+                committer.publish(record, number, parts)
+                log.publish()
+
+            attempt = Attempt(spec, committer.store, number, InlineTeacher(spec), placement)
+            final = attempt.execute(_reporting(attempt, should_stop, on_status), publish)
         outcome = AttemptOutcome.STOPPED if final is None else AttemptOutcome.DONE
         if final is not None:
             committer.finish(record, number, final)

@@ -25,9 +25,6 @@ RANDOM, ZERO = "random", "zero"
 SPEC_FILE = "spec.json"
 """Beside every saved policy, the spec of its run."""
 
-SHOWN = 5
-"""How many runs a message names."""
-
 
 @dataclass(frozen=True)
 class SavedPolicy:
@@ -82,15 +79,7 @@ def find_policy(name: str, results: str | Path) -> SavedPolicy:
         folder = path.absolute() if path.is_dir() else path.absolute().parent
         return _in_folder(Store.open(folder.parent), folder.name)
     found = Results.open(results)
-    runs = [manifest.run.run_id for manifest in found.runs()]
-    meant = [run for run in runs if run == name] or [run for run in runs if run.startswith(name)]
-    if len(meant) == 1:
-        return _in_folder(found.store, f"{POLICIES}/{meant[0]}")
-    problem = f"{len(meant)} runs begin with" if meant else "there is neither a file nor a run called"
-    rest = "" if len(meant or runs) <= SHOWN else ", …"
-    raise ValueError(
-        f"{problem} {name!r}; {found.store} has {', '.join((meant or runs)[:SHOWN]) or 'no runs'}{rest}"
-    )
+    return _in_folder(found.store, f"{POLICIES}/{found.find(name).run.run_id}")
 
 
 def random_player(actions: spaces.Box, rng: np.random.Generator) -> Player:

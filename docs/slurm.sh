@@ -1,0 +1,86 @@
+#!/bin/bash
+# A campaign on an allocation of Slurm; docs/slurm.md explains. From the checkout, whose folder all nodes see:
+#
+#     sbatch docs/slurm.sh experiments/quickstart.py --results /shared/results
+#
+#SBATCH --job-name=tma-ray
+#SBATCH --nodes=4
+#SBATCH --ntasks-per-node=1
+#SBATCH --cpus-per-task=16
+#SBATCH --mem=32G
+#SBATCH --time=24:00:00
+#SBATCH --requeue
+#SBATCH --no-kill
+#SBATCH --signal=B:TERM@120
+#SBATCH --open-mode=append
+#SBATCH --output=tma-ray-%j.log
+set -euo pipefail
+
+export PATH="${TMA_RAY_VENV:-$PWD/.venv}/bin:$PATH"
+export RAY_AUTH_MODE=token RAY_USAGE_STATS_ENABLED=0
+# In the environment, which only its owner can read; a command line is everybody's.
+RAY_AUTH_TOKEN=$(python -c 'import secrets; print(secrets.token_hex(32))')
+export RAY_AUTH_TOKEN
+ulimit -n "$(ulimit -Hn)"
+
+# Of this job alone, also where several jobs share a node; below the ports that systems give away by themselves.
+port=$((20000 + SLURM_JOB_ID % 6000 * 2))
+place="${SLURM_TMPDIR:-/tmp}/ray-$SLURM_JOB_ID"
+head=$(scontrol show hostnames "$SLURM_JOB_NODELIST" | head -n 1)
+address=$(getent ahostsv4 "$head" | awk 'NR == 1 { print $1 }')
+
+step=(srun --overlap --ntasks-per-node=1 "--cpus-per-task=$SLURM_CPUS_PER_TASK")
+each_node=(
+    --block "--num-cpus=$SLURM_CPUS_PER_TASK" "--num-gpus=${SLURM_GPUS_ON_NODE:-0}"
+    "--memory=$((${SLURM_MEM_PER_NODE:?give --mem} * 9 / 10 * 1024 * 1024))" --object-store-memory=200000000
+    --min-worker-port=0 --max-worker-port=0 --dashboard-agent-listen-port=0
+)
+
+steps=()
+end_ray() {
+    kill -TERM "${steps[@]}" 2>/dev/null || true
+    wait "${steps[@]}" 2>/dev/null || true
+    "${step[@]}" rm -rf "$place" || true
+}
+trap end_ray EXIT
+
+"${step[@]}" --nodes=1 --relative=0 ray start --head "${each_node[@]}" \
+    "--node-ip-address=$address" "--port=$port" "--ray-client-server-port=$((port + 1))" \
+    --include-dashboard=false "--temp-dir=$place" &
+steps+=($!)
+until (exec 3<>"/dev/tcp/$address/$port") 2>/dev/null; do
+    kill -0 "${steps[0]}" || { echo "Ray did not start on $head" >&2; exit 1; }
+    sleep 1
+done
+if ((SLURM_JOB_NUM_NODES > 1)); then
+    "${step[@]}" "--nodes=$((SLURM_JOB_NUM_NODES - 1))" --relative=1 \
+        ray start "--address=$address:$port" "${each_node[@]}" &
+    steps+=($!)
+fi
+
+# A campaign that was killed holds its results root for 120 s.
+((${SLURM_RESTART_COUNT:-0} == 0)) || sleep 120
+
+# In the background, so that this shell hears signals: the campaign then leaves with checkpoints.
+python "$@" --address "$address:$port" &
+driver=$!
+again=no
+stop() {
+    signalled=yes
+    kill -TERM "$driver" 2>/dev/null || true
+}
+trap 'again=yes; stop' TERM # the end of the time limit, or a job with precedence
+trap 'again=no; stop' INT   # scancel --batch --signal=INT: for good
+signalled=yes
+while [[ $signalled == yes ]]; do # a signal ends the wait, not the driver
+    signalled=no code=0
+    wait "$driver" || code=$?
+done
+trap - TERM INT
+
+trap - EXIT
+end_ray
+if [[ $code == 130 && $again == yes ]]; then
+    scontrol requeue "$SLURM_JOB_ID"
+fi
+exit "$code"

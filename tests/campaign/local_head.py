@@ -1,0 +1,92 @@
+"""A head node of a test's own: nobody else's Ray is joined or stopped, the user's home stays as it is."""
+
+from __future__ import annotations
+
+import os
+import secrets
+import signal
+import socket
+import subprocess
+import sys
+import tempfile
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+
+PORTS = (
+    "port",
+    "dashboard-port",
+    "dashboard-agent-listen-port",
+    "dashboard-agent-grpc-port",
+    "runtime-env-agent-port",
+    "metrics-export-port",
+    "ray-client-server-port",
+)
+
+RAY = Path(sys.executable).with_name("ray")
+
+
+@dataclass(frozen=True)
+class Head:
+    """A running head node.
+
+    Attributes:
+        address: for drivers.
+        jobs: address of the Jobs API; nothing answers there without a dashboard.
+        environment: for processes that use it, with the place of its token.
+    """
+
+    address: str
+    jobs: str
+    environment: dict[str, str]
+
+
+@contextmanager
+def local_head(*options: str, dashboard: bool = False) -> Iterator[Head]:
+    """Lends the block a head node on ports of its own, which asks for a token of its own."""
+    place = tempfile.TemporaryDirectory(prefix="ray", ignore_cleanup_errors=True)
+    with place as folder:
+        ports = free_ports(len(PORTS))
+        environment = private_environment(Path(folder))
+        command = [
+            *(RAY, "start", "--head", "--block", "--num-cpus=2", "--node-ip-address=127.0.0.1"),
+            *(f"--temp-dir={folder}", "--object-store-memory=100000000", "--dashboard-host=127.0.0.1"),
+            *(f"--{name}={port}" for name, port in zip(PORTS, ports, strict=True)),
+            *(f"--include-dashboard={str(dashboard).lower()}", *options),
+        ]
+        process = subprocess.Popen(
+            command, cwd=folder, env=environment, stdout=subprocess.PIPE, text=True, start_new_session=True
+        )
+        try:
+            assert process.stdout is not None
+            assert any("Ray runtime started" in line for line in process.stdout), "no head node"
+            yield Head(f"127.0.0.1:{ports[0]}", f"http://127.0.0.1:{ports[1]}", environment)
+        finally:
+            process.send_signal(signal.SIGTERM)
+            process.wait(timeout=60)
+
+
+def free_ports(count: int) -> list[int]:
+    """Returns ports on which nothing listens at this moment."""
+    with ExitStack() as stack:
+        sockets = [stack.enter_context(socket.socket()) for _ in range(count)]
+        for each in sockets:
+            each.bind(("127.0.0.1", 0))
+        return [each.getsockname()[1] for each in sockets]
+
+
+def private_environment(folder: Path) -> dict[str, str]:
+    """Returns this process's environment with home, token and Ray's files in `folder`."""
+    token = folder / "token"
+    token.write_text(secrets.token_hex(32))
+    token.chmod(0o600)
+    kept = {name: value for name, value in os.environ.items() if not name.startswith("RAY_")}
+    return kept | {
+        "HOME": str(folder),
+        "RAY_TMPDIR": str(folder),
+        "RAY_AUTH_MODE": "token",
+        "RAY_AUTH_TOKEN_PATH": str(token),
+        "RAY_USAGE_STATS_ENABLED": "0",
+        "RAY_JOB_STOP_WAIT_TIME_S": "90",
+    }

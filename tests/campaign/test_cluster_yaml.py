@@ -1,0 +1,105 @@
+"""The file for Ray's cluster launcher, validated by Ray's own code."""
+
+from __future__ import annotations
+
+import copy
+import re
+import shlex
+from pathlib import Path
+from typing import Any
+
+import pytest
+import yaml
+from ray.autoscaler._private.util import prepare_config, validate_config
+
+import tma_ray
+from tma_ray import cli
+from tma_ray.campaign.settings import Resources
+from tma_ray.envs import ENVIRONMENTS
+
+FILE = Path(__file__).parents[2] / "cluster.yaml"
+CONFIG: dict[str, Any] = yaml.safe_load(FILE.read_text())
+TYPES: dict[str, dict[str, Any]] = CONFIG["available_node_types"]
+WORKERS = {name: each for name, each in TYPES.items() if name != CONFIG["head_node_type"]}
+STARTS = {kind: " ".join(CONFIG[f"{kind}_start_ray_commands"]) for kind in ("head", "worker")}
+LOCKED = dict(
+    line.split("==") for line in (FILE.parent / "requirements.lock").read_text().splitlines() if "==" in line
+)
+
+
+def test_ray_finds_the_file_valid_and_would_find_a_slip() -> None:
+    validate_config(prepare_config(copy.deepcopy(CONFIG)))
+    too_few = {**copy.deepcopy(CONFIG), "max_workers": 1}
+    too_few["available_node_types"]["cpu_worker"]["min_workers"] = 2
+    with pytest.raises(ValueError, match="max_workers"):
+        validate_config(prepare_config(too_few))
+
+
+def test_nodes_hold_runs_and_the_head_holds_none() -> None:
+    default = Resources()
+    assert {name: default.fit_into(each["resources"]) for name, each in TYPES.items()} == {
+        "head": 0,
+        "cpu_worker": 16,
+        "gpu_worker": 8,
+    }
+    assert Resources(gpus=0.125).fit_into(TYPES["gpu_worker"]["resources"]) == 8
+    assert Resources(gpus=0.125).fit_into(TYPES["cpu_worker"]["resources"]) == 0
+    assert "--num-cpus=0" in STARTS["head"]
+
+
+def test_workers_are_spot_nodes_within_bounds_and_the_head_stays() -> None:
+    markets = {
+        name: each["node_config"].get("InstanceMarketOptions", {}).get("MarketType")
+        for name, each in TYPES.items()
+    }
+    assert markets == {"head": None, "cpu_worker": "spot", "gpu_worker": "spot"}
+    assert sum(each["max_workers"] for each in WORKERS.values()) == CONFIG["max_workers"]
+    assert all(0 <= each["min_workers"] <= each["max_workers"] for each in WORKERS.values())
+
+
+def test_no_port_is_open_and_every_node_asks_for_the_token() -> None:
+    assert "--dashboard-host=127.0.0.1" in STARTS["head"]
+    for start in STARTS.values():
+        assert "export RAY_AUTH_MODE=token" in start.partition("ray start")[0]
+    text = FILE.read_text()
+    assert "0.0.0.0" not in text
+    assert "::/0" not in text
+    for each in TYPES.values():  # without one, the launcher makes a group whose port 22 all the world may try
+        assert each["node_config"]["SecurityGroupIds"]
+    assert "security_group" not in CONFIG["provider"]
+
+
+def test_the_file_holds_no_secret_and_the_token_comes_from_the_user() -> None:
+    assert CONFIG["file_mounts"]["~/.ray/auth_token"] == "~/.ray/auth_token"
+    text = FILE.read_text()
+    assert not re.search(
+        r"AKIA|aws_secret|aws_access|RAY_AUTH_TOKEN=|PRIVATE KEY|password", text, re.IGNORECASE
+    )
+    assert not re.search(r"\b[0-9a-f]{32,}\b", text)
+
+
+def test_exactly_this_version_is_installed_from_mounted_files() -> None:
+    wheel = f"tma_ray-{tma_ray.__version__}-py3-none-any.whl"
+    mounts = CONFIG["file_mounts"]
+    assert mounts[f"~/tma_ray/{wheel}"] == f"dist/{wheel}"
+    assert mounts["~/tma_ray/requirements.lock"] == "requirements.lock"
+    installs = [c for c in CONFIG["setup_commands"] + CONFIG["head_setup_commands"] if "pip install" in c]
+    what = [
+        [word for word in shlex.split(command)[2:] if not word.startswith("--quiet")] for command in installs
+    ]
+    assert what[0] == ["--requirement", "~/tma_ray/requirements.lock"]
+    assert what[1] == ["--no-deps", "--force-reinstall", f"~/tma_ray/{wheel}"]
+    assert [re.fullmatch(r"boto3==[\d.]+", word) is not None for (word,) in what[2:]] == [True]
+    assert {"ray", "numba", "torch", "pyarrow"} <= LOCKED.keys()
+
+
+def test_every_environment_is_compiled_on_every_node() -> None:
+    (warm,) = (command for command in CONFIG["setup_commands"] if "tma-ray run" in command)
+    loop, _, rest = warm.partition("; do ")
+    assert set(loop.split(" in ")[1].split()) == set(ENVIRONMENTS.names())
+    arguments = rest.removesuffix("; done").replace("$(mktemp -d)", "FOLDER").split()[1:]
+    options = cli._parser().parse_args(arguments)
+    assert (options.steps, options.evaluation_interval) == (1000, 1000)
+    assert CONFIG["setup_commands"].index(warm) > max(
+        i for i, command in enumerate(CONFIG["setup_commands"]) if "pip install" in command
+    )

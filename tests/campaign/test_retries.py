@@ -1,0 +1,101 @@
+"""Runs whose process is lost, or only out of sight."""
+
+from __future__ import annotations
+
+import threading
+from pathlib import Path
+from typing import Any
+
+import pytest
+import ray
+from ray.exceptions import ActorUnavailableError
+from small_runs import data_files, rows
+from test_campaign import alone, campaign, execute, idle, settings
+
+from tma_ray.campaign.actors import SeedActor
+from tma_ray.campaign.retries import FIRST_PAUSE, LONGEST_PAUSE, Retries
+from tma_ray.campaign.settings import TeacherPlacement
+from tma_ray.results import Committer, Table
+
+
+class Clock:
+    now = 0.0
+
+    def __call__(self) -> float:
+        return self.now
+
+
+def test_each_loss_doubles_the_pause_and_too_many_give_a_run_up() -> None:
+    clock = Clock()
+    retries = Retries(most_losses=12, clock=clock)
+    (spec,) = campaign(idle("random")).plan().runs
+    pauses = []
+    for loss in range(12):
+        assert retries.take(spec, f"node-{loss % 2}")
+        assert retries.specs == [spec]
+        start = clock.now
+        while not retries.due():
+            clock.now += FIRST_PAUSE
+        pauses.append(clock.now - start)
+        assert len(retries) == 0
+    assert pauses[:4] == [1, 2, 4, 8]
+    assert max(pauses) == LONGEST_PAUSE
+    assert not retries.take(spec, "node-0")
+    assert retries.losses(spec.run_id) == 13
+    assert retries.nodes_to_avoid(spec.run_id) == ("node-0", "node-1")
+    assert retries.nodes_to_avoid("another") == ()
+
+
+def test_a_second_call_of_a_run_waits_for_the_first_and_gives_the_same(tmp_path: Path) -> None:
+    (spec,) = campaign(idle("random")).plan().runs
+    store = Committer.open(tmp_path).store
+    actor = SeedActor(spec.to_dict(), store, 0, settings().placement, TeacherPlacement.INLINE)
+    results: list[Any] = []
+    threads = [threading.Thread(target=lambda: results.append(actor.run())) for _ in range(3)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    assert len(results) == 3
+    assert results[0]
+    assert results[0] is results[1] is results[2]
+
+
+class Network:
+    """Ray as the scheduler sees it through a network that loses the first results of runs."""
+
+    def __init__(self, lost: int) -> None:
+        self.lost = lost
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(ray, name)
+
+    def get(self, *arguments: Any, **options: Any) -> Any:
+        answer = ray.get(*arguments, **options)
+        if self.lost > 0 and isinstance(answer, tuple):
+            self.lost -= 1
+            raise ActorUnavailableError("the network is gone", None)
+        return answer
+
+
+@pytest.mark.usefixtures("cluster")
+def test_an_actor_out_of_sight_is_asked_again_and_not_replaced(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    network = Network(lost=3)
+    monkeypatch.setattr("tma_ray.campaign.scheduler.ray", network)
+    what = campaign(idle("random"))
+    assert execute(what, tmp_path / "root", teachers=TeacherPlacement.INLINE).done == 1
+    assert network.lost == 0
+    attempts = rows(tmp_path / "root", Table.ATTEMPTS)
+    assert [(row["attempt"], row["outcome"]) for row in attempts] == [(0, "done")]
+    assert data_files(tmp_path / "root") == alone(what, tmp_path / "undisturbed")
+
+
+@pytest.mark.usefixtures("cluster")
+def test_who_is_silent_for_too_long_is_lost(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("tma_ray.campaign.scheduler.ray", Network(lost=10_000))
+    ended = execute(campaign(idle("random")), tmp_path, unreachable_seconds=0.6, most_losses=1)
+    assert (ended.done, ended.failed) == (0, 1)
+    attempts = rows(tmp_path, Table.ATTEMPTS)
+    assert [(row["attempt"], row["outcome"]) for row in attempts] == [(0, "lost"), (1, "lost")]

@@ -1,0 +1,168 @@
+"""Status, history and rerun of campaigns, and stopping them, from what lies in the results root."""
+
+from __future__ import annotations
+
+import io
+import time
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+from rich.console import Console
+from small_runs import SCHEDULE, rows
+from test_campaign import campaign, execute, idle, settings
+
+from tma_ray.campaign import history, status
+from tma_ray.campaign.execution import execute_plan
+from tma_ray.campaign.overview import overview
+from tma_ray.campaign.progress import Snapshot
+from tma_ray.campaign.rerun import plan_again
+from tma_ray.campaign.settings import TeacherPlacement
+from tma_ray.results import (
+    Committer,
+    Heartbeat,
+    NotRunningError,
+    Results,
+    RunPace,
+    RunStatus,
+    Store,
+    Table,
+    ask_to_stop,
+)
+from tma_ray.runs import run_locally
+
+
+class Printed(Console):
+    """A console that keeps its lines."""
+
+    def __init__(self) -> None:
+        super().__init__(file=io.StringIO(), width=200)
+
+    @property
+    def text(self) -> str:
+        assert isinstance(self.file, io.StringIO)
+        return self.file.getvalue()
+
+
+def shown(root: Path, *, cells: bool = False) -> str:
+    console = Printed()
+    status.show(root, cells, console)
+    return console.text
+
+
+@pytest.fixture
+def one_failed(tmp_path: Path) -> Path:
+    """A root with a finished run and one that failed; without Ray."""
+    waiting = replace(
+        idle("misbehaving:Waiting"), teacher_hyperparameters={"needed": str(tmp_path / "needed")}
+    )
+    what, root = campaign(idle("random"), waiting), tmp_path / "root"
+    committer = Committer.open(root)
+    committer.write_cells("short", what.plan().cell_rows)
+    good, bad = what.plan().runs
+    run_locally(good, committer)
+    with pytest.raises(FileNotFoundError):
+        run_locally(bad, committer)
+    return root
+
+
+def test_status_counts_runs_and_tells_what_failed_and_what_to_do(one_failed: Path) -> None:
+    text = shown(one_failed)
+    assert "No campaign has given a sign of life" in text
+    assert "campaign short: 1/2 runs done" in text
+    (line,) = (line for line in text.splitlines() if line.startswith("corridor:Corridor"))
+    assert line.split()[-3:] == ["1", "1", f"{SCHEDULE.steps:,}"], "done, failed, steps of both teachers"
+    assert "needed is missing" in text
+    assert "tma-ray logs" in text
+    assert f"tma-ray rerun {one_failed} --failed" in text
+    assert "misbehaving:Waiting" in shown(one_failed, cells=True)
+
+
+def test_status_tells_speed_and_time_left_of_a_living_campaign(one_failed: Path) -> None:
+    store = Store.open(one_failed)
+    (failed,) = (m for m in Results(store).runs() if m.status is RunStatus.FAILED)
+    Committer(store).start(failed.run)
+    now = time.time()
+    Heartbeat("campaign 'short' on head-1", now - 5, {failed.run.run_id: RunPace(100, 50.0)}).write(store)
+    text = shown(one_failed)
+    assert "Running: campaign 'short' on head-1; last heartbeat 5 s ago" in text
+    assert f"50 steps/s, about {(SCHEDULE.steps - 100) // 50} s left" in text
+    states = [state for runs in overview(one_failed, now).campaigns["short"].values() for state in runs]
+    assert sorted((state.state, state.steps_per_second) for state in states) == [("done", 0), ("running", 50)]
+    later = [s for runs in overview(one_failed, now + 1000).campaigns["short"].values() for s in runs]
+    assert {state.steps_per_second for state in later} == {0}, "a dead campaign has no speed"
+
+
+def test_thousands_of_failures_stay_readable(tmp_path: Path) -> None:
+    committer = Committer.open(tmp_path)
+    plan = campaign(idle("random"), seeds=tuple(range(100))).plan()
+    committer.write_cells("short", plan.cell_rows)
+    for index, spec in enumerate(plan.runs):
+        number = committer.start(spec.record())
+        committer.fail(spec.record(), number, f"Traceback\n  much\nValueError: kind {index % 8}")
+    assert len(shown(tmp_path).splitlines()) < 25
+
+
+def test_history_holds_attempts_messages_and_the_traceback(one_failed: Path) -> None:
+    done, failed = sorted(Results.open(one_failed).runs(), key=lambda manifest: manifest.status)
+    console = Printed()
+    history.show(failed.run.run_id[:-3], one_failed, console)
+    assert "attempt 0: failed" in console.text
+    assert "FileNotFoundError" in console.text
+    assert "in sample" in console.text, "the traceback names the function"
+    console = Printed()
+    history.show(done.run.run_id, one_failed, console)
+    assert f"from step 0 of {SCHEDULE.steps:,}" in console.text
+    assert "checkpoint of" in console.text
+    assert console.text.rstrip().endswith("done")
+    with pytest.raises(ValueError, match="there is no run called 'other'"):
+        history.show("other", one_failed)
+
+
+def test_a_plan_again_holds_what_failed_or_is_named(one_failed: Path) -> None:
+    done, failed = sorted(Results.open(one_failed).runs(), key=lambda manifest: manifest.status)
+    for plan in (
+        plan_again(str(one_failed), (), failed=True),
+        plan_again(str(one_failed), [failed.run.run_id[:-2]], failed=False),
+    ):
+        assert [spec.run_id for spec in plan.runs] == [failed.run.run_id]
+    with pytest.raises(ValueError, match="is done"):
+        plan_again(str(one_failed), [done.run.run_id], failed=False)
+    with pytest.raises(ValueError, match="name runs"):
+        plan_again(str(one_failed), (), failed=False)
+
+
+@pytest.mark.usefixtures("cluster")
+def test_mended_runs_run_again_and_their_cells_are_done(one_failed: Path) -> None:
+    (one_failed.parent / "needed").touch()
+    plan = plan_again(str(one_failed), (), failed=True)
+    ended = execute_plan(plan, one_failed, settings(teachers=TeacherPlacement.INLINE), None)
+    assert (ended.done, ended.failed) == (1, 0)
+    assert "campaign short: 2/2 runs done" in shown(one_failed)
+    assert sorted(row["outcome"] for row in rows(one_failed, Table.ATTEMPTS)) == ["done", "done", "failed"]
+    with pytest.raises(ValueError, match="failed"):
+        plan_again(str(one_failed), (), failed=True)
+
+
+@pytest.mark.usefixtures("cluster")
+def test_a_campaign_that_is_asked_to_stop_leaves_checkpoints_and_goes_on_later(tmp_path: Path) -> None:
+    what = replace(campaign(idle("random")), schedule=replace(SCHEDULE, steps=60_000))
+    asked: list[str] = []
+
+    class Asking:
+        """Asks as another machine would, once the run has begun."""
+
+        def update(self, snapshot: Snapshot) -> None:
+            if snapshot.running and not asked:
+                asked.append(ask_to_stop(Store.open(tmp_path / "root")))
+
+        def close(self, snapshot: Snapshot) -> None: ...
+
+    inline = settings(teachers=TeacherPlacement.INLINE)
+    ended = execute_plan(what.plan(), tmp_path / "root", inline, None, Asking())
+    assert "campaign 'short'" in asked[0]
+    assert (ended.done, ended.stopped) == (0, 1)
+    assert "Nobody is running" in shown(tmp_path / "root")
+    with pytest.raises(NotRunningError):
+        ask_to_stop(Store.open(tmp_path / "root"))
+    assert execute(what, tmp_path / "root", teachers=TeacherPlacement.INLINE).done == 1

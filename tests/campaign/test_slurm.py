@@ -1,0 +1,121 @@
+"""The batch script for Slurm, with its commands played on this machine and a real Ray."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+from local_head import free_ports
+from small_runs import rows
+
+from tma_ray.results import Table
+
+ROOT = Path(__file__).parents[2]
+SCRIPT = ROOT / "docs" / "slurm.sh"
+
+SRUN = """#!/bin/bash
+while [[ $1 == -* ]]; do shift; done
+exec "$@"
+"""
+
+SCONTROL = """#!/bin/bash
+case "$1" in
+    show) echo localhost; echo localhost ;;
+    requeue) echo "$2" >> "$REQUEUED" ;;
+esac
+"""
+
+ARGUMENTS = (
+    "experiments/quickstart.py --teachers random --seeds 1 --steps 20000 --evaluation-interval 20000 "
+    "--memory-per-run 0.5 --checkpoint-seconds 0.5 --results"
+)
+
+
+def test_the_script_is_bash_and_asks_for_a_signal_in_time() -> None:
+    subprocess.run(["bash", "-n", SCRIPT], check=True)
+    text = SCRIPT.read_text()
+    assert "#SBATCH --requeue\n" in text
+    assert "#SBATCH --signal=B:TERM@120\n" in text
+    assert "ray stop" not in text, "it would end the Rays of other jobs on the node"
+
+
+@pytest.fixture
+def environment(tmp_path: Path) -> Iterator[dict[str, str]]:
+    """An allocation of two nodes, both of which are this machine."""
+    commands = tmp_path / "bin"
+    commands.mkdir()
+    for name, text in {"srun": SRUN, "scontrol": SCONTROL}.items():
+        (commands / name).write_text(text)
+        (commands / name).chmod(0o755)
+    (commands / "python").symlink_to(sys.executable)
+    (port,) = free_ports(1)
+    with tempfile.TemporaryDirectory(prefix="job", ignore_cleanup_errors=True) as place:
+        yield {
+            **{name: value for name, value in os.environ.items() if not name.startswith("RAY_")},
+            "HOME": str(tmp_path),
+            "PATH": f"{commands}:{Path(sys.executable).parent}:{os.environ['PATH']}",
+            "TMA_RAY_VENV": str(Path(sys.executable).parents[1]),
+            "SLURM_TMPDIR": place,
+            "SLURM_JOB_ID": str(port),
+            "SLURM_JOB_NODELIST": "localhost,localhost",
+            "SLURM_JOB_NUM_NODES": "2",
+            "SLURM_CPUS_PER_TASK": "1",
+            "SLURM_MEM_PER_NODE": "4096",
+            "REQUEUED": str(tmp_path / "requeued"),
+        }
+
+
+@pytest.mark.slow
+def test_a_campaign_asked_to_leave_is_queued_again_and_ends_there(
+    environment: dict[str, str], tmp_path: Path
+) -> None:
+    root = tmp_path / "root"
+
+    def start() -> subprocess.Popen[str]:
+        command = ["bash", SCRIPT, *ARGUMENTS.split(), str(root)]
+        return subprocess.Popen(
+            command, cwd=ROOT, env=environment, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True,
+            start_new_session=True,
+        )  # fmt: skip
+
+    job = start()
+    while not any(root.glob("checkpoints/*/*/index.json")):
+        assert job.poll() is None, job.communicate()[0]
+        time.sleep(0.1)
+    os.kill(job.pid, signal.SIGTERM)  # the batch shell alone, as --signal=B: does
+    output, _ = job.communicate(timeout=120)
+    assert job.returncode == 130, output
+    assert Path(environment["REQUEUED"]).read_text().split() == [environment["SLURM_JOB_ID"]]
+    assert not list(Path(environment["SLURM_TMPDIR"]).iterdir()), "Ray's files are gone"
+    assert not of_this_job(environment), "no process is left"
+
+    again = start()
+    output, _ = again.communicate(timeout=300)
+    assert again.returncode == 0, output
+    assert "1/1 runs done" in output
+    assert output.count("Ray runtime started") == 2, "a head and one more node"
+    attempts = sorted(rows(root, Table.ATTEMPTS), key=lambda row: row["attempt"])
+    assert [row["outcome"] for row in attempts] == ["stopped", "done"]
+    assert json.loads(attempts[0]["fingerprint"])["device"] == "cpu"
+    assert len(Path(environment["REQUEUED"]).read_text().split()) == 1, "what is done is not queued again"
+
+
+def of_this_job(environment: dict[str, str]) -> list[str]:
+    """Returns the command lines of processes that know this job, other than Ray's agents, which end later."""
+    own = f"SLURM_TMPDIR={environment['SLURM_TMPDIR']}\0".encode()
+    found = []
+    for process in Path("/proc").glob("[0-9]*"):
+        try:
+            if own in (process / "environ").read_bytes():
+                found.append((process / "cmdline").read_bytes().replace(b"\0", b" ").decode())
+        except OSError:
+            continue
+    return [line for line in found if line and "Agent" not in line]

@@ -1,0 +1,54 @@
+from tma_ray.results import Heartbeat, Pulse, RunPace, Store
+from tma_ray.results.heartbeat import HEARTBEAT_SECONDS, SILENT_SECONDS
+from tma_ray.results.layout import HEARTBEAT_FILE
+
+
+class Clock:
+    now = 1_000_000.0
+
+    def __call__(self) -> float:
+        return self.now
+
+
+def test_a_campaign_beats_now_and_then_and_says_when_it_leaves(store: Store) -> None:
+    assert Heartbeat.load(store) is None
+    clock = Clock()
+    pulse = Pulse(store, "stumps on head-1", clock)
+    pulse.beat({"run": RunPace(1000, 250.0)})
+    first = Heartbeat.load(store)
+    assert first == Heartbeat("stumps on head-1", clock.now, {"run": RunPace(1000, 250.0)})
+    clock.now += HEARTBEAT_SECONDS - 1
+    pulse.beat({})
+    assert Heartbeat.load(store) == first
+    clock.now += 1
+    pulse.beat({})
+    second = Heartbeat.load(store)
+    assert second is not None
+    assert second.alive(clock.now)
+    assert not second.alive(clock.now + SILENT_SECONDS)
+    pulse.end()
+    last = Heartbeat.load(store)
+    assert last is not None
+    assert last.ended
+    assert not last.alive(clock.now)
+
+
+def test_a_zombie_does_not_speak_for_its_successor(store: Store) -> None:
+    zombie, successor = Pulse(store, "zombie", Clock()), Pulse(store, "successor", Clock())
+    zombie.beat({})
+    successor.beat({})
+    zombie.end()
+    heartbeat = Heartbeat.load(store)
+    assert heartbeat is not None
+    assert (heartbeat.holder, heartbeat.ended) == ("successor", False)
+
+
+def test_a_damaged_heartbeat_is_none(store: Store) -> None:
+    for content in (
+        b"",
+        b"[]",
+        b'{"holder": 1}',
+        b'{"holder": "a", "at": 1, "runs": {"r": 3}, "ended": false}',
+    ):
+        store.write_bytes(HEARTBEAT_FILE, content)
+        assert Heartbeat.load(store) is None

@@ -1,0 +1,50 @@
+"""What `--address` may be, and whether anybody answers there: Ray itself would try for minutes."""
+
+from __future__ import annotations
+
+import os
+import socket
+
+PROBE_SECONDS = 5.0
+
+
+def check_address(address: str) -> None:
+    """Refuses an address at which a campaign cannot join a cluster.
+
+    Args:
+        address: "host:port" of a cluster's head, or "auto": RAY_ADDRESS if set, else the Ray that runs
+            on this machine, which is left to Ray to find.
+
+    Raises:
+        ValueError: not such an address.
+        ConnectionError: nothing listens there.
+    """
+    if address == "auto":
+        address = os.environ.get("RAY_ADDRESS") or "auto"
+    if address == "auto":
+        return
+    if "://" in address:
+        raise ValueError(
+            f"address {address!r} is for Ray's own tools, and no campaign can run through it: its driver "
+            f"belongs on the cluster, where its address is 'auto'; get it there with "
+            f"'ray job submit --address http://127.0.0.1:8265 -- python SCRIPT --address auto'"
+        )
+    host, separator, port = address.rpartition(":")
+    if not (separator and host and port.isdecimal() and int(port) < 2**16):
+        raise ValueError(
+            f"address {address!r}: expected 'auto' or the head's 'host:port', as in 10.0.0.5:6379"
+        )
+    try:
+        socket.create_connection((host.strip("[]"), int(port)), timeout=PROBE_SECONDS).close()
+    except OSError as error:
+        raise ConnectionError(explanation(address, f"nothing listens there ({error})")) from error
+
+
+def explanation(address: str, reason: str) -> str:
+    """Returns why no cluster was joined at `address`, and what can be done."""
+    return (
+        f"no Ray cluster was joined at {address!r}: {reason}. From one of its nodes use '--address auto'; "
+        f"from elsewhere submit the campaign instead ('ray job submit', 'ray submit'). A cluster that asks "
+        f"for a token needs RAY_AUTH_MODE=token and its own ~/.ray/auth_token (or RAY_AUTH_TOKEN_PATH). "
+        f"'--local' needs no cluster"
+    )

@@ -1,0 +1,66 @@
+"""Runs of a results root again: those that failed, or those that are named."""
+
+from __future__ import annotations
+
+import argparse
+import json
+from collections.abc import Sequence
+
+from tma_ray.campaign.campaign import Plan
+from tma_ray.campaign.script import carry_out
+from tma_ray.results import Manifest, Results, RunStatus
+from tma_ray.runs.plugins import import_plugins
+from tma_ray.runs.spec import RunSpec
+
+NAME = "rerun"
+"""What a rerun is called where a campaign has its name."""
+
+
+def rerun(options: argparse.Namespace) -> int:
+    """Runs what the flags of ``tma-ray rerun`` name, from their checkpoints if they have some.
+
+    Raises:
+        ValueError: nothing is named, no such run, or a plug-in that was edited since.
+    """
+    return carry_out(plan_again(options.root, options.runs, failed=options.failed), options.root, options)
+
+
+def plan_again(root: str, names: Sequence[str], *, failed: bool) -> Plan:
+    """Returns the plan of unfinished runs of a root.
+
+    Args:
+        root: folder or URI of a results root.
+        names: ids of runs, or unambiguous beginnings of them.
+        failed: all that failed.
+
+    Raises:
+        ValueError: nothing is named, no such run, one that is done, or a plug-in that was edited since:
+            its runs would be others, of the campaign that it belongs to.
+    """
+    results = Results.open(root)
+    chosen = {manifest.run.run_id: manifest for manifest in map(results.find, names)}
+    if failed:
+        chosen |= {m.run.run_id: m for m in results.runs() if m.status is RunStatus.FAILED}
+    if not chosen:
+        raise ValueError(
+            f"no run of {root} failed" if failed else "name runs, or say --failed for all that failed"
+        )
+    return Plan(NAME, f"{len(chosen)} runs again", tuple(_spec(m) for m in chosen.values()), ())
+
+
+def _spec(manifest: Manifest) -> RunSpec:
+    run = manifest.run
+    if manifest.status is RunStatus.DONE:
+        raise ValueError(f"run {run.run_id} is done: there is nothing to run again")
+    spec = RunSpec.from_dict(json.loads(run.spec))
+    if spec.run_id != run.run_id:
+        raise ValueError(
+            f"the spec of run {run.run_id} is not its own: its manifest was edited or is damaged"
+        )
+    try:
+        import_plugins(spec, *spec.plugins)
+    except ValueError as error:
+        raise ValueError(
+            f"run {run.run_id}: {error}; with an edited plug-in, start the campaign's own command"
+        ) from error
+    return spec

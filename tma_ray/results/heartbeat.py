@@ -1,0 +1,94 @@
+"""What a running campaign says of itself, for those who only see its results root."""
+
+from __future__ import annotations
+
+import json
+import time
+from collections.abc import Callable, Mapping
+from dataclasses import asdict, dataclass, field
+from typing import Final, Self
+
+from tma_ray.results.layout import HEARTBEAT_FILE
+from tma_ray.results.store import Store
+
+HEARTBEAT_SECONDS: Final = 15.0
+"""Time between two heartbeats, s."""
+
+SILENT_SECONDS: Final = 120.0
+"""Silence after which a campaign is taken to be dead, s."""
+
+
+@dataclass(frozen=True)
+class RunPace:
+    """Where a running run stands, newer than what it has published.
+
+    Attributes:
+        step: environment steps.
+        steps_per_second: environment steps per second.
+    """
+
+    step: int
+    steps_per_second: float
+
+
+@dataclass(frozen=True)
+class Heartbeat:
+    """A sign of life.
+
+    Attributes:
+        holder: campaign, host and process, as in the lease.
+        at: when it was given, s since 1970.
+        runs: the running runs by id.
+        ended: whether it was the last, of a campaign that has left.
+    """
+
+    holder: str
+    at: float
+    runs: Mapping[str, RunPace] = field(default_factory=dict)
+    ended: bool = False
+
+    @classmethod
+    def load(cls, store: Store) -> Self | None:
+        """Returns the last heartbeat on a root; None if there is none, or none that can be read."""
+        try:
+            content = json.loads(store.read_bytes(HEARTBEAT_FILE))
+            runs = {run: RunPace(**pace) for run, pace in content["runs"].items()}
+            return cls(str(content["holder"]), float(content["at"]), runs, bool(content["ended"]))
+        except (FileNotFoundError, ValueError, KeyError, TypeError, AttributeError):
+            return None  # of no consequence: it only tells more than the manifests do
+
+    def alive(self, now: float) -> bool:
+        """Tells whether its campaign is running, as far as one can know at `now`."""
+        return not self.ended and now - self.at < SILENT_SECONDS
+
+    def write(self, store: Store) -> None:
+        """Replaces the root's heartbeat by this one."""
+        store.write_bytes(HEARTBEAT_FILE, json.dumps(asdict(self)).encode())
+
+
+class Pulse:
+    """Writes a campaign's heartbeats, not more often than every `HEARTBEAT_SECONDS`.
+
+    Args:
+        store: the results root.
+        holder: campaign, host and process.
+        clock: current time, s since 1970.
+    """
+
+    def __init__(self, store: Store, holder: str, clock: Callable[[], float] = time.time) -> None:
+        self._store = store
+        self._holder = holder
+        self._clock = clock
+        self._last = 0.0
+
+    def beat(self, runs: Mapping[str, RunPace]) -> None:
+        """Says which runs are running, if it is time."""
+        if self._clock() - self._last >= HEARTBEAT_SECONDS:
+            self._last = self._clock()
+            Heartbeat(self._holder, self._last, runs).write(self._store)
+
+    def end(self) -> None:
+        """Says that the campaign has left, unless another one has taken the root over."""
+        newest = Heartbeat.load(self._store)
+        if newest is not None and newest.holder == self._holder:
+            Heartbeat(self._holder, self._clock(), ended=True).write(self._store)
