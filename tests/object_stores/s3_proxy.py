@@ -23,7 +23,8 @@ class Proxy:
 
     Attributes:
         seen: method and path with its query of every request, in order.
-        refuse: tells of a method and path whether to answer 503 SlowDown.
+        refuse: tells of a method and path whether to answer with `refusal`.
+        refusal: status and body, 503 SlowDown at first.
         drop: tells of a method and path whether to close the connection without an answer.
     """
 
@@ -31,9 +32,10 @@ class Proxy:
         self.target = urlsplit(target).netloc
         self.seen: list[tuple[str, str]] = []
         self.refuse: Callable[[str, str], bool] = lambda method, path: False
+        self.refusal = (503, SLOW_DOWN)
         self.drop: Callable[[str, str], bool] = lambda method, path: False
         self._lock = Lock()
-        self._server = ThreadingHTTPServer(("127.0.0.1", 0), self._handler())
+        self._server = ThreadingHTTPServer(("127.0.0.1", 0), type("Handler", (_Handler,), {"proxy": self}))
         self.url = f"http://127.0.0.1:{self._server.server_port}"
 
     def __enter__(self) -> Self:
@@ -54,57 +56,53 @@ class Proxy:
             self.seen.append((method, path))
             return self.refuse(method, path), self.drop(method, path)
 
-    def _handler(self) -> type[BaseHTTPRequestHandler]:
-        proxy = self
 
-        class Handler(BaseHTTPRequestHandler):
-            protocol_version = "HTTP/1.1"
+class _Handler(BaseHTTPRequestHandler):
+    proxy: Proxy
+    protocol_version = "HTTP/1.1"
 
-            def handle_any(self) -> None:
-                body = self._body()
-                refuse, drop = proxy.judge(self.command, self.path)
-                if drop:
-                    self.close_connection = True
-                elif refuse:
-                    self._answer(503, {"Content-Type": "application/xml"}, SLOW_DOWN)
-                else:
-                    self._pass_on(body)
+    def handle_any(self) -> None:
+        body = self._body()
+        refuse, drop = self.proxy.judge(self.command, self.path)
+        if drop:
+            self.close_connection = True
+        elif refuse:
+            status, reason = self.proxy.refusal
+            self._answer(status, {"Content-Type": "application/xml"}, reason)
+        else:
+            self._pass_on(body)
 
-            do_GET = do_PUT = do_POST = do_HEAD = do_DELETE = handle_any
+    def _body(self) -> bytes:
+        if self.headers.get("Transfer-Encoding", "") != "chunked":
+            return self.rfile.read(int(self.headers.get("Content-Length", 0)))
+        data = b""
+        while size := int(self.rfile.readline().split(b";")[0], 16):
+            data += self.rfile.read(size)
+            self.rfile.readline()
+        self.rfile.readline()
+        return data
 
-            def _body(self) -> bytes:
-                if self.headers.get("Transfer-Encoding", "") != "chunked":
-                    return self.rfile.read(int(self.headers.get("Content-Length", 0)))
-                data = b""
-                while size := int(self.rfile.readline().split(b";")[0], 16):
-                    data += self.rfile.read(size)
-                    self.rfile.readline()
-                self.rfile.readline()
-                return data
+    def _pass_on(self, body: bytes) -> None:
+        connection = http.client.HTTPConnection(self.proxy.target)
+        headers = {k: v for k, v in self.headers.items() if k.lower() not in _HOP_BY_HOP}
+        connection.request(self.command, self.path, body, {**headers, "Content-Length": str(len(body))})
+        answer = connection.getresponse()
+        kept = {k: v for k, v in answer.getheaders() if k.lower() not in _HOP_BY_HOP}
+        size = answer.getheader("Content-Length") if self.command == "HEAD" else None
+        self._answer(answer.status, kept, answer.read(), size)
+        connection.close()
 
-            def _pass_on(self, body: bytes) -> None:
-                connection = http.client.HTTPConnection(proxy.target)
-                headers = {k: v for k, v in self.headers.items() if k.lower() not in _HOP_BY_HOP}
-                connection.request(
-                    self.command, self.path, body, {**headers, "Content-Length": str(len(body))}
-                )
-                answer = connection.getresponse()
-                kept = {k: v for k, v in answer.getheaders() if k.lower() not in _HOP_BY_HOP}
-                size = answer.getheader("Content-Length") if self.command == "HEAD" else None
-                self._answer(answer.status, kept, answer.read(), size)
-                connection.close()
+    def _answer(self, status: int, headers: dict[str, str], body: bytes, size: str | None = None) -> None:
+        self.send_response(status)
+        for name, value in headers.items():
+            self.send_header(name, value)
+        self.send_header("Content-Length", size or str(len(body)))
+        self.end_headers()
+        if self.command != "HEAD":
+            self.wfile.write(body)
 
-            def _answer(
-                self, status: int, headers: dict[str, str], body: bytes, size: str | None = None
-            ) -> None:
-                self.send_response(status)
-                for name, value in headers.items():
-                    self.send_header(name, value)
-                self.send_header("Content-Length", size or str(len(body)))
-                self.end_headers()
-                if self.command != "HEAD":
-                    self.wfile.write(body)
+    def log_message(self, *_: object) -> None: ...
 
-            def log_message(self, *_: object) -> None: ...
 
-        return Handler
+for _method in ("GET", "PUT", "POST", "HEAD", "DELETE"):
+    setattr(_Handler, f"do_{_method}", _Handler.handle_any)

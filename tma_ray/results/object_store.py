@@ -4,19 +4,26 @@ from __future__ import annotations
 
 import os
 import re
-from collections.abc import Iterator
+import time
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from datetime import timedelta
-from typing import Any, Final
+from random import SystemRandom
+from typing import Any, Final, TypeVar
 from urllib.parse import SplitResult, parse_qsl, unquote, urlencode, urlsplit
 
 from pyarrow import fs
+
+T = TypeVar("T")
 
 S3_ATTEMPTS: Final = 10
 """Tries of one request; the pauses double, are drawn at random up to 20 s, and last about a minute in all."""
 
 GCS_RETRY_SECONDS: Final = 60
 """How long one request to Google Cloud Storage is tried again, s."""
+
+MOST_PAUSE_SECONDS: Final = 20.0
+"""Longest pause between two tries, s."""
 
 REQUEST_SECONDS: Final = 30.0
 """Silence after which a request counts as lost, s: a store may take long to copy a large object."""
@@ -71,6 +78,25 @@ def open_bucket(uri: str) -> tuple[Any, str, str]:
         filesystem = fs.GcsFileSystem(retry_time_limit=patience, **options)
     query = f"?{urlencode(options)}" if options else ""
     return filesystem, path, f"{parts.scheme}://{parts.netloc}{parts.path}{query}"
+
+
+def patiently(read: Callable[[], T]) -> T:
+    """Repeats a read that pyarrow gives up at the first refusal; returns what it returns at last.
+
+    A refusal that is longer than the object does not fit into the place made for it: pyarrow then does
+    not see that it was one. The pauses are like those of `S3_ATTEMPTS`.
+
+    Raises:
+        OSError: of any other kind, or of this kind in the end.
+    """
+    for attempt in range(S3_ATTEMPTS - 1):
+        try:
+            return read()
+        except OSError as error:
+            if "Failed to flush response stream" not in str(error):
+                raise
+        time.sleep(SystemRandom().uniform(0.0, min(2.0**attempt, MOST_PAUSE_SECONDS)))
+    return read()
 
 
 @contextmanager

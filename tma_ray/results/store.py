@@ -12,7 +12,7 @@ from uuid import uuid4
 
 from pyarrow import fs
 
-from tma_ray.results.object_store import NO_BUCKET, ObjectStoreError, explained, open_bucket
+from tma_ray.results.object_store import NO_BUCKET, ObjectStoreError, explained, open_bucket, patiently
 
 TEMPORARY: Final = "tmp"
 """Folder for files in the making: beside the tables, since their readers' patterns would match it there."""
@@ -83,9 +83,8 @@ class Store:
         Raises:
             FileNotFoundError: there is none.
         """
-        full = self.full_path(path)
-        with self._explained(path), self.filesystem.open_input_file(full) as file:  # a stream asks in bits
-            return cast("bytes", file.read())
+        with self._explained(path):
+            return patiently(lambda: self._read(self.full_path(path)))
 
     def write_bytes(self, path: str, data: bytes) -> None:
         """Writes or replaces a file, atomically and durably."""
@@ -196,6 +195,10 @@ class Store:
         if not parts or path.startswith("/") or ".." in parts or "\\" in path:
             raise ValueError(f"path {path!r} does not stay inside the root {self}; give a relative one")
         return self._prefix + "/".join(parts)
+
+    def _read(self, full: str) -> bytes:
+        with self.filesystem.open_input_file(full) as file:  # a stream would ask for it bit by bit
+            return cast("bytes", file.read())
 
     @property
     def _is_object_store(self) -> bool:
