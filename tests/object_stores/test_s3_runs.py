@@ -96,6 +96,7 @@ def test_a_run_survives_throttling_and_its_requests_are_few(
     assert requests < 150, proxy.kinds()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("stage", ["checkpoints/", "manifests/"])
 def test_an_outage_ends_the_attempt_and_the_next_one_continues(
     s3_root: str,

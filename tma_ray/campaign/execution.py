@@ -10,7 +10,7 @@ from tma_ray.campaign.progress import ProgressView, Snapshot
 from tma_ray.campaign.scheduler import Scheduler
 from tma_ray.campaign.settings import Settings
 from tma_ray.campaign.stopping import StopSignals
-from tma_ray.campaign.warming import warm_nodes
+from tma_ray.campaign.warming import check_root_on_nodes, warm_nodes
 from tma_ray.results import Committer, Lease, Store, check_usable
 from tma_ray.runs.plugins import importing_plugins, plugin_sources
 
@@ -40,7 +40,7 @@ def run_campaign(
         ValueError: an unknown name, missing knowledge, impossible resources.
         ResultsRootError: the root belongs to something else or to another version.
         RootInUseError: another campaign is running on it.
-        ConnectionError: no cluster answers at `address`.
+        ConnectionError: no cluster answers at `address`, or an object store refuses us or a node.
         RuntimeError: called by a module that is imported for its plug-in.
     """
     if importing_plugins():
@@ -54,6 +54,7 @@ def run_campaign(
     check_usable(store)
     shipped = connect(address, plugin_sources(plan.runs))
     check_feasible(settings.resources)
+    check_root_on_nodes(store)
     warm_nodes(plan.runs, shipped)
     committer = Committer(store)
     with Lease(store, lease_holder(campaign.name)) as lease:

@@ -12,6 +12,7 @@ from ray.util.scheduling_strategies import NodeAffinitySchedulingStrategy
 from tma_ray.campaign.cluster import living_nodes
 from tma_ray.campaign.shipping import use_shipped
 from tma_ray.envs import make_environment
+from tma_ray.results import ObjectStoreError, Store
 from tma_ray.runs.plugins import REGISTRIES, import_plugins
 from tma_ray.runs.spec import RunSpec
 
@@ -61,6 +62,36 @@ def warm_nodes(specs: Sequence[RunSpec], shipped: bool = True) -> None:
             f"a plug-in or environment does not work on the workers: {type(cause).__name__}: {cause}{hint}"
         ) from error
     _tried.update(due)
+
+
+def check_root_on_nodes(store: Store) -> None:
+    """Refuses a root in an object store that some node cannot use: each has credentials of its own.
+
+    Raises:
+        ObjectStoreError: which node, and why.
+    """
+    if not store.is_object_store:
+        return
+    task: Any = ray.remote(max_calls=1, num_cpus=0)(_check_root)
+    asked = {
+        node["NodeManagerAddress"]: task.options(
+            scheduling_strategy=NodeAffinitySchedulingStrategy(node["NodeID"], soft=True)
+        ).remote(store)
+        for node in living_nodes()
+    }
+    for address, answer in asked.items():
+        try:
+            ray.get(answer)
+        except RayError as error:
+            cause = error.cause if isinstance(error, RayTaskError) else error
+            raise ObjectStoreError(
+                f"the Ray node {address} cannot use the root: {cause}; every node takes its credentials from "
+                f"its role or from the environment in which Ray was started there"
+            ) from error
+
+
+def _check_root(store: Store) -> None:
+    store.check_access()
 
 
 def _try(content: dict[str, Any]) -> None:

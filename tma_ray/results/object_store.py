@@ -55,6 +55,10 @@ class ObjectStoreError(ConnectionError):
     """An object store refused a request or went on failing; the message names the file and a remedy."""
 
 
+class ReplacedWhileReadError(OSError):
+    """An object is not the one any more whose size was asked for: the bytes may be those of half of it."""
+
+
 def open_bucket(uri: str) -> tuple[Any, str, str]:
     """Opens ``s3://bucket/folder`` or ``gs://bucket/folder`` with credentials of the environment.
 
@@ -81,17 +85,19 @@ def open_bucket(uri: str) -> tuple[Any, str, str]:
 
 
 def patiently(read: Callable[[], T]) -> T:
-    """Repeats a read that pyarrow gives up at the first refusal; returns what it returns at last.
+    """Repeats a read that may be torn or that pyarrow gives up too early; returns what it returns at last.
 
     A refusal that is longer than the object does not fit into the place made for it: pyarrow then does
     not see that it was one. The pauses are like those of `S3_ATTEMPTS`.
 
     Raises:
-        OSError: of any other kind, or of this kind in the end.
+        OSError: of any other kind, or of these kinds in the end.
     """
     for attempt in range(S3_ATTEMPTS - 1):
         try:
             return read()
+        except ReplacedWhileReadError:
+            pass
         except OSError as error:
             if "Failed to flush response stream" not in str(error):
                 raise

@@ -12,7 +12,14 @@ from uuid import uuid4
 
 from pyarrow import fs
 
-from tma_ray.results.object_store import NO_BUCKET, ObjectStoreError, explained, open_bucket, patiently
+from tma_ray.results.object_store import (
+    NO_BUCKET,
+    ObjectStoreError,
+    ReplacedWhileReadError,
+    explained,
+    open_bucket,
+    patiently,
+)
 
 TEMPORARY: Final = "tmp"
 """Folder for files in the making: beside the tables, since their readers' patterns would match it there."""
@@ -73,6 +80,11 @@ class Store:
         if self._uri:
             self.filesystem, _, _ = open_bucket(self._uri)
 
+    @property
+    def is_object_store(self) -> bool:
+        """Whether the root is in a bucket, which every process opens with credentials of its own."""
+        return self.filesystem.type_name in _OBJECT_STORES
+
     def where(self, path: str) -> str:
         """Returns `path` with its root, as a message names it: no credentials of a URI."""
         return f"{self}/{path}"
@@ -116,7 +128,7 @@ class Store:
         Raises:
             ObjectStoreError: there is no such bucket, or we may not list it.
         """
-        if self._is_object_store:
+        if self.is_object_store:
             with explained(str(self)), suppress(FileNotFoundError):  # that is an empty folder
                 self.filesystem.get_file_info(fs.FileSelector(self.base))
 
@@ -126,7 +138,7 @@ class Store:
         Raises:
             ObjectStoreError: it does not, or there is no such bucket.
         """
-        if not self._is_object_store:
+        if not self.is_object_store:
             return
         self.check_bucket()
         probe = f"{TEMPORARY}/{uuid4().hex}"
@@ -198,18 +210,22 @@ class Store:
 
     def _read(self, full: str) -> bytes:
         with self.filesystem.open_input_file(full) as file:  # a stream would ask for it bit by bit
-            return cast("bytes", file.read())
-
-    @property
-    def _is_object_store(self) -> bool:
-        return self.filesystem.type_name in _OBJECT_STORES
+            data = cast("bytes", file.read())
+            if not self.is_object_store:
+                return data
+            version = file.metadata()
+        # The size is asked for before the bytes: of an object that grew in between, only as many came.
+        with self.filesystem.open_input_file(full) as file:
+            if file.metadata() != version:
+                raise ReplacedWhileReadError
+        return data
 
     def _kind(self, path: str) -> fs.FileType:
         with self._explained(path):
             return self.filesystem.get_file_info(self.full_path(path)).type
 
     def _explained(self, path: str) -> AbstractContextManager[None]:
-        return explained(self.where(path)) if self._is_object_store else nullcontext()
+        return explained(self.where(path)) if self.is_object_store else nullcontext()
 
     def _write_local(self, target: Path, data: bytes) -> None:
         temporary = self._temporary()
@@ -233,7 +249,7 @@ class Store:
         folder = PurePosixPath(full).parent
         if self._local:
             _make_folder(Path(folder))
-        elif not self._is_object_store:  # they have no folders to make
+        elif not self.is_object_store:  # they have no folders to make
             self.filesystem.create_dir(str(folder), recursive=True)
 
 
