@@ -111,7 +111,7 @@ class Store:
 
     def exists(self, path: str) -> bool:
         """Tells whether there is a file at `path`."""
-        return self._kind(path) == fs.FileType.File
+        return bool(self._kind(path) == fs.FileType.File)
 
     def files(self, folder: str = "") -> tuple[str, ...]:
         """Returns the paths of all files below `folder`, sorted; none if it does not exist."""
