@@ -85,6 +85,7 @@ def test_throttling_and_lost_connections_are_waited_out(s3_root: str, proxy: Pro
     assert max(left.values()) < 0, "every kind of request was struck"
 
 
+@pytest.mark.slow
 def test_pauses_grow_and_differ(s3_root: str, proxy: Proxy, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(object_store, "S3_ATTEMPTS", 5)
     store, times = Store.open(s3_root), []
