@@ -7,11 +7,13 @@ from results_examples import make_record
 from tma_ray.results import RunRecord, Store
 
 
-@pytest.fixture(params=["local", "memory"])
+@pytest.fixture(params=["local", "memory", pytest.param("s3", marks=pytest.mark.slow)])
 def store(request: pytest.FixtureRequest, tmp_path: Path) -> Store:
-    """A store on a disk, and one that only knows pyarrow's file system interface."""
+    """A store on a disk, one that only knows pyarrow's file system interface, and one in a bucket."""
     if request.param == "local":
         return Store.open(tmp_path / "root")
+    if request.param == "s3":
+        return Store.open(request.getfixturevalue("s3_root"))
     return Store(fs._MockFileSystem(), "bucket/root")
 
 

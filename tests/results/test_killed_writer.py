@@ -29,16 +29,19 @@ for step in count():
 """
 
 
+@pytest.fixture(params=["disk", pytest.param("s3", marks=pytest.mark.slow)])
+def root(request: pytest.FixtureRequest, tmp_path: Path) -> str:
+    return str(request.getfixturevalue("s3_root")) if request.param == "s3" else str(tmp_path)
+
+
 @pytest.mark.parametrize("kill_after", [1, 4, 9])
-def test_a_writer_that_is_killed_loses_nothing_it_had_published(tmp_path: Path, kill_after: int) -> None:
-    with subprocess.Popen(
-        [sys.executable, "-c", WRITER, str(tmp_path)], stdout=subprocess.PIPE, text=True
-    ) as process:
+def test_a_writer_that_is_killed_loses_nothing_it_had_published(root: str, kill_after: int) -> None:
+    with subprocess.Popen([sys.executable, "-c", WRITER, root], stdout=subprocess.PIPE, text=True) as process:
         assert process.stdout is not None
         for _ in range(kill_after):
             published = int(process.stdout.readline())
         process.send_signal(signal.SIGKILL)
-    results = Results.open(tmp_path)
+    results = Results.open(root)
     rows = results.table(Table.EVALUATIONS).to_pydict()
     evaluations = len(rows["step"]) // TASKS
     assert evaluations > published
@@ -46,8 +49,8 @@ def test_a_writer_that_is_killed_loses_nothing_it_had_published(tmp_path: Path, 
     assert rows["task_index"] == list(range(TASKS)) * evaluations
     assert results.problems == []
 
-    committer = Committer.open(tmp_path)
+    committer = Committer.open(root)
     record, parts = results.runs()[0].run, results.runs()[0].files
     successor = RunWriter(committer.store, "run-1", committer.start(record), parts)
     committer.finish(record, successor.attempt, successor.finish())
-    assert Results.open(tmp_path).table(Table.EVALUATIONS).to_pydict() == rows
+    assert Results.open(root).table(Table.EVALUATIONS).to_pydict() == rows

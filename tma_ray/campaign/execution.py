@@ -7,6 +7,7 @@ from pathlib import Path
 from tma_ray.campaign.campaign import Campaign, Plan, lease_holder
 from tma_ray.campaign.cluster import check_feasible, connect
 from tma_ray.campaign.progress import ProgressView, PublishedProgress, Snapshot, View
+from tma_ray.campaign.reach import check_reach
 from tma_ray.campaign.scheduler import Scheduler
 from tma_ray.campaign.settings import Settings
 from tma_ray.campaign.stopping import StopSignals
@@ -40,7 +41,7 @@ def run_campaign(
         ValueError: an unknown name, missing knowledge, impossible resources.
         ResultsRootError: the root belongs to something else or to another version.
         RootInUseError: another campaign is running on it.
-        ConnectionError: no cluster answers at `address`.
+        ConnectionError: no cluster answers at `address`, or an object store refuses us or a node.
         RuntimeError: called by a module that is imported for its plug-in.
     """
     return execute_plan(campaign.plan(), results, settings or Settings(), address, view)
@@ -60,6 +61,7 @@ def execute_plan(
     shipped = connect(address, plugin_sources(plan.runs))
     if not settings.autoscaling:
         check_feasible(settings.resources)
+    check_reach(store)
     warm_nodes(plan.runs, shipped)
     committer = Committer(store)
     with Lease(store, lease_holder(plan.name)) as lease:

@@ -16,6 +16,7 @@ from tma_ray.results.layout import (
 )
 from tma_ray.results.lease import Lease, NotRunningError, RootInUseError, ask_to_stop
 from tma_ray.results.manifest import DamagedFileError, Manifest, PartFile
+from tma_ray.results.object_store import ObjectStoreError
 from tma_ray.results.reader import DamagedFileWarning, Results
 from tma_ray.results.records import AttemptOutcome, AttemptRecord, RunRecord, RunStatus
 from tma_ray.results.rows import teacher_log_row
@@ -39,6 +40,7 @@ __all__ = [
     "Lease",
     "Manifest",
     "NotRunningError",
+    "ObjectStoreError",
     "PartFile",
     "Pulse",
     "Results",

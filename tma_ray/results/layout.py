@@ -28,11 +28,17 @@ class ResultsRootError(ValueError):
 
 
 def check_usable(store: Store) -> None:
-    """Refuses a place that neither is a results root of this version nor could become one; writes nothing.
+    """Refuses a place that neither is a results root of this version nor could become one; leaves nothing.
 
     Raises:
         ResultsRootError: other files are there, or a root of another version.
+        ObjectStoreError: the bucket does not exist, or we may not write there.
     """
+    store.check_access()
+    _check_content(store)
+
+
+def _check_content(store: Store) -> None:
     if store.exists(ROOT_FILE):
         check_root(store)
         return
@@ -50,7 +56,7 @@ def create_root(store: Store) -> None:
     Raises:
         ResultsRootError: other files are there, or a root of another version.
     """
-    check_usable(store)
+    _check_content(store)
     if not store.exists(ROOT_FILE):
         content = {"format": FORMAT, "schema_version": SCHEMA_VERSION}
         store.write_bytes(ROOT_FILE, json.dumps(content, indent=1).encode())
@@ -66,6 +72,7 @@ def check_root(store: Store) -> None:
         content = json.loads(store.read_bytes(ROOT_FILE))
         known, version = content["format"], content["schema_version"]
     except FileNotFoundError:
+        store.check_bucket()
         raise ResultsRootError(f"{store} is no results root: it has no {ROOT_FILE}") from None
     except (ValueError, KeyError, TypeError) as error:
         raise ResultsRootError(f"{store.where(ROOT_FILE)} is damaged: {error}") from error

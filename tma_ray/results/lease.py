@@ -36,8 +36,14 @@ class Lease:
     """Holds a results root as long as it is renewed, several times within `seconds`.
 
     No file system offers a lock that all of them have: two campaigns that start within the same
-    instant may both get the lease. The first renewal then refuses one of them. The lease of a process
-    that is known to be dead, because it ran on this machine, is free at once.
+    instant may both get the lease. The first renewal then refuses one of them, a quarter of `seconds`
+    later at most. The lease of a process that is known to be dead, because it ran on this machine, is
+    free at once.
+
+    An object store makes it no weaker, as long as it shows every write at once, as S3 and Google Cloud
+    Storage do, and no stronger: a request that was sent before the lease was lost, and is still being
+    tried, may arrive after another campaign has begun. Files stay whole then, and checksums tell of a
+    part that was replaced.
 
     Args:
         store: the results root.

@@ -1,0 +1,79 @@
+"""A campaign on a real Ray whose workers write into a bucket."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from small_runs import SCHEDULE, STUDENTS
+
+from tma_ray.campaign import Campaign
+from tma_ray.campaign.script import EXIT_REFUSED
+from tma_ray.results import Committer, Store
+from tma_ray.runs import Cell, run_locally
+
+HERE = Path(__file__).parent
+
+HELPERS = [str(HERE), str(HERE.parent / "runs"), str(HERE.parent / "campaign")]
+
+CAMPAIGN = Campaign(
+    "bucket",
+    tuple(
+        Cell("corridor:Corridor", "original", "", "ppo", teacher, student_hyperparameters=STUDENTS["ppo"])
+        for teacher in ("random", "riac")
+    ),
+    (0,),
+    SCHEDULE,
+)
+
+
+def execute(root: str, **environment: str) -> subprocess.CompletedProcess[str]:
+    """Executes the campaign in a process of its own, whose Ray has its environment."""
+    path = os.pathsep.join([*HELPERS, os.environ.get("PYTHONPATH", "")])
+    command = [
+        sys.executable,
+        __file__,
+        "--results",
+        root,
+        "--memory-per-run",
+        "0.5",
+        "--checkpoint-seconds",
+        "1",
+    ]
+    return subprocess.run(
+        command, env={**os.environ, "PYTHONPATH": path, **environment}, capture_output=True, text=True
+    )
+
+
+def data_files(root: str | Path) -> dict[str, bytes]:
+    store = Store.open(root)
+    about = ("tables/runs/", "tables/attempts/", "tables/cells/")
+    return {path: store.read_bytes(path) for path in store.files("tables") if not path.startswith(about)}
+
+
+@pytest.mark.slow
+def test_workers_write_into_the_bucket_what_one_process_writes_on_a_disk(
+    s3_root: str, tmp_path: Path
+) -> None:
+    ended = execute(s3_root)
+    assert ended.returncode == 0, ended.stdout + ended.stderr
+    for spec in CAMPAIGN.plan().runs:
+        run_locally(spec, Committer.open(tmp_path))
+    assert len(data_files(tmp_path)) == 10
+    assert data_files(s3_root) == data_files(tmp_path)
+    assert not Store.open(s3_root).exists("lease.json")
+
+
+@pytest.mark.slow
+def test_a_missing_bucket_is_refused_before_anything_starts(s3_environment: str) -> None:
+    refused = execute("s3://no-such-bucket/root")
+    assert refused.returncode == EXIT_REFUSED
+    assert "s3://no-such-bucket/root: there is no such bucket" in refused.stderr
+    assert "Traceback" not in refused.stderr
+
+
+if __name__ == "__main__":
+    CAMPAIGN.main()

@@ -1,0 +1,129 @@
+"""Whole runs in a bucket: the tables of a run on a disk, bit for bit, whatever happens on the way."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import pytest
+from s3_proxy import Proxy
+from small_runs import small_spec
+
+from tma_ray.results import CHECKPOINTS, Committer, Lease, Results, RootInUseError, Store, Table, object_store
+from tma_ray.runs import Placement, RunSpec, run_locally
+
+OFTEN = Placement(checkpoint_seconds=0.0)
+
+
+def run(spec: RunSpec, root: Any, stop_after: int | None = None, placement: Placement | None = None) -> str:
+    episodes = 0
+
+    def stop() -> bool:
+        nonlocal episodes
+        episodes += 1
+        return stop_after is not None and episodes >= stop_after
+
+    return run_locally(spec, Committer.open(root), placement, stop).value
+
+
+def data_files(root: Any) -> dict[str, bytes]:
+    store = Store.open(root)
+    about = ("tables/runs/", "tables/attempts/", "tables/cells/")
+    return {path: store.read_bytes(path) for path in store.files("tables") if not path.startswith(about)}
+
+
+@pytest.fixture(scope="module")
+def short(tmp_path_factory: pytest.TempPathFactory) -> tuple[RunSpec, dict[str, bytes]]:
+    """A short run, and the files that it gives on a disk."""
+    folder = tmp_path_factory.mktemp("short")
+    spec = small_spec(folder, teacher="alp_gmm", steps=1_000)
+    run(spec, folder / "disk")
+    return spec, data_files(folder / "disk")
+
+
+def test_a_run_interrupted_in_a_bucket_gives_the_files_of_one_on_a_disk(
+    s3_root: str, short: tuple[RunSpec, dict[str, bytes]]
+) -> None:
+    spec, expected = short
+    assert run(spec, s3_root, stop_after=7) == "stopped"
+    assert run(spec, s3_root, stop_after=9) == "stopped"
+    seen = Results.open(s3_root).table(Table.EPISODES).to_pydict()
+    assert seen["episode"] == list(range(16))
+    assert run(spec, s3_root) == "done"
+    assert len(expected) == 5
+    assert data_files(s3_root) == expected
+    store = Store.open(s3_root)
+    assert store.files(CHECKPOINTS) == store.files("staging") == store.files("tmp") == ()
+    assert [path.split("/")[-1] for path in store.files("policies")].count("policy.zip") == 1
+
+
+@pytest.mark.parametrize("damage", ["flip", "truncate", "no_file", "no_index"])
+def test_a_damaged_checkpoint_falls_back_to_the_one_before(
+    s3_root: str, short: tuple[RunSpec, dict[str, bytes]], damage: str
+) -> None:
+    spec, expected = short
+    assert run(spec, s3_root, stop_after=5, placement=OFTEN) == "stopped"
+    store = Store.open(s3_root)
+    indices = [path for path in store.files(CHECKPOINTS) if path.endswith("index.json")]
+    assert len(indices) == 2, "the newest and the one before"
+    state = indices[-1].replace("index.json", "run.pickle")
+    content = store.read_bytes(state)
+    if damage == "flip":
+        store.write_bytes(state, content[:-1] + b"x")
+    elif damage == "truncate":
+        store.write_bytes(state, content[: len(content) // 2])
+    else:
+        store.delete(state if damage == "no_file" else indices[-1])
+    assert run(spec, s3_root) == "done"
+    assert data_files(s3_root) == expected
+
+
+def test_a_run_survives_throttling_and_its_requests_are_few(
+    s3_root: str, short: tuple[RunSpec, dict[str, bytes]], proxy: Proxy
+) -> None:
+    spec, expected = short
+    refused = set()
+
+    def once_in_a_while(method: str, path: str) -> bool:
+        place = len(proxy.seen)
+        return place % 13 == 0 and not refused.add(place)
+
+    proxy.refuse = once_in_a_while
+    assert run(spec, s3_root) == "done"
+    requests = len(proxy.seen) - len(refused)
+    assert len(refused) > 5
+    assert data_files(s3_root) == expected
+    assert requests < 150, proxy.kinds()
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("stage", ["checkpoints/", "manifests/"])
+def test_an_outage_ends_the_attempt_and_the_next_one_continues(
+    s3_root: str,
+    short: tuple[RunSpec, dict[str, bytes]],
+    proxy: Proxy,
+    monkeypatch: pytest.MonkeyPatch,
+    stage: str,
+) -> None:
+    spec, expected = short
+    monkeypatch.setattr(object_store, "S3_ATTEMPTS", 2)
+    assert run(spec, s3_root, stop_after=5) == "stopped"
+    proxy.refuse = lambda method, path: method == "PUT" and stage in path
+    with pytest.raises(ConnectionError, match=stage):
+        run(spec, s3_root, stop_after=5)
+    proxy.refuse = lambda method, path: False
+    seen = Results.open(s3_root).table(Table.EPISODES).to_pydict()
+    assert seen["episode"] == list(range(5))
+    assert run(spec, s3_root) == "done"
+    assert data_files(s3_root) == expected
+
+
+def test_a_lease_in_a_bucket_holds_off_a_second_campaign(s3_root: str, tmp_path: Path) -> None:
+    store = Store.open(s3_root)
+    with Lease(store, "the first one") as lease:
+        with pytest.raises(RootInUseError, match="the first one"):
+            Lease(Store.open(s3_root), "the second one").acquire()
+        lease.renew()
+    with Lease(store, "the third one"):
+        pass
+    assert store.files() == ()

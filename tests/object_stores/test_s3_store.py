@@ -1,0 +1,159 @@
+"""A bucket on a real server: whole objects, patience, plain errors, few requests."""
+
+import pickle
+import time
+from itertools import pairwise
+from pathlib import Path
+
+import pytest
+from s3_proxy import Proxy
+
+from tma_ray.results import ObjectStoreError, Results, Store, check_usable, object_store
+
+LARGE = bytes(11_000_000)
+"""Two parts of an upload."""
+
+
+@pytest.fixture
+def impatient(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(object_store, "S3_ATTEMPTS", 3)
+
+
+def test_objects_are_written_replaced_listed_moved_and_deleted(s3_root: str) -> None:
+    store = pickle.loads(pickle.dumps(Store.open(s3_root)))
+    store.write_bytes("a/one", b"1")
+    store.write_bytes("a/one", b"11")
+    store.write_bytes("a/b/two", b"2")
+    store.move("a/b/two", "c/two")
+    assert store.files() == ("a/one", "c/two")
+    assert (store.read_bytes("a/one"), store.exists("a"), store.exists("c/two")) == (b"11", False, True)
+    store.delete("a")
+    store.delete("missing")
+    assert store.files() == ("c/two",)
+    for missing in (lambda: store.read_bytes("a/one"), lambda: store.move("a/one", "b")):
+        with pytest.raises(FileNotFoundError):
+            missing()
+
+
+def test_requests_are_few(s3_root: str, proxy: Proxy) -> None:
+    store = Store.open(s3_root)
+    for action, most in (
+        (lambda: store.write_bytes("a", b"small"), 1),
+        (lambda: store.write_bytes("b", LARGE), 4),
+        (lambda: store.read_bytes("b"), 3),
+        (lambda: store.exists("a"), 1),
+        (lambda: store.files(), 1),
+        (lambda: store.move("a", "c"), 3),
+    ):
+        proxy.seen.clear()
+        action()
+        assert len(proxy.seen) <= most, proxy.seen
+
+
+@pytest.mark.parametrize("content", [b"longer than before", b"short", b"same as"])
+def test_an_object_replaced_while_it_is_read_is_read_whole(
+    s3_root: str, s3_environment: str, proxy: Proxy, monkeypatch: pytest.MonkeyPatch, content: bytes
+) -> None:
+    store = Store.open(s3_root)
+    monkeypatch.setenv("AWS_ENDPOINT_URL", s3_environment)
+    other = Store.open(s3_root)
+    store.write_bytes("manifest", b"one two")
+
+    def replace(method: str, path: str) -> bool:
+        if method == "GET" and other.read_bytes("manifest") == b"one two":  # between its size and its bytes
+            other.write_bytes("manifest", content)
+        return False
+
+    proxy.refuse = replace
+    assert store.read_bytes("manifest") == content
+
+
+@pytest.mark.parametrize("fault", ["refuse", "drop"])
+def test_throttling_and_lost_connections_are_waited_out(s3_root: str, proxy: Proxy, fault: str) -> None:
+    store = Store.open(s3_root)
+    left = dict.fromkeys(("PUT", "GET", "HEAD", "DELETE"), 2)
+
+    def strike(method: str, path: str) -> bool:
+        left[method] -= 1
+        return left[method] >= 0
+
+    setattr(proxy, fault, strike)
+    store.write_bytes("file", b"content")
+    assert store.read_bytes("file") == b"content"
+    assert store.files() == ("file",)
+    store.delete("file")
+    assert max(left.values()) < 0, "every kind of request was struck"
+
+
+@pytest.mark.slow
+def test_pauses_grow_and_differ(s3_root: str, proxy: Proxy, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(object_store, "S3_ATTEMPTS", 5)
+    store, times = Store.open(s3_root), []
+
+    def refuse(method: str, path: str) -> bool:
+        times.append(time.monotonic())
+        return True
+
+    proxy.refuse = refuse
+    with pytest.raises(ObjectStoreError):
+        store.write_bytes("file", b"")
+    pauses = [later - earlier for earlier, later in pairwise(times)]
+    assert len(pauses) == 4
+    assert len({round(pause, 2) for pause in pauses}) > 1
+
+
+@pytest.mark.usefixtures("impatient")
+def test_a_lasting_failure_names_the_file_and_loses_nothing(s3_root: str, proxy: Proxy) -> None:
+    store = Store.open(s3_root)
+    store.write_bytes("tables/file", b"old")
+    proxy.refuse = lambda method, path: True
+    for action in (
+        lambda: store.write_bytes("tables/file", b"new"),
+        lambda: store.read_bytes("tables/file"),
+        lambda: store.move("tables/file", "x"),
+        lambda: store.delete("tables/file"),
+    ):
+        with pytest.raises(
+            ObjectStoreError, match=rf"{s3_root}/tables/file: the object store went on failing"
+        ):
+            action()
+    proxy.refuse = lambda method, path: False
+    assert store.files() == ("tables/file",)
+    assert store.read_bytes("tables/file") == b"old"
+
+
+@pytest.mark.usefixtures("impatient")
+@pytest.mark.parametrize("part", ["partNumber=1", "partNumber=2", "POST"])
+def test_a_large_upload_that_fails_midway_leaves_no_object(s3_root: str, proxy: Proxy, part: str) -> None:
+    store = Store.open(s3_root)
+    proxy.refuse = lambda method, path: part in path or (method == part and "uploadId" in path)
+    with pytest.raises(ObjectStoreError, match="file"):
+        store.write_bytes("file", LARGE)
+    proxy.refuse = lambda method, path: False
+    assert not store.exists("file")
+    assert store.files() == ()
+    store.write_bytes("file", LARGE)
+    assert store.read_bytes("file") == LARGE
+
+
+def test_a_missing_bucket_is_refused_by_name(s3_root: str) -> None:
+    store = Store.open("s3://no-such-bucket/root")
+    for check in (lambda: check_usable(store), lambda: Results(store)):
+        with pytest.raises(
+            ObjectStoreError, match="s3://no-such-bucket/root: there is no such bucket; create"
+        ):
+            check()
+
+
+def test_missing_rights_are_refused_before_anything_starts(s3_root: str, proxy: Proxy) -> None:
+    denied = b"<Error><Code>AccessDenied</Code><Message>Access Denied</Message></Error>"
+    proxy.refusal = (403, denied)
+    for right in ("GET", "PUT", "DELETE"):
+        proxy.refuse = lambda method, path, right=right: method == right
+        with pytest.raises(ObjectStoreError, match="rights to list, read, write and delete"):
+            check_usable(Store.open(s3_root))
+
+
+def test_a_usable_root_is_left_empty(s3_root: str, tmp_path: Path) -> None:
+    check_usable(Store.open(s3_root))
+    assert Store.open(s3_root).files() == ()
