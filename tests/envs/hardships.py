@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from itertools import product
 from typing import NamedTuple
@@ -9,6 +10,7 @@ from typing import NamedTuple
 import numpy as np
 
 from tma_ray.envs.body_environment import BodyEnvironment
+from tma_ray.jit import kernel
 from tma_ray.terrain import Terrain
 
 DEEPEST = 0.5
@@ -90,13 +92,18 @@ def through(state: np.ndarray, reach: np.ndarray, terrain: Terrain) -> set[str]:
 
     Depth is counted from the nearer end of the surface within the part's reach to both sides.
     """
-    found = set()
-    for name, surface, side in (("ground", terrain.surface, 1.0), ("ceiling", terrain.ceiling, -1.0)):
-        for (x, y), far in zip(state[:, :2], reach, strict=True):
-            beside = surface[(surface[:, 0] <= x + far) & (surface[:, 2] >= x - far)]
-            if len(beside) == 0:
-                continue
-            heights = side * beside[:, [1, 3]]
-            if side * y < heights.min() - far - DEEPEST:
-                found.add(f"through the {name}")
-    return found
+    sides = (("ground", terrain.surface, 1.0), ("ceiling", terrain.ceiling, -1.0))
+    return {f"through the {name}" for name, surface, side in sides if sunk(state, reach, surface, side)}
+
+
+@kernel
+def sunk(state: np.ndarray, reach: np.ndarray, surface: np.ndarray, side: float) -> bool:
+    """Tells whether a part has gone through a surface; see `through`."""
+    for part in range(len(state)):
+        x, far, lowest = state[part, 0], reach[part], math.inf
+        for left, left_y, right, right_y in surface:
+            if left <= x + far and right >= x - far:
+                lowest = min(lowest, side * left_y, side * right_y)
+        if side * state[part, 1] < lowest - far - DEEPEST and lowest < math.inf:
+            return True
+    return False
