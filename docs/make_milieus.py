@@ -46,11 +46,10 @@ def draw(axes: Axes, challenge: str, rows: pd.DataFrame) -> None:
         axes.plot(curve.step / 1e6, curve.episodic_return, color=colour, label=f"seed {seed}")
     axes.axhline(random_return(challenge, body), color="#777777", linestyle=":", label="random actions")
     if challenge != "easy_climbing":
-        axes.axhline(WANTED, color="#777777", linestyle="--", label="asked for")
+        axes.axhline(WANTED, color="#777777", linestyle="--", label=f"a return of {WANTED:.0f}")
     axes.set_title(f"{body.replace('_', ' ')}, {challenge.removeprefix('easy_')}", fontsize=10)
     axes.set_xlabel("million environment steps")
     axes.spines[["top", "right"]].set_visible(False)
-    axes.legend(frameon=False, fontsize=8)
 
 
 def film(challenge: str, rows: pd.DataFrame, folder: Path) -> Path:
@@ -73,12 +72,13 @@ def main() -> None:
     options.output.mkdir(parents=True, exist_ok=True)
     rows = evaluations(options.roots)
     found = [challenge for challenge in BODIES if challenge in set(rows.challenge)]
-    figure, panels = plt.subplots(1, len(found), figsize=(3.6 * len(found), 3.0), squeeze=False)
+    figure, panels = plt.subplots(1, len(found), figsize=(3.6 * len(found), 3.2), squeeze=False)
     for axes, challenge in zip(panels[0], found, strict=True):
         draw(axes, challenge, rows[rows.challenge == challenge])
         film(challenge, rows[rows.challenge == challenge], options.output)
     panels[0, 0].set_ylabel("mean return on 20 test tasks")
-    figure.tight_layout()
+    figure.legend(*panels[0, 0].get_legend_handles_labels(), loc="lower center", ncols=5, frameon=False)
+    figure.tight_layout(rect=(0, 0.08, 1, 1))
     figure.savefig(options.output / "milieus.png", dpi=130)
 
 
