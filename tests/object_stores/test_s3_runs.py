@@ -3,42 +3,21 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
 
 import pytest
 from s3_proxy import Proxy
-from small_runs import small_spec
+from small_runs import data_files, run, short_run
 
-from tma_ray.results import CHECKPOINTS, Committer, Lease, Results, RootInUseError, Store, Table, object_store
-from tma_ray.runs import Placement, RunSpec, run_locally
+from tma_ray.results import CHECKPOINTS, Lease, Results, RootInUseError, Store, Table, object_store
+from tma_ray.runs import Placement, RunSpec
 
 OFTEN = Placement(checkpoint_seconds=0.0)
-
-
-def run(spec: RunSpec, root: Any, stop_after: int | None = None, placement: Placement | None = None) -> str:
-    episodes = 0
-
-    def stop() -> bool:
-        nonlocal episodes
-        episodes += 1
-        return stop_after is not None and episodes >= stop_after
-
-    return run_locally(spec, Committer.open(root), placement, stop).value
-
-
-def data_files(root: Any) -> dict[str, bytes]:
-    store = Store.open(root)
-    about = ("tables/runs/", "tables/attempts/", "tables/cells/")
-    return {path: store.read_bytes(path) for path in store.files("tables") if not path.startswith(about)}
 
 
 @pytest.fixture(scope="module")
 def short(tmp_path_factory: pytest.TempPathFactory) -> tuple[RunSpec, dict[str, bytes]]:
     """A short run, and the files that it gives on a disk."""
-    folder = tmp_path_factory.mktemp("short")
-    spec = small_spec(folder, teacher="alp_gmm", steps=1_000)
-    run(spec, folder / "disk")
-    return spec, data_files(folder / "disk")
+    return short_run(tmp_path_factory.mktemp("short"))
 
 
 def test_a_run_interrupted_in_a_bucket_gives_the_files_of_one_on_a_disk(

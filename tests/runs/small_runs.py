@@ -10,7 +10,7 @@ import sys
 from pathlib import Path
 from typing import Any
 
-from tma_ray.results import Committer, Results, Table
+from tma_ray.results import Committer, Results, Store, Table
 from tma_ray.runs import Cell, Placement, RunSpec, Schedule, effective_spec, run_locally
 from tma_ray.tasks import KnowledgeLevel
 
@@ -65,16 +65,23 @@ def _cell(environment: str, embodiment: str, student: str, teacher: str, tests: 
     )
 
 
-def data_files(root: Path) -> dict[str, bytes]:
-    """Returns the canonical data files of all runs of a root by their path."""
-    return {
-        path.relative_to(root).as_posix(): path.read_bytes()
-        for path in sorted((root / "tables").rglob("*.parquet"))
-        if path.parent.name not in ("runs", "attempts", "cells")
-    }
+def data_files(root: str | Path) -> dict[str, bytes]:
+    """Returns the canonical data files of all runs of a root, a folder or a URI, by their path."""
+    store = Store.open(root)
+    about = ("tables/runs/", "tables/attempts/", "tables/cells/")
+    return {path: store.read_bytes(path) for path in store.files("tables") if not path.startswith(about)}
 
 
-def run(spec: RunSpec, root: Path, stop_after: int | None = None, placement: Placement | None = None) -> str:
+def short_run(folder: Path) -> tuple[RunSpec, dict[str, bytes]]:
+    """Returns a short run, and the files that it gives undisturbed on a disk."""
+    spec = small_spec(folder, teacher="alp_gmm", steps=1_000)
+    run(spec, folder / "undisturbed")
+    return spec, data_files(folder / "undisturbed")
+
+
+def run(
+    spec: RunSpec, root: str | Path, stop_after: int | None = None, placement: Placement | None = None
+) -> str:
     """Runs `spec`, stopping after `stop_after` episodes; returns the outcome."""
     episodes = 0
 

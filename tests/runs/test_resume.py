@@ -8,7 +8,7 @@ import sys
 from pathlib import Path
 
 import pytest
-from small_runs import data_files, rows, run, small_spec, stump_tracks_spec
+from small_runs import data_files, rows, run, short_run, small_spec, stump_tracks_spec
 
 from tma_ray.results import Store, Table
 from tma_ray.runs import Placement, RunSpec
@@ -72,10 +72,7 @@ def test_stump_tracks_stopped_and_finished_in_a_new_process(
 @pytest.fixture(scope="module")
 def short(tmp_path_factory: pytest.TempPathFactory) -> tuple[RunSpec, dict[str, bytes]]:
     """A short run, and the files that it gives undisturbed."""
-    folder = tmp_path_factory.mktemp("short")
-    spec = small_spec(folder, teacher="alp_gmm", steps=1_000)
-    run(spec, folder / "undisturbed")
-    return spec, data_files(folder / "undisturbed")
+    return short_run(tmp_path_factory.mktemp("short"))
 
 
 def test_checkpoints_at_every_episode_change_nothing(

@@ -7,7 +7,6 @@ import math
 import os
 import time
 from collections.abc import Callable
-from contextlib import suppress
 from pathlib import Path
 from types import TracebackType
 from typing import Any, Final, Self
@@ -18,7 +17,6 @@ from tma_ray.results.store import Store
 
 LEASE_SECONDS: Final = 120.0
 """Age over which a lease that nobody renewed is taken to be that of a killed process, s."""
-
 
 STOP_CHECK_SECONDS: Final = 3.0
 """How often a campaign looks whether it was asked to stop, s."""
@@ -84,8 +82,9 @@ class Lease:
         """
         current = _read(self.store, LEASE_FILE)
         if current is not None and current["token"] != self._token:
-            age = self._clock() - current["renewed_at"]
-            if age < self.seconds and not _is_dead(current.get("process")):
+            now = self._clock()
+            if _lives(current, now, self.seconds):
+                age = now - current["renewed_at"]
                 raise RootInUseError(
                     f"{self.store} is in use by {current['holder']}, last sign of life {age:.0f} s ago; "
                     f"stop that campaign, wait {self.seconds - age:.0f} s if it is dead, or use another root"
@@ -118,8 +117,7 @@ class Lease:
         """Gives the lease back; one that was taken over stays with its holder."""
         current = _read(self.store, LEASE_FILE)
         if current is not None and current["token"] == self._token:
-            with suppress(FileNotFoundError):
-                self.store.delete(STOP_FILE)
+            self.store.delete(STOP_FILE)
             self.store.delete(LEASE_FILE)
 
     def asked_to_stop(self) -> bool:
@@ -152,7 +150,7 @@ def ask_to_stop(store: Store, seconds: float = LEASE_SECONDS) -> str:
     current = _read(store, LEASE_FILE)
     if current is None:
         raise NotRunningError(f"no campaign is running on {store}: there is nothing to stop")
-    if time.time() - current["renewed_at"] >= seconds or _is_dead(current.get("process")):
+    if not _lives(current, time.time(), seconds):
         raise NotRunningError(f"{current['holder']} is dead: there is nothing to stop on {store}")
     store.write_bytes(STOP_FILE, json.dumps({"token": current["token"]}).encode())
     return str(current["holder"])
@@ -164,6 +162,11 @@ def _read(store: Store, path: str) -> dict[str, Any] | None:
     except FileNotFoundError:
         return None
     return content
+
+
+def _lives(lease: dict[str, Any], now: float, seconds: float) -> bool:
+    """Tells whether who wrote `lease` may live: renewed less than `seconds` ago, and not known to be dead."""
+    return now - lease["renewed_at"] < seconds and not _is_dead(lease.get("process"))
 
 
 def _this_process() -> dict[str, Any] | None:
