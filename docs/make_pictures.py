@@ -13,7 +13,7 @@ import matplotlib.image
 import numpy as np
 
 from tma_ray.envs import make_environment
-from tma_ray.results import POLICIES, Results, Table
+from tma_ray.results import Results, Table, policy_folder
 from tma_ray.students import load_policy
 
 TASK = np.array([0.5, 3.0], dtype=np.float32)
@@ -32,7 +32,7 @@ def best_run(results: Results) -> tuple[str, str]:
 def walk(root: Path) -> np.ndarray:
     """Returns frames of the best policy side by side, (height, width, 3)."""
     run_id, student = best_run(Results.open(root))
-    policy = load_policy(student, root / POLICIES / run_id)
+    policy = load_policy(student, root / policy_folder(run_id))
     environment = make_environment("stump_tracks", render_mode="rgb_array")
     observation, _ = environment.reset(seed=3, options={"task": TASK})
     frames = []

@@ -12,7 +12,7 @@ from ray.exceptions import ActorUnavailableError
 from small_runs import data_files, rows
 from test_campaign import alone, campaign, execute, idle, settings
 
-from tma_ray.campaign.actors import SeedActor
+from tma_ray.campaign.actors import Report, SeedActor
 from tma_ray.campaign.retries import FIRST_PAUSE, LONGEST_PAUSE, Retries
 from tma_ray.campaign.settings import TeacherPlacement
 from tma_ray.results import Committer, Table
@@ -62,7 +62,7 @@ def test_a_second_call_of_a_run_waits_for_the_first_and_gives_the_same(tmp_path:
 
 
 class Network:
-    """Ray as the scheduler sees it through a network that loses the first results of runs."""
+    """Ray as the scheduler sees it through a network that loses the first answers of seed actors."""
 
     def __init__(self, lost: int) -> None:
         self.lost = lost
@@ -72,7 +72,7 @@ class Network:
 
     def get(self, *arguments: Any, **options: Any) -> Any:
         answer = ray.get(*arguments, **options)
-        if self.lost > 0 and isinstance(answer, tuple):
+        if self.lost > 0 and isinstance(answer, tuple | Report):
             self.lost -= 1
             raise ActorUnavailableError("the network is gone", None)
         return answer

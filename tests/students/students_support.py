@@ -80,10 +80,10 @@ def parameters(student: Student) -> dict[str, np.ndarray]:
     return {name: value.numpy().copy() for name, value in student.model.policy.state_dict().items()}
 
 
-def digest(student: Student, folder: Path, previous: Path | None = None) -> dict[str, str]:
+def digest(student: Student, folder: Path) -> dict[str, str]:
     """Hashes of everything the student saves, by file."""
     folder.mkdir(parents=True, exist_ok=True)
-    student.save(folder, previous)
+    student.save(folder)
     files = sorted(path for path in folder.rglob("*") if path.is_file())
     return {str(path.relative_to(folder)): hashlib.sha256(path.read_bytes()).hexdigest() for path in files}
 

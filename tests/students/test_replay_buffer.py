@@ -97,7 +97,7 @@ def test_a_loaded_buffer_goes_on_as_the_saved_one(tmp_path, count, monkeypatch):
 
 
 @pytest.mark.parametrize("between", [0, 1, 3, 7, 8, 20, 39, 40, 41, 42, 100])
-def test_saves_that_build_on_the_previous_one_equal_full_ones(tmp_path, between, monkeypatch):
+def test_incremental_saves_equal_full_ones(tmp_path, between, monkeypatch):
     monkeypatch.setattr("tma_ray.students.replay.SEGMENT_ROWS", 8)
     source = stream(np.random.default_rng(3), 10_000, 0.3)
     replay, previous = buffer(41), None
@@ -106,7 +106,8 @@ def test_saves_that_build_on_the_previous_one_equal_full_ones(tmp_path, between,
             replay.add(transition, transition.action)
         folder = tmp_path / str(number)
         folder.mkdir()
-        replay.save(folder, previous)
+        for name in replay.save(folder, incremental=previous is not None):
+            (folder / name).write_bytes((previous / name).read_bytes())
         loaded = buffer(41)
         loaded.load(folder)
         if number % 3 == 2:
@@ -120,36 +121,29 @@ def test_saves_that_build_on_the_previous_one_equal_full_ones(tmp_path, between,
     assert_same_future(replay, loaded, itertools.islice(source, 60))
 
 
-def test_only_changed_segments_are_written_and_old_saves_stay_as_they_were(tmp_path, monkeypatch):
+def test_only_changed_segments_are_written(tmp_path, monkeypatch):
     monkeypatch.setattr("tma_ray.students.replay.SEGMENT_ROWS", 10)
     source = stream(np.random.default_rng(4), 1000, 0.0)
-    replay = buffer(79)
-    folders = [tmp_path / name for name in "abc"]
-    for folder, count in zip(folders, (200, 5, 5), strict=True):
-        folder.mkdir()
+    replay, left_out = buffer(79), []
+    for name, count, incremental in (("a", 200, True), ("b", 5, True), ("c", 5, False)):
+        (tmp_path / name).mkdir()
         for transition in itertools.islice(source, count):
             replay.add(transition, transition.action)
-        replay.save(folder, previous=folders[0] if folder == folders[1] else None)
-    first = {path.name: path.read_bytes() for path in folders[0].iterdir()}
-    linked = [path.name for path in folders[1].iterdir() if path.stat().st_nlink > 1]
-    assert len(linked) == 6  # of 8: the new rows start a segment, and the row before them counts, too
-    assert all(path.stat().st_nlink == 1 for path in folders[2].iterdir())
-    replay.save(folders[1])  # again, over linked files
-    assert {path.name: path.read_bytes() for path in folders[0].iterdir()} == first
+        left_out.append(replay.save(tmp_path / name, incremental))
+        assert not {path.name for path in (tmp_path / name).iterdir()} & set(left_out[-1])
+    assert left_out[0] == left_out[2] == ()
+    assert len(left_out[1]) == 6  # of 8: the new rows start a segment, and the row before them counts, too
 
 
-def test_a_previous_save_that_is_not_the_last_one_is_not_built_upon(tmp_path, monkeypatch):
-    monkeypatch.setattr("tma_ray.students.replay.SEGMENT_ROWS", 8)
+def test_a_buffer_that_was_cleared_since_is_saved_in_full(tmp_path):
     source = stream(np.random.default_rng(5), 1000, 0.1)
     replay = buffer(41)
-    for name in "abc":
+    for name in "ab":
         (tmp_path / name).mkdir()
         for transition in itertools.islice(source, 9):
             replay.add(transition, transition.action)
-        replay.save(tmp_path / name, previous=tmp_path / "a" if name == "c" else None)
-    loaded = buffer(41)
-    loaded.load(tmp_path / "c")
-    assert as_rows(replay.sample(1500)) == as_rows(loaded.sample(1500))
+        assert replay.save(tmp_path / name, incremental=True) == ()
+        replay.clear()
 
 
 def test_a_cleared_buffer_remembers_nothing():

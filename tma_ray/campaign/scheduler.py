@@ -15,10 +15,19 @@ from ray.exceptions import ActorUnavailableError, RayActorError, RayTaskError
 
 from tma_ray.campaign.actors import Report, SeedActor
 from tma_ray.campaign.cluster import capacity
+from tma_ray.campaign.patience import PatientCommitter
 from tma_ray.campaign.progress import Snapshot, Standing, View
 from tma_ray.campaign.retries import Retries
 from tma_ray.campaign.settings import Settings
-from tma_ray.results import AttemptOutcome, AttemptRecord, Committer, DamagedFileError, PartFile, RunStatus
+from tma_ray.results import (
+    AttemptOutcome,
+    AttemptRecord,
+    Committer,
+    DamagedFileError,
+    PartFile,
+    RunStatus,
+    StorageError,
+)
 from tma_ray.runs.checkpoints import Checkpoints
 from tma_ray.runs.spec import RunSpec
 
@@ -59,8 +68,7 @@ class Scheduler:
     def __init__(
         self, committer: Committer, settings: Settings, view: View, keep_lease: Callable[[], None]
     ) -> None:
-        self._committer = committer
-        self._keep_lease = keep_lease
+        self._committer = PatientCommitter(committer, keep_lease, settings.outage_seconds)
         self._settings = settings
         self._view = view
         self._waiting: deque[RunSpec] = deque()
@@ -135,7 +143,7 @@ class Scheduler:
             ended, _ = ray.wait(list(self._running), num_returns=1, timeout=seconds)
         else:  # all that is left pauses after a loss
             time.sleep(seconds)
-        self._keep_lease()
+        self._committer.keep_lease()
         for result in ended:
             self._settle(self._running.pop(result))
         for running in self._running.values():
@@ -148,13 +156,15 @@ class Scheduler:
             come, _ = ray.wait([running.asked], timeout=0)
             if not come:
                 return
+            asked, running.asked = running.asked, None
             try:
-                self._take(running, ray.get(running.asked))
+                self._take(running, ray.get(asked))
             except RayActorError:
                 return  # its result says the same and is dealt with there
         running.asked = running.actor.report.remote()
 
     def _take(self, running: _Running, report: Report | None) -> None:
+        running.unreachable_since = None
         news = report is not None and (running.report is None or report.parts != running.report.parts)
         running.report = report or running.report
         if report is not None and report.parts is not None and news:
@@ -169,6 +179,8 @@ class Scheduler:
                 return
             self._lose(running, error)
         except RayActorError as error:  # also when it is the teacher's process that died
+            self._lose(running, error)
+        except StorageError as error:  # its process could write nothing for long
             self._lose(running, error)
         except RayTaskError as error:
             self._record(running, AttemptOutcome.FAILED)
@@ -198,13 +210,13 @@ class Scheduler:
         self._running[running.result] = running
         return True
 
-    def _lose(self, running: _Running, error: RayActorError) -> None:
+    def _lose(self, running: _Running, error: Exception) -> None:
         self._record(running, AttemptOutcome.LOST)
         run_id, node = running.spec.run_id, running.report.node if running.report else ""
         if self._retries.take(running.spec, node):
-            logger.warning("run %s lost its process; resuming from its checkpoint", run_id)
+            logger.warning("run %s was lost and resumes from its checkpoint: %s", run_id, error)
         else:
-            message = f"its process died {self._retries.losses(run_id)} times, last: {error}"
+            message = f"it was lost {self._retries.losses(run_id)} times, last: {error}"
             self._committer.fail(running.spec.record(), running.number, message)
             self._failed += 1
 

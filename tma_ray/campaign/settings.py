@@ -74,6 +74,8 @@ class Settings:
         teachers: where teachers run.
         checkpoint_seconds: longest time between two checkpoints of a run, s.
         most_losses: how often a run may lose its process before it counts as failed.
+        outage_seconds: how long the storage of the results may refuse what is written before a run counts as
+            lost, or the campaign ends, s.
         unreachable_seconds: how long a run may be silent that is not known to be dead, before it counts
             as lost, s.
         grace_seconds: how long a stop waits for checkpoints, s.
@@ -83,10 +85,11 @@ class Settings:
     """
 
     resources: Resources = field(default_factory=Resources)
-    device: str = "cpu"
+    device: str = Placement.device
     teachers: TeacherPlacement = TeacherPlacement.ACTOR
-    checkpoint_seconds: float = 600.0
+    checkpoint_seconds: float = Placement.checkpoint_seconds
     most_losses: int = 3
+    outage_seconds: float = Placement.outage_seconds
     unreachable_seconds: float = 300.0
     grace_seconds: float = 60.0
     poll_seconds: float = 1.0
@@ -119,4 +122,4 @@ class Settings:
     @property
     def placement(self) -> Placement:
         """What a run is told of its execution."""
-        return Placement(self.device, self.resources.threads, self.checkpoint_seconds)
+        return Placement(self.device, self.resources.threads, self.checkpoint_seconds, self.outage_seconds)

@@ -1,11 +1,10 @@
 """Results as Parquet tables: written by runs, published by one committer, read by anyone."""
 
-from tma_ray.results.committer import Committer, StaleAttemptError
+from tma_ray.results.committer import Committer, StaleAttemptError, accepted_manifest
 from tma_ray.results.heartbeat import Heartbeat, Pulse, RunPace
 from tma_ray.results.layout import (
     CHECKPOINTS,
     LOGS,
-    POLICIES,
     ResultsRootError,
     check_id,
     check_path,
@@ -13,6 +12,8 @@ from tma_ray.results.layout import (
     check_usable,
     create_root,
     log_path,
+    policy_folder,
+    staged_policy,
 )
 from tma_ray.results.lease import Lease, NotRunningError, RootInUseError, ask_to_stop
 from tma_ray.results.manifest import DamagedFileError, Manifest, PartFile
@@ -21,14 +22,15 @@ from tma_ray.results.reader import DamagedFileWarning, Results
 from tma_ray.results.records import AttemptOutcome, AttemptRecord, RunRecord, RunStatus
 from tma_ray.results.rows import teacher_log_row
 from tma_ray.results.schema import DATA_TABLES, SCHEMA_VERSION, SCHEMAS, Table
+from tma_ray.results.storage_error import DISK_FULL, StorageError, explained_disk, outlast
 from tma_ray.results.store import Store
 from tma_ray.results.writer import RunWriter
 
 __all__ = [
     "CHECKPOINTS",
     "DATA_TABLES",
+    "DISK_FULL",
     "LOGS",
-    "POLICIES",
     "SCHEMAS",
     "SCHEMA_VERSION",
     "AttemptOutcome",
@@ -51,14 +53,20 @@ __all__ = [
     "RunStatus",
     "RunWriter",
     "StaleAttemptError",
+    "StorageError",
     "Store",
     "Table",
+    "accepted_manifest",
     "ask_to_stop",
     "check_id",
     "check_path",
     "check_root",
     "check_usable",
     "create_root",
+    "explained_disk",
     "log_path",
+    "outlast",
+    "policy_folder",
+    "staged_policy",
     "teacher_log_row",
 ]

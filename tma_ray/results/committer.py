@@ -7,8 +7,18 @@ from dataclasses import asdict
 from pathlib import Path, PurePosixPath
 from typing import Any, Final, Self
 
-from tma_ray.results.layout import STAGING, create_root, manifest_path, staging_folder, table_path
-from tma_ray.results.manifest import Manifest, PartFile
+from tma_ray.results.layout import (
+    CHECKPOINTS,
+    STAGING,
+    check_id,
+    create_root,
+    manifest_path,
+    policy_folder,
+    staged_policy,
+    staging_folder,
+    table_path,
+)
+from tma_ray.results.manifest import DamagedFileError, Manifest, PartFile
 from tma_ray.results.parquet import decode, encode
 from tma_ray.results.records import AttemptRecord, RunRecord, RunStatus
 from tma_ray.results.rows import to_arrow
@@ -21,6 +31,24 @@ TEMPORARY_SECONDS: Final = 3600.0
 
 class StaleAttemptError(RuntimeError):
     """An attempt that no longer counts tried to publish; its process should end."""
+
+
+def accepted_manifest(store: Store, run_id: str, attempt: int) -> Manifest | None:
+    """Returns what a run has published, None if nothing, as long as `attempt` may go on with it.
+
+    Raises:
+        StaleAttemptError: a later attempt is accepted, or the run is done.
+        DamagedFileError: the manifest cannot be read.
+    """
+    try:
+        published = Manifest.load(store, run_id)
+    except FileNotFoundError:
+        return None
+    if published.status is RunStatus.DONE:
+        raise StaleAttemptError(f"run {run_id} is done; attempt {attempt} may not publish")
+    if published.attempt > attempt:
+        raise StaleAttemptError(f"run {run_id}: attempt {attempt} is stale, {published.attempt} is accepted")
+    return published
 
 
 class Committer:
@@ -92,7 +120,7 @@ class Committer:
         self._replace(published, Manifest(run, RunStatus.RUNNING, attempt, tuple(parts)))
 
     def finish(self, run: RunRecord, attempt: int, final: Sequence[PartFile]) -> None:
-        """Publishes the canonical files of a run that has ended, then removes its staging folder.
+        """Publishes canonical files and policy of a run that has ended, then removes its staging folder.
 
         Args:
             run: what the run is.
@@ -117,6 +145,7 @@ class Committer:
                     self.store.move(source.path, destination.path)
                 else:
                     destination.read(self.store)  # moved before a kill
+            self._move_policy(run.run_id, attempt)
             self._replace(published, done)
         self.store.delete(staging_folder(run.run_id))
 
@@ -149,25 +178,26 @@ class Committer:
         self._merge(Table.CELLS, campaign, [{"campaign": campaign, **row} for row in rows], key)
 
     def sweep(self) -> None:
-        """Removes half-made files and staged ones of runs that are done: left by kills and stale attempts."""
+        """Removes what kills and stale attempts left: half-made files; all but the results of runs done."""
         self.store.clear_temporaries(TEMPORARY_SECONDS)
-        staged = {PurePosixPath(path).parts[1] for path in self.store.files(STAGING)}
-        for run_id in sorted(staged):
-            published = self.manifest(run_id)
-            if published is not None and published.status is RunStatus.DONE:
-                self.store.delete(staging_folder(run_id))
+        for place in (STAGING, CHECKPOINTS):
+            for run_id in sorted({PurePosixPath(path).parts[1] for path in self.store.files(place)}):
+                published = self._readable_manifest(run_id)
+                if published is not None and published.status is RunStatus.DONE:
+                    self.store.delete(f"{place}/{check_id(run_id)}")
+
+    def _readable_manifest(self, run_id: str) -> Manifest | None:
+        try:
+            return self.manifest(run_id)
+        except DamagedFileError:
+            return None
 
     def _accept(self, run_id: str, attempt: int) -> Manifest | None:
-        published = self.manifest(run_id)
-        if published is None:
-            return None
-        if published.status is RunStatus.DONE:
-            raise StaleAttemptError(f"run {run_id} is done; attempt {attempt} may not publish")
-        if published.attempt > attempt:
-            raise StaleAttemptError(
-                f"run {run_id}: attempt {attempt} is stale, {published.attempt} is accepted"
-            )
-        return published
+        return accepted_manifest(self.store, run_id, attempt)
+
+    def _move_policy(self, run_id: str, attempt: int) -> None:
+        for path in self.store.files(staged_policy(run_id, attempt)):
+            self.store.move(path, f"{policy_folder(run_id)}/{PurePosixPath(path).name}")
 
     def _replace(self, published: Manifest | None, new: Manifest) -> None:
         """Writes the run's row, then its manifest, so that a manifest never stands without its row."""

@@ -5,10 +5,12 @@ from __future__ import annotations
 import json
 import time
 from collections.abc import Callable, Mapping
+from contextlib import suppress
 from dataclasses import asdict, dataclass, field
 from typing import Final, Self
 
 from tma_ray.results.layout import HEARTBEAT_FILE
+from tma_ray.results.storage_error import StorageError
 from tma_ray.results.store import Store
 
 HEARTBEAT_SECONDS: Final = 15.0
@@ -85,10 +87,12 @@ class Pulse:
         """Says which runs are running, if it is time."""
         if self._clock() - self._last >= HEARTBEAT_SECONDS:
             self._last = self._clock()
-            Heartbeat(self._holder, self._last, runs).write(self._store)
+            with suppress(StorageError):  # it is for those who watch: the next one will do
+                Heartbeat(self._holder, self._last, runs).write(self._store)
 
     def end(self) -> None:
         """Says that the campaign has left, unless another one has taken the root over."""
-        newest = Heartbeat.load(self._store)
-        if newest is not None and newest.holder == self._holder:
-            Heartbeat(self._holder, self._clock(), ended=True).write(self._store)
+        with suppress(StorageError):
+            newest = Heartbeat.load(self._store)
+            if newest is not None and newest.holder == self._holder:
+                Heartbeat(self._holder, self._clock(), ended=True).write(self._store)

@@ -132,6 +132,16 @@ def final_path(run_id: str, attempt: int, table: Table) -> str:
     return f"{staging_folder(run_id)}/attempt-{attempt:03d}/final/{table}.parquet"
 
 
+def staged_policy(run_id: str, attempt: int) -> str:
+    """Folder of an attempt's final policy before its publication."""
+    return f"{staging_folder(run_id)}/attempt-{attempt:03d}/policy"
+
+
+def policy_folder(run_id: str) -> str:
+    """Folder of a run's published final policy."""
+    return f"{POLICIES}/{check_id(run_id)}"
+
+
 def log_path(run_id: str, attempt: int) -> str:
     """Path of what was logged during an attempt."""
     return f"{LOGS}/{check_id(run_id)}/attempt-{attempt:03d}.log"

@@ -14,6 +14,8 @@ from urllib.parse import SplitResult, parse_qsl, unquote, urlencode, urlsplit
 
 from pyarrow import fs
 
+from tma_ray.results.storage_error import StorageError
+
 T = TypeVar("T")
 
 S3_ATTEMPTS: Final = 10
@@ -51,7 +53,7 @@ _CREDENTIALS: Final = {
 }
 
 
-class ObjectStoreError(ConnectionError):
+class ObjectStoreError(StorageError, ConnectionError):
     """An object store refused a request or went on failing; the message names the file and a remedy."""
 
 

@@ -20,6 +20,7 @@ from tma_ray.results.object_store import (
     open_bucket,
     patiently,
 )
+from tma_ray.results.storage_error import explained_disk
 
 TEMPORARY: Final = "tmp"
 """Folder for files in the making: beside the tables, since their readers' patterns would match it there."""
@@ -36,8 +37,8 @@ class Store:
     end makes it visible. What a returned call has written survives a crash of the machine.
 
     A store can be pickled and sent to another process, which opens an object store anew with the
-    credentials of its own environment. Whatever an object store goes on refusing is raised as an
-    `ObjectStoreError`, which names the file.
+    credentials of its own environment. Whatever a disk refuses, or an object store goes on refusing, is
+    raised as a `StorageError` that names the file.
 
     Args:
         filesystem: any `pyarrow.fs.FileSystem`.
@@ -101,10 +102,10 @@ class Store:
     def write_bytes(self, path: str, data: bytes) -> None:
         """Writes or replaces a file, atomically and durably."""
         target = self.full_path(path)
-        if self._local:
-            self._write_local(Path(target), data)
-            return
         with self._explained(path):
+            if self._local:
+                self._write_local(Path(target), data)
+                return
             self._make_parent(target)
             with self.filesystem.open_output_stream(target, compression=None) as stream:
                 stream.write(data)  # one write: an object store publishes even an interrupted stream
@@ -156,13 +157,13 @@ class Store:
             FileNotFoundError: there is nothing at `source`.
         """
         old, new = self.full_path(source), self.full_path(destination)
-        self._make_parent(new)
-        if self._local:
-            Path(old).replace(new)
-            _sync_folder(Path(new).parent)
-            _sync_folder(Path(old).parent)
-        else:
-            with self._explained(source):
+        with self._explained(source):
+            self._make_parent(new)
+            if self._local:
+                Path(old).replace(new)
+                _sync_folder(Path(new).parent)
+                _sync_folder(Path(old).parent)
+            else:
                 self.filesystem.move(old, new)
 
     def delete(self, path: str) -> None:
@@ -172,15 +173,14 @@ class Store:
         """
         full = self.full_path(path)
         kind = self._kind(path)
-        if kind == fs.FileType.File:
-            with self._explained(path):
+        with self._explained(path):
+            if kind == fs.FileType.File:
                 self.filesystem.delete_file(full)
-        elif kind == fs.FileType.Directory and self._local:
-            aside = self._temporary()
-            Path(full).replace(aside)
-            shutil.rmtree(aside, ignore_errors=True)  # out of sight already; the rest is swept later
-        elif kind == fs.FileType.Directory:
-            with self._explained(path):
+            elif kind == fs.FileType.Directory and self._local:
+                aside = self._temporary()
+                Path(full).replace(aside)
+                shutil.rmtree(aside, ignore_errors=True)  # out of sight already; the rest is swept later
+            elif kind == fs.FileType.Directory:
                 self.filesystem.delete_dir(full)
 
     def clear_temporaries(self, older_than: float) -> None:
@@ -225,7 +225,9 @@ class Store:
             return self.filesystem.get_file_info(self.full_path(path)).type
 
     def _explained(self, path: str) -> AbstractContextManager[None]:
-        return explained(self.where(path)) if self.is_object_store else nullcontext()
+        if self.is_object_store:
+            return explained(self.where(path))
+        return explained_disk(self.where(path)) if self._local else nullcontext()
 
     def _write_local(self, target: Path, data: bytes) -> None:
         temporary = self._temporary()

@@ -13,7 +13,16 @@ from pathlib import Path
 
 import numpy as np
 
-from tma_ray.results import POLICIES, AttemptOutcome, AttemptRecord, PartFile, RunWriter, Store
+from tma_ray.results import (
+    AttemptOutcome,
+    AttemptRecord,
+    PartFile,
+    RunWriter,
+    Store,
+    accepted_manifest,
+    outlast,
+    staged_policy,
+)
 from tma_ray.runs.checkpoints import Checkpoints
 from tma_ray.runs.fingerprint import fingerprint
 from tma_ray.runs.placement import Placement, Status
@@ -79,6 +88,10 @@ class Attempt:
 
         Returns:
             The canonical result files, or None after a stop, which leaves a checkpoint.
+
+        Raises:
+            StaleAttemptError: at a checkpoint, if a later attempt is accepted: this one was taken for lost.
+            StorageError: the results root does not take what is written.
         """
         run = self._run
         while True:
@@ -89,13 +102,13 @@ class Attempt:
                 break
             stopping = should_stop()
             if stopping or self._checkpoint_due():
-                self._checkpoint(publish)
+                self._checkpoint(should_stop, publish)
             if stopping:
                 logger.info("stopped as asked at step %s", f"{run.progress.step:,}")
                 return None
-        self._save_policy()
+        final = outlast(self._finish, self._placement.outage_seconds, should_stop)
         logger.info("done")
-        return run.writer.finish()
+        return final
 
     def status(self) -> Status:
         """Returns where the run stands; safe to call from another thread."""
@@ -121,7 +134,7 @@ class Attempt:
         self._run.close()
 
     def _resume(self) -> None:
-        checkpoint = self._checkpoints.restore(self._run)
+        checkpoint = outlast(lambda: self._checkpoints.restore(self._run), self._placement.outage_seconds)
         if checkpoint is None:
             return
         self._run.writer = RunWriter(self._store, self.spec.run_id, self._number, checkpoint.parts)
@@ -136,10 +149,11 @@ class Attempt:
         evaluated = self._run.progress.evaluations > self._saved_evaluations
         return evaluated or time.monotonic() - self._saved_at > self._placement.checkpoint_seconds
 
-    def _checkpoint(self, publish: Callable[[Sequence[PartFile]], None]) -> None:
-        parts = self._run.writer.flush()
+    def _checkpoint(
+        self, should_stop: Callable[[], bool], publish: Callable[[Sequence[PartFile]], None]
+    ) -> None:
         started = time.monotonic()
-        size = self._checkpoints.save(self._run, parts, self.fingerprint)
+        parts, size = outlast(self._write_checkpoint, self._placement.outage_seconds, should_stop)
         self._saved_at, self._saved_evaluations = time.monotonic(), self._run.progress.evaluations
         status = self.status()
         logger.info(
@@ -152,8 +166,19 @@ class Attempt:
         )
         publish(parts)
 
+    def _write_checkpoint(self) -> tuple[tuple[PartFile, ...], int]:
+        """Writes rows and state; returns the parts of the run so far, and the bytes of state written."""
+        accepted_manifest(self._store, self.spec.run_id, self._number)
+        parts = self._run.writer.flush()
+        return parts, self._checkpoints.save(self._run, parts, self.fingerprint)
+
+    def _finish(self) -> tuple[PartFile, ...]:
+        """Writes the final policy and the canonical result files, which it returns."""
+        self._save_policy()
+        return self._run.writer.finish()
+
     def _save_policy(self) -> None:
-        folder = f"{POLICIES}/{self.spec.run_id}"
+        folder = staged_policy(self.spec.run_id, self._number)
         with tempfile.TemporaryDirectory() as place:
             self._run.student.save_policy(Path(place))
             for path in sorted(Path(place).iterdir()):

@@ -1,4 +1,4 @@
-"""Checkpoints of a run: complete or absent, checksummed, never written twice under one name."""
+"""Checkpoints of a run: complete or absent, checksummed, incremental, never written twice under one name."""
 
 from __future__ import annotations
 
@@ -6,11 +6,21 @@ import hashlib
 import json
 import logging
 import tempfile
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass
 from pathlib import Path, PurePosixPath
+from typing import Any
 
-from tma_ray.results import CHECKPOINTS, PartFile, Store, check_id, check_path
+from tma_ray.results import (
+    CHECKPOINTS,
+    DISK_FULL,
+    DamagedFileError,
+    PartFile,
+    Store,
+    check_id,
+    check_path,
+    explained_disk,
+)
 from tma_ray.runs.run import Run
 
 INDEX = "index.json"
@@ -19,73 +29,111 @@ logger = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True)
+class StateFile:
+    """One file of a checkpoint.
+
+    Attributes:
+        path: where it lies, from the folder of the run's checkpoints: of this one, or of an earlier one.
+        sha256: of its bytes, hexadecimal.
+        size: in bytes.
+    """
+
+    path: str
+    sha256: str
+    size: int
+
+
+@dataclass(frozen=True)
 class Checkpoint:
     """One complete checkpoint.
 
     Attributes:
-        folder: where it lies, from the results root.
+        name: of its folder.
         step: environment steps of the run.
         fingerprint: of the machine that wrote it.
         parts: result rows that belong to the run so far.
-        files: sha256 by file name.
+        files: by their path in a saved run.
     """
 
-    folder: str
+    name: str
     step: int
     fingerprint: str
     parts: tuple[PartFile, ...]
-    files: dict[str, str]
+    files: Mapping[str, StateFile]
+
+    def to_bytes(self) -> bytes:
+        """Returns the content of the index file."""
+        content = {
+            "step": self.step,
+            "fingerprint": self.fingerprint,
+            "parts": [part.to_json() for part in self.parts],
+            "files": {name: asdict(file) for name, file in self.files.items()},
+        }
+        return json.dumps(content).encode()
+
+    @classmethod
+    def from_bytes(cls, name: str, data: bytes) -> Checkpoint:
+        """Returns what `to_bytes` was called on.
+
+        Raises:
+            ValueError: no index, or one that names files elsewhere.
+            KeyError: a field is missing.
+            TypeError: a field is of another type.
+            AttributeError: likewise.
+        """
+        content: dict[str, Any] = json.loads(data)
+        files = {check_path(path): StateFile(**file) for path, file in content["files"].items()}
+        for file in files.values():
+            check_path(file.path)
+        parts = tuple(PartFile.from_json(part) for part in content["parts"])
+        return cls(name, content["step"], content["fingerprint"], parts, files)
 
 
 class Checkpoints:
     """The checkpoints of one run, as one attempt sees them.
 
-    A checkpoint exists once its index does, which is written last. Names hold the attempt, so that
-    a lost attempt that comes back to life never writes into its successor's. They hold pickles: load
-    them from your own results root only.
+    A checkpoint exists once its index does, which is written last. Files that did not change since the
+    checkpoint before, such as full segments of a replay buffer, are named there and not written again.
+    Names hold the attempt, and an attempt deletes nothing of a later one, so that a lost attempt that
+    comes back to life never takes anything from its successor. They hold pickles: load them from your
+    own results root only.
     """
 
     def __init__(self, store: Store, run_id: str, attempt: int) -> None:
         self._store = store
         self._folder = f"{CHECKPOINTS}/{check_id(run_id)}"
         self._attempt = attempt
+        self._latest: Checkpoint | None = None  # that was written or loaded
+        self._intact = False  # whether it holds what the run last saved or loaded
 
     def save(self, run: Run, parts: Sequence[PartFile], fingerprint: str) -> int:
-        """Writes a checkpoint of `run`, then drops all but the one before it; returns its bytes."""
+        """Writes a checkpoint of `run`, then drops all but the one before it; returns the bytes written."""
         step = run.progress.step
-        folder = f"{self._folder}/{step:012d}-attempt-{self._attempt:03d}"
-        files, size = {}, 0
-        with tempfile.TemporaryDirectory() as place:
-            run.save(Path(place))
-            for path in sorted(p for p in Path(place).rglob("*") if p.is_file()):
-                name, data = path.relative_to(place).as_posix(), path.read_bytes()
-                self._store.write_bytes(f"{folder}/{name}", data)
-                files[name] = hashlib.sha256(data).hexdigest()
-                size += len(data)
-        index = {
-            "step": step,
-            "fingerprint": fingerprint,
-            "parts": [part.to_json() for part in parts],
-            "files": files,
-        }
-        self._store.write_bytes(f"{folder}/{INDEX}", json.dumps(index).encode())
-        for old in self._folders()[:-2]:
-            self._store.delete(old)
-        return size
+        name = f"{step:012d}-attempt-{self._attempt:03d}"
+        incremental, self._intact = self._intact, False  # until the index is there
+        with tempfile.TemporaryDirectory() as place, explained_disk(place, DISK_FULL):
+            unchanged = run.save(Path(place), incremental)
+            new = self._write(name, Path(place))
+        before = self._latest.files if self._latest and unchanged else {}
+        files = {**{path: before[path] for path in unchanged}, **new}
+        checkpoint = Checkpoint(name, step, fingerprint, tuple(parts), files)
+        index = checkpoint.to_bytes()
+        self._store.write_bytes(f"{self._folder}/{name}/{INDEX}", index)
+        self._tidy([checkpoint, self._latest] if self._latest else [checkpoint])
+        self._latest, self._intact = checkpoint, True
+        return len(index) + sum(file.size for file in new.values())
 
     def restore(self, run: Run) -> Checkpoint | None:
         """Loads the newest complete and undamaged checkpoint into a new `run`; returns it, or None."""
-        for folder in reversed(self._folders()):
-            if not self._store.exists(f"{folder}/{INDEX}"):
-                continue
+        indices = [path for path in self._store.files(self._folder) if path.endswith(f"/{INDEX}")]
+        for path in reversed(indices):
             with tempfile.TemporaryDirectory() as place:
-                checkpoint = self._fetch(folder, Path(place))
+                checkpoint = self._fetch(PurePosixPath(path).parent.name, Path(place))
                 if checkpoint is None:
-                    logger.warning(
-                        "checkpoint %s is damaged; trying the one before", self._store.where(folder)
-                    )
+                    logger.warning("checkpoint %s is damaged; trying the one before", self._store.where(path))
                     continue
                 run.load(Path(place))
+                self._latest, self._intact = checkpoint, True
                 return checkpoint
         return None
 
@@ -93,23 +141,50 @@ class Checkpoints:
         """Deletes all checkpoints of the run; called once its results are published."""
         self._store.delete(self._folder)
 
-    def _folders(self) -> list[str]:
-        """Folders of checkpoints, oldest step first."""
-        files = self._store.files(self._folder)
-        depth = len(PurePosixPath(self._folder).parts)
-        return sorted({"/".join(PurePosixPath(file).parts[: depth + 1]) for file in files})
+    def _write(self, name: str, place: Path) -> dict[str, StateFile]:
+        files = {}
+        for source in sorted(path for path in place.rglob("*") if path.is_file()):
+            path, data = source.relative_to(place).as_posix(), source.read_bytes()
+            self._store.write_bytes(f"{self._folder}/{name}/{path}", data)
+            files[path] = StateFile(f"{name}/{path}", hashlib.sha256(data).hexdigest(), len(data))
+        return files
 
-    def _fetch(self, folder: str, place: Path) -> Checkpoint | None:
+    def _tidy(self, kept: Sequence[Checkpoint]) -> None:
+        """Deletes what no kept checkpoint needs; of each old one the index first, so that no half counts."""
+        needed = {f"{each.name}/{INDEX}" for each in kept}
+        needed |= {file.path for each in kept for file in each.files.values()}
+        folders: dict[str, list[str]] = {}
+        for path in self._store.files(self._folder):
+            inner = path.removeprefix(f"{self._folder}/")
+            folders.setdefault(inner.split("/")[0], []).append(inner)
+        for folder, paths in folders.items():
+            if _attempt_of(folder) > self._attempt:
+                continue
+            if needed.isdisjoint(paths):
+                self._store.delete(f"{self._folder}/{folder}")
+                continue
+            for inner in sorted(set(paths) - needed):  # "index.json" sorts before "run.pickle" and "student/"
+                self._store.delete(f"{self._folder}/{inner}")
+
+    def _fetch(self, name: str, place: Path) -> Checkpoint | None:
         try:
-            index = json.loads(self._store.read_bytes(f"{folder}/{INDEX}"))
-            for name, digest in index["files"].items():
-                data = self._store.read_bytes(f"{folder}/{name}")
-                if hashlib.sha256(data).hexdigest() != digest:
+            data = self._store.read_bytes(f"{self._folder}/{name}/{INDEX}")
+            checkpoint = Checkpoint.from_bytes(name, data)
+            for path, file in checkpoint.files.items():
+                data = self._store.read_bytes(f"{self._folder}/{file.path}")
+                if hashlib.sha256(data).hexdigest() != file.sha256:
                     return None
-                target = place / PurePosixPath(check_path(name))
+                target = place / PurePosixPath(path)
                 target.parent.mkdir(parents=True, exist_ok=True)
                 target.write_bytes(data)
-            parts = tuple(PartFile.from_json(part) for part in index["parts"])
-            return Checkpoint(folder, index["step"], index["fingerprint"], parts, index["files"])
-        except (ValueError, KeyError, FileNotFoundError):
+            for part in checkpoint.parts:
+                part.read(self._store)
+        except (ValueError, KeyError, TypeError, AttributeError, FileNotFoundError, DamagedFileError):
             return None
+        return checkpoint
+
+
+def _attempt_of(folder: str) -> int:
+    """Returns the attempt that wrote a checkpoint's folder, -1 if it has no such name."""
+    number = folder.rpartition("-attempt-")[2]
+    return int(number) if number.isdigit() else -1

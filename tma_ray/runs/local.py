@@ -5,7 +5,7 @@ from __future__ import annotations
 import traceback
 from collections.abc import Callable, Sequence
 
-from tma_ray.results import AttemptOutcome, Committer, PartFile, RunStatus
+from tma_ray.results import AttemptOutcome, Committer, PartFile, RunStatus, StorageError, outlast
 from tma_ray.runs.attempt import Attempt
 from tma_ray.runs.checkpoints import Checkpoints
 from tma_ray.runs.placement import Placement, Status
@@ -34,8 +34,10 @@ def run_locally(
         How the attempt ended.
 
     Raises:
+        StorageError: the root refused to take what was written for long; the run can be taken up again.
         Exception: whatever the run's parts raise, after the run is marked as failed.
     """
+    placement = placement or Placement()
     record, published = spec.record(), committer.manifest(spec.run_id)
     if published is not None and published.status is RunStatus.DONE:
         return AttemptOutcome.DONE
@@ -45,15 +47,20 @@ def run_locally(
         with RunLog(committer.store, spec.run_id, number) as log:
 
             def publish(parts: Sequence[PartFile]) -> None:
-                committer.publish(record, number, parts)
+                outlast(
+                    lambda: committer.publish(record, number, parts), placement.outage_seconds, should_stop
+                )
                 log.publish()
 
             attempt = Attempt(spec, committer.store, number, InlineTeacher(spec), placement)
             final = attempt.execute(_reporting(attempt, should_stop, on_status), publish)
         outcome = AttemptOutcome.STOPPED if final is None else AttemptOutcome.DONE
         if final is not None:
-            committer.finish(record, number, final)
+            outlast(lambda: committer.finish(record, number, final), placement.outage_seconds, should_stop)
             Checkpoints(committer.store, spec.run_id, number).drop()
+    except StorageError:
+        outcome = AttemptOutcome.LOST
+        raise
     except Exception:
         committer.fail(record, number, traceback.format_exc())
         raise

@@ -13,11 +13,13 @@ class Placement:
         device: torch's name of where networks live.
         threads: torch's threads of the run.
         checkpoint_seconds: longest time between two checkpoints, s; taken at episode ends.
+        outage_seconds: how long a storage may refuse to take what is written before the attempt ends, s.
     """
 
     device: str = "cpu"
     threads: int = 1
     checkpoint_seconds: float = 600.0
+    outage_seconds: float = 1800.0
 
 
 @dataclass(frozen=True)

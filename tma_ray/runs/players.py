@@ -12,7 +12,7 @@ import numpy as np
 from gymnasium import spaces
 from numpy.typing import NDArray
 
-from tma_ray.results import POLICIES, Results, Store
+from tma_ray.results import Results, Store, policy_folder
 from tma_ray.runs.spec import RunSpec
 from tma_ray.students import load_policy
 
@@ -79,7 +79,7 @@ def find_policy(name: str, results: str | Path) -> SavedPolicy:
         folder = path.absolute() if path.is_dir() else path.absolute().parent
         return _in_folder(Store.open(folder.parent), folder.name)
     found = Results.open(results)
-    return _in_folder(found.store, f"{POLICIES}/{found.find(name).run.run_id}")
+    return _in_folder(found.store, policy_folder(found.find(name).run.run_id))
 
 
 def random_player(actions: spaces.Box, rng: np.random.Generator) -> Player:

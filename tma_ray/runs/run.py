@@ -19,6 +19,9 @@ from tma_ray.runs.teaching import Reply, TeacherLink
 from tma_ray.students import Transition, make_student
 from tma_ray.tasks import Answer, Episode, Query, QueryKind, Task, TeacherUpdate
 
+STUDENT = "student"
+"""Folder of a saved run that holds its student."""
+
 
 @dataclass
 class Progress:
@@ -99,16 +102,26 @@ class Run:
             self._record_window()
         return episode
 
-    def save(self, folder: Path) -> None:
-        """Writes the complete state into an existing, empty folder; call it between two episodes."""
-        (folder / "student").mkdir()
-        self.student.save(folder / "student")
+    def save(self, folder: Path, incremental: bool = False) -> tuple[str, ...]:
+        """Writes the complete state into an existing, empty folder; call it between two episodes.
+
+        Args:
+            folder: where to.
+            incremental: what was last saved or loaded is still there: files that did not change since
+                may be left out.
+
+        Returns:
+            The paths in `folder` of the files that were left out; `load` wants them in their places.
+        """
+        (folder / STUDENT).mkdir()
+        unchanged = self.student.save(folder / STUDENT, incremental)
         state = {
             "progress": asdict(self.progress),
             "episode_seeds": self._episode_seeds.bit_generator.state,
             "teacher": self.teacher.save(),
         }
         (folder / "run.pickle").write_bytes(pickle.dumps(state))
+        return tuple(f"{STUDENT}/{name}" for name in unchanged)
 
     def load(self, folder: Path) -> None:
         """Takes up the state that `save` wrote for the same spec."""
@@ -116,7 +129,7 @@ class Run:
         self.progress = Progress(**state["progress"])
         self._episode_seeds.bit_generator.state = state["episode_seeds"]
         self.teacher.load(state["teacher"])
-        self.student.load(folder / "student")
+        self.student.load(folder / STUDENT)
         self._next_event = self._event_after(self.progress.step)
 
     def close(self) -> None:

@@ -5,10 +5,11 @@ from __future__ import annotations
 import logging
 import time
 import traceback
+from contextlib import suppress
 from types import TracebackType
 from typing import Self
 
-from tma_ray.results import Store, log_path
+from tma_ray.results import StorageError, Store, log_path
 
 LOGGER = "tma_ray"
 """Whose messages, and those below it, are kept: plug-ins may log to ``tma_ray.plugins.…``."""
@@ -58,6 +59,8 @@ class RunLog(logging.Handler):
 
     def publish(self) -> None:
         """Writes all messages so far, if there are new ones."""
-        if len(self._lines) > self._published:
-            self._published = len(self._lines)
-            self._store.write_bytes(self._path, ("\n".join(self._lines) + "\n").encode())
+        count = len(self._lines)
+        if count > self._published:
+            with suppress(StorageError):  # a log is no reason to fail; the next publication holds it all
+                self._store.write_bytes(self._path, ("\n".join(self._lines) + "\n").encode())
+                self._published = count

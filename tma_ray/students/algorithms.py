@@ -26,7 +26,7 @@ from tma_ray.students.base import Actions, Observations, Policy, Student, Transi
 from tma_ray.students.networks import as_batch
 from tma_ray.students.replay import ReplayBuffer
 from tma_ray.students.rollout import Rollout
-from tma_ray.students.stable_baselines import POLICY_FILE, StableBaselinesStudent
+from tma_ray.students.stable_baselines import POLICY_FILE, Experience, StableBaselinesStudent
 
 
 @cache
@@ -157,9 +157,9 @@ class OnPolicyStudent(AlgorithmStudent):
             self.model.train()
         self._rollout.clear()
 
-    def _save_experience(self, folder: Path, _previous: Path | None) -> dict[str, Any]:
+    def _save_experience(self, folder: Path, _incremental: bool) -> Experience:
         np.savez(folder / "rollout.npz", **self._rollout.state())
-        return {}
+        return Experience({})
 
     def _load_experience(self, folder: Path, _counters: dict[str, Any]) -> None:
         with np.load(folder / "rollout.npz") as state:
@@ -230,9 +230,8 @@ class OffPolicyStudent(AlgorithmStudent):
             return values.mean(dim=(1, 2))
         return torch.cat(values, dim=1).amin(dim=1)
 
-    def _save_experience(self, folder: Path, previous: Path | None) -> dict[str, Any]:
-        self._replay.save(folder, previous)
-        return {"steps": self._steps}
+    def _save_experience(self, folder: Path, incremental: bool) -> Experience:
+        return Experience({"steps": self._steps}, self._replay.save(folder, incremental))
 
     def _load_experience(self, folder: Path, counters: dict[str, Any]) -> None:
         self._replay.load(folder)

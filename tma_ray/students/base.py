@@ -86,15 +86,18 @@ class Student(ABC):
         """
 
     @abstractmethod
-    def save(self, folder: Path, previous: Path | None = None) -> None:
+    def save(self, folder: Path, incremental: bool = False) -> tuple[str, ...]:
         """Writes the complete state into `folder`, so that training resumes bit for bit.
 
         Called at the end of an episode.
 
         Args:
-            folder: an existing folder of the student's own.
-            previous: where the last state was saved to or loaded from, if it is still there: large
-                files that did not change since may be linked from it.
+            folder: an existing, empty folder of the student's own.
+            incremental: what was last saved or loaded is still there: large files that did not change
+                since may be left out.
+
+        Returns:
+            The names of the files that were left out; a later `load` finds them in its folder.
         """
 
     @abstractmethod

@@ -18,7 +18,7 @@ from tma_ray.students.normaliser import Normaliser
 from tma_ray.students.ppo_acting import Actor
 from tma_ray.students.ppo_update import PPOUpdate
 from tma_ray.students.rollout import Rollout
-from tma_ray.students.stable_baselines import POLICY_FILE, StableBaselinesStudent
+from tma_ray.students.stable_baselines import POLICY_FILE, Experience, StableBaselinesStudent
 
 NORMALISER_FILE = "normaliser.json"
 
@@ -151,10 +151,10 @@ class PPO(StableBaselinesStudent[PPOHyperparameters, stable_baselines3.PPO]):
 
         return act
 
-    def _save_experience(self, folder: Path, _previous: Path | None) -> dict[str, Any]:
+    def _save_experience(self, folder: Path, _incremental: bool) -> Experience:
         self.normaliser.save(folder / NORMALISER_FILE)
         np.savez(folder / "rollout.npz", **self._rollout.state())
-        return {}
+        return Experience({})
 
     def _load_experience(self, folder: Path, _counters: dict[str, Any]) -> None:
         self.normaliser = Normaliser.load(folder / NORMALISER_FILE)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import shutil
 from pathlib import Path
 from typing import Any
 
@@ -116,30 +115,31 @@ class ReplayBuffer:
         )
         return ReplayBufferSamples(*(torch.from_numpy(part).to(self._device) for part in batch))
 
-    def save(self, folder: Path, previous: Path | None = None) -> None:
+    def save(self, folder: Path, incremental: bool = False) -> tuple[str, ...]:
         """Writes the filled part in segments, every observation once.
 
         Args:
             folder: where to.
-            previous: where this buffer was last saved or loaded from; segments that did not change
-                since are linked from there instead of written again.
+            incremental: segments that did not change since this buffer was last saved or loaded are left out.
+
+        Returns:
+            The names of the segments that were left out.
         """
-        changed = self._changed_segments(previous)
-        used = min(self._filled + 1, self._rows)
+        changed = self._changed_segments() if incremental and self._saved else None
+        used, unchanged = min(self._filled + 1, self._rows), []
         for number in range(math.ceil(used / SEGMENT_ROWS)):
-            path = folder / f"replay-{number:04d}.npz"
-            path.unlink(missing_ok=True)  # it may be linked from another checkpoint: never write into it
-            if number in changed:
-                rows = slice(number * SEGMENT_ROWS, min(used, (number + 1) * SEGMENT_ROWS))
-                columns: dict[str, Any] = {name: getattr(self, name)[rows] for name in _COLUMNS}
-                np.savez(path, **columns)
-            else:
-                assert previous is not None
-                _link(previous / path.name, path)
+            name = f"replay-{number:04d}.npz"
+            if changed is not None and number not in changed:
+                unchanged.append(name)
+                continue
+            rows = slice(number * SEGMENT_ROWS, min(used, (number + 1) * SEGMENT_ROWS))
+            columns: dict[str, Any] = {column: getattr(self, column)[rows] for column in _COLUMNS}
+            np.savez(folder / name, **columns)
         kept = np.arange(self._first_ending, self._next_ending)
         counters: dict[str, Any] = {name: np.int64(getattr(self, name)) for name in _COUNTERS}
         np.savez(folder / INDEX_FILE, endings=self._endings[kept % len(self._endings)], **counters)
         self._saved = self._added
+        return tuple(unchanged)
 
     def load(self, folder: Path) -> None:
         """Takes over what a buffer of the same sizes saved."""
@@ -156,16 +156,12 @@ class ReplayBuffer:
         self._endings[np.arange(self._first_ending, self._next_ending) % len(self._endings)] = endings
         self._saved = self._added
 
-    def _changed_segments(self, previous: Path | None) -> set[int]:
-        """Returns the numbers of all segments touched since the save in `previous`."""
-        new = self._added - self._saved
-        if previous is not None and self._saved:
-            with np.load(previous / INDEX_FILE) as index:
-                if int(index["_added"]) == self._saved and new < self._rows - 1:
-                    # with the row before, whose ending may have been kept since, and the one ahead
-                    touched = np.arange(self._row - new - 1, self._row + 1) % self._rows
-                    return set((touched // SEGMENT_ROWS).tolist())
-        return set(range(math.ceil(self._rows / SEGMENT_ROWS)))
+    def _changed_segments(self) -> set[int]:
+        """Returns the numbers of all segments touched since the last save or load."""
+        new = min(self._added - self._saved, self._rows)
+        # with the row before, whose ending may have been kept since, and the one ahead
+        touched = np.arange(self._row - new - 1, self._row + 1) % self._rows
+        return set((touched // SEGMENT_ROWS).tolist())
 
     def _next_observations(self, rows: NDArray[np.int64]) -> Observations:
         following = self._observations[(rows + 1) % self._rows]
@@ -184,10 +180,3 @@ class ReplayBuffer:
         self._endings[self._next_ending % len(self._endings)] = self._observations[row]
         self._ending[row - 1] = self._next_ending  # row - 1 is -1, the last row, at the seam
         self._next_ending += 1
-
-
-def _link(source: Path, target: Path) -> None:
-    try:
-        target.hardlink_to(source)
-    except OSError:  # another file system, or one without links
-        shutil.copyfile(source, target)

@@ -20,7 +20,7 @@ from tma_ray.students.networks import Pass, as_batch
 from tma_ray.students.perceptron import blocks_of
 from tma_ray.students.replay import ReplayBuffer
 from tma_ray.students.sac_update import SQUASH_EPSILON, SACUpdate
-from tma_ray.students.stable_baselines import POLICY_FILE, StableBaselinesStudent
+from tma_ray.students.stable_baselines import POLICY_FILE, Experience, StableBaselinesStudent
 
 
 class SAC(StableBaselinesStudent[SACHyperparameters, stable_baselines3.SAC]):
@@ -131,9 +131,8 @@ class SAC(StableBaselinesStudent[SACHyperparameters, stable_baselines3.SAC]):
 
         return act
 
-    def _save_experience(self, folder: Path, previous: Path | None) -> dict[str, Any]:
-        self._replay.save(folder, previous)
-        return {"steps": self._steps}
+    def _save_experience(self, folder: Path, incremental: bool) -> Experience:
+        return Experience({"steps": self._steps}, self._replay.save(folder, incremental))
 
     def _load_experience(self, folder: Path, counters: dict[str, Any]) -> None:
         self._replay.load(folder)

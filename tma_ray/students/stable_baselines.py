@@ -7,7 +7,7 @@ from abc import abstractmethod
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any, Generic, Protocol, TypeVar
+from typing import Any, Generic, NamedTuple, Protocol, TypeVar
 
 import numpy as np
 import torch
@@ -37,6 +37,18 @@ H = TypeVar("H", bound=Hyperparameters)
 M = TypeVar("M", bound=BaseAlgorithm)
 
 POLICY_FILE = "policy.zip"
+
+
+class Experience(NamedTuple):
+    """What became of saved buffers and statistics.
+
+    Attributes:
+        counters: what JSON keeps of them.
+        unchanged: files left out of an incremental save.
+    """
+
+    counters: dict[str, Any]
+    unchanged: tuple[str, ...] = ()
 
 
 class StableBaselinesStudent(Student, Generic[H, M]):
@@ -101,19 +113,20 @@ class StableBaselinesStudent(Student, Generic[H, M]):
         """Takes over the parameters of `self.model`, which have changed, wherever they are copied to."""
 
     @abstractmethod
-    def _save_experience(self, folder: Path, previous: Path | None, /) -> dict[str, Any]:
-        """Writes buffers and statistics into `folder`; returns counters for JSON."""
+    def _save_experience(self, folder: Path, incremental: bool, /) -> Experience:
+        """Writes buffers and statistics into `folder`; `incremental` as for `save`."""
 
     @abstractmethod
     def _load_experience(self, folder: Path, counters: dict[str, Any], /) -> None:
-        """Takes over what `_save_experience` wrote and returned."""
+        """Takes over what `_save_experience` wrote, and the counters that it returned."""
 
-    def save(self, folder: Path, previous: Path | None = None) -> None:  # noqa: D102
+    def save(self, folder: Path, incremental: bool = False) -> tuple[str, ...]:  # noqa: D102
+        experience = self._save_experience(folder, incremental)
         state = {
             "hyperparameters": as_plain_values(self.hyperparameters),
             "generators": [generator.bit_generator.state for generator in self._generators],
             "updates": self.model._n_updates,
-            "counters": self._save_experience(folder, previous),
+            "counters": experience.counters,
         }
         (folder / "student.json").write_text(json.dumps(state, indent=1))
         networks = {
@@ -122,6 +135,7 @@ class StableBaselinesStudent(Student, Generic[H, M]):
             "torch_stream": self._torch_stream.state,
         }
         torch.save(networks, folder / "networks.pt")
+        return experience.unchanged
 
     def load(self, folder: Path) -> None:  # noqa: D102
         state = json.loads((folder / "student.json").read_text())
