@@ -1,3 +1,4 @@
+import errno
 import os
 import pickle
 import time
@@ -6,7 +7,7 @@ from pathlib import Path
 import pytest
 from pyarrow import fs
 
-from tma_ray.results import Store
+from tma_ray.results import StorageError, Store
 
 
 def test_files_are_written_replaced_listed_and_deleted(store: Store) -> None:
@@ -58,10 +59,10 @@ def test_a_write_that_fails_leaves_the_old_content(tmp_path: Path, monkeypatch: 
     store.write_bytes("file", b"old")
 
     def full(descriptor: int) -> None:
-        raise OSError("no space left on device")
+        raise OSError(errno.ENOSPC, "No space left on device")
 
     monkeypatch.setattr(os, "fsync", full)
-    with pytest.raises(OSError, match="no space"):
+    with pytest.raises(StorageError, match=r"/file: free some space.*No space left.*continues from there"):
         store.write_bytes("file", b"new")
     assert store.read_bytes("file") == b"old"
     assert store.files() == ("file",)

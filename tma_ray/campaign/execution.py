@@ -42,6 +42,7 @@ def run_campaign(
         ResultsRootError: the root belongs to something else or to another version.
         RootInUseError: another campaign is running on it.
         ConnectionError: no cluster answers at `address`, or an object store refuses us or a node.
+        OutageError: the storage of the results was gone for too long; the same call continues.
         RuntimeError: called by a module that is imported for its plug-in.
     """
     return execute_plan(campaign.plan(), results, settings or Settings(), address, view)

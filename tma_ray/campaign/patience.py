@@ -5,9 +5,13 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from typing import TypeVar
 
-from tma_ray.results import AttemptRecord, Committer, Manifest, PartFile, RunRecord, outlast
+from tma_ray.results import AttemptRecord, Committer, Manifest, PartFile, RunRecord, StorageError, outlast
 
 T = TypeVar("T")
+
+
+class OutageError(RuntimeError):
+    """The storage of a campaign's results was gone for too long."""
 
 
 class PatientCommitter:
@@ -32,10 +36,10 @@ class PatientCommitter:
         """Gives a sign of life to other campaigns.
 
         Raises:
-            RootInUseError: the root is no longer ours.
-            StorageError: after all tries, as do all other methods.
+            RootInUseError: the root is no longer ours; as do all other methods.
+            OutageError: after all tries; likewise.
         """
-        outlast(self._keep_lease, self._seconds)
+        self._outlast(lambda: None)
 
     def manifest(self, run_id: str) -> Manifest | None:
         """See `Committer`."""
@@ -66,4 +70,7 @@ class PatientCommitter:
             self._keep_lease()
             return action()
 
-        return outlast(with_lease, self._seconds)
+        try:
+            return outlast(with_lease, self._seconds)
+        except StorageError as error:
+            raise OutageError(f"the campaign ends after {self._seconds:.0f} s of trying: {error}") from error

@@ -10,10 +10,11 @@ from rich.console import Console
 
 from tma_ray.campaign.campaign import Campaign, Plan
 from tma_ray.campaign.options import add_options, chosen_address, chosen_campaign, chosen_settings
+from tma_ray.campaign.patience import OutageError
 from tma_ray.campaign.progress import Snapshot
 from tma_ray.results import RootInUseError
 
-EXIT_FAILED_RUNS = 1
+EXIT_FAILED = 1
 EXIT_REFUSED = 2
 EXIT_STOPPED = 130
 
@@ -21,7 +22,8 @@ EXIT_STOPPED = 130
 def main(campaign: Campaign, arguments: Sequence[str] | None = None) -> int:
     """Runs `campaign` as the command line says; returns the exit code.
 
-    0: all runs are done; 1: some failed; 2: refused before anything ran; 130: stopped, resumable.
+    0: all runs are done; 1: some failed, or the results could not be written any more; 2: refused before
+    anything ran; 130: stopped, resumable.
     """
     parser = argparse.ArgumentParser(description=f"Runs the campaign {campaign.name!r}.")
     add_options(parser)
@@ -54,6 +56,9 @@ def carry_out(plan: Plan, results: str, options: argparse.Namespace) -> int:
         ended = execute_plan(plan, results, settings, chosen_address(options))
     except KeyboardInterrupt:  # the second one: runs go on from the checkpoints they had
         return EXIT_STOPPED
+    except OutageError as error:
+        sys.stderr.write(f"{plan.name}: {error}\n")
+        return EXIT_FAILED
     return _conclude(ended, results, console)
 
 
@@ -64,4 +69,4 @@ def _conclude(ended: Snapshot, results: str, console: Console) -> int:
         console.print("Stopped; the same command continues where it was.", highlight=False)
         return EXIT_STOPPED
     console.print(f"{ended.failed} runs failed; 'tma-ray status {results}' says why.", highlight=False)
-    return EXIT_FAILED_RUNS
+    return EXIT_FAILED

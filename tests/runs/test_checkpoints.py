@@ -1,0 +1,199 @@
+"""Checkpoints build on each other, and attempts leave each other's alone."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+from small_runs import data_files, run, small_spec
+
+from tma_ray.results import (
+    CHECKPOINTS,
+    Committer,
+    RunWriter,
+    StaleAttemptError,
+    Store,
+    outlast,
+    storage_error,
+)
+from tma_ray.results.storage_error import StorageError
+from tma_ray.runs import Placement, RunSpec
+from tma_ray.runs.attempt import Attempt
+from tma_ray.runs.checkpoints import Checkpoints
+from tma_ray.runs.run import Run
+from tma_ray.runs.teaching import InlineTeacher
+
+EVERY_EPISODE = Placement(checkpoint_seconds=0.0)
+
+
+def new_run(spec: RunSpec, store: Store, attempt: int = 0) -> Run:
+    return Run(spec, InlineTeacher(spec), RunWriter(store, spec.run_id, attempt))
+
+
+def play(one: Run, episodes: int) -> None:
+    for _ in range(episodes):
+        one.advance()
+
+
+def files(store: Store) -> list[str]:
+    """Paths of the checkpoints' files: step, attempt, and name."""
+    return ["/".join(path.split("/")[2:]) for path in store.files(CHECKPOINTS)]
+
+
+def future(one: Run) -> list[tuple[float, int]]:
+    return [
+        (episode.episodic_return, episode.length) for episode in (one.advance() for _ in range(10)) if episode
+    ]
+
+
+@pytest.fixture
+def store(tmp_path: Path) -> Store:
+    return Store.open(tmp_path / "root")
+
+
+@pytest.fixture
+def spec(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> RunSpec:
+    monkeypatch.setattr("tma_ray.students.replay.SEGMENT_ROWS", 100)
+    return small_spec(tmp_path, "sac", "alp_gmm")
+
+
+def test_full_segments_of_a_replay_buffer_are_written_once(spec: RunSpec, store: Store) -> None:
+    one, checkpoints = new_run(spec, store), Checkpoints(store, spec.run_id, 0)
+    sizes = []
+    for _ in range(4):
+        play(one, 20)
+        sizes.append(checkpoints.save(one, (), "here"))
+    newest = max(path.split("/")[0] for path in files(store))
+    own = [path for path in files(store) if path.startswith(newest) and "replay-" in path]
+    assert len(own) < 7 < len([path for path in files(store) if "replay-0" in path])
+    other = new_run(spec, store, attempt=1)
+    successor = Checkpoints(store, spec.run_id, 1)
+    restored = successor.restore(other)
+    assert restored is not None
+    assert restored.step == one.progress.step
+    successor.save(other, (), "here")
+    play(other, 1)
+    assert successor.save(other, (), "here") < sizes[-1], "what was loaded is not written again"
+    third = new_run(spec, store, attempt=2)
+    assert Checkpoints(store, spec.run_id, 2).restore(third) is not None
+    assert future(third) == future(other)
+
+
+def test_only_the_newest_and_the_one_before_are_kept_with_all_they_need(spec: RunSpec, store: Store) -> None:
+    one, checkpoints = new_run(spec, store), Checkpoints(store, spec.run_id, 0)
+    for _ in range(5):
+        play(one, 20)
+        checkpoints.save(one, (), "here")
+    indices = sorted(path for path in files(store) if path.endswith("index.json"))
+    assert len(indices) == 2
+    store.delete(f"{CHECKPOINTS}/{spec.run_id}/{indices[-1]}")
+    assert Checkpoints(store, spec.run_id, 1).restore(new_run(spec, store, 1)) is not None
+    states = [path for path in files(store) if path.endswith("run.pickle")]
+    assert len(states) == 2, "small files of older checkpoints are gone"
+
+
+def test_after_a_checkpoint_that_could_not_be_written_the_next_one_is_complete(
+    spec: RunSpec, store: Store, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    one, checkpoints = new_run(spec, store), Checkpoints(store, spec.run_id, 0)
+    play(one, 30)
+    checkpoints.save(one, (), "here")
+    play(one, 30)
+    with monkeypatch.context() as patch:
+        patch.setattr(Store, "write_bytes", full_disk)
+        with pytest.raises(StorageError):
+            checkpoints.save(one, (), "here")
+    checkpoints.save(one, (), "here")
+    other = new_run(spec, store, attempt=1)
+    restored = Checkpoints(store, spec.run_id, 1).restore(other)
+    assert restored is not None
+    assert restored.step == one.progress.step
+    assert future(other) == future(one)
+
+
+def test_an_attempt_that_was_taken_for_lost_takes_nothing_from_its_successor(
+    spec: RunSpec, store: Store
+) -> None:
+    lost, before = new_run(spec, store), Checkpoints(store, spec.run_id, 0)
+    play(lost, 30)
+    before.save(lost, (), "here")
+    successor, after = new_run(spec, store, attempt=1), Checkpoints(store, spec.run_id, 1)
+    after.restore(successor)
+    play(successor, 5)
+    after.save(successor, (), "here")
+    for _ in range(3):
+        play(lost, 20)
+        before.save(lost, (), "here")
+    kept = [path for path in files(store) if "-attempt-001/" in path]
+    assert any(path.endswith("index.json") for path in kept)
+    assert any(path.endswith("run.pickle") for path in kept)
+
+
+def test_an_attempt_that_was_replaced_ends_at_its_next_checkpoint(spec: RunSpec, store: Store) -> None:
+    committer = Committer(store)
+    number = committer.start(spec.record())
+    attempt = Attempt(spec, store, number, InlineTeacher(spec), EVERY_EPISODE)
+    published = []
+
+    def replace(parts: object) -> None:
+        published.append(parts)
+        committer.start(spec.record())
+
+    with pytest.raises(StaleAttemptError, match="attempt 0 is stale, 1 is accepted"):
+        attempt.execute(lambda: False, replace)
+    assert len(published) == 1
+
+
+def full_disk(*arguments: object) -> None:
+    raise StorageError("the disk is full")
+
+
+def test_a_run_outlasts_a_full_disk_wherever_it_strikes(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Every tenth file that is written fails at first."""
+    spec = small_spec(tmp_path, teacher="alp_gmm", steps=1_000)
+    run(spec, tmp_path / "undisturbed", placement=EVERY_EPISODE)
+    monkeypatch.setattr(storage_error, "FIRST_PAUSE", 0.01)
+    write, count = Store.write_bytes, 0
+
+    def now_and_then(store: Store, path: str, data: bytes) -> None:
+        nonlocal count
+        count += not path.startswith(("logs", "tables"))
+        if count % 10 == 5:
+            full_disk()
+        write(store, path, data)
+
+    with monkeypatch.context() as patch:
+        patch.setattr(Store, "write_bytes", now_and_then)
+        assert run(spec, tmp_path / "full", placement=EVERY_EPISODE) == "done"
+    assert count > 100
+    assert data_files(tmp_path / "full") == data_files(tmp_path / "undisturbed")
+
+
+def test_a_disk_that_stays_full_ends_the_attempt_which_can_be_taken_up_again(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    spec = small_spec(tmp_path, teacher="alp_gmm", steps=1_000)
+    run(spec, tmp_path / "undisturbed")
+    monkeypatch.setattr(storage_error, "FIRST_PAUSE", 0.01)
+    write = Store.write_bytes
+
+    def no_checkpoint(store: Store, path: str, data: bytes) -> None:
+        if path.startswith("checkpoints"):
+            full_disk()
+        write(store, path, data)
+
+    with monkeypatch.context() as patch:
+        patch.setattr(Store, "write_bytes", no_checkpoint)
+        with pytest.raises(StorageError, match="full"):
+            run(spec, tmp_path / "full", placement=Placement(checkpoint_seconds=0.0, outage_seconds=0.05))
+    assert run(spec, tmp_path / "full") == "done"
+    assert data_files(tmp_path / "full") == data_files(tmp_path / "undisturbed")
+
+
+def test_waiting_for_a_storage_ends_when_asked_to() -> None:
+    asked = []
+    with pytest.raises(StorageError):
+        outlast(full_disk, 1000.0, lambda: bool(asked.append(True)) or True)
+    assert asked == [True]
