@@ -49,6 +49,7 @@ def add_execution_options(parser: argparse.ArgumentParser) -> argparse._Argument
     how.add_argument("--device", default=Settings.device, help="cpu or cuda (%(default)s)")
     how.add_argument("--teacher-placement", type=TeacherPlacement, choices=list(TeacherPlacement))
     how.add_argument("--checkpoint-seconds", type=float, default=Settings.checkpoint_seconds, metavar="S")
+    how.add_argument("--outage-seconds", type=float, default=Settings.outage_seconds, metavar="S")
     how.add_argument("--dry-run", action="store_true", help="say what would run, and stop")
     return how
 
@@ -71,6 +72,7 @@ def chosen_settings(options: argparse.Namespace) -> Settings:
         device=options.device,
         teachers=options.teacher_placement or TeacherPlacement.ACTOR,
         checkpoint_seconds=options.checkpoint_seconds,
+        outage_seconds=options.outage_seconds,
         autoscaling=options.autoscaling,
     )
 

@@ -1,0 +1,149 @@
+"""Nodes of a cluster on this machine, which come, die, freeze and thaw; in a process of their own.
+
+Ray keeps one connection per process, and tests of other folders have theirs.
+"""
+
+from __future__ import annotations
+
+import multiprocessing
+import os
+import signal
+from multiprocessing.connection import Connection
+from types import TracebackType
+from typing import Any, Self
+
+HEALTH = {
+    "health_check_initial_delay_ms": 1000,
+    "health_check_period_ms": 500,
+    "health_check_timeout_ms": 1000,
+    "health_check_failure_threshold": 4,
+}
+"""A frozen node counts as dead after some 6 s instead of a minute."""
+
+OBJECT_STORE_BYTES = 80_000_000
+
+
+class Nodes:
+    """A head node without CPUs, and worker nodes, by number, with one CPU each.
+
+    Args:
+        environment: of all their processes.
+    """
+
+    def __init__(self, environment: dict[str, str]) -> None:
+        context = multiprocessing.get_context("spawn")
+        self._connection, theirs = context.Pipe()
+        self._process = context.Process(target=_serve, args=(theirs, environment))
+        self._process.start()
+        self.address: str = self._connection.recv()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self._connection.send(("shut_down",))
+        self._process.join(60)
+        self._process.kill()
+
+    def add(self) -> int:
+        """Starts a worker node; returns its number."""
+        return int(self._ask("add"))
+
+    def kill(self, number: int) -> None:
+        """Kills a node and all its processes."""
+        processes = self.processes(number)
+        self._ask("kill", number)
+        _signal(processes, signal.SIGKILL)
+
+    def kill_raylet(self, number: int) -> None:
+        """Kills a node's raylet alone; its workers do not know it yet."""
+        self._ask("kill", number)
+
+    def freeze(self, number: int) -> set[int]:
+        """Stops all processes of a node; returns them."""
+        processes = self.processes(number)
+        _signal(processes, signal.SIGSTOP)
+        return processes
+
+    def thaw(self, processes: set[int]) -> None:
+        """Lets stopped processes go on."""
+        _signal(processes, signal.SIGCONT)
+
+    def processes(self, number: int) -> set[int]:
+        """Returns the ids of all processes of a node: raylet, agents and workers."""
+        raylet = int(self._ask("raylet", number))
+        return {raylet} | descendants(raylet)
+
+    @property
+    def living(self) -> list[int]:
+        """Numbers of the worker nodes that were not killed."""
+        living: list[int] = self._ask("living")
+        return living
+
+    def _ask(self, *request: Any) -> Any:
+        self._connection.send(request)
+        answer = self._connection.recv()
+        if isinstance(answer, Exception):
+            raise answer
+        return answer
+
+
+def descendants(pid: int) -> set[int]:
+    """Returns the ids of all processes below `pid`."""
+    parents = {}
+    for name in filter(str.isdigit, os.listdir("/proc")):  # noqa: PTH208  # names are enough
+        try:
+            with open(f"/proc/{name}/stat") as file:  # noqa: PTH123
+                parents[int(name)] = int(file.read().rpartition(")")[2].split()[1])
+        except OSError:
+            continue
+    family = {pid}
+    while True:
+        more = {child for child, parent in parents.items() if parent in family} - family
+        if not more:
+            return family - {pid}
+        family |= more
+
+
+def _signal(processes: set[int], number: signal.Signals) -> None:
+    for pid in processes:
+        try:
+            os.kill(pid, number)
+        except ProcessLookupError:
+            continue
+
+
+def _serve(connection: Connection, environment: dict[str, str]) -> None:
+    os.environ.update(environment)
+    from ray.cluster_utils import Cluster
+
+    common = {"object_store_memory": OBJECT_STORE_BYTES, "include_dashboard": False}
+    head = {"num_cpus": 0, "_system_config": HEALTH, **common}
+    cluster = Cluster(initialize_head=True, head_node_args=head)
+    nodes: dict[int, Any] = {}
+    connection.send(cluster.address)
+    while True:
+        name, *arguments = connection.recv()
+        try:
+            if name == "shut_down":
+                cluster.shutdown()
+                return
+            connection.send(_do(cluster, nodes, name, *arguments))
+        except Exception as error:
+            connection.send(RuntimeError(repr(error)))
+
+
+def _do(cluster: Any, nodes: dict[int, Any], name: str, *arguments: int) -> Any:
+    if name == "add":
+        number = max(nodes, default=-1) + 1
+        nodes[number] = cluster.add_node(num_cpus=1, object_store_memory=OBJECT_STORE_BYTES)
+        return number
+    if name == "raylet":
+        return nodes[arguments[0]].all_processes["raylet"][0].process.pid
+    if name == "kill":
+        cluster.remove_node(nodes[arguments[0]], allow_graceful=False)
+        nodes[arguments[0]] = None
+        return None
+    return [number for number, node in nodes.items() if node is not None]

@@ -1,0 +1,88 @@
+"""Nodes that die, freeze and come back with processes that were taken for lost."""
+
+from __future__ import annotations
+
+import time
+
+import pytest
+from faults import Fault, Site, wait_for, workers
+from nodes import Nodes
+from saboteur import HOLD
+from test_processes import check
+
+pytestmark = pytest.mark.chaos
+
+
+def trained_somewhere(site: Site, nodes: Nodes) -> int:
+    """Waits until every run has a checkpoint; returns a node that trains one."""
+    wait_for(lambda: len({path.parts[-3] for path in site.checkpoints()}) == 2)
+    seeds = set(workers("SeedActor"))
+    return next(number for number in nodes.living if nodes.processes(number) & seeds)
+
+
+def test_nodes_killed(
+    clustered: Site, nodes: Nodes, undisturbed: dict[str, bytes], faults: list[Fault]
+) -> None:
+    clustered.ask(HOLD)
+    driver, times = clustered.start(), []
+    for _ in range(2):
+        nodes.kill(trained_somewhere(clustered, nodes))
+        times.append(time.time())
+        nodes.add()
+        wait_for(lambda: len(workers("SeedActor")) == 2)
+        time.sleep(5)
+    clustered.withdraw(HOLD)
+    clustered.finish(driver)
+    assert "lost" in clustered.outcomes()
+    check(clustered.compare("node killed", 2, undisturbed, times), faults)
+
+
+def test_a_raylet_killed_whose_workers_go_on(
+    clustered: Site, nodes: Nodes, undisturbed: dict[str, bytes], faults: list[Fault]
+) -> None:
+    """For some seconds a run has two processes; the results are the successor's alone."""
+    clustered.ask(HOLD)
+    driver = clustered.start()
+    nodes.kill_raylet(trained_somewhere(clustered, nodes))
+    fault = time.time()
+    nodes.add()
+    wait_for(lambda: any("-attempt-001" in str(path) for path in clustered.checkpoints()))
+    clustered.withdraw(HOLD)
+    clustered.finish(driver)
+    assert "lost" in clustered.outcomes()
+    check(clustered.compare("raylet killed, workers go on", 1, undisturbed, [fault]), faults)
+
+
+def test_a_frozen_node_that_thaws_after_its_runs_were_given_away(
+    clustered: Site, nodes: Nodes, undisturbed: dict[str, bytes], faults: list[Fault]
+) -> None:
+    clustered.ask(HOLD)
+    driver = clustered.start()
+    number = trained_somewhere(clustered, nodes)
+    frozen = nodes.freeze(number)
+    fault = time.time()
+    nodes.add()
+    try:
+        wait_for(lambda: any("-attempt-001" in str(path) for path in clustered.checkpoints()))
+    finally:
+        nodes.thaw(frozen)
+    time.sleep(5)  # the old processes wake up beside their successors
+    clustered.withdraw(HOLD)
+    clustered.finish(driver)
+    nodes.kill(number)
+    assert "lost" in clustered.outcomes()
+    check(clustered.compare("node frozen, thawed later", 1, undisturbed, [fault]), faults)
+
+
+def test_a_node_frozen_for_a_moment_costs_nothing(
+    clustered: Site, nodes: Nodes, undisturbed: dict[str, bytes], faults: list[Fault]
+) -> None:
+    clustered.ask(HOLD)
+    driver = clustered.start()
+    frozen = nodes.freeze(trained_somewhere(clustered, nodes))
+    time.sleep(1.5)
+    nodes.thaw(frozen)
+    clustered.withdraw(HOLD)
+    clustered.finish(driver)
+    assert clustered.outcomes() == ["done", "done"]
+    check(clustered.compare("node frozen for 1.5 s", 1, undisturbed, []), faults)

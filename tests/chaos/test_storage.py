@@ -1,0 +1,87 @@
+"""Storage that is full or damaged, and a root that somebody else holds."""
+
+from __future__ import annotations
+
+import time
+
+import pytest
+from faults import FLAGS, Fault, Site, wait_for
+from saboteur import FULL_DISK, HOLD
+from test_processes import check
+
+pytestmark = pytest.mark.chaos
+
+
+def test_no_space_left_for_a_while(
+    clustered: Site, undisturbed: dict[str, bytes], faults: list[Fault]
+) -> None:
+    clustered.ask(HOLD)
+    driver = clustered.start()
+    wait_for(clustered.checkpoints)
+    clustered.ask(FULL_DISK)
+    clustered.withdraw(HOLD)
+    time.sleep(12)
+    assert driver.poll() is None
+    clustered.withdraw(FULL_DISK)
+    clustered.finish(driver)
+    assert clustered.outcomes() == ["done", "done"]
+    check(clustered.compare("no space left for 12 s", 1, undisturbed, []), faults)
+
+
+def test_no_space_left_until_the_campaign_gives_up(
+    clustered: Site, undisturbed: dict[str, bytes], faults: list[Fault]
+) -> None:
+    clustered.ask(HOLD)
+    driver = clustered.start("--outage-seconds", "4")
+    wait_for(clustered.checkpoints)
+    clustered.ask(FULL_DISK)
+    clustered.withdraw(HOLD)
+    clustered.finish(driver, 1)
+    said = (clustered.folder / "driver.txt").read_text()
+    assert "free some space there" in said
+    assert "Traceback" not in said
+    clustered.withdraw(FULL_DISK)
+    fault = time.time()
+    clustered.finish(clustered.start())
+    check(clustered.compare("no space left, campaign ended", 1, undisturbed, [fault]), faults)
+
+
+@pytest.mark.parametrize("damage", ["flip", "truncate", "remove", "index"])
+def test_a_damaged_checkpoint(
+    clustered: Site, undisturbed: dict[str, bytes], faults: list[Fault], damage: str
+) -> None:
+    clustered.ask(HOLD)
+    driver = clustered.start()
+    wait_for(lambda: len(clustered.checkpoints()) >= 3)
+    driver.kill()
+    driver.wait()
+    time.sleep(5)  # its actors end
+    newest = clustered.checkpoints()[-1]
+    file = newest if damage == "index" else newest.with_name("run.pickle")
+    content = file.read_bytes()
+    if damage == "remove":
+        file.unlink()
+    else:
+        half = len(content) // 2
+        flipped = content[:half] + bytes([content[half] ^ 1]) + content[half + 1 :]
+        file.write_bytes(flipped if damage == "flip" else content[:half])
+    fault = time.time()
+    clustered.withdraw(HOLD)
+    clustered.finish(clustered.start())
+    check(clustered.compare(f"checkpoint damaged: {damage}", 1, undisturbed, [fault]), faults)
+
+
+def test_a_second_driver_on_the_same_root(
+    clustered: Site, undisturbed: dict[str, bytes], faults: list[Fault]
+) -> None:
+    assert "--checkpoint-seconds" in FLAGS
+    clustered.ask(HOLD)
+    driver = clustered.start()
+    wait_for(clustered.checkpoints)
+    for _ in range(2):
+        clustered.finish(clustered.start(), 2)
+    assert "is in use by campaign 'chaos'" in (clustered.folder / "driver.txt").read_text()
+    clustered.withdraw(HOLD)
+    clustered.finish(driver)
+    assert clustered.outcomes() == ["done", "done"]
+    check(clustered.compare("second driver on the root", 2, undisturbed, []), faults)
