@@ -10,7 +10,16 @@ import subprocess
 import sys
 from pathlib import Path
 
-SCRIPTS = ("env_step", "acting", "student_training", "evaluation", "teacher_cost", "actor_overhead")
+SCRIPTS = (
+    "env_step",
+    "acting",
+    "student_training",
+    "evaluation",
+    "teacher_cost",
+    "actor_overhead",
+    "checkpoints",
+    "scheduler",
+)
 
 
 def main() -> None:

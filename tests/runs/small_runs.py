@@ -25,8 +25,11 @@ STUDENTS: dict[str, dict[str, Any]] = {
 
 TEACHERS: dict[str, dict[str, Any]] = {
     "random": {},
+    "adr": {"queue_size": 3},
     "alp_gmm": {"fit_every": 20},
+    "covar_gmm": {"fit_every": 20},
     "spdl": {"first_update": 1_000, "update_every": 500},
+    "riac": {"region_capacity": 20, "split_attempts": 5},
     "goal_gan": {"train_every": 20, "iterations_per_task": 0.2, "pretraining_iterations": 10},
     "setter_solver": {"update_every": 20, "hidden_units": 8},
 }

@@ -1,0 +1,157 @@
+"""What the scheduler costs: thousands of runs that do nothing, and some with processes of their own.
+
+Prints JSON. In the first part a few actors play the runs of all: each run writes its empty tables, and the
+scheduler starts, hears, publishes and finishes it, as always. In the second part every run has its process,
+beside bare Ray actors; carry the ratio.
+
+    python benchmarks/scheduler.py --runs 10000 --output scheduler.json
+"""
+
+from __future__ import annotations
+
+import argparse
+import io
+import json
+import resource
+import tempfile
+import time
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+from unittest import mock
+
+import ray
+from rich.console import Console
+
+from tma_ray.campaign import scheduler
+from tma_ray.campaign.actors import SeedActor
+from tma_ray.campaign.cluster import connect
+from tma_ray.campaign.progress import ProgressView
+from tma_ray.campaign.settings import Resources, Settings, TeacherPlacement
+from tma_ray.results import Committer, PartFile, RunWriter, Store
+from tma_ray.runs import Cell, RunSpec, Schedule, effective_spec
+
+PLAYERS = 2
+SETTINGS = Settings(resources=Resources(memory_gib=0.2), teachers=TeacherPlacement.INLINE, poll_seconds=0.1)
+
+
+@ray.remote
+class Player:
+    """Plays runs of no steps, one after the other."""
+
+    def run(self, run_id: str, store: Store, number: int) -> tuple[PartFile, ...]:
+        """Returns the canonical files of a run without rows."""
+        return RunWriter(store, run_id, number).finish()
+
+    def nothing(self) -> None:
+        """Answers."""
+
+
+class Method:
+    """A method of one run's actor, played by a player."""
+
+    def __init__(self, method: Any, *arguments: Any) -> None:
+        self._method, self._arguments = method, arguments
+
+    def remote(self) -> Any:
+        """Calls it."""
+        return self._method.remote(*self._arguments)
+
+
+class Substitute:
+    """A seed actor as the scheduler sees it, without a process of its own."""
+
+    players: list[Any] = []
+    launched = 0
+
+    def __init__(self, spec: dict[str, Any], store: Store, number: int, *_: Any) -> None:
+        player = self.players[Substitute.launched % len(self.players)]
+        Substitute.launched += 1
+        self.run = Method(player.run, RunSpec.from_dict(spec).run_id, store, number)
+        self.report = self.request_stop = Method(player.nothing)
+
+    @classmethod
+    def launch(cls, _resources: Resources, _avoid: Any, *arguments: Any) -> Substitute:
+        """See `SeedActor.launch`."""
+        return cls(*arguments)
+
+
+class RayWithoutDeath:
+    """Ray, but that nobody is killed."""
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(ray, name)
+
+    def kill(self, actor: Any) -> None:
+        """Lets the player live."""
+
+
+def specs(count: int, steps: int) -> list[RunSpec]:
+    """Returns runs that differ in their seeds."""
+    first = effective_spec(Cell(student="ppo", teacher="random"), 0, Schedule(steps=steps))
+    return [replace(first, seed=seed) for seed in range(count)]
+
+
+def execute(runs: list[RunSpec], root: str) -> dict[str, float]:
+    """Returns what the scheduler took for these runs."""
+    view = ProgressView(Console(file=io.StringIO()))
+    start, used = time.perf_counter(), time.process_time()
+    ended = scheduler.Scheduler(Committer.open(root), SETTINGS, view, lambda: None).execute(
+        runs, lambda: False
+    )
+    seconds, used = time.perf_counter() - start, time.process_time() - used
+    assert ended.done == len(runs)
+    return {
+        "runs": len(runs),
+        "milliseconds_per_run": 1e3 * seconds / len(runs),
+        "driver_processor_milliseconds_per_run": 1e3 * used / len(runs),
+        "driver_megabytes": resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1e3,
+    }
+
+
+def trivial(count: int) -> dict[str, Any]:
+    """Returns the overhead of `count` runs that share processes, and of finding them all done."""
+    Substitute.players = [Player.options(num_cpus=0).remote() for _ in range(PLAYERS)]
+    runs = specs(count, 1)
+    with (
+        tempfile.TemporaryDirectory() as root,
+        mock.patch.object(scheduler, "SeedActor", Substitute),
+        mock.patch.object(scheduler, "ray", RayWithoutDeath()),
+        mock.patch.object(scheduler, "capacity", return_value=PLAYERS),
+    ):
+        first = execute(runs, root)
+        again = execute(runs, root)
+    return {**first, "milliseconds_per_run_when_all_are_done": again["milliseconds_per_run"]}
+
+
+def bare_actor_milliseconds(count: int) -> float:
+    """Returns the time of a fresh Ray actor that does nothing, one after the other."""
+    start = time.perf_counter()
+    for _ in range(count):
+        actor = Player.options(num_cpus=1).remote()
+        ray.get(actor.nothing.remote())
+        ray.kill(actor)
+    return 1e3 * (time.perf_counter() - start) / count
+
+
+def main() -> None:
+    """Measures both parts."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--runs", type=int, default=10_000)
+    parser.add_argument("--processes", type=int, default=20)
+    parser.add_argument("--output", type=Path)
+    options = parser.parse_args()
+    connect(None)
+    content = {"shared_processes": trivial(options.runs)}
+    print(json.dumps(content, indent=1), flush=True)
+    with tempfile.TemporaryDirectory() as root:
+        own = execute(specs(options.processes, 100), root)
+    bare = bare_actor_milliseconds(options.processes)
+    content["own_processes"] = {**own, "bare_actor_milliseconds": bare, "actor": SeedActor.__name__}
+    print(json.dumps(content, indent=1))
+    if options.output:
+        options.output.write_text(json.dumps(content, indent=1))
+
+
+if __name__ == "__main__":
+    main()
