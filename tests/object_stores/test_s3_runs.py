@@ -33,7 +33,7 @@ def test_a_run_interrupted_in_a_bucket_gives_the_files_of_one_on_a_disk(
     assert data_files(s3_root) == expected
     store = Store.open(s3_root)
     assert store.files(CHECKPOINTS) == store.files("staging") == store.files("tmp") == ()
-    assert [path.split("/")[-1] for path in store.files("policies")].count("policy.zip") == 1
+    assert [path.split("/")[-1] for path in store.files("policies")].count("policy.safetensors") == 1
 
 
 @pytest.mark.parametrize("damage", ["flip", "truncate", "no_file", "no_index"])
