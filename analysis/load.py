@@ -101,6 +101,11 @@ def parsed(text: object) -> dict[str, Any]:
     return value if isinstance(value, dict) else {}
 
 
+def mastery_threshold(spec: object) -> float:
+    """Returns the episodic return over which tasks are mastered in a run with this `spec` (JSON)."""
+    return float(parsed(spec).get("mastery_threshold", MASTERY_RETURN))
+
+
 def _frame(
     results: Results, table: Table, columns: list[str] | None = None, run_ids: Sequence[str] | None = None
 ) -> pd.DataFrame:
@@ -112,11 +117,8 @@ def _frame(
 
 def _with_settings(runs: pd.DataFrame) -> pd.DataFrame:
     """Adds what comparisons need of each run's spec: mastery_threshold and plugins."""
-    specs = runs["spec"].map(parsed)
-    return runs.assign(
-        mastery_threshold=[float(spec.get("mastery_threshold", MASTERY_RETURN)) for spec in specs],
-        plugins=[json.dumps(spec.get("plugins", {}), sort_keys=True) for spec in specs],
-    )
+    plugins = [json.dumps(spec.get("plugins", {}), sort_keys=True) for spec in runs["spec"].map(parsed)]
+    return runs.assign(mastery_threshold=runs["spec"].map(mastery_threshold), plugins=plugins)
 
 
 def _join(cells: pd.DataFrame, runs: pd.DataFrame) -> pd.DataFrame:

@@ -6,7 +6,7 @@ import argparse
 import sys
 import warnings
 from collections.abc import Callable, Sequence
-from contextlib import suppress
+from contextlib import closing, suppress
 from pathlib import Path
 
 from tma_ray import __version__
@@ -56,6 +56,11 @@ def _parser() -> argparse.ArgumentParser:
     report.add_argument("root", metavar="ROOT")
     report.add_argument("-o", "--output", type=Path, metavar="FOLDER", help="default: ROOT/report")
     report.set_defaults(command=_report)
+    tensorboard = commands.add_parser("tensorboard", help="scalars of a results root as event files")
+    tensorboard.add_argument("root", metavar="ROOT")
+    tensorboard.add_argument("folder", metavar="FOLDER", help="for TensorBoard's --logdir")
+    tensorboard.add_argument("--watch", action="store_true", help="follow the campaign, until Ctrl-C")
+    tensorboard.set_defaults(command=_tensorboard)
     doctor = commands.add_parser("doctor", help="what this machine offers a campaign")
     doctor.add_argument("--results", type=Path, default=Path("results"), metavar="FOLDER")
     doctor.set_defaults(command=_doctor)
@@ -220,6 +225,17 @@ def _report(options: argparse.Namespace) -> int:
     from analysis.report import write_report
 
     print(write_report(options.root, options.output))
+    return 0
+
+
+def _tensorboard(options: argparse.Namespace) -> int:
+    from analysis.tensorboard import EventFolder, watch
+
+    with closing(EventFolder(options.root, options.folder)) as events:
+        print(f"runs with news: {events.update()}; to look at them: tensorboard --logdir {options.folder}")
+        with suppress(KeyboardInterrupt):
+            for count in watch(events) if options.watch else ():
+                print(f"runs with news: {count}", flush=True)
     return 0
 
 

@@ -8,6 +8,7 @@ import pytest
 from s3_proxy import Proxy
 from small_runs import data_files, run, short_run
 
+from analysis.tensorboard import EventFolder
 from tma_ray.results import CHECKPOINTS, Lease, Results, RootInUseError, Store, Table, object_store
 from tma_ray.runs import Placement, RunSpec
 
@@ -21,19 +22,20 @@ def short(tmp_path_factory: pytest.TempPathFactory) -> tuple[RunSpec, dict[str, 
 
 
 def test_a_run_interrupted_in_a_bucket_gives_the_files_of_one_on_a_disk(
-    s3_root: str, short: tuple[RunSpec, dict[str, bytes]]
+    s3_root: str, short: tuple[RunSpec, dict[str, bytes]], tmp_path: Path
 ) -> None:
     spec, expected = short
     assert run(spec, s3_root, stop_after=7) == "stopped"
     assert run(spec, s3_root, stop_after=9) == "stopped"
     seen = Results.open(s3_root).table(Table.EPISODES).to_pydict()
     assert seen["episode"] == list(range(16))
+    assert EventFolder(s3_root, tmp_path).update() == 1
     assert run(spec, s3_root) == "done"
     assert len(expected) == 5
     assert data_files(s3_root) == expected
     store = Store.open(s3_root)
     assert store.files(CHECKPOINTS) == store.files("staging") == store.files("tmp") == ()
-    assert [path.split("/")[-1] for path in store.files("policies")].count("policy.zip") == 1
+    assert [path.split("/")[-1] for path in store.files("policies")].count("policy.safetensors") == 1
 
 
 @pytest.mark.parametrize("damage", ["flip", "truncate", "no_file", "no_index"])

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shutil
 import sys
 from dataclasses import replace
 from fractions import Fraction
@@ -96,7 +97,7 @@ def test_a_run_is_played_in_its_world_by_its_policy(finished: Path, tmp_path: Pa
         observation, reward, *_ = environment.step(policy(observation))
         expected += reward
     saved = finished / "policies" / run_id
-    for name in (run_id, run_id[:5], str(saved), str(saved / "policy.zip")):
+    for name in (run_id, run_id[:5], str(saved), str(saved / "policy.json")):
         outcome = render(Scenario(name, finished, seed=3, steps=5), tmp_path / "a.png")
         assert outcome.episodic_return == pytest.approx(expected)
         np.testing.assert_array_equal(outcome.task, [1.5, 3.0])
@@ -108,6 +109,23 @@ def test_a_policy_needs_the_body_it_was_trained_with(finished: Path, tmp_path: P
     with pytest.raises(ValueError, match=r"trained in stump_tracks with classic_bipedal"):
         render(scenario, tmp_path / "a.png")
     assert not list(tmp_path.iterdir())
+
+
+def test_a_damaged_policy_is_named_where_it_lies(finished: Path, tmp_path: Path) -> None:
+    (manifest,) = Results.open(finished).runs()
+    folder = tmp_path / "downloaded"
+    shutil.copytree(finished / "policies" / manifest.run.run_id, folder)
+    (folder / "checkpoints").mkdir()
+    (folder / "checkpoints" / "policy.json").write_text("[]")  # of the same name, but no part of the policy
+    scenario = Scenario(str(folder), steps=1)
+    assert render(scenario, tmp_path / "a.png").steps == 1
+    (folder / "policy.safetensors").write_bytes(b"PK")
+    with pytest.raises(ValueError, match=f"^{folder}/policy.safetensors: no sound safetensors file"):
+        render(scenario, tmp_path / "b.png")
+    for content in ("[]", "{", "{}"):
+        (folder / "spec.json").write_text(content)
+        with pytest.raises(ValueError, match=f"^{folder}/spec.json is not the spec of a run"):
+            render(scenario, tmp_path / "b.png")
 
 
 def test_runs_that_cannot_be_meant(finished: Path, tmp_path: Path) -> None:

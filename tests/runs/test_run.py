@@ -25,7 +25,8 @@ def test_the_schedule_is_kept(finished: Path) -> None:
     assert sorted({row["step"] for row in rows(root, Table.EVALUATIONS)}) == [0, 1000, 2000, 3000]
     assert sorted({row["step"] for row in rows(root, Table.CURRICULUM)}) == list(range(0, 3001, 500))
     assert [row["sample"] for row in rows(root, Table.CURRICULUM)[:10]] == list(range(10))
-    assert len(list((root / "policies").rglob("policy.zip"))) == 1
+    (policy,) = (root / "policies").iterdir()
+    assert {path.name for path in policy.iterdir()} == {"policy.json", "policy.safetensors", "spec.json"}
 
 
 def test_training_windows_summarise_the_episodes(finished: Path) -> None:

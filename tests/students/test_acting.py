@@ -1,10 +1,7 @@
 import numpy as np
 import pytest
-import stable_baselines3
 import torch
 from students_support import Drift, digest, small_student, train
-
-from tma_ray.students import load_policy
 
 OBSERVATIONS = np.random.default_rng(0).normal(size=(50, 3)).astype(np.float32)
 
@@ -124,20 +121,6 @@ def test_the_first_actions_of_sac_are_uniform():
     shares = (actions - low) / (high - low)
     for share in (0.1, 0.5, 0.9):
         np.testing.assert_allclose(np.quantile(shares, share, axis=0), share, atol=0.05)
-
-
-@pytest.mark.parametrize("name", ["ppo", "sac"])
-def test_a_saved_policy_plays_alike_here_and_in_stable_baselines3(name, tmp_path):
-    student = small_student(name)
-    train(student, Drift(), 130)
-    student.kind = name
-    student.save_policy(tmp_path)
-    expected = student.act_greedily(OBSERVATIONS)
-    algorithm = {"ppo": stable_baselines3.PPO, "sac": stable_baselines3.SAC}[name]
-    model = algorithm.load(tmp_path / "policy.zip")
-    played = model.predict(seen_by_the_model(student), deterministic=True)[0]
-    np.testing.assert_allclose(played, expected, atol=1e-6)
-    np.testing.assert_allclose(load_policy(name, tmp_path)(OBSERVATIONS), expected, atol=1e-6)
 
 
 def test_policy_and_value_of_ppo_share_the_papers_trunk():

@@ -6,7 +6,7 @@ import json
 import tempfile
 from collections.abc import Callable
 from dataclasses import dataclass
-from pathlib import Path
+from pathlib import Path, PurePosixPath
 
 import numpy as np
 from gymnasium import spaces
@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from tma_ray.results import Results, Store, policy_folder
 from tma_ray.runs.spec import RunSpec
-from tma_ray.students import load_policy
+from tma_ray.students import PolicyFileError, load_policy
 
 Player = Callable[[NDArray[np.float32]], NDArray[np.float32]]
 """Takes an observation (o,) and returns an action (a,)."""
@@ -44,12 +44,18 @@ class SavedPolicy:
         """Returns it as a player that acts without exploration.
 
         Raises:
+            PolicyFileError: one of its files is missing, damaged or of another format.
             ValueError: it was trained with another body, or in another environment, than has these spaces.
         """
         with tempfile.TemporaryDirectory() as place:
-            for path in self.store.files(self.folder):
-                (Path(place) / Path(path).name).write_bytes(self.store.read_bytes(path))
-            policy = load_policy(self.spec.student, Path(place))
+            for path in map(PurePosixPath, self.store.files(self.folder)):
+                if path.parent == PurePosixPath(self.folder):
+                    (Path(place) / path.name).write_bytes(self.store.read_bytes(str(path)))
+            try:
+                policy = load_policy(self.spec.student, Path(place))
+            except PolicyFileError as error:  # which names the copy
+                where = self.store.where(f"{self.folder}/{error.file.name}")
+                raise PolicyFileError(where, error.problem) from error
         try:
             shape = policy(np.zeros((1, *observations.shape), np.float32)).shape
         except (ValueError, RuntimeError):  # a matrix product of numpy, of torch
@@ -99,4 +105,10 @@ def _in_folder(store: Store, folder: str) -> SavedPolicy:
             f"there is no saved policy in {store.where(folder)}: it has no {SPEC_FILE}; "
             f"a run saves its policy when it ends"
         )
-    return SavedPolicy(store, folder, RunSpec.from_dict(json.loads(store.read_bytes(path))))
+    try:
+        spec = RunSpec.from_dict(json.loads(store.read_bytes(path)))
+    except (ValueError, KeyError, TypeError, AttributeError, RecursionError) as error:
+        raise ValueError(
+            f"{store.where(path)} is not the spec of a run ({error!r:.200}); copy the folder again"
+        ) from error
+    return SavedPolicy(store, folder, spec)

@@ -9,16 +9,21 @@ from tma_ray.students.catalogue import (
     make_student,
 )
 from tma_ray.students.hyperparameters import PPOHyperparameters, SACHyperparameters
+from tma_ray.students.policy_files import PolicyFileError, StoredPolicy, read_policy, write_policy
 
 __all__ = [
     "STUDENTS",
     "PPOHyperparameters",
     "Policy",
+    "PolicyFileError",
     "SACHyperparameters",
+    "StoredPolicy",
     "Student",
     "Transition",
     "check_hyperparameters",
     "default_hyperparameters",
     "load_policy",
     "make_student",
+    "read_policy",
+    "write_policy",
 ]

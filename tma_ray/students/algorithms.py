@@ -11,22 +11,23 @@ from functools import cache
 from pathlib import Path
 from typing import Any, ClassVar
 
-import gymnasium
 import numpy as np
 import torch
-from gymnasium import spaces
 from numpy.typing import NDArray
 from stable_baselines3.common.base_class import BaseAlgorithm
 from stable_baselines3.common.on_policy_algorithm import OnPolicyAlgorithm
 
 from tma_ray.registry import UnknownNameError
-from tma_ray.students.algorithm_hyperparameters import constructor_arguments, hyperparameters_of
+from tma_ray.students.algorithm_hyperparameters import hyperparameters_of
+from tma_ray.students.algorithm_models import acting_tensors, make_model, stored_model
 from tma_ray.students.algorithm_names import ALGORITHMS, PACKAGES
 from tma_ray.students.base import Actions, Observations, Policy, Student, Transition
+from tma_ray.students.hyperparameters import as_plain_values
 from tma_ray.students.networks import as_batch
+from tma_ray.students.policy_files import read_policy
 from tma_ray.students.replay import ReplayBuffer
 from tma_ray.students.rollout import Rollout
-from tma_ray.students.stable_baselines import POLICY_FILE, Experience, StableBaselinesStudent
+from tma_ray.students.stable_baselines import Experience, StableBaselinesStudent
 
 
 @cache
@@ -68,14 +69,6 @@ def as_student(algorithm: type[BaseAlgorithm]) -> type[Student]:
     return type(algorithm.__name__, (OnPolicyStudent if on_policy else OffPolicyStudent,), members)
 
 
-class SpacesOnly(gymnasium.Env[Any, Any]):
-    """Tells a model its spaces; the run has the environment."""
-
-    def __init__(self, observation_space: spaces.Box, action_space: spaces.Box) -> None:
-        self.observation_space = observation_space
-        self.action_space = action_space
-
-
 class AlgorithmStudent(StableBaselinesStudent[Any, Any]):
     """What students of on-policy and of off-policy algorithms share.
 
@@ -86,15 +79,8 @@ class AlgorithmStudent(StableBaselinesStudent[Any, Any]):
     algorithm: ClassVar[type[BaseAlgorithm]]
 
     def _make_model(self) -> BaseAlgorithm:
-        constructor: Any = self.algorithm
-        model: BaseAlgorithm = constructor(
-            "MlpPolicy",
-            SpacesOnly(self.observation_space, self.action_space),
-            device=self.device,
-            _init_setup_model=False,
-            **constructor_arguments(self.hyperparameters),
-        )
-        return model
+        boxes = self.observation_space, self.action_space
+        return make_model(self.algorithm, *boxes, self.hyperparameters, self.device)
 
     def _refresh(self) -> None:
         """Nothing is copied from the model."""
@@ -109,10 +95,16 @@ class AlgorithmStudent(StableBaselinesStudent[Any, Any]):
             action: Actions = self.model.predict(observation, deterministic=False)[0]
         return action
 
+    def save_policy(self, folder: Path) -> None:
+        """Writes the tensors that acting needs, by stable-baselines3's names, and all hyper-parameters."""
+        tensors = {name: tensor.numpy(force=True) for name, tensor in acting_tensors(self.model).items()}
+        values = as_plain_values(self.hyperparameters)
+        self._write_policy(folder, self.algorithm.__name__, tensors, values)
+
     @classmethod
     def load_policy(cls, folder: Path, device: str = "cpu") -> Policy:  # noqa: D102
-        with torch.random.fork_rng():  # loading initialises networks before it fills them
-            model = cls.algorithm.load(folder / POLICY_FILE, device=device)
+        stored = read_policy(folder, cls.algorithm.__name__)
+        model = stored_model(cls.algorithm, cls.hyperparameters_type, stored, device)
         return lambda observations: model.predict(observations, deterministic=True)[0]
 
 

@@ -110,12 +110,22 @@ class Student(ABC):
 
     @abstractmethod
     def save_policy(self, folder: Path) -> None:
-        """Writes what is needed to play the greedy policy into the existing `folder`."""
+        """Writes what is needed to play the greedy policy into the existing `folder`.
+
+        Others download it: no pickles. `tma_ray.students.write_policy` writes arrays and settings.
+        """
 
     @classmethod
     @abstractmethod
     def load_policy(cls, folder: Path, device: str = "cpu") -> Policy:
-        """Returns the greedy policy that `save_policy` wrote."""
+        """Returns the greedy policy that `save_policy` wrote.
+
+        The folder may come from anywhere: nothing in it is unpickled or run.
+        `tma_ray.students.read_policy` reads it so.
+
+        Raises:
+            PolicyFileError: a file that `save_policy` did not write.
+        """
 
     def scalars(self) -> dict[str, float]:
         """Returns figures about the last update for logging (losses, ...), by name."""

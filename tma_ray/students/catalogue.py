@@ -112,5 +112,13 @@ def check_hyperparameters(name: str, given: Mapping[str, Any] | None = None) -> 
 
 
 def load_policy(name: str, folder: Path, device: str = "cpu") -> Policy:
-    """Returns the greedy policy that a student called `name` saved in `folder`."""
+    """Returns the greedy policy that a student called `name` saved in `folder`.
+
+    It acts as the student did, bit for bit on the same machine with as many threads. The folder may come
+    from anywhere: what is read is JSON and safetensors, never a pickle.
+
+    Raises:
+        UnknownNameError: no student answers to `name`.
+        PolicyFileError: a file that no such student wrote.
+    """
     return STUDENTS.get(name).load_policy(folder, device)

@@ -15,8 +15,7 @@ from torch import nn
 class Trunk(BaseFeaturesExtractor):
     """Hidden layers that policy and value share.
 
-    stable-baselines3 shares features extractors, no longer hidden layers; so these are one. Saved
-    policies name this class: loading them needs tma_ray on the import path.
+    stable-baselines3 shares features extractors, no longer hidden layers; so these are one.
 
     Args:
         observation_space: a one-dimensional box.

@@ -18,6 +18,10 @@ EPSILON = 1e-8
 INITIAL_COUNT = 1e-4
 """Weight of the initial mean 0 and variance 1 among the observations."""
 
+MEAN_TENSOR, VARIANCE_TENSOR = "normaliser.mean", "normaliser.variance"
+COUNT_TENSOR = "normaliser.count"
+"""Names of the statistics of observations in a saved policy; the count is how many they are of."""
+
 
 class Normaliser:
     """Scales observations to mean 0 and variance 1, rewards by the deviation of the discounted return.
@@ -100,6 +104,20 @@ class Normaliser:
             "gamma": self.gamma,
         }
         path.write_text(json.dumps(content, indent=1))
+
+    def tensors(self) -> dict[str, NDArray[np.float64]]:
+        """Returns what normalises observations, by the names in a saved policy."""
+        return {
+            MEAN_TENSOR: self._mean,
+            VARIANCE_TENSOR: self._variance,
+            COUNT_TENSOR: np.array(self._count, dtype=np.float64),
+        }
+
+    @staticmethod
+    def tensor_kinds(size: int) -> dict[str, tuple[tuple[int, ...], str]]:
+        """Returns shapes and types of `tensors`, for observations of length `size`."""
+        shapes = {MEAN_TENSOR: (size,), VARIANCE_TENSOR: (size,), COUNT_TENSOR: ()}
+        return {name: (shape, "float64") for name, shape in shapes.items()}
 
     @classmethod
     def load(cls, path: Path) -> Normaliser:

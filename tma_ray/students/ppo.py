@@ -7,20 +7,24 @@ from typing import Any
 
 import numpy as np
 import stable_baselines3
-import torch
 from numpy.typing import NDArray
 from torch import nn
 
 from tma_ray.students.base import Actions, Observations, Policy, Transition
 from tma_ray.students.hyperparameters import PPOHyperparameters
+from tma_ray.students.mean_network import check_rows, layer_kinds, layer_tensors, stored_network
 from tma_ray.students.networks import Pass, Trunk, as_batch
-from tma_ray.students.normaliser import Normaliser
+from tma_ray.students.normaliser import MEAN_TENSOR, VARIANCE_TENSOR, Normaliser, scaled
+from tma_ray.students.policy_files import read_policy
 from tma_ray.students.ppo_acting import Actor
 from tma_ray.students.ppo_update import PPOUpdate
 from tma_ray.students.rollout import Rollout
-from tma_ray.students.stable_baselines import POLICY_FILE, Experience, StableBaselinesStudent
+from tma_ray.students.stable_baselines import Experience, StableBaselinesStudent
 
 NORMALISER_FILE = "normaliser.json"
+
+POLICY = "ppo"
+"""What saved policies say that they are; those of `StockPPO` are no different."""
 
 
 class PPO(StableBaselinesStudent[PPOHyperparameters, stable_baselines3.PPO]):
@@ -127,26 +131,35 @@ class PPO(StableBaselinesStudent[PPOHyperparameters, stable_baselines3.PPO]):
         return self._normalised_values(observations) * self.normaliser.reward_scale
 
     def save_policy(self, folder: Path) -> None:
-        """Writes ``policy.zip`` for ``stable_baselines3.PPO.load`` and ``normaliser.json``.
+        """Writes the layers to the mean action, and the statistics that normalise what goes in.
 
-        The loaded model takes observations normalised as `Normaliser.save` describes; `load_policy`
-        does both.
+        These are float64, the layers float32. To play elsewhere: ``clip((observation - mean) /
+        sqrt(variance + 1e-8), -observation_clip, observation_clip)``, the layers with ReLUs between,
+        and the result clipped to the action space.
         """
-        super().save_policy(folder)
-        self.normaliser.save(folder / NORMALISER_FILE)
+        policy, hyper = self.model.policy, self.hyperparameters
+        self._write_policy(
+            folder,
+            POLICY,
+            {**layer_tensors(policy.features_extractor, policy.action_net), **self.normaliser.tensors()},
+            {"hidden_units": list(hyper.hidden_units), "observation_clip": hyper.observation_clip},
+        )
 
     @classmethod
     def load_policy(cls, folder: Path, device: str = "cpu") -> Policy:  # noqa: D102
-        with torch.random.fork_rng():  # loading initialises networks before it fills them
-            model = stable_baselines3.PPO.load(folder / POLICY_FILE, device=device)
-        trunk = Pass(model.policy.features_extractor, relu=True)
-        mean_head = Pass(model.policy.action_net, relu=False)
-        low, high = model.action_space.low, model.action_space.high  # type: ignore[attr-defined]
-        normaliser = Normaliser.load(folder / NORMALISER_FILE)
+        stored = read_policy(folder, POLICY)
+        stored.check({**layer_kinds(stored), **Normaliser.tensor_kinds(*stored.observation_space.shape)})
+        clip = stored.hyperparameters.get("observation_clip")
+        if not isinstance(clip, float) or not clip > 0:
+            stored.refuse(f"observation_clip = {clip!r:.80}: expected a number over 0")
+        means = stored_network(stored, squash=False, device=device)
+        mean, variance = (stored.tensors[name] for name in (MEAN_TENSOR, VARIANCE_TENSOR))
+        low, high = stored.action_space.low, stored.action_space.high
 
         def act(observations: Observations) -> Actions:
-            inputs = as_batch(normaliser.normalise(observations), model.device)
-            actions: Actions = np.clip(mean_head(trunk(inputs)).numpy(force=True), low, high)
+            check_rows(observations, len(mean))
+            rows = np.ascontiguousarray(observations)
+            actions: Actions = np.minimum(np.maximum(means(scaled(rows, mean, variance, clip)), low), high)
             return actions
 
         return act

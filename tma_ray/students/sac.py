@@ -15,12 +15,17 @@ from torch import nn
 
 from tma_ray.students.base import Actions, Observations, Policy, Transition
 from tma_ray.students.hyperparameters import SACHyperparameters
+from tma_ray.students.mean_network import check_rows, layer_kinds, layer_tensors, stored_network
 from tma_ray.students.mirror import Mirror
 from tma_ray.students.networks import Pass, as_batch
 from tma_ray.students.perceptron import blocks_of
+from tma_ray.students.policy_files import read_policy
 from tma_ray.students.replay import ReplayBuffer
 from tma_ray.students.sac_update import SQUASH_EPSILON, SACUpdate
-from tma_ray.students.stable_baselines import POLICY_FILE, Experience, StableBaselinesStudent
+from tma_ray.students.stable_baselines import Experience, StableBaselinesStudent
+
+POLICY = "sac"
+"""What saved policies say that they are; those of `StockSAC` are no different."""
 
 
 class SAC(StableBaselinesStudent[SACHyperparameters, stable_baselines3.SAC]):
@@ -118,16 +123,28 @@ class SAC(StableBaselinesStudent[SACHyperparameters, stable_baselines3.SAC]):
         values: NDArray[np.float64] = (total / self.hyperparameters.value_samples).numpy(force=True)
         return values
 
+    def save_policy(self, folder: Path) -> None:
+        """Writes the actor's layers to the mean.
+
+        To play elsewhere: the layers with ReLUs between, and the tangent hyperbolic of the result mapped from
+        [-1, 1] to the action space.
+        """
+        actor = self.model.actor
+        hyperparameters = {"hidden_units": list(self.hyperparameters.hidden_units)}
+        self._write_policy(folder, POLICY, layer_tensors(actor.latent_pi, actor.mu), hyperparameters)
+
     @classmethod
     def load_policy(cls, folder: Path, device: str = "cpu") -> Policy:  # noqa: D102
-        with torch.random.fork_rng():  # loading initialises networks before it fills them
-            model = stable_baselines3.SAC.load(folder / POLICY_FILE, device=device, buffer_size=1)
-        hidden, mean_head = Pass(model.actor.latent_pi, relu=True), Pass(model.actor.mu, relu=False)
-        low, high = model.action_space.low, model.action_space.high  # type: ignore[attr-defined]
+        stored = read_policy(folder, POLICY)
+        stored.check(layer_kinds(stored))
+        means = stored_network(stored, squash=True, device=device)
+        (size,) = stored.observation_space.shape
+        bounds = stored.action_space.low, stored.action_space.high
+        low, high = (np.asarray(bound, np.float32) for bound in bounds)
 
         def act(observations: Observations) -> Actions:
-            mean = mean_head(hidden(as_batch(observations, model.device)))
-            return _between(low, high, mean.tanh_().numpy(force=True))
+            check_rows(observations, size)
+            return _between(low, high, means(observations))
 
         return act
 

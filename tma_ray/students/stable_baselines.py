@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from abc import abstractmethod
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, Generic, NamedTuple, Protocol, TypeVar
@@ -18,6 +18,7 @@ from stable_baselines3.common.logger import Logger
 
 from tma_ray.students.base import Student
 from tma_ray.students.hyperparameters import MatmulPrecision, as_plain_values
+from tma_ray.students.policy_files import write_policy
 from tma_ray.students.randomness import TorchStream, streams
 
 
@@ -36,8 +37,6 @@ class Hyperparameters(Protocol):
 H = TypeVar("H", bound=Hyperparameters)
 M = TypeVar("M", bound=BaseAlgorithm)
 
-POLICY_FILE = "policy.zip"
-
 
 class Experience(NamedTuple):
     """What became of saved buffers and statistics.
@@ -52,7 +51,7 @@ class Experience(NamedTuple):
 
 
 class StableBaselinesStudent(Student, Generic[H, M]):
-    """A student whose policy, update and saved policies are stable-baselines3's.
+    """A student whose policy and update are stable-baselines3's.
 
     The seed's children are, in this order: torch's stream (weights, actions sampled in updates),
     exploration, mini-batches, state values.
@@ -163,10 +162,6 @@ class StableBaselinesStudent(Student, Generic[H, M]):
     def reset(self) -> None:  # noqa: D102
         self._build()
 
-    def save_policy(self, folder: Path) -> None:
-        """Writes ``policy.zip``, which stable-baselines3 loads."""
-        self.model.save(folder / POLICY_FILE)
-
     def scalars(self) -> dict[str, float]:  # noqa: D102
         recorded = self.model.logger.name_to_value
         return {name.removeprefix("train/"): float(value) for name, value in recorded.items()}
@@ -185,6 +180,12 @@ class StableBaselinesStudent(Student, Generic[H, M]):
         finally:
             torch.set_float32_matmul_precision(outside)
         self._refresh()
+
+    def _write_policy(
+        self, folder: Path, kind: str, tensors: Mapping[str, NDArray[Any]], hyperparameters: Mapping[str, Any]
+    ) -> None:
+        """Writes a policy of the `kind` between this student's spaces."""
+        write_policy(folder, kind, self.observation_space, self.action_space, tensors, hyperparameters)
 
     @property
     def _variables(self) -> list[str]:

@@ -1,0 +1,314 @@
+"""Event files hold each published row once, whatever happens to campaigns and to the command."""
+
+from __future__ import annotations
+
+import json
+import math
+import struct
+import subprocess
+import sys
+from collections import defaultdict
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import pytest
+from synthetic_results import SyntheticCampaign
+
+from analysis import tensorboard
+from analysis.tensorboard import EventFolder
+from tma_ray.cli import main
+from tma_ray.results import Results, RunWriter, Table
+
+pytest.importorskip("tensorboardX")
+from tensorboardX.proto.event_pb2 import Event, SessionLog
+from tensorboardX.record_writer import masked_crc32c
+
+Series = dict[str, list[tuple[int, float]]]
+
+
+def events_of(file: Path, whole: bool) -> list[Event]:
+    """Parses TFRecord: length, its checksum, data, its checksum; the last record need not be whole."""
+    content, found = file.read_bytes(), []
+    while content:
+        if not whole and len(content) < 16 + int.from_bytes(content[:8], "little"):
+            break
+        (length,) = struct.unpack("<Q", content[:8])
+        checksums = (
+            struct.unpack("<I", content[8:12]),
+            struct.unpack("<I", content[12 + length : 16 + length]),
+        )
+        data = content[12 : 12 + length]
+        assert checksums == ((masked_crc32c(content[:8]),), (masked_crc32c(data),))
+        found.append(Event.FromString(data))
+        content = content[16 + length :]
+    return found
+
+
+def scalars(folder: Path, whole: bool = True) -> dict[str, Series]:
+    """Returns by sub-folder and tag what TensorBoard would show: files in the order of their names."""
+    found: dict[str, Series] = defaultdict(lambda: defaultdict(list))
+    for file in sorted(folder.rglob("*tfevents*")):
+        events = events_of(file, whole)
+        assert not events or events[0].file_version == "brain.Event:2"
+        for event in events:
+            for value in event.summary.value:
+                series = found[str(file.parent.relative_to(folder))][value.tag]
+                series.append((event.step, value.simple_value))
+    return {name: dict(tags) for name, tags in found.items()}
+
+
+def export(root: Path, folder: Path) -> dict[str, Series]:
+    assert main(["tensorboard", str(root), str(folder)]) == 0
+    return scalars(folder)
+
+
+def window(step: int) -> dict[str, Any]:
+    means = {"mean_return": step / 10, "std_return": 1.0, "mean_length": 7.5, "success_share": 0.25}
+    return {"step": step, "episodes": 3, **means}
+
+
+def update(step: int, **values: float) -> dict[str, Any]:
+    return {"step": step, "episode": step, "gaussians": [], "boxes": [], "scalars": list(values.items())}
+
+
+def evaluation(step: int, returns: Sequence[float]) -> list[dict[str, Any]]:
+    common = {"step": step, "test_set": "line", "length": 1}
+    rows = enumerate(returns)
+    return [{**common, "task_index": i, "task": [0.0], "episodic_return": float(r)} for i, r in rows]
+
+
+class Growing:
+    """A run that publishes bit by bit."""
+
+    def __init__(self, campaign: SyntheticCampaign, **changes: Any) -> None:
+        self.committer, self.record = campaign.committer, campaign.record("alp_gmm", 0, "low", **changes)
+        campaign.cell(self.record, "low")
+        self.attempt(())
+
+    def attempt(self, parts: Sequence[Any]) -> None:
+        """Begins another attempt, from a checkpoint with these parts."""
+        self.number = self.committer.start(self.record)
+        self.writer = RunWriter(self.committer.store, self.record.run_id, self.number, tuple(parts))
+
+    def add(self, step: int) -> None:
+        self.writer.add(Table.TRAINING, [window(step)])
+        self.writer.add(Table.EVALUATIONS, evaluation(step, [0, 231, 400, 100]))
+        self.writer.add(Table.TEACHER_LOG, [update(step, loss=step / 4, bits=2.0)])
+
+    def publish(self) -> Sequence[Any]:
+        parts = self.writer.flush()
+        self.committer.publish(self.record, self.number, parts)
+        return parts
+
+    def finish(self) -> None:
+        self.committer.finish(self.record, self.number, self.writer.finish())
+
+
+def expected(steps: Sequence[int]) -> Series:
+    return {
+        "training/mean_return": [(step, step / 10) for step in steps],
+        "training/mean_length": [(step, 7.5) for step in steps],
+        "training/success_share": [(step, 0.25) for step in steps],
+        "evaluation/mean_return": [(step, 182.75) for step in steps],
+        "evaluation/mastered_percent": [(step, 50.0) for step in steps],
+        "teacher/loss": [(step, step / 4) for step in steps],
+        "teacher/bits": [(step, 2.0) for step in steps],
+    }
+
+
+@pytest.fixture
+def campaign(tmp_path: Path) -> SyntheticCampaign:
+    return SyntheticCampaign(tmp_path / "root")
+
+
+NAME = "original/alp_gmm/sac-original-classic_bipedal-low/seed_0-original-alp_gmm-low-0"
+
+
+def test_every_scalar_of_every_run_is_there_once(campaign: SyntheticCampaign, tmp_path: Path) -> None:
+    done = [campaign.run(teacher, seed) for teacher in ("random", "alp_gmm") for seed in range(2)]
+    done.append(campaign.run("alp_gmm", 7, status="failed", upto=0.5))
+    campaign.run("alp_gmm", 8, status="waiting")
+    found = export(campaign.root, tmp_path / "events")
+    assert sorted(name.split("seed_")[1].split("-", 1)[1] for name in found) == sorted(done)
+    results = Results.open(campaign.root)
+    for name, series in found.items():
+        run_id = name.split("seed_")[1].split("-", 1)[1]
+        rows = results.table(Table.TRAINING, [run_id]).to_pylist()
+        for key in ("mean_return", "mean_length", "success_share"):
+            assert series[f"training/{key}"] == [
+                (row["step"], pytest.approx(row[key], rel=1e-6)) for row in rows
+            ]
+        assert [step for step, _ in series["evaluation/mastered_percent"]] == sorted(
+            {row["step"] for row in results.table(Table.EVALUATIONS, [run_id]).to_pylist()}
+        )
+        logged = results.table(Table.TEACHER_LOG, [run_id]).to_pylist()
+        named = {key for row in logged for key, _ in row["scalars"] or ()}
+        assert {tag for tag in series if tag.startswith("teacher/")} == {f"teacher/{key}" for key in named}
+
+
+def test_the_threshold_of_mastery_is_that_of_the_run(campaign: SyntheticCampaign, tmp_path: Path) -> None:
+    spec = json.dumps({"mastery_threshold": 99})
+    run = Growing(campaign, spec=spec)
+    run.add(10)
+    run.publish()
+    assert export(campaign.root, tmp_path / "events")[NAME]["evaluation/mastered_percent"] == [(10, 75.0)]
+
+
+def test_a_second_call_goes_on_and_touches_nothing_else(campaign: SyntheticCampaign, tmp_path: Path) -> None:
+    folder, run = tmp_path / "events", Growing(campaign)
+    run.add(10)
+    run.publish()
+    assert export(campaign.root, folder) == {NAME: expected([10])}
+    (folder / "notes.txt").write_text("mine")
+    (folder / NAME / "notes.txt").write_text("mine")
+    other = folder / "other" / "events.out.tfevents.1"
+    other.parent.mkdir()
+    other.write_bytes(next((folder / NAME).glob("events*")).read_bytes())
+    before = {path: path.read_bytes() for path in folder.rglob("events*")}
+    export(campaign.root, folder)
+    assert {path: path.read_bytes() for path in folder.rglob("events*")} == before
+    run.add(20)
+    run.publish()
+    for _ in range(2):
+        assert export(campaign.root, folder) == {NAME: expected([10, 20]), "other": expected([10])}
+    assert before.items() <= {path: path.read_bytes() for path in folder.rglob("events*")}.items()
+    assert (folder / "notes.txt").exists()
+    assert (folder / NAME / "notes.txt").exists()
+
+
+@pytest.mark.parametrize("cut", [1, 40, 500])
+def test_a_call_that_was_killed_is_made_up_for(campaign: SyntheticCampaign, tmp_path: Path, cut: int) -> None:
+    folder, run = tmp_path / "events", Growing(campaign)
+    for step in (10, 20, 30):
+        run.add(step)
+    run.publish()
+    export(campaign.root, folder)
+    (file,) = (folder / NAME).iterdir()
+    file.write_bytes(file.read_bytes()[:-cut])
+    assert scalars(folder, whole=False) != {NAME: expected([10, 20, 30])}
+    main(["tensorboard", str(campaign.root), str(folder)])
+    assert scalars(folder, whole=False) == {NAME: expected([10, 20, 30])}
+
+
+def test_points_that_the_root_does_not_have_are_replaced(tmp_path: Path) -> None:
+    folder = tmp_path / "events"
+    for name, steps in (("one", [10, 20, 30]), ("other", [15, 20]), ("third", [15])):
+        run = Growing(SyntheticCampaign(tmp_path / name))
+        for step in steps:
+            run.add(step)
+        run.publish()
+        assert export(tmp_path / name, folder) == {NAME: expected(steps)}
+
+
+def test_a_run_that_another_campaign_shares_keeps_its_folder(
+    campaign: SyntheticCampaign, tmp_path: Path
+) -> None:
+    folder, run = tmp_path / "events", Growing(campaign)
+    run.add(10)
+    run.publish()
+    export(campaign.root, folder)
+    earlier = SyntheticCampaign(campaign.root, campaign="a", experiment="a")
+    earlier.cell(run.record, "high")
+    assert export(campaign.root, folder) == {NAME: expected([10])}
+
+
+def test_following_a_run_that_is_interrupted_doubles_nothing(
+    campaign: SyntheticCampaign, tmp_path: Path
+) -> None:
+    folder, run = tmp_path / "events", Growing(campaign)
+    events = EventFolder(campaign.root, folder)
+    assert events.update() == 0
+    run.add(10)
+    checkpoint = run.publish()
+    assert (events.update(), events.update()) == (1, 0)
+    assert scalars(folder) == {NAME: expected([10])}
+    run.add(20)
+    run.writer.flush()  # and killed before it is published
+    assert events.update() == 0
+    run.attempt(checkpoint)
+    run.add(20)
+    run.publish()
+    assert events.update() == 1
+    assert scalars(folder) == {NAME: expected([10, 20])}
+    run.attempt(checkpoint)  # the last checkpoint was damaged, and what it published is taken back
+    run.publish()
+    events.update()
+    assert scalars(folder) == {NAME: expected([10])}
+    emptied, file = sorted((folder / NAME).iterdir())
+    assert emptied.read_bytes() == b""  # but there: a TensorBoard that has it open goes on to the next
+    start = events_of(file, whole=True)[1]
+    assert (start.step, start.session_log.status) == (0, SessionLog.START)  # and forgets what was in it
+    run.add(20)
+    run.add(30)
+    run.publish()
+    events.update()
+    run.finish()
+    events.update()
+    events.close()
+    assert scalars(folder) == {NAME: expected([10, 20, 30])}
+
+
+def test_watching_looks_again_until_it_is_stopped(
+    campaign: SyntheticCampaign, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: Any
+) -> None:
+    run, folder = Growing(campaign), tmp_path / "events"
+    steps = iter([10, None, 20])
+
+    def look(_: float) -> None:
+        step = next(steps, "stop")
+        if step == "stop":
+            raise KeyboardInterrupt
+        if step is not None:
+            run.add(int(step))
+            run.publish()
+
+    monkeypatch.setattr(tensorboard.time, "sleep", look)
+    assert main(["tensorboard", str(campaign.root), str(folder), "--watch"]) == 0
+    assert scalars(folder) == {NAME: expected([10, 20])}
+    first, *others = capsys.readouterr().out.splitlines()
+    assert first == f"runs with news: 0; to look at them: tensorboard --logdir {folder}"
+    assert others == ["runs with news: 1"] * 2
+
+
+def test_what_is_no_number_is_left_out(campaign: SyntheticCampaign, tmp_path: Path) -> None:
+    run = Growing(campaign)
+    values = [update(10, loss=math.nan, bits=1.0), update(20, loss=math.inf), update(30, loss=3.0)]
+    run.writer.add(Table.TEACHER_LOG, values)
+    run.publish()
+    found = export(campaign.root, tmp_path / "events")
+    assert found == {NAME: {"teacher/bits": [(10, 1.0)], "teacher/loss": [(30, 3.0)]}}
+
+
+def test_names_from_a_root_stay_in_the_folder(tmp_path: Path) -> None:
+    campaign = SyntheticCampaign(tmp_path / "root", experiment="../../up")
+    changes = {"run_id": "r", "student": "mine:Own", "embodiment": "spider:legs=3", "challenge": "/etc"}
+    run = Growing(campaign, **changes)
+    run.add(10)
+    run.publish()
+    (name,) = export(campaign.root, tmp_path / "a" / "b" / "events")
+    assert name == "up/alp_gmm/mine_Own-etc-spider_legs=3-low/seed_0-r"
+
+
+def test_what_cannot_be_done_is_refused_before_anything_is_written(
+    campaign: SyntheticCampaign, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: Any
+) -> None:
+    file = tmp_path / "file"
+    file.touch()
+    for root, folder, message in (
+        (tmp_path / "nowhere", tmp_path / "events", "no results root"),
+        (campaign.root, file, "choose another folder"),
+        (campaign.root, "s3://bucket/events", "expected a folder of this machine"),
+    ):
+        assert main(["tensorboard", str(root), str(folder)]) == 2
+        assert message in capsys.readouterr().err
+    monkeypatch.setitem(sys.modules, "tensorboardX", None)
+    assert main(["tensorboard", str(campaign.root), str(tmp_path / "events")]) == 2
+    assert "pip install 'tma_ray[tensorboard]'" in capsys.readouterr().err
+    assert not (tmp_path / "events").exists()
+
+
+def test_the_library_is_imported_when_a_file_is_opened() -> None:
+    heavy = "{'tensorboardX', 'torch', 'ray'}"
+    script = f"import analysis.tensorboard, sys; assert not {heavy} & set(sys.modules)"
+    subprocess.run([sys.executable, "-c", script], check=True)

@@ -1,0 +1,355 @@
+"""Saved policies: they act as the student did, hold no pickles, and damaged or hostile ones are refused."""
+
+from __future__ import annotations
+
+import json
+import pickle
+import struct
+import sys
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import torch
+from gymnasium import spaces
+from safetensors.numpy import load_file, save_file
+from students_support import SMALL, Drift, small_student, train
+from test_algorithms import VALUES
+from test_algorithms import student as algorithm_student
+
+from tma_ray.students import PolicyFileError, Student, load_policy, read_policy, write_policy
+from tma_ray.students.algorithms import as_student
+
+OBSERVATIONS = np.random.default_rng(0).normal(0, 3, (200, 3)).astype(np.float32)
+OURS = [*SMALL, *(f"stock:{name}" for name in SMALL)]
+FILES = {"policy.json", "policy.safetensors"}
+
+_watched: list[str] = []
+"""Classes that were unpickled while somebody looked; audit hooks stay for as long as the process."""
+
+sys.addaudithook(lambda event, args: _watched.append(str(args)) if event == "pickle.find_class" else None)
+
+
+@pytest.fixture
+def no_pickles(monkeypatch: pytest.MonkeyPatch) -> Callable[[], None]:
+    """Returns what makes every way to unpickle fail until the end of the test."""
+
+    def forbidden(*_: object, **__: object) -> None:
+        raise AssertionError("something is unpickled")
+
+    def forbid() -> None:
+        for name in ("load", "loads", "Unpickler", "_Unpickler"):
+            monkeypatch.setattr(pickle, name, forbidden)
+        monkeypatch.setattr(torch, "load", forbidden)
+        monkeypatch.setattr(np, "load", forbidden)
+        _watched.clear()
+
+    return forbid
+
+
+def trained(name: str) -> Student:
+    student = small_student(name) if name in OURS else algorithm_student(name)
+    train(student, Drift(), 130)
+    return student
+
+
+@pytest.mark.parametrize("name", [*OURS, *VALUES])
+def test_a_saved_policy_acts_to_the_bit_as_its_student_and_is_loaded_without_pickles(
+    name: str, tmp_path: Path, no_pickles: Callable[[], None]
+) -> None:
+    student = trained(name)
+    batches = [OBSERVATIONS, OBSERVATIONS[:7], *(row[None] for row in OBSERVATIONS[:20])]
+    expected = [student.act_greedily(batch) for batch in batches]
+    student.save_policy(tmp_path)
+    assert {path.name for path in tmp_path.iterdir()} == FILES
+    state = torch.get_rng_state().tolist()
+    no_pickles()
+    policy = load_policy(name, tmp_path)
+    for batch, actions in zip(batches, expected, strict=True):
+        np.testing.assert_array_equal(policy(batch), actions)
+    assert not _watched
+    assert torch.get_rng_state().tolist() == state
+    assert np.ptp(expected[0], axis=0).min() > 1e-3  # it does look at the observations
+
+
+@pytest.mark.parametrize("name", ["ppo", "sac"])
+def test_a_policy_plays_elsewhere_as_its_docstring_says(name: str, tmp_path: Path) -> None:
+    student = trained(name)
+    student.save_policy(tmp_path)
+    settings = json.loads((tmp_path / "policy.json").read_text())
+    tensors = load_file(tmp_path / "policy.safetensors")
+    values = OBSERVATIONS
+    if name == "ppo":
+        clip = settings["hyperparameters"]["observation_clip"]
+        values = (values - tensors["normaliser.mean"]) / np.sqrt(tensors["normaliser.variance"] + 1e-8)
+        values = np.clip(values, -clip, clip)
+        assert tensors["normaliser.count"] > 100
+    for layer in ("hidden.0", "hidden.1"):
+        values = np.maximum(values @ tensors[f"{layer}.weight"].T + tensors[f"{layer}.bias"], 0)
+    values = values @ tensors["mean.weight"].T + tensors["mean.bias"]
+    low, high = (np.array(settings["action_space"][side]) for side in ("low", "high"))
+    actions = np.clip(values, low, high) if name == "ppo" else low + (np.tanh(values) + 1) / 2 * (high - low)
+    np.testing.assert_allclose(student.act_greedily(OBSERVATIONS), actions, atol=1e-5)
+    assert settings["observation_space"] == {"low": [None] * 3, "high": [None] * 3}
+
+
+@pytest.mark.parametrize("name", ["ppo", "TD3"])
+def test_the_same_policy_is_the_same_files(name: str, tmp_path: Path) -> None:
+    student = trained(name)
+    saved = []
+    for folder in (tmp_path / "first", tmp_path / "second"):
+        folder.mkdir()
+        student.save_policy(folder)
+        saved.append({path.name: path.read_bytes() for path in folder.iterdir()})
+    assert saved[0] == saved[1]
+
+
+@pytest.mark.parametrize("name", ["ppo", "sac", "TD3"])
+def test_other_observations_are_refused(name: str, tmp_path: Path) -> None:
+    trained(name).save_policy(tmp_path)
+    policy = load_policy(name, tmp_path)
+    for shape in ((1, 4), (2, 6), (3, 1)):
+        with pytest.raises(ValueError, match="shape"):
+            policy(np.zeros(shape, np.float32))
+
+
+@pytest.fixture(scope="module")
+def saved(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("saved")
+    for name in ("ppo", "TD3"):
+        (folder / name).mkdir()
+        (small_student(name) if name in SMALL else algorithm_student(name)).save_policy(folder / name)
+    return folder
+
+
+@pytest.fixture
+def copy(saved: Path, tmp_path: Path) -> Iterator[Callable[[str], Path]]:
+    def copied(name: str) -> Path:
+        for path in (saved / name).iterdir():
+            (tmp_path / path.name).write_bytes(path.read_bytes())
+        return tmp_path
+
+    return copied
+
+
+def bytes_changed(change: Callable[[bytes], bytes]) -> Callable[[Path], None]:
+    return lambda path: (path.write_bytes(change(path.read_bytes())), None)[1]
+
+
+def tensors_changed(**changes: Any) -> Callable[[Path], None]:
+    """Replaces tensors, or takes away those that are None."""
+
+    def change(path: Path) -> None:
+        tensors = {**load_file(path), **{name.replace("__", "."): value for name, value in changes.items()}}
+        save_file({name: value for name, value in tensors.items() if value is not None}, path)
+
+    return change
+
+
+def header_changed(change: Callable[[dict[str, Any]], object]) -> Callable[[Path], None]:
+    def changed(content: bytes) -> bytes:
+        end = 8 + struct.unpack("<Q", content[:8])[0]
+        header = json.loads(content[8:end])
+        change(header)
+        text = json.dumps(header).encode()
+        return struct.pack("<Q", len(text)) + text + content[end:]
+
+    return bytes_changed(changed)
+
+
+class Evil:
+    def __reduce__(self) -> tuple[Any, ...]:
+        return Path.touch, (Path("was-here"),)
+
+
+HOSTILE_TENSORS = {
+    "absent": (Path.unlink, "no such file"),
+    "a folder": (lambda path: (path.unlink(), path.mkdir()), "no such file"),
+    "empty": (bytes_changed(lambda _: b""), "no sound safetensors"),
+    "truncated": (bytes_changed(lambda content: content[:-10]), "no sound safetensors"),
+    "header beyond the file": (
+        bytes_changed(lambda content: struct.pack("<Q", 2**62) + content[8:]),
+        "no sound safetensors",
+    ),
+    "header a little too long": (
+        bytes_changed(lambda content: struct.pack("<Q", len(content)) + content[8:]),
+        "no sound safetensors",
+    ),
+    "data beyond the file": (
+        header_changed(lambda header: header["mean.bias"].update(data_offsets=[0, 2**40])),
+        "no sound safetensors",
+    ),
+    "data that overlaps": (
+        header_changed(lambda header: header["mean.bias"].update(header["hidden.0.bias"])),
+        "no sound safetensors",
+    ),
+    "a type that numpy lacks": (
+        header_changed(lambda header: header["mean.bias"].update(dtype="F8_E4M3", shape=[8])),
+        "no sound safetensors",
+    ),
+    "a pickle": (bytes_changed(lambda _: pickle.dumps(Evil())), "no sound safetensors"),
+    "no tensors": (lambda path: save_file({}, path), "'hidden.0.weight' is missing"),
+    "a tensor is missing": (tensors_changed(mean__bias=None), r"'mean\.bias' is missing"),
+    "a path for a name": (tensors_changed(**{"../../x": np.ones(1)}), r"'\.\./\.\./x' is no part"),
+    "another shape": (
+        tensors_changed(mean__bias=np.zeros(3, np.float32)),
+        r"'mean\.bias' is float32 \(3,\), expected float32 \(2,\)",
+    ),
+    "another type": (tensors_changed(mean__bias=np.zeros(2)), "expected float32"),
+    "no deviation": (tensors_changed(normaliser__variance=None), "'normaliser.variance' is missing"),
+}
+
+
+@pytest.mark.parametrize("case", HOSTILE_TENSORS)
+def test_unsound_tensors_are_refused(case: str, copy: Callable[[str], Path]) -> None:
+    change, message = HOSTILE_TENSORS[case]
+    folder = copy("ppo")
+    change(folder / "policy.safetensors")
+    with pytest.raises(PolicyFileError, match=message) as refusal:
+        load_policy("ppo", folder)
+    assert str(refusal.value).startswith(str(folder / "policy.safetensors"))
+    assert "copy the whole folder again" in str(refusal.value)
+    assert not Path("was-here").exists()
+
+
+def settings(**changes: Any) -> Callable[[Path], None]:
+    """Replaces members of the JSON object, or takes away those that are None."""
+
+    def changed(content: bytes) -> bytes:
+        members = {**json.loads(content), **changes}
+        return json.dumps({name: value for name, value in members.items() if value is not None}).encode()
+
+    return bytes_changed(changed)
+
+
+def hyperparameters(**changes: Any) -> Callable[[Path], None]:
+    def changed(content: bytes) -> bytes:
+        members = json.loads(content)
+        members["hyperparameters"].update(changes)
+        return json.dumps(members).encode()
+
+    return bytes_changed(changed)
+
+
+BOUNDS = {"low": [-1.0, -1.0], "high": [1.0, 1.0]}
+HOSTILE_SETTINGS = {
+    "absent": ("ppo", Path.unlink, "no such file"),
+    "truncated": ("ppo", bytes_changed(lambda content: content[:-20]), "no JSON"),
+    "a list": ("ppo", bytes_changed(lambda _: b"[1, 2]"), "expected a JSON object, found list"),
+    "no text": ("ppo", bytes_changed(lambda _: b"\xff\xfe\x00"), "no JSON"),
+    "deep": ("ppo", bytes_changed(lambda _: b'{"a":' * 200_000), "no JSON"),
+    "a later version": ("ppo", settings(format_version=2), "format_version is 2, this tma_ray reads 1"),
+    "no version": ("ppo", settings(format_version=None), "format_version is None"),
+    "true for a version": ("ppo", settings(format_version=True), "format_version is True"),
+    "another student": ("ppo", settings(student="sac"), "of student 'sac', not of 'ppo'"),
+    "no hyper-parameters": ("ppo", settings(hyperparameters=[1]), "hyperparameters are no object"),
+    "no space": ("ppo", settings(action_space=None), "action_space None"),
+    "a space of nothing": ("ppo", settings(action_space={"low": [], "high": []}), "action_space"),
+    "half a space": ("ppo", settings(action_space={"low": [0, 0], "high": [1]}), "action_space"),
+    "a space upside down": ("ppo", settings(action_space={"low": [1, 1], "high": [0, 2]}), "action_space"),
+    "words for bounds": ("ppo", settings(action_space={**BOUNDS, "low": ["a", "b"]}), "action_space"),
+    "bounds too large": ("ppo", settings(action_space={**BOUNDS, "high": [1, 10**99]}), "action_space"),
+    "a larger space": ("ppo", settings(action_space={"low": [0] * 3, "high": [1] * 3}), "expected float32"),
+    "no sizes": ("ppo", hyperparameters(hidden_units="16"), "hidden_units = '16'"),
+    "sizes below 1": ("ppo", hyperparameters(hidden_units=[16, -8]), "hidden_units"),
+    "sizes beyond memory": ("ppo", hyperparameters(hidden_units=[10**12, 10**12]), "expected float32"),
+    "no clip": ("ppo", hyperparameters(observation_clip="10"), "observation_clip = '10'"),
+    "an unknown hyper-parameter": ("TD3", hyperparameters(gama=1), "did you mean 'gamma'"),
+    "networks beyond memory": (
+        "TD3",
+        hyperparameters(policy_kwargs={"net_arch": [20_000, 20_000]}),
+        "more than 100,000,000 parameters",
+    ),
+    "a class by its name": (
+        "TD3",
+        hyperparameters(policy_kwargs={"features_extractor_class": "os.system"}),
+        "no TD3 can be made",
+    ),
+    "other networks": ("TD3", hyperparameters(policy_kwargs={"net_arch": [16, 16]}), r"'actor\.mu"),
+}
+
+
+@pytest.mark.parametrize("case", HOSTILE_SETTINGS)
+def test_unsound_settings_are_refused(case: str, copy: Callable[[str], Path]) -> None:
+    name, change, message = HOSTILE_SETTINGS[case]
+    folder = copy(name)
+    change(folder / "policy.json")
+    with pytest.raises(PolicyFileError, match=message) as refusal:
+        load_policy(name, folder)
+    assert str(refusal.value).startswith(f"{folder}/policy.")
+
+
+class OfItsOwn(torch.nn.Module):
+    """A features extractor with a buffer that is in no state."""
+
+    def __init__(self, observation_space: spaces.Box) -> None:
+        super().__init__()
+        self.features_dim = 2 * observation_space.shape[0]
+        self.register_buffer("scale", torch.arange(1.0, 4.0), persistent=False)
+        self.layer = torch.nn.Linear(3, 3)
+
+    def forward(self, observations: torch.Tensor) -> torch.Tensor:
+        return torch.cat([observations, self.layer(observations * self.scale)], dim=1)
+
+
+def test_an_algorithm_of_ones_own_is_saved_and_loaded(tmp_path: Path) -> None:
+    from stable_baselines3 import TD3
+
+    class Featured(TD3):
+        """Looks at its critics, too, so that the actor alone is not the policy."""
+
+        def __init__(self, policy: Any, env: Any, *, policy_kwargs: Any = None, **others: Any) -> None:
+            kwargs = {**(policy_kwargs or {}), "features_extractor_class": OfItsOwn}
+            super().__init__(policy, env, policy_kwargs=kwargs, **others)
+
+        def predict(self, observation: Any, *others: Any, **keywords: Any) -> Any:
+            actions, state = super().predict(observation, *others, **keywords)
+            with torch.no_grad():
+                values = self.critic(torch.from_numpy(observation), torch.from_numpy(actions))[0]
+            return (actions * np.sign(values.numpy())).astype(np.float32), state
+
+    own, env = as_student(Featured), Drift()
+    values = own.hyperparameters_type(**VALUES["TD3"])
+    student = own(env.observation_space, env.action_space, values, np.random.SeedSequence(0))
+    student.save_policy(tmp_path)
+    np.testing.assert_array_equal(own.load_policy(tmp_path)(OBSERVATIONS), student.act_greedily(OBSERVATIONS))
+
+
+@dataclass
+class Linear:
+    """What a student of somebody's own writes and reads."""
+
+    weight: np.ndarray
+    gain: float
+
+    def save_policy(self, folder: Path) -> None:
+        boxes = spaces.Box(-np.inf, np.inf, (3,)), spaces.Box(-1, 1, (2,))
+        write_policy(folder, "linear", *boxes, {"weight": self.weight}, {"gain": self.gain})
+
+    @staticmethod
+    def load_policy(folder: Path) -> Callable[[np.ndarray], np.ndarray]:
+        stored = read_policy(folder, "linear")
+        stored.check({"weight": (stored.action_space.shape + stored.observation_space.shape, "float32")})
+        weight = stored.hyperparameters["gain"] * stored.tensors["weight"]
+        return lambda observations: stored.action_space.high * np.tanh(observations @ weight.T)
+
+
+def test_a_student_of_ones_own_needs_a_few_lines(tmp_path: Path) -> None:
+    weight = np.random.default_rng(0).normal(size=(3, 2)).astype(np.float32).T  # not in the order of C
+    Linear(weight, 0.5).save_policy(tmp_path)
+    expected = np.tanh(OBSERVATIONS @ (0.5 * weight).T)
+    np.testing.assert_allclose(Linear.load_policy(tmp_path)(OBSERVATIONS), expected, rtol=1e-6)
+    Linear(np.zeros((2, 4), np.float32), 0.5).save_policy(tmp_path)
+    with pytest.raises(PolicyFileError, match=r"'weight' is float32 \(2, 4\), expected float32 \(2, 3\)"):
+        Linear.load_policy(tmp_path)
+
+
+def test_spaces_survive_their_file(tmp_path: Path) -> None:
+    low = np.array([-np.inf, -0.1, 0, 3e38], np.float32)
+    box = spaces.Box(low, np.array([np.inf, 0.7, np.inf, 3.4e38], np.float32))
+    write_policy(tmp_path, "none", box, spaces.Box(-1, 1, (1,)), {})
+    assert read_policy(tmp_path, "none").observation_space == box
+    assert not read_policy(tmp_path, "none").tensors

@@ -1,0 +1,200 @@
+"""Saved policies: ``policy.json`` and ``policy.safetensors``. Reading them runs nothing that they contain."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Final, NoReturn
+
+import numpy as np
+from gymnasium import spaces
+from numpy.typing import NDArray
+from safetensors import SafetensorError
+from safetensors.numpy import load as parse_tensors
+from safetensors.numpy import save as serialise_tensors
+
+FORMAT_VERSION: Final = 1
+"""Raise it when names or meaning of what students write change."""
+
+POLICY_FILE: Final = "policy.json"
+TENSORS_FILE: Final = "policy.safetensors"
+
+_LARGEST: Final = float(np.finfo(np.float32).max)
+
+_ADVICE: Final = "copy the whole folder again, or run its spec again on a new results root"
+
+
+class PolicyFileError(ValueError):
+    """A saved policy that cannot be read.
+
+    Attributes:
+        file: its path.
+        problem: what is wrong with it, and what to do.
+    """
+
+    def __init__(self, file: str | Path, problem: str) -> None:
+        super().__init__(f"{file}: {problem}")
+        self.file, self.problem = Path(file), problem
+
+
+@dataclass(frozen=True)
+class StoredPolicy:
+    """What `read_policy` found.
+
+    Attributes:
+        folder: where it lies.
+        observation_space: of the environment that it was trained in (o,).
+        action_space: likewise (a,).
+        hyperparameters: those that shape the policy.
+        tensors: its arrays by name.
+    """
+
+    folder: Path
+    observation_space: spaces.Box
+    action_space: spaces.Box
+    hyperparameters: Mapping[str, Any]
+    tensors: Mapping[str, NDArray[Any]]
+
+    def check(self, expected: Mapping[str, tuple[tuple[int, ...], str]]) -> None:
+        """Refuses other tensors than the policy has.
+
+        Args:
+            expected: shape and numpy's name of the type of every tensor.
+
+        Raises:
+            PolicyFileError: one is missing, nobody's, or of another shape or type.
+        """
+        for name, (shape, kind) in expected.items():
+            if name not in self.tensors:
+                self.refuse_tensors(f"tensor {name!r} is missing")
+            tensor = self.tensors[name]
+            if tensor.shape != tuple(shape) or tensor.dtype != np.dtype(kind):
+                found, wanted = f"{tensor.dtype} {tensor.shape}", f"{kind} {tuple(shape)}"
+                self.refuse_tensors(f"tensor {name!r} is {found}, expected {wanted}")
+        for name in sorted(self.tensors.keys() - expected.keys()):
+            self.refuse_tensors(f"tensor {name!r} is no part of the policy")
+
+    def refuse_tensors(self, problem: str) -> NoReturn:
+        """Raises a `PolicyFileError` about the tensors."""
+        raise PolicyFileError(self.folder / TENSORS_FILE, f"{problem}; {_ADVICE}")
+
+    def refuse(self, problem: str) -> NoReturn:
+        """Raises a `PolicyFileError` about what is no tensor."""
+        raise PolicyFileError(self.folder / POLICY_FILE, f"{problem}; {_ADVICE}")
+
+
+def write_policy(
+    folder: Path,
+    student: str,
+    observation_space: spaces.Box,
+    action_space: spaces.Box,
+    tensors: Mapping[str, NDArray[Any]],
+    hyperparameters: Mapping[str, Any] | None = None,
+) -> None:
+    """Writes a policy into the existing `folder`; the same one gives the same bytes.
+
+    Args:
+        folder: of the policy alone.
+        student: what kind of policy it is; `read_policy` asks for it.
+        observation_space: a one-dimensional float32 box.
+        action_space: likewise.
+        tensors: all that is learned and that acting needs, by names of the student's own.
+        hyperparameters: what shapes the policy, as values that JSON has.
+    """
+    content = {
+        "format_version": FORMAT_VERSION,
+        "student": student,
+        "observation_space": _bounds(observation_space),
+        "action_space": _bounds(action_space),
+        "hyperparameters": dict(hyperparameters or {}),
+    }
+    # safetensors copies the memory as it lies, whatever its strides
+    ordered = {name: np.asarray(tensor, order="C") for name, tensor in tensors.items()}
+    (folder / TENSORS_FILE).write_bytes(serialise_tensors(ordered))
+    (folder / POLICY_FILE).write_text(json.dumps(content, indent=1) + "\n")
+
+
+def read_policy(folder: Path, student: str) -> StoredPolicy:
+    """Returns what `write_policy` wrote. Whoever asked then calls `StoredPolicy.check`.
+
+    Raises:
+        PolicyFileError: a file is missing, damaged, of another format version or of another student.
+    """
+    path = folder / POLICY_FILE
+    content = _json_object(path)
+    version = content.get("format_version")
+    if type(version) is not int or version != FORMAT_VERSION:
+        raise PolicyFileError(
+            path,
+            f"format_version is {version!r:.40}, this tma_ray reads {FORMAT_VERSION}; "
+            f"load it with the tma_ray that saved it, or run its spec again",
+        )
+    if content.get("student") != student:
+        raise PolicyFileError(
+            path, f"a policy of student {content.get('student')!r:.80}, not of {student!r}; name its student"
+        )
+    hyperparameters = content.get("hyperparameters")
+    if not isinstance(hyperparameters, dict):
+        raise PolicyFileError(path, f"hyperparameters are no object; {_ADVICE}")
+    observation_space, action_space = (
+        _box(path, content, f"{kind}_space") for kind in ("observation", "action")
+    )
+    tensors = _tensors(folder / TENSORS_FILE)
+    return StoredPolicy(folder, observation_space, action_space, hyperparameters, tensors)
+
+
+def _json_object(path: Path) -> dict[str, Any]:
+    try:
+        content = json.loads(_bytes(path))
+    except (ValueError, RecursionError) as error:
+        if isinstance(error, PolicyFileError):
+            raise
+        raise PolicyFileError(path, f"no JSON ({error!s:.80}); {_ADVICE}") from error
+    if not isinstance(content, dict):
+        raise PolicyFileError(path, f"expected a JSON object, found {type(content).__name__}; {_ADVICE}")
+    return content
+
+
+def _tensors(path: Path) -> dict[str, NDArray[Any]]:
+    try:
+        found = parse_tensors(_bytes(path))
+    except (SafetensorError, KeyError, TypeError) as error:  # a type that numpy lacks is a KeyError
+        raise PolicyFileError(path, f"no sound safetensors file ({error}); {_ADVICE}") from error
+    return {name: np.array(tensor) for name, tensor in found.items()}  # aligned and writable
+
+
+def _bytes(path: Path) -> bytes:
+    if not path.is_file():
+        problem = f"there is no such file; a saved policy is {POLICY_FILE} and {TENSORS_FILE}: {_ADVICE}"
+        raise PolicyFileError(path, problem)
+    return path.read_bytes()
+
+
+def _bounds(space: spaces.Box) -> dict[str, list[float | None]]:
+    """Returns both bounds of every dimension; None, which JSON has, where there is none."""
+    return {
+        name: [float(value) if math.isfinite(value) else None for value in bounds]
+        for name, bounds in (("low", space.low), ("high", space.high))
+    }
+
+
+def _box(path: Path, content: Mapping[str, Any], name: str) -> spaces.Box:
+    found = content.get(name)
+    sides = [found.get(side) for side in ("low", "high")] if isinstance(found, dict) else []
+    bounds = []
+    for values, absent in zip(sides, (-np.inf, np.inf), strict=False):
+        if isinstance(values, list) and values and all(_is_bound(value) for value in values):
+            bounds.append(np.array([absent if value is None else value for value in values], np.float32))
+    if len(bounds) != 2 or bounds[0].shape != bounds[1].shape or (bounds[0] > bounds[1]).any():
+        problem = f"{name} {found!r:.80}: expected as many numbers low as high, null without a bound"
+        raise PolicyFileError(path, f"{problem}; {_ADVICE}")
+    return spaces.Box(bounds[0], bounds[1], dtype=np.float32)
+
+
+def _is_bound(value: object) -> bool:
+    if isinstance(value, (int, float)) and not isinstance(value, bool):
+        return -_LARGEST <= value <= _LARGEST
+    return value is None
