@@ -23,7 +23,8 @@ def test_a_part_that_raises(
     assert sorted(run.status for run in runs) == [RunStatus.DONE, RunStatus.FAILED]
     (failed,) = (run for run in runs if run.status is RunStatus.FAILED)
     assert "own mistake" in str(failed.error)
-    assert "Traceback" in str(failed.error)
+    assert "saboteur.py" in str(failed.error), "the traceback names the file"
+    assert "\x1b" not in str(failed.error)
     assert clustered.outcomes() == ["done", "failed"], "it was not tried again"
     fault = time.time()
     clustered.finish(clustered.start())

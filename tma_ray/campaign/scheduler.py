@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+import re
 import time
 from collections import deque
 from collections.abc import Callable, Sequence
@@ -33,6 +34,9 @@ from tma_ray.runs.spec import RunSpec
 
 UNREACHABLE_PAUSE = 0.5
 """Before an actor is called again that did not answer, s."""
+
+COLOURS = re.compile(r"\x1b\[[0-9;]*m")
+"""With which Ray paints the tracebacks of actors, also those that go into a file."""
 
 logger = logging.getLogger(__name__)
 
@@ -184,7 +188,7 @@ class Scheduler:
             self._lose(running, error)
         except RayTaskError as error:
             self._record(running, AttemptOutcome.FAILED)
-            self._committer.fail(running.spec.record(), running.number, str(error))
+            self._committer.fail(running.spec.record(), running.number, COLOURS.sub("", str(error)))
             self._failed += 1
         else:
             self._hear_last(running)
