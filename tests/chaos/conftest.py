@@ -50,12 +50,6 @@ def nodes(environment: dict[str, str]) -> Iterator[Nodes]:
 
 
 @pytest.fixture
-def alone(tmp_path: Path, environment: dict[str, str]) -> Site:
-    """A campaign with a Ray of its own."""
-    return _site(tmp_path, environment)
-
-
-@pytest.fixture
 def clustered(tmp_path: Path, environment: dict[str, str], nodes: Nodes) -> Site:
     """A campaign on a cluster with two living worker nodes."""
     while len(nodes.living) < 2:
@@ -98,7 +92,7 @@ def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:
         )
 
 
-def _site(folder: Path, environment: dict[str, str], address: str = "") -> Site:
+def _site(folder: Path, environment: dict[str, str], address: str) -> Site:
     for left in Path(environment["TMA_SABOTAGE"]).iterdir():
         left.unlink()
     return Site(folder, environment, address)

@@ -11,8 +11,8 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
 
+import pyarrow as pa
 import pyarrow.parquet as pq
-from saboteur import HOLD, WRITES
 from small_runs import data_files, rows
 
 from tma_ray.results import Table
@@ -49,12 +49,12 @@ class Site:
     Attributes:
         folder: of results and requests.
         environment: of drivers.
-        address: of the cluster; empty for a Ray of the campaign's own.
+        address: of the cluster.
     """
 
     folder: Path
     environment: dict[str, str]
-    address: str = ""
+    address: str
 
     @property
     def root(self) -> Path:
@@ -82,8 +82,8 @@ class Site:
 
     def start(self, *flags: str) -> subprocess.Popen[bytes]:
         """Starts the campaign's driver."""
-        where = ("--address", self.address) if self.address else ("--local",)
-        command = [sys.executable, "chaos_campaign.py", *where, *FLAGS, *flags, "--results", str(self.root)]
+        where = ("--address", self.address, "--results", str(self.root))
+        command = [sys.executable, "chaos_campaign.py", *where, *FLAGS, *flags]
         with (self.folder / "driver.txt").open("ab") as log:
             return subprocess.Popen(command, cwd=HERE, env=self.environment, stdout=log, stderr=log)
 
@@ -120,8 +120,6 @@ class Site:
 
 def count_rows(data: bytes) -> int:
     """Returns the rows of an encoded table."""
-    import pyarrow as pa
-
     return int(pq.ParquetFile(pa.BufferReader(data)).metadata.num_rows)
 
 
@@ -134,25 +132,9 @@ def wait_for(condition: Callable[[], object], seconds: float = 120.0) -> float:
     return time.time()
 
 
-def workers(kind: str) -> list[int]:
-    """Returns the processes that are actors of this kind, by what Ray calls them."""
-    found = []
-    for name in filter(str.isdigit, os.listdir("/proc")):  # noqa: PTH208
-        try:
-            title = Path(f"/proc/{name}/cmdline").read_bytes()
-        except OSError:
-            continue
-        if title.startswith(f"ray::{kind}".encode()):
-            found.append(int(name))
-    return sorted(found)
-
-
 def kill(pid: int) -> None:
     """Kills a process that may have ended."""
     try:
         os.kill(pid, signal.SIGKILL)
     except ProcessLookupError:
         return
-
-
-__all__ = ["FLAGS", "HOLD", "WRITES", "Fault", "Site", "count_rows", "kill", "wait_for", "workers"]

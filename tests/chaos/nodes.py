@@ -9,6 +9,7 @@ import multiprocessing
 import os
 import signal
 from multiprocessing.connection import Connection
+from pathlib import Path
 from types import TracebackType
 from typing import Any, Self
 
@@ -76,6 +77,11 @@ class Nodes:
         raylet = int(self._ask("raylet", number))
         return {raylet} | descendants(raylet)
 
+    def workers(self, kind: str) -> list[int]:
+        """Returns the processes of this cluster that are actors of a kind, by what Ray calls them."""
+        family = set().union(*map(self.processes, self.living))
+        return sorted(pid for pid in family if _title(pid).startswith(f"ray::{kind}"))
+
     @property
     def living(self) -> list[int]:
         """Numbers of the worker nodes that were not killed."""
@@ -105,6 +111,13 @@ def descendants(pid: int) -> set[int]:
         if not more:
             return family - {pid}
         family |= more
+
+
+def _title(pid: int) -> str:
+    try:
+        return Path(f"/proc/{pid}/cmdline").read_text()
+    except OSError:
+        return ""
 
 
 def _signal(processes: set[int], number: signal.Signals) -> None:

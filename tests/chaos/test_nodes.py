@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 
 import pytest
-from faults import Fault, Site, wait_for, workers
+from faults import Fault, Site, wait_for
 from nodes import Nodes
 from saboteur import HOLD
 from test_processes import check
@@ -16,7 +16,7 @@ pytestmark = pytest.mark.chaos
 def trained_somewhere(site: Site, nodes: Nodes) -> int:
     """Waits until every run has a checkpoint; returns a node that trains one."""
     wait_for(lambda: len({path.parts[-3] for path in site.checkpoints()}) == 2)
-    seeds = set(workers("SeedActor"))
+    seeds = set(nodes.workers("SeedActor"))
     return next(number for number in nodes.living if nodes.processes(number) & seeds)
 
 
@@ -29,7 +29,7 @@ def test_nodes_killed(
         nodes.kill(trained_somewhere(clustered, nodes))
         times.append(time.time())
         nodes.add()
-        wait_for(lambda: len(workers("SeedActor")) == 2)
+        wait_for(lambda: len(nodes.workers("SeedActor")) == 2)
         time.sleep(5)
     clustered.withdraw(HOLD)
     clustered.finish(driver)

@@ -7,7 +7,8 @@ import signal
 import time
 
 import pytest
-from faults import Fault, Site, kill, wait_for, workers
+from faults import Fault, Site, kill, wait_for
+from nodes import Nodes
 from saboteur import HOLD
 
 WORKER_PLACES = (
@@ -43,13 +44,16 @@ def killed_workers(site: Site, places: tuple[str, ...]) -> list[float]:
     return times
 
 
-def test_workers_killed_in_an_evaluation_and_in_a_checkpoint(
+def test_a_worker_killed_in_a_checkpoint_and_the_driver_in_a_publication(
     clustered: Site, undisturbed: dict[str, bytes], faults: list[Fault]
 ) -> None:
-    places = ("kill-in-evaluation", "kill-in-checkpoint")
-    times = killed_workers(clustered, places)
-    assert clustered.outcomes() == ["done", "done", "lost", "lost"]
-    check(clustered.compare("worker killed in evaluation, in checkpoint", 2, undisturbed, times), faults)
+    clustered.ask("kill-in-checkpoint", "kill-driver-between-moves")
+    clustered.finish(clustered.start(), -signal.SIGKILL)
+    fault = time.time()
+    assert not clustered.pending("kill-in-checkpoint", "kill-driver-between-moves")
+    clustered.finish(clustered.start())
+    assert "lost" in clustered.outcomes()
+    check(clustered.compare("worker, then driver killed", 2, undisturbed, [fault]), faults)
 
 
 @pytest.mark.chaos
@@ -64,16 +68,16 @@ def test_a_worker_killed(
 
 @pytest.mark.chaos
 def test_workers_killed_from_outside_at_random(
-    clustered: Site, undisturbed: dict[str, bytes], faults: list[Fault]
+    clustered: Site, nodes: Nodes, undisturbed: dict[str, bytes], faults: list[Fault]
 ) -> None:
     """Both kinds of actors, some of them while they start."""
     chance, times = random.Random(0), []
     clustered.ask(HOLD)
     driver = clustered.start()
     for kind in ("SeedActor", "TeacherActor", "SeedActor", "TeacherActor"):
-        wait_for(lambda kind=kind: workers(kind))
+        wait_for(lambda kind=kind: nodes.workers(kind))
         time.sleep(chance.uniform(0, 2))
-        victims = workers(kind)
+        victims = nodes.workers(kind)
         if victims:
             kill(chance.choice(victims))
             times.append(time.time())
@@ -94,13 +98,6 @@ def drivers_killed(site: Site, places: tuple[str, ...]) -> list[float]:
     return times
 
 
-def test_a_driver_killed_while_it_publishes_a_finished_run(
-    alone: Site, undisturbed: dict[str, bytes], faults: list[Fault]
-) -> None:
-    times = drivers_killed(alone, ("kill-driver-between-moves",))
-    check(alone.compare("driver killed in publication", 1, undisturbed, times), faults)
-
-
 @pytest.mark.chaos
 def test_drivers_killed_in_every_publication(
     clustered: Site, undisturbed: dict[str, bytes], faults: list[Fault]
@@ -115,9 +112,9 @@ def test_drivers_killed_while_their_runs_train(
 ) -> None:
     times = []
     clustered.ask(HOLD)
-    for count in range(1, 4):
+    for count in range(3):
         driver = clustered.start()
-        wait_for(lambda count=count: len(clustered.checkpoints()) >= count)
+        wait_for(lambda count=count: f"-attempt-{count:03d}" in str(clustered.checkpoints()))
         driver.kill()
         driver.wait()
         times.append(time.time())
