@@ -1,7 +1,8 @@
-"""A real S3 server on this machine, for all tests of object stores."""
+"""Which process runs which tests, and a real S3 server on this machine for all tests of object stores."""
 
 from __future__ import annotations
 
+import os
 import socket
 import subprocess
 import sys
@@ -13,9 +14,42 @@ from pathlib import Path
 
 import pytest
 
+os.environ.setdefault(
+    "OMP_NUM_THREADS", "1"
+)  # tests share the cores already, and wait for each other's threads
+
 BUCKET = "bucket"
 
+EARLY = ("physics", "teachers", "testing", "runs")
+"""Folders that take longest, after the tests that share a Ray. The first compiles for all processes."""
+
 _number = count()
+
+
+@pytest.hookimpl(tryfirst=True)
+def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
+    """Puts long tests first; under ``--dist loadgroup`` whatever shares fixtures shares a process."""
+    items.sort(key=_turn)
+    if getattr(config.option, "loadgroup", False):
+        for item in items:
+            item.add_marker(pytest.mark.xdist_group(_group(item)))
+
+
+def _turn(item: pytest.Item) -> int:
+    """Returns when a test's turn comes: early ones have small numbers."""
+    if _shares_ray(item):
+        return 0
+    folder = item.path.parent.name
+    return 1 + (EARLY.index(folder) if folder in EARLY else len(EARLY))
+
+
+def _group(item: pytest.Item) -> str:
+    """Returns a name of the tests that share fixtures: of its file or class, or of all that share a Ray."""
+    return "ray" if _shares_ray(item) or item.parent is None else item.parent.name
+
+
+def _shares_ray(item: pytest.Item) -> bool:
+    return isinstance(item, pytest.Function) and "cluster" in item.fixturenames
 
 
 @pytest.fixture(scope="session")
