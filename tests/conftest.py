@@ -1,4 +1,4 @@
-"""Which process runs which tests, and a real S3 server on this machine for all tests of object stores."""
+"""In what order tests run, and a real S3 server on this machine for all tests of object stores."""
 
 from __future__ import annotations
 
@@ -26,13 +26,9 @@ EARLY = ("physics", "teachers", "testing", "runs")
 _number = count()
 
 
-@pytest.hookimpl(tryfirst=True)
-def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
-    """Puts long tests first; under ``--dist loadgroup`` whatever shares fixtures shares a process."""
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Puts long tests first."""
     items.sort(key=_turn)
-    if getattr(config.option, "loadgroup", False):
-        for item in items:
-            item.add_marker(pytest.mark.xdist_group(_group(item)))
 
 
 def _turn(item: pytest.Item) -> int:
@@ -41,11 +37,6 @@ def _turn(item: pytest.Item) -> int:
         return 0
     folder = item.path.parent.name
     return 1 + (EARLY.index(folder) if folder in EARLY else len(EARLY))
-
-
-def _group(item: pytest.Item) -> str:
-    """Returns a name of the tests that share fixtures: of its file or class, or of all that share a Ray."""
-    return "ray" if _shares_ray(item) or item.parent is None else item.parent.name
 
 
 def _shares_ray(item: pytest.Item) -> bool:
