@@ -20,6 +20,9 @@ os.environ.setdefault(
 
 BUCKET = "bucket"
 
+UNCONNECTED = "test_options.py"
+"""Comes before all that share a Ray: an address is looked at only by a process without a connection."""
+
 EARLY = ("physics", "teachers", "testing", "runs")
 """Folders that take longest, after the tests that share a Ray. The first compiles for all processes."""
 
@@ -33,10 +36,12 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
 
 def _turn(item: pytest.Item) -> int:
     """Returns when a test's turn comes: early ones have small numbers."""
-    if _shares_ray(item):
+    if item.path.name == UNCONNECTED:
         return 0
+    if _shares_ray(item):
+        return 1
     folder = item.path.parent.name
-    return 1 + (EARLY.index(folder) if folder in EARLY else len(EARLY))
+    return 2 + (EARLY.index(folder) if folder in EARLY else len(EARLY))
 
 
 def _shares_ray(item: pytest.Item) -> bool:
