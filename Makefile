@@ -25,7 +25,7 @@ quickstart: $(INSTALLED) ## train two teachers' students for a few minutes and w
 	@$(BIN)/tma-ray report $(RESULTS)
 
 test: $(INSTALLED) ## the fast test suite
-	$(BIN)/python -m pytest -m "not slow and not chaos" --numprocesses auto --dist loadfile
+	$(BIN)/python -m pytest -m "not slow and not chaos" --numprocesses auto --dist loadscope --no-loadscope-reorder
 
 static: $(INSTALLED) ## format, lint, types, layers
 	$(BIN)/ruff format --check .

@@ -1,7 +1,8 @@
-"""A real S3 server on this machine, for all tests of object stores."""
+"""In what order tests run, and a real S3 server on this machine for all tests of object stores."""
 
 from __future__ import annotations
 
+import os
 import socket
 import subprocess
 import sys
@@ -13,9 +14,38 @@ from pathlib import Path
 
 import pytest
 
+os.environ.setdefault(
+    "OMP_NUM_THREADS", "1"
+)  # tests share the cores already, and wait for each other's threads
+
 BUCKET = "bucket"
 
+UNCONNECTED = "test_options.py"
+"""Comes before all that share a Ray: an address is looked at only by a process without a connection."""
+
+EARLY = ("physics", "teachers", "testing", "runs")
+"""Folders that take longest, after the tests that share a Ray. The first compiles for all processes."""
+
 _number = count()
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Puts long tests first."""
+    items.sort(key=_turn)
+
+
+def _turn(item: pytest.Item) -> int:
+    """Returns when a test's turn comes: early ones have small numbers."""
+    if item.path.name == UNCONNECTED:
+        return 0
+    if _shares_ray(item):
+        return 1
+    folder = item.path.parent.name
+    return 2 + (EARLY.index(folder) if folder in EARLY else len(EARLY))
+
+
+def _shares_ray(item: pytest.Item) -> bool:
+    return isinstance(item, pytest.Function) and "cluster" in item.fixturenames
 
 
 @pytest.fixture(scope="session")

@@ -11,6 +11,7 @@ import difflib
 import importlib
 import sys
 from collections.abc import Callable, Mapping
+from functools import cache
 from importlib.metadata import entry_points
 from typing import Generic, TypeVar, cast
 
@@ -128,8 +129,8 @@ class Registry(Generic[T]):
             raise UnknownNameError(self._explain(name))
         return target
 
-    def _installed(self) -> dict[str, str]:
-        return {point.name: point.value for point in entry_points(group=self.entry_point_group)}
+    def _installed(self) -> Mapping[str, str]:
+        return _offered(self.entry_point_group, tuple(sys.path))
 
     def _load(self, target: str) -> T:
         module_name, _, attribute = target.partition(":")
@@ -152,6 +153,12 @@ class Registry(Generic[T]):
         near = difflib.get_close_matches(name.lower(), by_lower_case, n=1)
         hint = f"did you mean {by_lower_case[near[0]]!r}? " if near else ""
         return f"unknown {self.kind} {name!r}: {hint}known: {', '.join(self.names())}, or module:Name"
+
+
+@cache
+def _offered(group: str, path: tuple[str, ...]) -> Mapping[str, str]:  # noqa: ARG001 - part of the key
+    """Returns the entry points of the packages on `path`, read once: hundreds of files hold them."""
+    return {point.name: point.value for point in entry_points(group=group)}
 
 
 def _identity(implementation: object) -> str:

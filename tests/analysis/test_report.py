@@ -75,6 +75,12 @@ def full(full_root: Path) -> Page:
     return Page((full_root / "report" / "index.html").read_text(encoding="utf-8"))
 
 
+@pytest.fixture
+def unpainted(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Figures are made, but not painted, which takes most of a report's time: for tests of the words."""
+    monkeypatch.setattr("analysis.picture.png", lambda figure: b"\x89PNG")
+
+
 def test_the_page_loads_nothing_from_elsewhere(full: Page) -> None:
     assert full.loads
     assert all(address.startswith(("data:", "#")) for address in full.loads)
@@ -153,6 +159,7 @@ def test_an_object_store_needs_an_output() -> None:
         write_report("s3://bucket/results")
 
 
+@pytest.mark.usefixtures("unpainted")
 def test_one_seed_concludes_nothing(tmp_path: Path) -> None:
     campaign = small(tmp_path)
     campaign.run("random", 0)
@@ -163,11 +170,13 @@ def test_one_seed_concludes_nothing(tmp_path: Path) -> None:
     assert "significant difference" not in page.words
 
 
+@pytest.mark.usefixtures("unpainted")
 def test_one_teacher_alone(tmp_path: Path) -> None:
     small(tmp_path).run("random", 0)
     assert "There is no other teacher." in report(tmp_path).words
 
 
+@pytest.mark.usefixtures("unpainted")
 def test_failed_runs_are_named_with_their_error(tmp_path: Path) -> None:
     campaign = small(tmp_path)
     for seed in range(2):
@@ -203,6 +212,7 @@ def test_a_campaign_whose_runs_have_only_begun(tmp_path: Path) -> None:
     assert "not evaluated yet" in page.text
 
 
+@pytest.mark.usefixtures("unpainted")
 def test_nothing_mastered_compares_returns(tmp_path: Path) -> None:
     campaign = small(tmp_path, steps=1000)
     for seed in range(3):
@@ -216,6 +226,7 @@ def test_nothing_mastered_compares_returns(tmp_path: Path) -> None:
     assert "better" in page.text
 
 
+@pytest.mark.usefixtures("unpainted")
 def test_no_teacher_better_than_random(tmp_path: Path) -> None:
     campaign = small(tmp_path, steps=1000)
     for seed, mastered in enumerate([5, 6, 5]):
@@ -233,6 +244,7 @@ def test_test_tasks_in_no_grid_and_a_larger_task_space(tmp_path: Path) -> None:
     assert len(report(tmp_path).images) == 4  # two curves, bars, heat map
 
 
+@pytest.mark.usefixtures("unpainted")
 def test_warnings_are_shown(tmp_path: Path) -> None:
     campaign = small(tmp_path, steps=1000)
     campaign.plain_run("random", 0, {1000: [300]})
@@ -249,6 +261,7 @@ def remove(root: Path) -> None:
     next((root / "tables" / "evaluations").glob("*random*")).unlink()
 
 
+@pytest.mark.usefixtures("unpainted")
 @pytest.mark.parametrize("harm", [damage, remove])
 @pytest.mark.filterwarnings("ignore::tma_ray.results.DamagedFileWarning")
 def test_a_damaged_file_is_left_out_and_named(tmp_path: Path, harm: Callable[[Path], None]) -> None:

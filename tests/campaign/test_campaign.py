@@ -66,7 +66,7 @@ def alone(what: Campaign, root: Path) -> dict[str, bytes]:
 
 
 def test_actors_give_the_files_of_a_run_in_one_process(tmp_path: Path) -> None:
-    what = campaign(corridor("alp_gmm", fit_every=20), corridor("odd_teachers:Scrutinising"))
+    what = campaign(corridor("riac", region_capacity=20), idle("odd_teachers:Scrutinising"))
     ended = execute(what, tmp_path / "actors", checkpoint_seconds=0.5)
     assert (ended.done, ended.failed, ended.total) == (2, 0, 2)
     expected = alone(what, tmp_path / "alone")
@@ -103,8 +103,9 @@ def test_an_exception_fails_its_run_and_the_rest_goes_on(tmp_path: Path) -> None
 
 
 def test_a_killed_process_is_replaced_and_nothing_is_lost_or_doubled(tmp_path: Path) -> None:
-    cell = corridor("misbehaving:Dying", marker=str(tmp_path / "died"))
-    ended = execute(campaign(cell), tmp_path / "killed", checkpoint_seconds=0.2)
+    dying = {"marker": str(tmp_path / "died")}
+    cell = replace(idle("misbehaving:Dying"), teacher_hyperparameters=dying)
+    ended = execute(campaign(cell), tmp_path / "killed", checkpoint_seconds=0.05)
     assert (tmp_path / "died").exists()
     assert ended.done == 1
     attempts = rows(tmp_path / "killed", Table.ATTEMPTS)
@@ -115,7 +116,7 @@ def test_a_killed_process_is_replaced_and_nothing_is_lost_or_doubled(tmp_path: P
 def test_a_stopped_campaign_leaves_checkpoints_and_continues_wherever_its_teachers_are(
     tmp_path: Path,
 ) -> None:
-    cells = (corridor("alp_gmm", fit_every=20),)
+    cells = (replace(idle("riac"), teacher_hyperparameters={"region_capacity": 20}),)
     what = Campaign("long", cells, (0,), replace(SCHEDULE, steps=6_000))
     committer = Committer(Store.open(tmp_path / "stopped"))
     inline = settings(teachers=TeacherPlacement.INLINE)
@@ -129,6 +130,7 @@ def test_a_stopped_campaign_leaves_checkpoints_and_continues_wherever_its_teache
     assert state.state == "interrupted"
     assert 0 < state.step < 6_000
     assert execute(what, tmp_path / "stopped", teachers=TeacherPlacement.ACTOR).done == 1
+    assert len(rows(tmp_path / "stopped", Table.TEACHER_LOG)) > 3
     assert data_files(tmp_path / "stopped") == alone(what, tmp_path / "undisturbed")
 
 

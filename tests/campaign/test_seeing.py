@@ -6,6 +6,7 @@ import io
 import time
 from dataclasses import replace
 from pathlib import Path
+from shutil import copytree
 
 import pytest
 from rich.console import Console
@@ -50,20 +51,25 @@ def shown(root: Path, *, cells: bool = False) -> str:
     return console.text
 
 
-@pytest.fixture
-def one_failed(tmp_path: Path) -> Path:
-    """A root with a finished run and one that failed; without Ray."""
-    waiting = replace(
-        idle("misbehaving:Waiting"), teacher_hyperparameters={"needed": str(tmp_path / "needed")}
-    )
-    what, root = campaign(idle("random"), waiting), tmp_path / "root"
+@pytest.fixture(scope="module")
+def failed_once(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder with a root in which a run has finished and another failed, for lack of a file beside it."""
+    folder = tmp_path_factory.mktemp("failed")
+    waiting = replace(idle("misbehaving:Waiting"), teacher_hyperparameters={"needed": str(folder / "needed")})
+    what, root = campaign(idle("random"), waiting), folder / "root"
     committer = Committer.open(root)
     committer.write_cells("short", what.plan().cell_rows)
     good, bad = what.plan().runs
     run_locally(good, committer)
     with pytest.raises(FileNotFoundError):
         run_locally(bad, committer)
-    return root
+    return folder
+
+
+@pytest.fixture
+def one_failed(failed_once: Path, tmp_path: Path) -> Path:
+    """That root, copied; without Ray."""
+    return copytree(failed_once / "root", tmp_path / "root")
 
 
 def test_status_counts_runs_and_tells_what_failed_and_what_to_do(one_failed: Path) -> None:
@@ -133,8 +139,8 @@ def test_a_plan_again_holds_what_failed_or_is_named(one_failed: Path) -> None:
 
 
 @pytest.mark.usefixtures("cluster")
-def test_mended_runs_run_again_and_their_cells_are_done(one_failed: Path) -> None:
-    (one_failed.parent / "needed").touch()
+def test_mended_runs_run_again_and_their_cells_are_done(failed_once: Path, one_failed: Path) -> None:
+    (failed_once / "needed").touch()
     plan = plan_again(str(one_failed), (), failed=True)
     ended = execute_plan(plan, one_failed, settings(teachers=TeacherPlacement.INLINE), None)
     assert (ended.done, ended.failed) == (1, 0)
@@ -146,7 +152,8 @@ def test_mended_runs_run_again_and_their_cells_are_done(one_failed: Path) -> Non
 
 @pytest.mark.usefixtures("cluster")
 def test_a_campaign_that_is_asked_to_stop_leaves_checkpoints_and_goes_on_later(tmp_path: Path) -> None:
-    what = replace(campaign(idle("random")), schedule=replace(SCHEDULE, steps=60_000))
+    schedule = replace(SCHEDULE, steps=40_000, evaluation_interval=20_000, training_window=20_000)
+    what = replace(campaign(idle("random")), schedule=schedule)
     asked: list[str] = []
 
     class Asking:

@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 from behaviour import RELEASE_NAMES, Figures, embodied, episodes, gaits, start, zero_action
-from parkour_worlds import parkour_rules, parkour_world, without_creepers
+from parkour_worlds import deep, dry, parkour_rules
 
 from tma_ray.embodiments import Embodiment, embodiment_names, load_embodiment
 from tma_ray.physics import Engine
@@ -22,8 +22,6 @@ from tma_ray.physics.grips import NOTHING
 from tma_ray.physics.pymunk_engine import PymunkEngine
 from tma_ray.terrain import Terrain
 
-DRY, DEEP = (without_creepers(parkour_world(water)) for water in (0.0, 1.0))
-CEILING_Y = DRY.ceiling[0, 1]
 CLIMBERS = ("climbing_chimpanzee", "climbing_chest_chimpanzee")
 RELEASED = ("old_classic_bipedal", "climbing_chimpanzee", "amphibious_bipedal", "fish")
 """Bodies that are let go in open water."""
@@ -39,13 +37,13 @@ BODIES = tuple(embodiment_names())
 
 def place_of(name: str) -> Terrain:
     """Returns the world in which the body called `name` acts: deep water for the fish, else a dry one."""
-    return DEEP if name == "fish" else DRY
+    return deep() if name == "fish" else dry()
 
 
 def under_water(steps: tuple[int, ...], name: str = "fish") -> Figures:
     """Returns how far the head has risen, and how fast it rises, after some `steps` without torque."""
-    body, engine = embodied(name, DEEP)
-    start(engine, DEEP, np.random.default_rng(0))
+    body, engine = embodied(name, deep())
+    start(engine, deep(), np.random.default_rng(0))
     return _course(engine, body, steps)
 
 
@@ -53,7 +51,7 @@ def released(name: str) -> Figures:
     """Returns the same of a body that is let go in open water: at rest, or a climber at the ceiling."""
     body = load_embodiment(name)
     engine = PymunkEngine(body, parkour_rules(body))  # its parts can be moved
-    start(engine, DEEP, np.random.default_rng(0))
+    start(engine, deep(), np.random.default_rng(0))
     if name not in CLIMBERS:
         for part in engine._parts:
             part.position += (0.0, RELEASE_HEIGHT)
@@ -64,10 +62,10 @@ def released(name: str) -> Figures:
 
 def hanging(name: str, grip: float, motors: float = 0.0, count: int = 20) -> Figures:
     """Returns where a climber is after 100 steps with an action of `grip` and random ones of its `motors`."""
-    body, engine, rows = *embodied(name, DRY), []
+    body, engine, rows = *embodied(name, dry()), []
     for seed in range(count):
         rng = np.random.default_rng([seed, 4])
-        start(engine, DRY, rng)
+        start(engine, dry(), rng)
         begin, action = engine.state[body.head, 0], np.full(body.action_size, grip)
         ended = []
         for step in range(1, 101):
@@ -75,7 +73,7 @@ def hanging(name: str, grip: float, motors: float = 0.0, count: int = 20) -> Fig
             ended += [step] if engine.step(action)[2] else []
         x, y = engine.state[body.head, :2]
         held = np.all(engine.grips[:, 1] != NOTHING)
-        rows.append((held, bool(ended), ended[0] if ended else 101, CEILING_Y - y, x - begin))
+        rows.append((held, bool(ended), ended[0] if ended else 101, dry().ceiling[0, 1] - y, x - begin))
     names = (
         "still_attached_by_both_hands_after_100",
         "fraction_terminated",
@@ -121,7 +119,7 @@ def table(folder: Path) -> Iterator[str]:
     """Yields the release's figures against ours as rows of Markdown tables."""
     theirs = reference(folder)
     protocols = {
-        "zero_action_flat_ground_100_steps": lambda name: zero_action(name, 20, DRY),
+        "zero_action_flat_ground_100_steps": lambda name: zero_action(name, 20, dry()),
         "random_actions_cap500": lambda name: random_figures(name, 100),
         "random_open_loop_gaits": lambda name: gaits(name, 100, place_of(name)),
     }

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from functools import cache
+
 import numpy as np
 import pymunk
 
@@ -39,6 +41,18 @@ def parkour_world(
 def without_creepers(terrain: Terrain) -> Terrain:
     """Returns `terrain` with a bare ceiling."""
     return terrain._replace(creepers=np.empty((0, 4)), holders=np.empty(0, np.int64))
+
+
+@cache
+def dry() -> Terrain:
+    """Returns a world with a bare ceiling and no water."""
+    return without_creepers(parkour_world(0.0))
+
+
+@cache
+def deep() -> Terrain:
+    """Returns a world with a bare ceiling, full of water."""
+    return without_creepers(parkour_world(1.0))
 
 
 def swung(terrain: Terrain, rng: np.random.Generator) -> World:

@@ -30,9 +30,12 @@ def test_zero_actions_end_in_the_same_pose(release) -> None:
         assert ours[name].mean() == pytest.approx(theirs[name]["mean"], rel=0.25), name
 
 
-@pytest.mark.parametrize("task", behaviour.TASKS)
-def test_random_actions_fall_as_often_and_earn_as_much(task: tuple[float, float], release) -> None:
-    ours, theirs = behaviour.episodes(task, 400), release[f"random actions, task {task}"]
+@pytest.mark.parametrize(("task", "count"), zip(behaviour.TASKS, (150, 400, 150), strict=True))
+def test_random_actions_fall_as_often_and_earn_as_much(
+    task: tuple[float, float], count: int, release
+) -> None:
+    """At a middling height few episodes are very long, so that it takes more of them."""
+    ours, theirs = behaviour.episodes(task, count), release[f"random actions, task {task}"]
     for name in ("fraction_ending_in_a_fall", "length", "episode_return"):
         assert ours[name].mean() == pytest.approx(theirs[name]["mean"], rel=0.25), name
 
@@ -52,7 +55,7 @@ def test_the_old_bipedal_falls_forward_as_the_releases_does(folder: Path) -> Non
 
 @pytest.mark.parametrize("name", OTHERS)
 def test_random_actions_lead_other_bodies_as_far(name: str, folder: Path) -> None:
-    ours = behaviour.episodes(behaviour.TASKS[0], 100, 500, name)
+    ours = behaviour.episodes(behaviour.TASKS[0], 50, 500, name)
     theirs = behaviour.reference_of(name, folder)["random actions"]
     fell = ours["fraction_ending_in_a_fall"].mean()
     assert fell == pytest.approx(theirs["fraction_ending_in_a_fall"]["mean"], abs=0.2)

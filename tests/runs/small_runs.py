@@ -28,8 +28,8 @@ TEACHERS: dict[str, dict[str, Any]] = {
     "adr": {"queue_size": 3},
     "alp_gmm": {"fit_every": 20},
     "covar_gmm": {"fit_every": 20},
-    "spdl": {"first_update": 1_000, "update_every": 500},
     "riac": {"region_capacity": 20, "split_attempts": 5},
+    "spdl": {"first_update": 500, "update_every": 250},
     "goal_gan": {"train_every": 20, "iterations_per_task": 0.2, "pretraining_iterations": 10},
     "setter_solver": {"update_every": 20, "hidden_units": 8},
 }
@@ -45,14 +45,13 @@ def small_spec(
     return effective_spec(_cell("corridor:Corridor", "", student, teacher, tests), seed, schedule)
 
 
-def stump_tracks_spec(folder: Path, student: str, teacher: str) -> RunSpec:
+def stump_tracks_spec(folder: Path, student: str, teacher: str, **changes: Any) -> RunSpec:
     """Returns a run of a few episodes on Stump Tracks, likewise."""
     tests = folder / "three.csv"
     tests.write_text("stump_height,obstacle_spacing\n0,6\n1.5,3\n3,1\n")
     cell = _cell("stump_tracks", "classic_bipedal", student, teacher, tests)
-    return effective_spec(
-        cell, 0, Schedule(**{**vars(SCHEDULE), "steps": 6_000, "evaluation_interval": 3_000})
-    )
+    longer = {"steps": 6_000, "evaluation_interval": 3_000}
+    return effective_spec(cell, 0, Schedule(**{**vars(SCHEDULE), **longer, **changes}))
 
 
 def _cell(environment: str, embodiment: str, student: str, teacher: str, tests: Path) -> Cell:

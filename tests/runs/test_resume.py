@@ -32,13 +32,13 @@ Case = tuple[str, str, str]
 def finished(tmp_path_factory: pytest.TempPathFactory) -> dict[Case, tuple[RunSpec, Path]]:
     """Runs that were stopped, and then all finished in one new process: their specs and folders."""
     cases = {}
-    for world, make, stops, pairs in (
-        ("corridor", small_spec, (37, 41), MANY_EPISODES),
-        ("stump_tracks", stump_tracks_spec, (2,), STUMP_TRACKS),
+    for world, make, steps, stops, pairs in (
+        ("corridor", small_spec, 2_000, (37, 31), MANY_EPISODES),
+        ("stump_tracks", stump_tracks_spec, 3_000, (2,), STUMP_TRACKS),
     ):
         for student, teacher in pairs:
             folder = tmp_path_factory.mktemp(f"{world}-{student}")
-            spec = make(folder, student, teacher)
+            spec = make(folder, student, teacher, steps=steps, evaluation_interval=steps // 2)
             for stop in stops:
                 assert run(spec, folder / "resumed", stop_after=stop) == "stopped"
             (folder / "spec.json").write_text(json.dumps(spec.to_dict()))

@@ -71,7 +71,7 @@ def test_the_density_follows_from_the_jacobian_that_autograd_finds(size: int) ->
 @pytest.mark.parametrize("size", [1, 2])
 @pytest.mark.parametrize("condition", [0.1, 0.8])
 def test_the_density_integrates_to_one(size: int, condition: float) -> None:
-    setter, count = fitted(size), 150
+    setter, count = fitted(size), 100
     middles = (torch.arange(count, dtype=DTYPE) + 0.5) / count
     grid = torch.cartesian_prod(*[middles] * size).reshape(-1, size)
     with torch.no_grad():
