@@ -14,16 +14,15 @@ from pathlib import Path
 
 import pytest
 
-os.environ.setdefault(
-    "OMP_NUM_THREADS", "1"
-)  # tests share the cores already, and wait for each other's threads
+# Tests share the cores already, and would wait for each other's threads.
+os.environ.setdefault("OMP_NUM_THREADS", "1")
 
 BUCKET = "bucket"
 
 UNCONNECTED = "test_options.py"
 """Comes before all that share a Ray: an address is looked at only by a process without a connection."""
 
-EARLY = ("physics", "teachers", "testing", "runs")
+EARLY = ("chaos", "physics", "teachers", "testing", "runs")
 """Folders that take longest, after the tests that share a Ray. The first compiles for all processes."""
 
 _number = count()
