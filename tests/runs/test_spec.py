@@ -45,6 +45,21 @@ def test_whatever_changes_the_result_changes_the_id(tmp_path: Path) -> None:
     assert replace(spec, seed=0).run_id == spec.run_id
 
 
+def test_what_a_challenge_does_to_a_run_is_part_of_its_spec() -> None:
+    forgetting, rugged = spec_of(challenge="forgetting_student"), spec_of(challenge="rugged_difficulty")
+    assert (forgetting.resets, forgetting.cuts) == ((350, 700), 0)
+    assert (rugged.resets, rugged.cuts) == ((), 4)
+    assert effective_spec(Cell(challenge="forgetting_student"), 0, Schedule()).resets == (
+        7_000_000,
+        14_000_000,
+    )
+    for spec in (forgetting, rugged):
+        again = RunSpec.from_dict(json.loads(json.dumps(spec.to_dict())))
+        assert (again.run_id, again.resets, again.cuts) == (spec.run_id, spec.resets, spec.cuts)
+        assert replace(spec, resets=(), cuts=0).run_id != spec.run_id
+    assert not {"resets", "cuts"} & set(spec_of().to_dict())
+
+
 def test_levels_that_make_no_difference_share_runs() -> None:
     random = {spec_of(teacher="random", expert_knowledge=level).run_id for level in KnowledgeLevel}
     alp_gmm = [spec_of(teacher="alp_gmm", expert_knowledge=level).run_id for level in KnowledgeLevel]
