@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import itertools
 import json
 from dataclasses import replace
 from pathlib import Path
@@ -10,9 +11,11 @@ import pytest
 from corridor import Corridor
 from small_runs import small_spec
 
+from tma_ray.benchmark import challenges_of
 from tma_ray.registry import UnknownNameError
 from tma_ray.runs import Cell, Plugin, RunSpec, Schedule, effective_spec
 from tma_ray.tasks import KnowledgeLevel, TaskSpace
+from tma_ray.teachers import TEACHERS
 
 
 def spec_of(**changes: object) -> RunSpec:
@@ -96,6 +99,20 @@ def test_the_defaults_are_the_papers() -> None:
 def test_what_cannot_run_is_refused_with_a_hint(wrong: dict[str, object], message: str) -> None:
     with pytest.raises(ValueError, match=message):
         spec_of(**wrong)
+
+
+@pytest.mark.parametrize("challenge", challenges_of("stump_tracks"))
+def test_every_teacher_runs_on_every_challenge_or_is_refused_for_its_knowledge(challenge: str) -> None:
+    refused = set()
+    for teacher, level in itertools.product(TEACHERS.names(), KnowledgeLevel):
+        try:
+            spec = spec_of(challenge=challenge, teacher=teacher, expert_knowledge=level)
+        except ValueError as error:
+            assert "cannot run with expert knowledge" in str(error)  # noqa: PT017 - which are, is told below
+            refused.add((teacher, level.value))
+        else:
+            assert (spec.challenge, spec.teacher) == (challenge, teacher)
+    assert refused == {(teacher, "none") for teacher in ("adr", "goal_gan", "setter_solver")}
 
 
 def test_a_teacher_without_its_knowledge_is_refused_by_name() -> None:

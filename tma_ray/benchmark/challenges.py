@@ -62,7 +62,7 @@ def _stump_tracks(
     resets: tuple[float, ...] = (),
     cuts: int = 0,
 ) -> Challenge:
-    """Returns the Stump Tracks of appendix C whose stumps have mean `heights`, tested on the original's grid."""
+    """Returns a Stump Tracks of appendix C, whose mean stump heights lie in `heights`."""
     return Challenge(
         environment="stump_tracks",
         name=name,

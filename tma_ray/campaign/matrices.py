@@ -11,7 +11,7 @@ from tma_ray.teachers import TEACHERS, knows_enough
 
 
 def matrix_cells(matrix: Matrix, teachers: Sequence[str]) -> tuple[Cell, ...]:
-    """Returns the cells of `matrix` that `teachers` can run; those for which they know too little are left out.
+    """Returns the cells of `matrix` that `teachers` know enough for; the others are left out.
 
     Raises:
         UnknownNameError: no such teacher.
