@@ -1,9 +1,21 @@
 from __future__ import annotations
 
+import itertools
+
 import numpy as np
 import pytest
 
-from tma_ray.benchmark import CHALLENGES, Challenge, find_challenge, load_test_set, shipped_test_sets
+from tma_ray.benchmark import (
+    CHALLENGES,
+    MATRICES,
+    STUMP_TRACKS_CHALLENGES,
+    Challenge,
+    Matrix,
+    challenges_of,
+    find_challenge,
+    load_test_set,
+    shipped_test_sets,
+)
 from tma_ray.envs import make_environment
 from tma_ray.tasks import TestSet
 from tma_ray.terrain.cppn import CPPN
@@ -18,6 +30,44 @@ def test_every_challenge_can_be_built_and_evaluated(challenge: Challenge) -> Non
         load_test_set(name).check(domain)
     assert domain.contains(np.stack([challenge.task_space.low, challenge.task_space.high]))
     assert challenge.easy_task is None or challenge.task_space.contains(challenge.easy_task)
+
+
+@pytest.mark.parametrize(
+    "challenge", challenges_of("stump_tracks").values(), ids=lambda challenge: challenge.name
+)
+def test_stump_tracks_are_built_at_every_corner(challenge: Challenge) -> None:
+    environment = make_environment("stump_tracks")
+    for corner in itertools.product(*zip(challenge.task_space.low, challenge.task_space.high, strict=True)):
+        observation, _ = environment.reset(seed=0, options={"task": np.array(corner)})
+        following, reward, terminated, _, _ = environment.step(np.zeros(4, np.float32))
+        assert np.isfinite(observation).all()
+        assert np.isfinite(following).all()
+        assert np.isfinite(reward)
+        assert not terminated
+
+
+def test_stump_tracks_has_the_papers_five_challenges() -> None:
+    known = challenges_of("stump_tracks")
+    original, unfeasible, trivial, forgetting, rugged, diverse, _ = known.values()
+    assert [each.name for each in (unfeasible, trivial, forgetting, rugged, diverse)] == [
+        matrix.challenge for matrix in STUMP_TRACKS_CHALLENGES
+    ]
+    np.testing.assert_array_equal([unfeasible.task_space.low, unfeasible.task_space.high], [[0, 0], [9, 6]])
+    np.testing.assert_array_equal([trivial.task_space.low, trivial.task_space.high], [[-3, 0], [3, 6]])
+    assert forgetting.resets == (0.35, 0.7)
+    assert rugged.cuts == 4
+    for each in (forgetting, rugged, diverse):
+        assert each.task_space == original.task_space
+    for each in known.values():
+        if each.name != "easy":
+            assert (each.test_set, each.easy_task) == ("stump_tracks", (0, 6))
+        assert not (each.resets and each.cuts)
+
+
+def test_matrices_name_challenges_that_exist() -> None:
+    assert len({matrix.name for matrix in MATRICES}) == len(MATRICES)
+    with pytest.raises(ValueError, match="did you mean 'rugged_difficulty'"):
+        Matrix("mine", "stump_tracks", "ruged_difficulty")
 
 
 def test_the_original_test_set_is_the_papers_grid() -> None:

@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import itertools
 import json
 from dataclasses import replace
 from pathlib import Path
@@ -10,9 +11,11 @@ import pytest
 from corridor import Corridor
 from small_runs import small_spec
 
+from tma_ray.benchmark import challenges_of
 from tma_ray.registry import UnknownNameError
 from tma_ray.runs import Cell, Plugin, RunSpec, Schedule, effective_spec
 from tma_ray.tasks import KnowledgeLevel, TaskSpace
+from tma_ray.teachers import TEACHERS
 
 
 def spec_of(**changes: object) -> RunSpec:
@@ -43,6 +46,21 @@ def test_whatever_changes_the_result_changes_the_id(tmp_path: Path) -> None:
     ]
     assert len({spec.run_id, *(other.run_id for other in others)}) == 1 + len(others)
     assert replace(spec, seed=0).run_id == spec.run_id
+
+
+def test_what_a_challenge_does_to_a_run_is_part_of_its_spec() -> None:
+    forgetting, rugged = spec_of(challenge="forgetting_student"), spec_of(challenge="rugged_difficulty")
+    assert (forgetting.resets, forgetting.cuts) == ((350, 700), 0)
+    assert (rugged.resets, rugged.cuts) == ((), 4)
+    assert effective_spec(Cell(challenge="forgetting_student"), 0, Schedule()).resets == (
+        7_000_000,
+        14_000_000,
+    )
+    for spec in (forgetting, rugged):
+        again = RunSpec.from_dict(json.loads(json.dumps(spec.to_dict())))
+        assert (again.run_id, again.resets, again.cuts) == (spec.run_id, spec.resets, spec.cuts)
+        assert replace(spec, resets=(), cuts=0).run_id != spec.run_id
+    assert not {"resets", "cuts"} & set(spec_of().to_dict())
 
 
 def test_levels_that_make_no_difference_share_runs() -> None:
@@ -81,6 +99,20 @@ def test_the_defaults_are_the_papers() -> None:
 def test_what_cannot_run_is_refused_with_a_hint(wrong: dict[str, object], message: str) -> None:
     with pytest.raises(ValueError, match=message):
         spec_of(**wrong)
+
+
+@pytest.mark.parametrize("challenge", challenges_of("stump_tracks"))
+def test_every_teacher_runs_on_every_challenge_or_is_refused_for_its_knowledge(challenge: str) -> None:
+    refused = set()
+    for teacher, level in itertools.product(TEACHERS.names(), KnowledgeLevel):
+        try:
+            spec = spec_of(challenge=challenge, teacher=teacher, expert_knowledge=level)
+        except ValueError as error:
+            assert "cannot run with expert knowledge" in str(error)  # noqa: PT017 - which are, is told below
+            refused.add((teacher, level.value))
+        else:
+            assert (spec.challenge, spec.teacher) == (challenge, teacher)
+    assert refused == {(teacher, "none") for teacher in ("adr", "goal_gan", "setter_solver")}
 
 
 def test_a_teacher_without_its_knowledge_is_refused_by_name() -> None:

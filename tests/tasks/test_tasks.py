@@ -8,6 +8,7 @@ import pytest
 from tma_ray.tasks import (
     Dimension,
     KnowledgeLevel,
+    ShuffledSpace,
     TaskSpace,
     TestSet,
     check_task,
@@ -82,6 +83,17 @@ def test_knowledge_follows_the_paper() -> None:
         expert_knowledge(KnowledgeLevel.HIGH, SPACE, np.random.default_rng(0))
     with pytest.raises(ValueError, match="outside the task space"):
         expert_knowledge(KnowledgeLevel.HIGH, SPACE, np.random.default_rng(0), easy_task=[0, 10, 7])
+
+
+def test_an_expert_of_a_shuffled_space_tells_where_the_easy_task_went() -> None:
+    landscape = ShuffledSpace(SPACE, np.array([[2, 3, 0, 1], [0, 1, 2, 3], [3, 2, 1, 0]]))
+    plain, shuffled = (
+        expert_knowledge(KnowledgeLevel.HIGH, SPACE, np.random.default_rng(3), [-3, 10, 6], landscape=where)
+        for where in (None, landscape)
+    )
+    np.testing.assert_allclose(shuffled.initial.mean, [0, 10, 1.5], atol=1e-5)
+    np.testing.assert_array_equal(shuffled.initial.variance, plain.initial.variance)
+    np.testing.assert_array_equal(shuffled.target.mean, plain.target.mean)
 
 
 def test_a_test_set_survives_its_csv(tmp_path: Path) -> None:

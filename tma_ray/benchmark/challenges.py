@@ -8,10 +8,16 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from tma_ray.tasks import TaskSpace, TestSet
+from tma_ray.tasks.shuffled_space import CUTS
 
 TEST_SETS = Path(__file__).parent / "test_sets"
 
 STUMP_TRACKS_UNITS = {"stump_height": "terrain steps of 0.4667 m", "obstacle_spacing": "m"}
+
+STUMP_TRACKS_SPACE = TaskSpace.from_bounds(
+    {"stump_height": (0, 3), "obstacle_spacing": (0, 6)}, STUMP_TRACKS_UNITS
+)
+"""The original space of Stump Tracks (paper, appendix C)."""
 
 PARKOUR_UNITS = {"creepers_width": "m", "creepers_height": "m", "creepers_spacing": "m"}
 
@@ -29,6 +35,9 @@ class Challenge:
         easy_task: a task easy for an untrained student, the initial mean at high expert
             knowledge; None where nobody knows one.
         other_test_sets: name of the CSV of each type of body for which `test_set` is no world to live in.
+        resets: shares of the budget after which the student forgets everything, in rising order.
+        cuts: intervals per dimension that change places in the teacher's space, as the run's seed has it;
+            0 if that is the world's own. Test set and easy task are of the world.
     """
 
     environment: str
@@ -38,10 +47,32 @@ class Challenge:
     test_set: str
     easy_task: tuple[float, ...] | None
     other_test_sets: Mapping[str, str] = field(default_factory=dict)
+    resets: tuple[float, ...] = ()
+    cuts: int = 0
 
     def test_set_of(self, body_type: str) -> str:
         """Returns the name of the test set for bodies of `body_type`, as in "swimmer"."""
         return self.other_test_sets.get(body_type, self.test_set)
+
+
+def _stump_tracks(
+    name: str,
+    title: str,
+    heights: tuple[float, float] = (0, 3),
+    resets: tuple[float, ...] = (),
+    cuts: int = 0,
+) -> Challenge:
+    """Returns a Stump Tracks of appendix C, whose mean stump heights lie in `heights`."""
+    return Challenge(
+        environment="stump_tracks",
+        name=name,
+        title=title,
+        task_space=STUMP_TRACKS_SPACE.with_bounds("stump_height", *heights),
+        test_set="stump_tracks",
+        easy_task=(0, 6),
+        resets=resets,
+        cuts=cuts,
+    )
 
 
 def _parkour(name: str, title: str, *theta: tuple[float, float]) -> Challenge:
@@ -94,16 +125,12 @@ FLAT_CEILING = (-0.15, -0.05), (0.9, 1.0), (0.1, 0.15)
 """Where in theta the ceiling is nearly flat."""
 
 CHALLENGES: tuple[Challenge, ...] = (
-    Challenge(
-        environment="stump_tracks",
-        name="original",
-        title="Original task space",
-        task_space=TaskSpace.from_bounds(
-            {"stump_height": (0, 3), "obstacle_spacing": (0, 6)}, STUMP_TRACKS_UNITS
-        ),
-        test_set="stump_tracks",
-        easy_task=(0, 6),
-    ),
+    _stump_tracks("original", "Original task space"),
+    _stump_tracks("mostly_unfeasible", "Mostly unfeasible", heights=(0, 9)),
+    _stump_tracks("mostly_trivial", "Mostly trivial", heights=(-3, 3)),
+    _stump_tracks("forgetting_student", "Forgetting student", resets=(0.35, 0.7)),
+    _stump_tracks("rugged_difficulty", "Rugged difficulty", cuts=CUTS),
+    _stump_tracks("diverse_students", "Diverse students"),
     Challenge(
         environment="stump_tracks",
         name="easy",
@@ -121,8 +148,11 @@ CHALLENGES: tuple[Challenge, ...] = (
     _easy_parkour("swimming", FLAT_CEILING, water=1.0, delta=10.0),
     _easy_parkour("climbing", FLAT_CEILING, water=0.0, delta=25.0),
 )
-"""Of Stump Tracks, the original space of the paper's appendix C, whose easy task is [0, 6], and a corner of
-it in which every working student learns to walk: for trying out students, bodies and settings. Of Parkour,
+"""Of Stump Tracks, the original space of the paper's appendix C, whose easy task is [0, 6], and its five
+challenges: almost 80 % of the tasks are unfeasible, half are flat ground, the student forgets everything
+after 7 and 14 of 20 million steps, every dimension is cut in four and shuffled, or there are several bodies
+and students (`matrices` says which). All are tested on the original's grid. Then a corner of it in
+which every working student learns to walk: for trying out students, bodies and settings. Of Parkour,
 the three spaces of appendix C (its experiment takes the medium one, the original; each milieu has test
 tasks), and an easy piece for each milieu: gentle dry ground, deep water, and a nearly flat ceiling."""
 

@@ -1,5 +1,6 @@
 """Campaigns: cells become runs, and runs become actors on a Ray cluster. The only user of Ray."""
 
 from tma_ray.campaign.campaign import Campaign, Plan, cells_of
+from tma_ray.campaign.matrices import matrix_campaigns, matrix_cells
 
-__all__ = ["Campaign", "Plan", "cells_of"]
+__all__ = ["Campaign", "Plan", "cells_of", "matrix_campaigns", "matrix_cells"]

@@ -61,6 +61,8 @@ class _Setting:
     easy_task: tuple[float, ...] | None
     mastery_threshold: float
     test_set: TestSet
+    resets: tuple[float, ...]
+    cuts: int
 
 
 def effective_spec(cell: Cell, seed: int, schedule: Schedule, *, independent_levels: bool = False) -> RunSpec:
@@ -75,7 +77,8 @@ def effective_spec(cell: Cell, seed: int, schedule: Schedule, *, independent_lev
 
     Raises:
         ValueError: an unknown name (with the nearest match), a hyper-parameter that does not exist,
-            too little knowledge for the teacher, or tasks that the environment cannot build.
+            too little knowledge for the teacher, tasks that the environment cannot build, or a budget
+            too small for the resets of the student.
     """
     level = effective_level(TEACHERS.get(cell.teacher), cell.teacher, cell.expert_knowledge)
     teacher = make_teacher(cell.teacher, cell.teacher_hyperparameters)
@@ -105,6 +108,8 @@ def effective_spec(cell: Cell, seed: int, schedule: Schedule, *, independent_lev
         repeat=cell.expert_knowledge.value if independent_levels else "",
         physics_version=PHYSICS_VERSION,
         plugins=plugins_of(vars(cell)),
+        resets=tuple(round(share * schedule.steps) for share in setting.resets),
+        cuts=setting.cuts,
     )
 
 
@@ -121,9 +126,11 @@ def _setting(cell: Cell, options: Mapping[str, Any]) -> _Setting:
     if challenges_of(cell.environment) or cell.challenge != OWN_CHALLENGE:
         challenge = find_challenge(cell.environment, cell.challenge)
         space, easy_task = challenge.task_space, challenge.easy_task
+        resets, cuts = challenge.resets, challenge.cuts
         tests = load_test_set(challenge.test_set_of(body_type))
     else:
         space, easy_task, tests = own_space, None, _own_test_set(cell.environment, own_space)
+        resets, cuts = (), 0
     if cell.test_set is not None:
         tests = load_test_set(cell.test_set)
     tests.check(domain)
@@ -132,7 +139,7 @@ def _setting(cell: Cell, options: Mapping[str, Any]) -> _Setting:
             raise ValueError(
                 f"the task space of {cell.challenge!r} exceeds the valid domain at {corner.tolist()}"
             )
-    return _Setting(space, easy_task, threshold, tests)
+    return _Setting(space, easy_task, threshold, tests, resets, cuts)
 
 
 def _body_type(environment: gymnasium.Env[Any, Any]) -> str:

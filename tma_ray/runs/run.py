@@ -14,7 +14,7 @@ from tma_ray.runs.evaluation import Evaluation
 from tma_ray.runs.plugins import import_plugins
 from tma_ray.runs.recording import Recorder
 from tma_ray.runs.spec import RunSpec
-from tma_ray.runs.streams import Streams
+from tma_ray.runs.streams import Streams, landscape_of, placement_generator
 from tma_ray.runs.teaching import Reply, TeacherLink
 from tma_ray.students import Transition, make_student
 from tma_ray.tasks import Answer, Episode, Query, QueryKind, Task, TeacherUpdate
@@ -50,6 +50,10 @@ class Run:
     `advance` plays one episode; between two calls the run can be saved, and a run of the same spec
     that loads what was saved continues bit for bit. Rows go to the writer as they arise.
 
+    A student that is to forget is reset between two steps, also within an episode, which goes on. What is
+    due at that step comes first: the teacher hears of an episode that ends there, and evaluation and probe
+    show what was learned.
+
     Args:
         spec: what to run.
         teacher: the link to the teacher of `spec`.
@@ -81,6 +85,7 @@ class Run:
             device,
             threads,
         )
+        self._landscape = landscape_of(spec, placement_generator(spec))
         self._evaluation = Evaluation(spec)
         self._next_event = 0
 
@@ -145,7 +150,7 @@ class Run:
         task, student, environment = self.progress.next_task, self.student, self.environment
         assert task is not None, "a run that has begun has a next task"
         seed = int(self._episode_seeds.integers(2**31))
-        initial, _ = environment.reset(seed=seed, options={"task": task})
+        initial, _ = environment.reset(seed=seed, options={"task": self._world_task(task)})
         recorder = Recorder(initial) if self.progress.record_next else None
         observation = initial
         episodic_return, discounted_return, discount, length = 0.0, 0.0, 1.0, 0
@@ -182,6 +187,7 @@ class Run:
             "step": episode.step,
             "episode": self.progress.episodes,
             "task": episode.task,
+            "world_task": None if self._landscape is None else self._world_task(episode.task),
             "episodic_return": episode.episodic_return,
             "length": episode.length,
             "success": episode.success,
@@ -189,6 +195,10 @@ class Run:
         self.writer.add(Table.EPISODES, [row])
         self.progress.episodes += 1
         self._receive(self.teacher.exchange(episode), recorder)
+
+    def _world_task(self, task: Task) -> Task:
+        """Returns what the world builds for a task of the teacher."""
+        return task if self._landscape is None else self._landscape.to_world(task)
 
     def _receive(self, reply: Reply, recorder: Recorder | None = None) -> None:
         self._log(reply.updates)
@@ -211,7 +221,7 @@ class Run:
         return recorder.trajectory()
 
     def _events(self, step: int) -> None:
-        """Does what is due at `step`: evaluation, probe, training statistics."""
+        """Does what is due at `step`: evaluation, probe, training statistics, then a reset."""
         schedule = self.spec.schedule
         if step % schedule.evaluation_interval == 0 or step == schedule.steps:
             rows = [{"step": step, **row} for row in self._evaluation(self.student)]
@@ -223,12 +233,15 @@ class Run:
             self.writer.add(Table.CURRICULUM, rows)
         if step and step % schedule.training_window == 0:
             self._record_window()
+        if step in self.spec.resets:
+            self.student.reset()
         self._next_event = self._event_after(step)
 
     def _event_after(self, step: int) -> int:
         schedule = self.spec.schedule
         intervals = (schedule.evaluation_interval, schedule.probe_interval, schedule.training_window)
-        return min(schedule.steps, *(step - step % interval + interval for interval in intervals))
+        regular = (step - step % interval + interval for interval in intervals)
+        return min(schedule.steps, *regular, *(reset for reset in self.spec.resets if reset > step))
 
     def _record_window(self) -> None:
         if not self.progress.window:

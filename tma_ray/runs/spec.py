@@ -8,6 +8,7 @@ import re
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
 from functools import cached_property
+from itertools import pairwise
 from typing import Any, Self
 
 import numpy as np
@@ -67,7 +68,7 @@ class RunSpec:
         environment_options: keyword arguments of its constructor, the embodiment among them.
         challenge: name of the challenge; with the seed it places what is random for all teachers alike.
         task_space: what the teacher chooses from.
-        easy_task: initial mean at high expert knowledge (d,).
+        easy_task: task of the world that is the initial mean at high expert knowledge (d,).
         mastery_threshold: episodic return over which a task is mastered.
         test_set: the evaluation tasks.
         student: name in the student registry.
@@ -80,6 +81,8 @@ class RunSpec:
         repeat: mixed into the seeds, for independent repeats of cells that would share a run.
         physics_version: version of the physics the run is simulated with.
         plugins: which of "environment", "student" and "teacher" do not ship with tma_ray.
+        resets: steps after which the student forgets everything, in rising order.
+        cuts: intervals per dimension that change places in the teacher's space, 0 if it is the world's.
     """
 
     environment: str
@@ -99,10 +102,17 @@ class RunSpec:
     repeat: str = ""
     physics_version: int = 1
     plugins: Mapping[str, Plugin] = field(default_factory=dict)
+    resets: tuple[int, ...] = ()
+    cuts: int = 0
 
     def __post_init__(self) -> None:
         if self.seed < 0:
             raise ValueError(f"seed {self.seed}: expected a whole number of at least 0")
+        if not all(0 < step < later for step, later in pairwise((*self.resets, self.schedule.steps))):
+            raise ValueError(
+                f"resets after {', '.join(map(str, self.resets))} of {self.schedule.steps} steps: expected "
+                f"rising steps between 0 and the budget; raise the budget"
+            )
 
     @property
     def embodiment(self) -> str:
@@ -120,10 +130,11 @@ class RunSpec:
         """Seed of the run's random streams: a hash of what training depends on.
 
         Budget, intervals and test set do not enter, so that a shorter run is a prefix of a longer one.
+        Nor do resets, which follow from the budget: up to its first reset a run is one without.
         """
         content = self.to_dict()
-        for name in ("schedule", "test_set"):
-            del content[name]
+        for name in ("schedule", "test_set", "resets"):
+            content.pop(name, None)
         return int(_digest(content)[:32], 16)
 
     def record(self) -> RunRecord:
@@ -144,7 +155,7 @@ class RunSpec:
         )
 
     def to_dict(self) -> dict[str, Any]:
-        """Returns the spec as JSON values."""
+        """Returns the spec as JSON values; resets and cuts only where there are some, as ids depend on it."""
         content = {name: value for name, value in vars(self).items() if name in self.__dataclass_fields__}
         content["task_space"] = [asdict(dimension) for dimension in self.task_space.dimensions]
         content["test_set"] = {
@@ -156,6 +167,10 @@ class RunSpec:
         content["schedule"] = asdict(self.schedule)
         content["easy_task"] = None if self.easy_task is None else list(self.easy_task)
         content["plugins"] = {part: asdict(plugin) for part, plugin in self.plugins.items()}
+        content["resets"] = list(self.resets)
+        for name in ("resets", "cuts"):
+            if not content[name]:
+                del content[name]
         return content
 
     @classmethod
@@ -171,6 +186,7 @@ class RunSpec:
                 "schedule": Schedule(**content["schedule"]),
                 "easy_task": None if content["easy_task"] is None else tuple(content["easy_task"]),
                 "plugins": {part: Plugin(**plugin) for part, plugin in content["plugins"].items()},
+                "resets": tuple(content.get("resets", ())),
             }
         )
 

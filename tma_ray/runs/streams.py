@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from tma_ray.runs.spec import RunSpec
-from tma_ray.tasks import TestSet
+from tma_ray.tasks import ShuffledSpace, TestSet
 
 
 @dataclass(frozen=True)
@@ -29,6 +29,16 @@ def placement_generator(spec: RunSpec) -> np.random.Generator:
     """Returns what places the challenge's random parts: the same for all teachers of one seed."""
     words = [_hash(f"{spec.environment}/{spec.challenge}/{spec.repeat}"), spec.seed]
     return np.random.default_rng(np.random.SeedSequence(words))
+
+
+def landscape_of(spec: RunSpec, placement: np.random.Generator) -> ShuffledSpace | None:
+    """Returns where the teacher's tasks lie in the world, None if its space is not shuffled.
+
+    Args:
+        spec: of the run.
+        placement: what `placement_generator` returned; the shuffle is its first draw.
+    """
+    return ShuffledSpace.shuffle(spec.task_space, placement, spec.cuts) if spec.cuts else None
 
 
 def evaluation_seeds(test_set: TestSet) -> list[int]:

@@ -10,7 +10,7 @@ import numpy as np
 
 from tma_ray.runs.plugins import import_plugins
 from tma_ray.runs.spec import RunSpec
-from tma_ray.runs.streams import Streams, placement_generator
+from tma_ray.runs.streams import Streams, landscape_of, placement_generator
 from tma_ray.tasks import Answer, Episode, Query, Task, TeacherUpdate, expert_knowledge
 from tma_ray.teachers import make_teacher
 
@@ -63,12 +63,15 @@ class InlineTeacher:
         self._space = spec.task_space
         self._name = spec.teacher
         self._teacher = make_teacher(spec.teacher, spec.teacher_hyperparameters)
+        placement = placement_generator(spec)
+        landscape = landscape_of(spec, placement)
         knowledge = expert_knowledge(
             spec.expert_knowledge,
             spec.task_space,
-            placement_generator(spec),
+            placement,
             spec.easy_task,
             spec.mastery_threshold,
+            landscape,
         )
         self._teacher.start(spec.task_space, knowledge, np.random.default_rng(Streams.of(spec).teacher))
 

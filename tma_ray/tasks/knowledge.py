@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from tma_ray.tasks.episode import MASTERY_RETURN
+from tma_ray.tasks.shuffled_space import ShuffledSpace
 from tma_ray.tasks.space import Task, TaskSpace
 
 INITIAL_STD_SHARE = 0.1
@@ -70,6 +71,7 @@ def expert_knowledge(
     placement: np.random.Generator,
     easy_task: ArrayLike | None = None,
     mastery_threshold: float = MASTERY_RETURN,
+    landscape: ShuffledSpace | None = None,
 ) -> ExpertKnowledge:
     """Returns the knowledge of `level` about `space`.
 
@@ -78,8 +80,10 @@ def expert_knowledge(
         space: the space the teacher works in.
         placement: draws the mean of the initial Gaussian below level high. It is drawn at every
             level, so that what follows does not depend on the level.
-        easy_task: an easy task (d,), the initial mean at level high.
+        easy_task: an easy task (d,) of the world, the initial mean at level high.
         mastery_threshold: told from level low on.
+        landscape: where the teacher's tasks lie in the world if its space is shuffled. The easy task is
+            told as the teacher's task that leads to it; variances stay as they are.
 
     Raises:
         ValueError: level high without an easy task, or with one outside the space.
@@ -92,7 +96,8 @@ def expert_knowledge(
             )
         if not space.contains(easy_task):
             raise ValueError(f"the easy task {np.asarray(easy_task).tolist()} lies outside the task space")
-        mean = np.asarray(easy_task, dtype=np.float64)
+        told = easy_task if landscape is None else landscape.from_world(easy_task)
+        mean = np.asarray(told, dtype=np.float64)
     return ExpertKnowledge(
         level=level,
         mastery_threshold=None if level is KnowledgeLevel.NONE else mastery_threshold,

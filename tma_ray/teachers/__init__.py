@@ -5,6 +5,7 @@ from tma_ray.teachers.catalogue import (
     TEACHERS,
     effective_level,
     hyperparameters_of,
+    knows_enough,
     make_teacher,
     register_teacher,
 )
@@ -14,6 +15,7 @@ __all__ = [
     "Teacher",
     "effective_level",
     "hyperparameters_of",
+    "knows_enough",
     "make_teacher",
     "register_teacher",
 ]

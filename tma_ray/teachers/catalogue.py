@@ -57,17 +57,22 @@ def hyperparameters_of(teacher: Teacher) -> dict[str, Any]:
     return {field.name: getattr(teacher, field.name) for field in fields(teacher) if field.init}
 
 
+def knows_enough(teacher: type[Teacher], level: KnowledgeLevel) -> bool:
+    """Tells whether `teacher` can run at `level`."""
+    return teacher.knowledge_levels[0].rank <= level.rank
+
+
 def effective_level(teacher: type[Teacher], name: str, level: KnowledgeLevel) -> KnowledgeLevel:
     """Returns the level at which `teacher` really runs when it is given `level`.
 
     Raises:
         ValueError: `teacher` cannot run with so little knowledge.
     """
-    usable = [known for known in teacher.knowledge_levels if known.rank <= level.rank]
-    if not usable:
+    if not knows_enough(teacher, level):
         needed = teacher.knowledge_levels[0]
         raise ValueError(
             f"teacher {name!r} cannot run with expert knowledge {level.value!r}: "
             f"it needs at least {needed.value!r}"
         )
+    usable = (known for known in teacher.knowledge_levels if known.rank <= level.rank)
     return max(usable, key=lambda known: known.rank)

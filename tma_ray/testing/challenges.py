@@ -9,9 +9,6 @@ from tma_ray.benchmark import find_challenge, load_test_set
 from tma_ray.tasks import TaskSpace, TestSet
 from tma_ray.testing.students import Aptitude
 
-ORIGINAL = find_challenge("stump_tracks", "original")
-"""Stump Tracks' own space: height 0 to 3, spacing 0 to 6 (paper, appendix C)."""
-
 
 @dataclass(frozen=True)
 class SimulatedChallenge:
@@ -23,7 +20,7 @@ class SimulatedChallenge:
         task_space: what the teacher may choose from.
         aptitudes: of the students, one run after the other: seed s trains the (s mod n)-th.
         resets: shares of the episodes after which the student forgets everything.
-        rugged: whether the teacher works in a shuffled space.
+        cuts: intervals per dimension that change places in the teacher's space, 0 for none.
         easy_task: the easiest task (d,), told at high expert knowledge.
         hard_task: the hardest task (d,) that could be feasible; what demands more is not.
         test_set: name of the tasks the student is tested on, which the world has, shuffled or not.
@@ -34,31 +31,42 @@ class SimulatedChallenge:
     task_space: TaskSpace
     aptitudes: tuple[Aptitude, ...] = (Aptitude(),)
     resets: tuple[float, ...] = ()
-    rugged: bool = False
+    cuts: int = 0
     easy_task: tuple[float, ...] = (0, 6)
     hard_task: tuple[float, ...] = (3, 0)
-    test_set: str = ORIGINAL.test_set
+    test_set: str = "stump_tracks"
 
     def tests(self) -> TestSet:
         """Returns the test tasks."""
         return load_test_set(self.test_set)
 
 
+def _simulated(name: str, title: str, aptitudes: tuple[Aptitude, ...] = (Aptitude(),)) -> SimulatedChallenge:
+    """Returns the challenge of Stump Tracks called `name`, for students of these `aptitudes`."""
+    real = find_challenge("stump_tracks", name)
+    assert real.easy_task is not None, "Stump Tracks has an easy task"
+    return SimulatedChallenge(
+        name,
+        title,
+        real.task_space,
+        aptitudes,
+        resets=real.resets,
+        cuts=real.cuts,
+        easy_task=real.easy_task,
+        test_set=real.test_set,
+    )
+
+
 SIMULATED_CHALLENGES: tuple[SimulatedChallenge, ...] = (
-    SimulatedChallenge("original", "Original", ORIGINAL.task_space),
-    SimulatedChallenge(
-        "mostly_unfeasible", "Mostly unfeasible", ORIGINAL.task_space.with_bounds("stump_height", 0, 9)
-    ),
-    SimulatedChallenge(
-        "mostly_trivial", "Mostly trivial", ORIGINAL.task_space.with_bounds("stump_height", -3, 3)
-    ),
-    SimulatedChallenge("forgetting_student", "Forgetting student", ORIGINAL.task_space, resets=(0.35, 0.7)),
-    SimulatedChallenge("rugged_difficulty", "Rugged difficulty", ORIGINAL.task_space, rugged=True),
-    SimulatedChallenge(
+    _simulated("original", "Original"),
+    _simulated("mostly_unfeasible", "Mostly unfeasible"),
+    _simulated("mostly_trivial", "Mostly trivial"),
+    _simulated("forgetting_student", "Forgetting student"),
+    _simulated("rugged_difficulty", "Rugged difficulty"),
+    _simulated(
         "diverse_students",
         "Diverse students",
-        ORIGINAL.task_space,
-        aptitudes=tuple(Aptitude(pace=pace, limit=limit) for limit in (0.5, 0.7) for pace in (0.04, 0.08)),
+        tuple(Aptitude(pace=pace, limit=limit) for limit in (0.5, 0.7) for pace in (0.04, 0.08)),
     ),
 )
 """As in the paper's appendix C: almost 80 % of the mostly unfeasible space cannot be learned, half of the

@@ -13,7 +13,7 @@ import pandas as pd
 from threadpoolctl import threadpool_limits
 
 from tma_ray.tasks import KnowledgeLevel
-from tma_ray.teachers import TEACHERS, effective_level
+from tma_ray.teachers import TEACHERS, effective_level, knows_enough
 from tma_ray.testing.challenges import SimulatedChallenge
 from tma_ray.testing.simulation import POINTS, SimulatedRun, simulate
 
@@ -65,9 +65,7 @@ def cells_of(
 
 def _usable(teacher: str, level: KnowledgeLevel) -> KnowledgeLevel | None:
     kind = TEACHERS.get(teacher)
-    if level.rank < kind.knowledge_levels[0].rank:
-        return None
-    return effective_level(kind, teacher, level)
+    return effective_level(kind, teacher, level) if knows_enough(kind, level) else None
 
 
 def run_cells(

@@ -80,11 +80,11 @@ class Simulation:
     ) -> None:
         placement, teaching, learning = map(np.random.default_rng, np.random.SeedSequence(seed).spawn(3))
         space, easy_task = challenge.task_space, challenge.easy_task
-        self.landscape = ShuffledSpace.shuffle(space, placement) if challenge.rugged else None
-        known_task = easy_task if self.landscape is None else self.landscape.from_world(easy_task)
+        self.landscape = ShuffledSpace.shuffle(space, placement, challenge.cuts) if challenge.cuts else None
         self.level = effective_level(TEACHERS.get(teacher), teacher, level)
         self.teacher: Teacher = make_teacher(teacher, hyperparameters)
-        self.teacher.start(space, expert_knowledge(self.level, space, placement, known_task), teaching)
+        knowledge = expert_knowledge(self.level, space, placement, easy_task, landscape=self.landscape)
+        self.teacher.start(space, knowledge, teaching)
         aptitude = challenge.aptitudes[seed % len(challenge.aptitudes)]
         self.student = SimulatedStudent(easy_task, challenge.hard_task, learning, aptitude)
         self.episodes = 0
