@@ -7,6 +7,7 @@ import secrets
 import sys
 import tempfile
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -17,7 +18,7 @@ for folder in HELPERS:
     if folder not in sys.path:
         sys.path.insert(0, folder)
 
-from faults import Fault, Site  # noqa: E402  # from the folders added above
+from faults import SHORT, Fault, Site  # noqa: E402  # from the folders added above
 from nodes import Nodes  # noqa: E402
 
 FAULTS: list[Fault] = []
@@ -60,16 +61,13 @@ def clustered(tmp_path: Path, environment: dict[str, str], nodes: Nodes) -> Site
 @pytest.fixture(scope="session")
 def undisturbed(tmp_path_factory: pytest.TempPathFactory) -> dict[str, bytes]:
     """The data files of the campaign, run by run in this process, without Ray."""
-    from chaos_campaign import CAMPAIGN
-    from small_runs import data_files
+    return _in_this_process(tmp_path_factory.mktemp("undisturbed"), steps=None)
 
-    from tma_ray.results import Committer
-    from tma_ray.runs import run_locally
 
-    root = tmp_path_factory.mktemp("undisturbed")
-    for spec in CAMPAIGN.plan().runs:
-        run_locally(spec, Committer.open(root))
-    return data_files(root)
+@pytest.fixture(scope="session")
+def undisturbed_short(tmp_path_factory: pytest.TempPathFactory) -> dict[str, bytes]:
+    """Those of the short one."""
+    return _in_this_process(tmp_path_factory.mktemp("undisturbed"), steps=int(SHORT[1]))
 
 
 @pytest.fixture(scope="session")
@@ -90,6 +88,19 @@ def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:
         terminalreporter.write_line(
             f"| {fault.name} | {fault.injected} | {fault.rows_lost} | {fault.bytes_different} | {seconds} |"
         )
+
+
+def _in_this_process(root: Path, steps: int | None) -> dict[str, bytes]:
+    from chaos_campaign import CAMPAIGN
+    from small_runs import data_files
+
+    from tma_ray.results import Committer
+    from tma_ray.runs import run_locally
+
+    schedule = replace(CAMPAIGN.schedule, steps=steps) if steps else CAMPAIGN.schedule
+    for spec in replace(CAMPAIGN, schedule=schedule).plan().runs:
+        run_locally(spec, Committer.open(root))
+    return data_files(root)
 
 
 def _site(folder: Path, environment: dict[str, str], address: str) -> Site:

@@ -20,6 +20,9 @@ from tma_ray.results import Table
 HERE = Path(__file__).parent
 ROOT = HERE.parents[1]
 
+SHORT = ("--steps", "1500")
+"""For the fast suite."""
+
 FLAGS = ("--checkpoint-seconds", "0.3", "--memory-per-run", "0.3")
 
 

@@ -152,7 +152,7 @@ def test_a_run_outlasts_a_full_disk_wherever_it_strikes(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Every tenth file that is written fails at first."""
-    spec = small_spec(tmp_path, teacher="alp_gmm", steps=1_000)
+    spec = small_spec(tmp_path, teacher="alp_gmm", steps=400, evaluation_interval=200)
     run(spec, tmp_path / "undisturbed", placement=EVERY_EPISODE)
     monkeypatch.setattr(storage_error, "FIRST_PAUSE", 0.01)
     write, count = Store.write_bytes, 0

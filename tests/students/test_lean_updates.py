@@ -12,7 +12,7 @@ from stable_baselines3.common.torch_layers import BaseFeaturesExtractor
 from stable_baselines3.common.type_aliases import ReplayBufferSamples, RolloutBufferSamples
 from torch import nn
 
-from tma_ray.students.algorithms import SpacesOnly
+from tma_ray.students.algorithm_models import SpacesOnly
 from tma_ray.students.hyperparameters import PPOHyperparameters, SACHyperparameters
 from tma_ray.students.networks import Trunk
 from tma_ray.students.perceptron import FlatParameters, blocks_of
