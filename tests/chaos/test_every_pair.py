@@ -86,4 +86,4 @@ def disturb(processes: ForkServerContext, folder: Path, student: str, teacher: s
 def test_every_pair_killed_at_any_instant(
     processes: ForkServerContext, tmp_path: Path, faults: list[Fault], student: str, teacher: str
 ) -> None:
-    check(disturb(processes, tmp_path, student, teacher, 3_000), faults)
+    check(disturb(processes, tmp_path, student, teacher, 1_200), faults)
