@@ -88,8 +88,12 @@ def test_the_environment_plays_them(body: str) -> None:
     env = StumpTracks(embodiment=body)
     observation, _ = env.reset(seed=0, options={"task": [0.5, 3.0]})
     assert observation in env.observation_space
+    env.action_space.seed(0)
     for _ in range(20):
-        assert np.all(np.isfinite(env.step(env.action_space.sample())[0]))
+        observation, _, terminated, truncated, _ = env.step(env.action_space.sample())
+        assert np.all(np.isfinite(observation))
+        if terminated or truncated:
+            env.reset(options={"task": [0.5, 3.0]})
 
 
 @pytest.mark.parametrize(
