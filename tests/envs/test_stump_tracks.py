@@ -148,6 +148,7 @@ def test_without_a_task_it_draws_uniform_ones_from_the_task_space() -> None:
 def test_corners_of_the_valid_domain_can_be_built(task: list[float]) -> None:
     env = StumpTracks()
     env.reset(seed=0, options={"task": task})
+    env.action_space.seed(0)
     for _ in range(10):
         assert np.all(np.isfinite(env.step(env.action_space.sample())[0]))
 
