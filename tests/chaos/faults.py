@@ -116,6 +116,10 @@ class Site:
         """Returns how the attempts ended, sorted."""
         return sorted(row["outcome"] for row in rows(self.root, Table.ATTEMPTS))
 
+    def taken_up(self, attempt: int) -> bool:
+        """Tells whether an attempt of this number, at whatever run, has written a checkpoint."""
+        return any(f"-attempt-{attempt:03d}" in path.parent.name for path in self.checkpoints())
+
     def checkpoints(self) -> list[Path]:
         """Returns the indices of all complete checkpoints."""
         return sorted((self.root / "checkpoints").glob("*/*/index.json"))

@@ -46,7 +46,7 @@ def test_a_raylet_killed_whose_workers_go_on(
     nodes.kill_raylet(trained_somewhere(clustered, nodes))
     fault = time.time()
     nodes.add()
-    wait_for(lambda: any("-attempt-001" in str(path) for path in clustered.checkpoints()))
+    wait_for(lambda: clustered.taken_up(1))
     clustered.withdraw(HOLD)
     clustered.finish(driver)
     assert "lost" in clustered.outcomes()
@@ -63,7 +63,7 @@ def test_a_frozen_node_that_thaws_after_its_runs_were_given_away(
     fault = time.time()
     nodes.add()
     try:
-        wait_for(lambda: any("-attempt-001" in str(path) for path in clustered.checkpoints()))
+        wait_for(lambda: clustered.taken_up(1))
     finally:
         nodes.thaw(frozen)
     time.sleep(5)  # the old processes wake up beside their successors

@@ -114,7 +114,7 @@ def test_drivers_killed_while_their_runs_train(
     clustered.ask(HOLD)
     for count in range(3):
         driver = clustered.start()
-        wait_for(lambda count=count: f"-attempt-{count:03d}" in str(clustered.checkpoints()))
+        wait_for(lambda count=count: clustered.taken_up(count))
         driver.kill()
         driver.wait()
         times.append(time.time())

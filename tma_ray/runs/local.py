@@ -37,10 +37,20 @@ def run_locally(
         StorageError: the root refused to take what was written for long; the run can be taken up again.
         Exception: whatever the run's parts raise, after the run is marked as failed.
     """
-    placement = placement or Placement()
-    record, published = spec.record(), committer.manifest(spec.run_id)
+    published = committer.manifest(spec.run_id)
     if published is not None and published.status is RunStatus.DONE:
         return AttemptOutcome.DONE
+    return _attempt(spec, committer, placement or Placement(), should_stop, on_status)
+
+
+def _attempt(
+    spec: RunSpec,
+    committer: Committer,
+    placement: Placement,
+    should_stop: Callable[[], bool],
+    on_status: Callable[[Status], None],
+) -> AttemptOutcome:
+    record = spec.record()
     number = committer.start(record)
     attempt, outcome = None, AttemptOutcome.FAILED
     try:
