@@ -1,4 +1,4 @@
-"""The benchmark as data: challenges, task spaces, test sets."""
+"""The benchmark as data: challenges, task spaces, test sets, experiments, and the paper's results."""
 
 from tma_ray.benchmark.challenges import (
     CHALLENGES,
@@ -8,18 +8,44 @@ from tma_ray.benchmark.challenges import (
     load_test_set,
     shipped_test_sets,
 )
-from tma_ray.benchmark.matrices import MATRICES, ORIGINAL_SPACE, PARKOUR, STUMP_TRACKS_CHALLENGES, Matrix
+from tma_ray.benchmark.experiments import EXPERIMENTS, TEACHERS, Experiment, find_experiment
+from tma_ray.benchmark.grids import PPO_GRID, TEACHER_GRIDS, Grid
+from tma_ray.benchmark.matrices import (
+    CASE_STUDIES,
+    MATRICES,
+    ORIGINAL_SPACE,
+    PARKOUR,
+    STUMP_TRACKS_CHALLENGES,
+    Matrix,
+    select,
+)
+from tma_ray.benchmark.paper import PaperResult, paper_results
+from tma_ray.benchmark.tiers import SIZES, Size, Tier
 
 __all__ = [
+    "CASE_STUDIES",
     "CHALLENGES",
+    "EXPERIMENTS",
     "MATRICES",
     "ORIGINAL_SPACE",
     "PARKOUR",
+    "PPO_GRID",
+    "SIZES",
     "STUMP_TRACKS_CHALLENGES",
+    "TEACHERS",
+    "TEACHER_GRIDS",
     "Challenge",
+    "Experiment",
+    "Grid",
     "Matrix",
+    "PaperResult",
+    "Size",
+    "Tier",
     "challenges_of",
     "find_challenge",
+    "find_experiment",
     "load_test_set",
+    "paper_results",
+    "select",
     "shipped_test_sets",
 ]

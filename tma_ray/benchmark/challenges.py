@@ -75,11 +75,13 @@ def _stump_tracks(
     )
 
 
-def _parkour(name: str, title: str, *theta: tuple[float, float]) -> Challenge:
-    """Returns the Parkour whose teacher may choose `theta` from three intervals."""
+def _parkour(
+    name: str, title: str, *theta: tuple[float, float], water: tuple[float, float] = (0.0, 1.0)
+) -> Challenge:
+    """Returns the Parkour whose teacher may choose `theta` from three intervals, and `water`."""
     free = dict(zip(("theta_1", "theta_2", "theta_3"), theta, strict=True))
     others = {
-        "water_level": (0.0, 1.0),
+        "water_level": water,
         "creepers_width": (0.25, 0.25),
         "creepers_height": (0.0, 4.0),
         "creepers_spacing": (0.0, 5.0),
@@ -124,6 +126,9 @@ FLAT_GROUND = (0.87, 0.93), (0.66, 0.72), (0.47, 0.53)
 FLAT_CEILING = (-0.15, -0.05), (0.9, 1.0), (0.1, 0.15)
 """Where in theta the ceiling is nearly flat."""
 
+EASY_THETA = (-0.25, -0.05), (0.8, 1.0), (0.0, 0.2)
+"""Of the easy space of Parkour (paper, appendix C)."""
+
 CHALLENGES: tuple[Challenge, ...] = (
     _stump_tracks("original", "Original task space"),
     _stump_tracks("mostly_unfeasible", "Mostly unfeasible", heights=(0, 9)),
@@ -142,7 +147,8 @@ CHALLENGES: tuple[Challenge, ...] = (
         easy_task=(0, 6),
     ),
     _parkour("original", "Parkour", (-0.35, 0.05), (0.6, 1.0), (-0.1, 0.3)),
-    _parkour("easy", "Parkour, easy task space", (-0.25, -0.05), (0.8, 1.0), (0.0, 0.2)),
+    _parkour("easy", "Parkour, easy task space", *EASY_THETA),
+    _parkour("easy_dry", "Parkour, easy task space without water", *EASY_THETA, water=(0.0, 0.2)),
     _parkour("hard", "Parkour, hard task space", (-1.0, 1.0), (-1.0, 1.0), (-1.0, 1.0)),
     _easy_parkour("walking", FLAT_GROUND, water=0.0, delta=40.0),
     _easy_parkour("swimming", FLAT_CEILING, water=1.0, delta=10.0),
@@ -154,7 +160,8 @@ after 7 and 14 of 20 million steps, every dimension is cut in four and shuffled,
 and students (`matrices` says which). All are tested on the original's grid. Then a corner of it in
 which every working student learns to walk: for trying out students, bodies and settings. Of Parkour,
 the three spaces of appendix C (its experiment takes the medium one, the original; each milieu has test
-tasks), and an easy piece for each milieu: gentle dry ground, deep water, and a nearly flat ceiling."""
+tasks), the easy one with so little water that there is none to see, in which the paper lets a chimpanzee
+learn to climb, and an easy piece for each milieu: gentle dry ground, deep water, a nearly flat ceiling."""
 
 
 def challenges_of(environment: str) -> dict[str, Challenge]:

@@ -2,15 +2,19 @@
 
 from __future__ import annotations
 
+import itertools
+from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 from tma_ray.benchmark.challenges import find_challenge
+from tma_ray.benchmark.grids import PPO_GRID, TEACHER_GRIDS, Grid
 from tma_ray.tasks import KnowledgeLevel
 
 
 @dataclass(frozen=True)
 class Matrix:
-    """Every combination of body, student and level on one challenge, each with all seeds.
+    """Every combination of body, student, level and hyper-parameters on one challenge, each with all seeds.
 
     A teacher runs the combinations for which it is told enough. Its result at a level pools all bodies,
     students and seeds, also those of other matrices on the same challenge.
@@ -23,6 +27,11 @@ class Matrix:
         students: names in the student registry.
         levels: expert knowledge offered.
         seeds: of each combination.
+        teachers: who runs it, names in the teacher registry; empty where that is for the user to say.
+        steps: budget of each run; None for the 20 million of a schedule that says nothing else.
+        teacher_grid: hyper-parameters of the teacher to search.
+        student_grid: hyper-parameters of the student to search.
+        most_points: how many points of each grid are taken; None for all.
 
     Raises:
         ValueError: the environment has no such challenge.
@@ -35,9 +44,20 @@ class Matrix:
     students: tuple[str, ...] = ("sac",)
     levels: tuple[KnowledgeLevel, ...] = tuple(KnowledgeLevel)
     seeds: tuple[int, ...] = tuple(range(32))
+    teachers: tuple[str, ...] = ()
+    steps: int | None = None
+    teacher_grid: Grid | None = None
+    student_grid: Grid | None = None
+    most_points: int | None = None
 
     def __post_init__(self) -> None:
         find_challenge(self.environment, self.challenge)
+
+    def points(self) -> tuple[tuple[dict[str, Any], dict[str, Any]], ...]:
+        """Returns hyper-parameters of teacher and student for each point; one empty point without grids."""
+        teachers = self.teacher_grid.points(self.most_points) if self.teacher_grid else ({},)
+        students = self.student_grid.points(self.most_points) if self.student_grid else ({},)
+        return tuple(itertools.product(teachers, students))
 
 
 def _parkour(milieu: str, embodiment: str, first_seed: int) -> Matrix:
@@ -80,4 +100,83 @@ PARKOUR: tuple[Matrix, ...] = (
 so that 48 random initial Gaussians are pooled and not 16 three times."""
 
 MATRICES: tuple[Matrix, ...] = (ORIGINAL_SPACE, *STUMP_TRACKS_CHALLENGES, *PARKOUR)
-"""All that the paper runs, for every teacher."""
+"""The benchmark: what every teacher runs."""
+
+
+def _case(study: str, challenge: str, *teachers: str) -> Matrix:
+    """Returns some teachers on a challenge; its runs are those of the benchmark."""
+    return Matrix(f"{study}_{challenge}", "stump_tracks", challenge, teachers=teachers)
+
+
+CASE_STUDIES: tuple[Matrix, ...] = (
+    Matrix(
+        "climbing",
+        "parkour",
+        "easy_dry",
+        embodiments=("climbing_chimpanzee",),
+        levels=(KnowledgeLevel.LOW,),
+        seeds=tuple(range(16)),
+        teachers=("random",),
+        steps=10_000_000,
+    ),
+    _case("expert_knowledge", "mostly_unfeasible", "alp_gmm"),
+    _case("expert_knowledge", "forgetting_student", "alp_gmm"),
+    _case("needs_of_adr", "mostly_unfeasible", "adr"),
+    _case("needs_of_adr", "mostly_trivial", "adr"),
+    _case("needs_of_adr", "rugged_difficulty", "adr", "random"),
+    _case("recovery", "forgetting_student", "goal_gan", "spdl", "alp_gmm", "adr"),
+)
+"""The case studies of the paper's appendix D that need runs: a chimpanzee learns to climb in an easy space,
+what expert knowledge does for ALP-GMM, what ADR needs (in a rugged landscape beside Random), and who recovers
+from a student that forgets. All but the first look at runs of the benchmark."""
+
+OWN_KNOWLEDGE = {
+    teacher: KnowledgeLevel.HIGH
+    if teacher in ("adr", "goal_gan", "spdl", "setter_solver")
+    else KnowledgeLevel.NONE
+    for teacher in TEACHER_GRIDS
+}
+"""The level of expert knowledge that each teacher has in its authors' paper."""
+
+TEACHER_SEARCH: tuple[Matrix, ...] = tuple(
+    Matrix(
+        f"search_{teacher}",
+        "stump_tracks",
+        "original",
+        levels=(OWN_KNOWLEDGE[teacher],),
+        seeds=tuple(range(16)),
+        teachers=(teacher,),
+        steps=7_000_000,
+        teacher_grid=grid,
+    )
+    for teacher, grid in TEACHER_GRIDS.items()
+)
+"""The search for the teachers' hyper-parameters, in the original space (appendix on hyper-parameters)."""
+
+PPO_SEARCH = Matrix(
+    "search_ppo",
+    "stump_tracks",
+    "original",
+    students=("ppo",),
+    levels=(KnowledgeLevel.NONE,),
+    seeds=tuple(range(16)),
+    teachers=("random",),
+    steps=10_000_000,
+    student_grid=PPO_GRID,
+)
+"""The search for PPO's hyper-parameters that came first. The paper names budget and space; teacher and seeds
+are ours."""
+
+
+def select(matrices: Sequence[Matrix], challenges: Sequence[str]) -> tuple[Matrix, ...]:
+    """Returns those of `matrices` that go by one of these names, or are on a challenge that does.
+
+    Raises:
+        ValueError: a name that none of them answers to.
+    """
+    answering = {name for matrix in matrices for name in (matrix.name, matrix.challenge)}
+    for name in challenges:
+        if name not in answering:
+            known = ", ".join(dict.fromkeys(matrix.name for matrix in matrices))
+            raise ValueError(f"no challenge {name!r} in this experiment; known: {known}")
+    return tuple(m for m in matrices if m.name in challenges or m.challenge in challenges)

@@ -15,19 +15,25 @@ from tma_ray.tasks import KnowledgeLevel
 
 def add_options(parser: argparse.ArgumentParser) -> None:
     """Adds the flags that choose what to run, and how."""
+    what = add_choice_options(parser)
+    what.add_argument("--environment", metavar="NAME", help="registered name or module:Name")
+    what.add_argument("--test-set", metavar="NAME|CSV", help="other than the challenge's own")
+    add_execution_options(parser).add_argument(
+        "--results", default="results", metavar="ROOT", help="folder, s3:// or gs:// (%(default)s)"
+    )
+
+
+def add_choice_options(parser: argparse.ArgumentParser) -> argparse._ArgumentGroup:
+    """Adds the flags that choose what to run of anything, and returns their group."""
     what = parser.add_argument_group("what to run (lists are separated by commas)")
     for name in ("teachers", "students", "challenges", "embodiments", "expert-knowledge"):
         what.add_argument(f"--{name}", type=names, metavar="A,B")
-    what.add_argument("--environment", metavar="NAME", help="registered name or module:Name")
-    what.add_argument("--test-set", metavar="NAME|CSV", help="other than the challenge's own")
     what.add_argument("--seeds", type=parse_seeds, metavar="N|A-B|A,B", help="how many, or which")
     for field in fields(Schedule):
         flag = field.name.replace("_", "-")
         what.add_argument(f"--{flag}", type=whole_number, metavar="N")
     what.add_argument("--independent-levels", action="store_true", help="repeat runs that cells could share")
-    add_execution_options(parser).add_argument(
-        "--results", default="results", metavar="ROOT", help="folder, s3:// or gs:// (%(default)s)"
-    )
+    return what
 
 
 def add_execution_options(parser: argparse.ArgumentParser) -> argparse._ArgumentGroup:
@@ -60,7 +66,7 @@ def chosen_campaign(campaign: Campaign, options: argparse.Namespace) -> Campaign
         campaign,
         cells=_replace_cells(campaign.cells, options),
         seeds=options.seeds if options.seeds is not None else campaign.seeds,
-        schedule=_replace_schedule(campaign.schedule, options),
+        schedule=replace_schedule(campaign.schedule, options),
         independent_levels=campaign.independent_levels or options.independent_levels,
     )
 
@@ -133,6 +139,12 @@ def whole_number(text: str) -> int:
     return int(value)
 
 
+def replace_schedule(schedule: Schedule, options: argparse.Namespace) -> Schedule:
+    """Returns `schedule` with what the flags replace."""
+    given = {field.name: getattr(options, field.name) for field in fields(Schedule)}
+    return replace(schedule, **{name: value for name, value in given.items() if value is not None})
+
+
 def _replace_cells(cells: Sequence[Cell], options: argparse.Namespace) -> tuple[Cell, ...]:
     """Gives every cell each combination of the given values; equal cells come out once."""
     choices = {
@@ -153,8 +165,3 @@ def _replace_cells(cells: Sequence[Cell], options: argparse.Namespace) -> tuple[
         if cell not in unique:
             unique.append(cell)
     return tuple(unique)
-
-
-def _replace_schedule(schedule: Schedule, options: argparse.Namespace) -> Schedule:
-    given = {field.name: getattr(options, field.name) for field in fields(Schedule)}
-    return replace(schedule, **{name: value for name, value in given.items() if value is not None})

@@ -1,0 +1,12 @@
+"""Everything that is compared: Stump Tracks, its challenges and Parkour, for all teachers.
+
+python experiments/full_benchmark.py --tier lite --results results
+"""
+
+from tma_ray.benchmark import find_experiment
+from tma_ray.campaign import run_experiment
+
+EXPERIMENT = find_experiment("full_benchmark")
+
+if __name__ == "__main__":
+    run_experiment(EXPERIMENT)

@@ -1,0 +1,12 @@
+"""The search for PPO's hyper-parameters.
+
+python experiments/ppo_search.py --tier lite --results results
+"""
+
+from tma_ray.benchmark import find_experiment
+from tma_ray.campaign import run_experiment
+
+EXPERIMENT = find_experiment("ppo_search")
+
+if __name__ == "__main__":
+    run_experiment(EXPERIMENT)

@@ -1,0 +1,183 @@
+"""Experiments, tiers, grids and the paper's results are what the paper says."""
+
+from __future__ import annotations
+
+import pytest
+
+from tma_ray.benchmark import (
+    CASE_STUDIES,
+    EXPERIMENTS,
+    MATRICES,
+    PPO_GRID,
+    SIZES,
+    TEACHER_GRIDS,
+    TEACHERS,
+    Experiment,
+    Grid,
+    Matrix,
+    Tier,
+    challenges_of,
+    find_challenge,
+    find_experiment,
+    paper_results,
+    select,
+)
+from tma_ray.students import default_hyperparameters
+from tma_ray.tasks import KnowledgeLevel
+from tma_ray.teachers import TEACHERS as REGISTRY
+from tma_ray.teachers import hyperparameters_of, make_teacher
+
+
+def matrices_of(name: str) -> dict[str, Matrix]:
+    return {matrix.name: matrix for matrix in find_experiment(name).matrices}
+
+
+@pytest.mark.parametrize("teacher", TEACHER_GRIDS)
+def test_every_point_of_a_grid_makes_a_teacher_and_the_papers_choice_is_the_default(teacher: str) -> None:
+    grid = TEACHER_GRIDS[teacher]
+    for point in grid.points():
+        assert hyperparameters_of(make_teacher(teacher, point)).items() >= point.items()
+    assert hyperparameters_of(make_teacher(teacher)).items() >= grid.chosen.items()
+
+
+def test_the_grids_have_the_papers_sizes() -> None:
+    """Seventy points, give or take ten, but for the 81 of Goal-GAN's table."""
+    sizes = {teacher: len(grid.points()) for teacher, grid in TEACHER_GRIDS.items()}
+    assert sizes == {
+        "adr": 72,
+        "riac": 64,
+        "covar_gmm": 64,
+        "alp_gmm": 64,
+        "goal_gan": 81,
+        "spdl": 72,
+        "setter_solver": 64,
+    }
+
+
+def test_ppos_choice_is_its_default() -> None:
+    defaults = default_hyperparameters("ppo")
+    assert {name: defaults[name] for name in PPO_GRID.chosen} == dict(PPO_GRID.chosen)
+    for point in PPO_GRID.points():
+        assert point["steps_per_update"] % point["batch_size"] == 0
+
+
+def test_points_begin_with_the_choice_and_thin_out_evenly() -> None:
+    grid = Grid({"a": (1, 2, 3), "b": (0, 1)}, chosen={"a": 2, "b": 1})
+    assert grid.points() == (
+        {"a": 2, "b": 1},
+        {"a": 1, "b": 0},
+        {"a": 1, "b": 1},
+        {"a": 2, "b": 0},
+        {"a": 3, "b": 0},
+        {"a": 3, "b": 1},
+    )
+    assert grid.points(1) == ({"a": 2, "b": 1},)
+    assert grid.points(3) == ({"a": 2, "b": 1}, {"a": 1, "b": 0}, {"a": 2, "b": 0})
+    assert grid.points(99) == grid.points()
+    with pytest.raises(ValueError, match="no point of the grid"):
+        Grid({"a": (1,)}, chosen={"a": 2})
+
+
+def test_the_search_is_at_each_teachers_own_level() -> None:
+    search = matrices_of("hyperparameter_search")
+    levels = {matrix.teachers[0]: matrix.levels for matrix in search.values()}
+    for teacher in ("adr", "goal_gan", "spdl", "setter_solver"):
+        assert levels[teacher] == (KnowledgeLevel.HIGH,)
+    for teacher in ("riac", "alp_gmm", "covar_gmm"):
+        assert levels[teacher] == (KnowledgeLevel.NONE,)
+    for matrix in search.values():
+        assert (matrix.challenge, matrix.steps, len(matrix.seeds)) == ("original", 7_000_000, 16)
+        assert matrix.students == ("sac",)
+    (ppo,) = matrices_of("ppo_search").values()
+    space = find_challenge(ppo.environment, ppo.challenge).task_space
+    assert (ppo.steps, ppo.students, len(ppo.points())) == (10_000_000, ("ppo",), 144)
+    assert [(d.low, d.high) for d in space.dimensions] == [(0, 3), (0, 6)]
+
+
+def test_the_climber_learns_in_an_easy_space_almost_without_water() -> None:
+    climbing = CASE_STUDIES[0]
+    spaces = challenges_of("parkour")
+    easy, dry = spaces["easy"].task_space, spaces[climbing.challenge].task_space
+    assert climbing.steps == 10_000_000
+    assert (climbing.teachers, climbing.embodiments, len(climbing.seeds)) == (
+        ("random",),
+        ("climbing_chimpanzee",),
+        16,
+    )
+    for mine, theirs in zip(dry.dimensions, easy.dimensions, strict=True):
+        expected = (0, 0.2) if mine.name == "water_level" else (theirs.low, theirs.high)
+        assert (mine.low, mine.high) == pytest.approx(expected)
+    assert spaces["easy_dry"].test_set_of("climber") == spaces["original"].test_set_of("climber")
+
+
+def test_names_of_experiments_and_of_their_parts_are_told_apart() -> None:
+    assert len({experiment.name for experiment in EXPERIMENTS}) == len(EXPERIMENTS)
+    for experiment in EXPERIMENTS:
+        assert len(matrices_of(experiment.name)) == len(experiment.matrices)
+    with pytest.raises(ValueError, match="did you mean 'parkour'"):
+        find_experiment("parkuor")
+
+
+def test_the_papers_teachers_are_in_the_registry() -> None:
+    assert set(TEACHERS) <= set(REGISTRY.names())
+    for matrix in (matrix for experiment in EXPERIMENTS for matrix in experiment.matrices):
+        assert set(matrix.teachers) <= set(TEACHERS)
+
+
+@pytest.mark.parametrize("experiment", EXPERIMENTS, ids=lambda experiment: experiment.name)
+def test_tiers_take_away_and_never_add(experiment: Experiment) -> None:
+    for matrix in experiment.matrices:
+        smoke, lite, paper = (SIZES[tier].of(matrix) for tier in Tier)
+        assert paper == matrix
+        assert lite.students == smoke.students == ("ppo",)
+        assert lite.seeds == matrix.seeds[:3]
+        assert (lite.levels, smoke.levels) == (matrix.levels, matrix.levels[-1:])
+        assert (lite.steps, smoke.steps) == (2_000_000, 4_000)
+        assert len(smoke.points()) <= 2
+        assert len(lite.points()) <= 12
+        assert smoke.points()[0] == matrix.points()[0]
+
+
+def test_challenges_are_selected_by_either_name() -> None:
+    assert [m.name for m in select(MATRICES, ["rugged_difficulty"])] == ["rugged_difficulty"]
+    assert [m.name for m in select(MATRICES, ["parkour_climbing"])] == ["parkour_climbing"]
+    assert {m.environment for m in select(MATRICES, ["original"])} == {"stump_tracks", "parkour"}
+    assert len(select(CASE_STUDIES, ["forgetting_student"])) == 2
+    with pytest.raises(ValueError, match=r"'ruged'.*known: original, mostly_unfeasible"):
+        select(MATRICES, ["ruged"])
+
+
+def test_the_papers_results_are_of_the_benchmarks_matrices() -> None:
+    results = paper_results()
+    assert len(results) == 156
+    for result in results:
+        matrices = [
+            m for m in MATRICES if (m.environment, m.challenge) == (result.environment, result.challenge)
+        ]
+        assert result.teacher in TEACHERS
+        assert result.expert_knowledge in {level for matrix in matrices for level in matrix.levels}
+        pooled = [m for m in matrices if set(m.embodiments) <= set(result.embodiments)]
+        combinations = (
+            (m, body, student) for m in pooled for body in m.embodiments for student in m.students
+        )
+        assert sum(len(matrix.seeds) for matrix, _, _ in combinations) == result.seeds
+        assert set(result.students) == {student for matrix in pooled for student in matrix.students}
+        assert 0 <= result.mean <= 100
+
+
+def test_entries_that_cannot_be_right_are_flagged() -> None:
+    doubtful = {(r.teacher, r.challenge, r.expert_knowledge.value) for r in paper_results() if r.doubt}
+    assert doubtful == {
+        ("random", "mostly_unfeasible", "none"),
+        ("random", "mostly_trivial", "none"),
+        ("setter_solver", "original", "none"),
+    }
+
+
+def test_the_papers_parkour_pools_three_bodies() -> None:
+    """Over equal numbers of seeds the mean of all is the mean of the bodies' means, up to rounding."""
+    parkour = [result for result in paper_results() if result.environment == "parkour"]
+    for teacher in TEACHERS:
+        mine = [result for result in parkour if result.teacher == teacher]
+        (pooled,) = (result for result in mine if result.seeds == 48)
+        assert pooled.mean == pytest.approx(sum(r.mean for r in mine if r.seeds == 16) / 3, abs=0.15)

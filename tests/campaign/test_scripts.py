@@ -1,0 +1,179 @@
+"""Experiments as scripts: what their flags choose, what they say before they start, what they refuse."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from pathlib import Path
+
+import pytest
+
+from tma_ray.benchmark import EXPERIMENTS, find_experiment
+from tma_ray.campaign import Campaign, Plan, cells_of, joined_plan, matrix_campaigns, run_experiment
+from tma_ray.campaign.costs import Cost, estimate
+from tma_ray.campaign.experiments import add_experiment_options, experiment_plan
+from tma_ray.campaign.pace import Pace
+from tma_ray.campaign.settings import Resources, Settings
+from tma_ray.runs import Schedule
+
+SCRIPTS = Path(__file__).parents[2] / "experiments"
+
+
+def planned(name: str, *arguments: str) -> Plan:
+    parser = argparse.ArgumentParser()
+    add_experiment_options(parser)
+    return experiment_plan(find_experiment(name), parser.parse_args(arguments))
+
+
+def values(plan: Plan, column: str) -> set[object]:
+    return {row[column] for row in plan.cell_rows}
+
+
+def test_every_experiment_has_a_script() -> None:
+    assert {experiment.name for experiment in EXPERIMENTS} == {path.stem for path in SCRIPTS.glob("*.py")} - {
+        "quickstart"
+    }
+    for experiment in EXPERIMENTS:
+        assert f'find_experiment("{experiment.name}")' in (SCRIPTS / f"{experiment.name}.py").read_text()
+
+
+def test_flags_choose_from_an_experiment() -> None:
+    plan = planned(
+        "full_benchmark", "--tier", "lite", "--teachers", "random,adr", "--challenges",
+        "mostly_trivial,diverse_students", "--expert-knowledge", "low", "--seeds", "2", "--steps", "1M",
+    )  # fmt: skip
+    assert values(plan, "challenge") == {"mostly_trivial", "diverse_students"}
+    assert values(plan, "teacher") == {"random", "adr"}
+    assert values(plan, "expert_knowledge") == {"low"}
+    assert len(plan.runs) == 2 * (1 + 2) * 2
+    assert {(s.student, s.schedule.steps, s.schedule.evaluation_interval) for s in plan.runs} == {
+        ("ppo", 1_000_000, 250_000)
+    }
+
+
+def test_students_of_the_users_own_take_the_place_of_the_papers() -> None:
+    plan = planned("parkour", "--students", "TD3", "--embodiments", "fish", "--teachers", "random")
+    assert {(spec.student, spec.embodiment) for spec in plan.runs} == {("TD3", "fish")}
+    assert {spec.seed for spec in plan.runs} == set(range(16, 32))
+
+
+def test_seeds_are_places_in_each_matrixs_own() -> None:
+    plan = planned("parkour", "--seeds", "1-2", "--teachers", "random")
+    assert {(spec.embodiment, spec.seed) for spec in plan.runs} == {
+        ("classic_bipedal", 1), ("classic_bipedal", 2), ("fish", 17), ("fish", 18),
+        ("climbing_chimpanzee", 33), ("climbing_chimpanzee", 34),
+    }  # fmt: skip
+    assert len(planned("parkour", "--seeds", "5", "--tier", "lite", "--teachers", "random").runs) == 15
+
+
+def test_teachers_select_where_the_experiment_names_its_own() -> None:
+    plan = planned("case_studies", "--teachers", "adr")
+    assert values(plan, "experiment") == {
+        "needs_of_adr_mostly_unfeasible", "needs_of_adr_mostly_trivial", "needs_of_adr_rugged_difficulty",
+        "recovery_forgetting_student",
+    }  # fmt: skip
+    assert len(planned("hyperparameter_search", "--teachers", "spdl").runs) == 72 * 16
+
+
+def test_sample_efficiency_runs_nothing_that_the_challenges_do_not() -> None:
+    arguments = ("--tier", "lite", "--teachers", "riac,alp_gmm")
+    challenges = {spec.run_id for spec in planned("stump_tracks_challenges", *arguments).runs}
+    assert {spec.run_id for spec in planned("sample_efficiency", *arguments).runs} < challenges
+
+
+def test_a_search_tries_each_point_apart_in_a_row_of_its_own() -> None:
+    plan = planned("hyperparameter_search", "--tier", "lite", "--teachers", "alp_gmm", "--seeds", "1")
+    assert len(plan.runs) == 12
+    assert values(plan, "experiment") == {f"search_alp_gmm_{place:02}" for place in range(12)}
+    assert len({str(spec.teacher_hyperparameters) for spec in plan.runs}) == 12
+    ppo = planned("ppo_search", "--tier", "smoke")
+    assert len({str(spec.student_hyperparameters) for spec in ppo.runs}) == 2
+
+
+def test_every_cells_first_seed_comes_before_any_second() -> None:
+    plan = planned("full_benchmark", "--tier", "lite", "--teachers", "random,alp_gmm")
+    first = [spec.seed in (0, 16, 32) for spec in plan.runs]
+    assert first == sorted(first, reverse=True)
+    assert sum(first) == len(plan.runs) / 3
+
+
+def test_joined_plans_share_runs() -> None:
+    cells, schedule = cells_of(("random",), ("ppo",)), Schedule(steps=100)
+    campaigns = [Campaign(name, cells, (0, 1), schedule) for name in ("first", "second")]
+    plan = joined_plan("both", campaigns)
+    assert (plan.name, len(plan.runs), len(plan.cell_rows)) == ("both", 2, 4)
+    assert values(plan, "experiment") == {"first", "second"}
+
+
+def test_a_matrix_that_nobody_knows_enough_for_is_left_out() -> None:
+    original = find_experiment("stump_tracks_challenges").matrices[0]
+    assert matrix_campaigns([original], ("adr",))[0].cells[0].expert_knowledge == "low"
+    with pytest.raises(ValueError, match="no teacher knows enough"):
+        planned("stump_tracks_challenges", "--teachers", "adr", "--expert-knowledge", "none")
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["full_benchmark", "--challenges", "ruged"], "no challenge 'ruged'"),
+        (["full_benchmark", "--embodiments", "fsh"], "no embodiment 'fsh' in this experiment; known"),
+        (["full_benchmark", "--expert-knowledge", "medium"], "'medium' is no level"),
+        (["full_benchmark", "--teachers", "alp_gm"], "did you mean 'alp_gmm'"),
+        (["full_benchmark", "--students", "pppo"], "did you mean 'ppo'"),
+        (["parkour", "--seeds", "14-16"], "parkour_walking has 16 seeds, at places 0 to 15"),
+        (["parkour", "--expert-knowledge", "high"], "no teacher knows enough"),
+        (["compare_new_teacher"], "--teachers mine:Teacher"),
+        (["compare_new_teacher", "--tier", "smoke"], "--teachers mine:Teacher"),
+    ],
+)  # fmt: skip
+def test_what_cannot_run_is_refused(arguments: list[str], message: str) -> None:
+    with pytest.raises(ValueError, match=message):
+        planned(*arguments)
+
+
+def test_a_dry_run_says_size_and_cost_and_starts_nothing(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(sys, "path", list(sys.path))
+    root = tmp_path / "root"
+    arguments = ["--tier", "smoke", "--dry-run", "--challenges", "original", "--results", str(root)]
+    with pytest.raises(SystemExit) as ended:
+        run_experiment(find_experiment("stump_tracks_challenges"), arguments)
+    assert ended.value.code == 0
+    shown = capsys.readouterr().out
+    assert "2 cells, 2 with their seeds = 2 runs, 8,000 environment steps" in shown
+    assert "ppo on stump_tracks classic_bipedal" in shown
+    assert not root.exists()
+    with pytest.raises(SystemExit) as ended:
+        run_experiment(find_experiment("parkour"), ["--teachers", "alp_gm", "--results", str(root)])
+    assert ended.value.code == 2
+    assert "did you mean 'alp_gmm'" in capsys.readouterr().err
+    assert not root.exists()
+
+
+def test_costs_are_those_of_the_paces_measured(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Two cells of two seeds: 4 runs that train 1,000 s and evaluate twice for 10 s."""
+    campaign = Campaign(
+        "costly",
+        cells_of(("random", "riac")),
+        (0, 1),
+        Schedule(steps=1_000_000, evaluation_interval=1_000_000),
+    )
+    pace = Pace("sac", training=1_000, playing=10_000, transition_bytes=120)
+    monkeypatch.setattr("tma_ray.campaign.costs.measure", lambda spec, settings: pace)
+    cost = estimate(campaign.plan(), Settings(Resources(cpus=2.0, gpus=0.25), device="cuda"))
+    assert cost.hours == pytest.approx(4 * (1_000 + 20) / 3600)
+    assert "2.3 core-hours and 0.28 GPU-hours" in cost.describe()
+    assert cost.memory_gib == pytest.approx(cost.at_once * (0.9 + 120e6 / 2**30))
+    assert isinstance(cost, Cost)
+
+
+def test_paces_count_whole_updates(monkeypatch: pytest.MonkeyPatch) -> None:
+    from tma_ray.campaign import pace
+
+    monkeypatch.setattr(pace, "WARM_UP_SECONDS", 0.0)
+    monkeypatch.setattr(pace, "MEASURED_SECONDS", 0.01)
+    (spec,) = Campaign("fast", cells_of(("random",), ("ppo",)), (0,), Schedule(steps=1_000)).plan().runs
+    measured = pace.measure(spec, Settings())
+    assert measured.label == "ppo on stump_tracks classic_bipedal"
+    assert 100 < measured.training < measured.playing

@@ -1,0 +1,76 @@
+"""The experiments that have a script: which matrices each consists of, and who runs them."""
+
+from __future__ import annotations
+
+import difflib
+from dataclasses import dataclass
+
+from tma_ray.benchmark.grids import TEACHER_GRIDS
+from tma_ray.benchmark.matrices import (
+    CASE_STUDIES,
+    MATRICES,
+    ORIGINAL_SPACE,
+    PARKOUR,
+    PPO_SEARCH,
+    STUMP_TRACKS_CHALLENGES,
+    TEACHER_SEARCH,
+    Matrix,
+)
+
+TEACHERS = ("random", *sorted(TEACHER_GRIDS))
+"""The teachers that the paper compares."""
+
+
+@dataclass(frozen=True)
+class Experiment:
+    """One script's worth of runs.
+
+    Attributes:
+        name: of the experiment, its script and its campaign.
+        title: what it is about, in a few words.
+        matrices: what is run.
+        teachers: who runs what the matrices leave open; empty where the user must say.
+        read_at: share of the budget after which its tables are read.
+    """
+
+    name: str
+    title: str
+    matrices: tuple[Matrix, ...]
+    teachers: tuple[str, ...] = TEACHERS
+    read_at: float = 1.0
+
+
+EXPERIMENTS: tuple[Experiment, ...] = (
+    Experiment(
+        "stump_tracks_challenges",
+        "Stump Tracks: the original space and five challenges",
+        (ORIGINAL_SPACE, *STUMP_TRACKS_CHALLENGES),
+    ),
+    Experiment("parkour", "Parkour: walking, swimming, climbing", PARKOUR),
+    Experiment("case_studies", "Climbing, expert knowledge, ADR, students that forget", CASE_STUDIES),
+    Experiment(
+        "sample_efficiency",
+        "The five challenges after a quarter of the budget",
+        STUMP_TRACKS_CHALLENGES,
+        read_at=0.25,
+    ),
+    Experiment("hyperparameter_search", "Hyper-parameters of every teacher", TEACHER_SEARCH),
+    Experiment("ppo_search", "Hyper-parameters of PPO", (PPO_SEARCH,)),
+    Experiment("full_benchmark", "Everything that is compared: Stump Tracks and Parkour", MATRICES),
+    Experiment("compare_new_teacher", "The full benchmark for teachers of your own", MATRICES, teachers=()),
+)
+"""Sample efficiency is read from the runs of the challenges: where those are done, it runs nothing."""
+
+
+def find_experiment(name: str) -> Experiment:
+    """Returns the experiment called `name`.
+
+    Raises:
+        ValueError: there is none; the message holds the nearest match.
+    """
+    known = {experiment.name: experiment for experiment in EXPERIMENTS}
+    if name not in known:
+        near = difflib.get_close_matches(name, known, n=1)
+        hint = f"did you mean {near[0]!r}? " if near else ""
+        raise ValueError(f"no experiment {name!r}: {hint}known: {', '.join(known)}")
+    return known[name]

@@ -1,0 +1,138 @@
+"""Experiments of the benchmark as scripts: the same flags for all, a size, a cost, and then the runs."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+
+from rich.console import Console
+
+from tma_ray.benchmark import SIZES, Experiment, Matrix, Size, Tier, select
+from tma_ray.campaign.campaign import Plan
+from tma_ray.campaign.costs import estimate
+from tma_ray.campaign.matrices import joined_plan, matrix_campaigns
+from tma_ray.campaign.options import (
+    add_choice_options,
+    add_execution_options,
+    chosen_settings,
+    parse_levels,
+    replace_schedule,
+)
+from tma_ray.campaign.script import EXIT_REFUSED, carry_out
+from tma_ray.results import RootInUseError
+from tma_ray.runs import Schedule
+
+
+def run_experiment(experiment: Experiment, arguments: Sequence[str] | None = None) -> str:
+    """Runs `experiment` as the command line says, having said what it comes to and what it costs.
+
+    Returns:
+        The results root, once all is done.
+
+    Raises:
+        SystemExit: with the code of `script.main` if anything is not done, and with 0 after a dry run.
+    """
+    sys.path.insert(0, str(Path.cwd()))  # so that module:Name finds the user's own file
+    parser = argparse.ArgumentParser(description=f"Runs: {experiment.title}.")
+    add_experiment_options(parser)
+    options = parser.parse_args(arguments)
+    try:
+        plan = experiment_plan(experiment, options)
+        console = Console()
+        console.print(estimate(plan, chosen_settings(options)).describe(), highlight=False, soft_wrap=True)
+        code = carry_out(plan, options.results, options)
+    except (ValueError, ConnectionError, RootInUseError) as error:
+        sys.stderr.write(f"{experiment.name}: {error}\n")
+        code = EXIT_REFUSED
+    if code or options.dry_run:
+        raise SystemExit(code)
+    return str(options.results)
+
+
+def add_experiment_options(parser: argparse.ArgumentParser) -> None:
+    """Adds the flags that choose how much of an experiment to run, and how."""
+    what = add_choice_options(parser)
+    what.add_argument("--tier", type=Tier, choices=list(Tier), default=Tier.PAPER, help="(%(default)s)")
+    add_execution_options(parser).add_argument(
+        "--results", default="results", metavar="ROOT", help="folder, s3:// or gs:// (%(default)s)"
+    )
+
+
+def experiment_plan(experiment: Experiment, options: argparse.Namespace) -> Plan:
+    """Returns the runs of what the flags choose of `experiment`.
+
+    Challenges, bodies and levels select; students take the place of the experiment's; teachers do where
+    the experiment leaves them open. Seeds are places in the list of seeds that each matrix has.
+
+    Raises:
+        ValueError: a name that does not exist, or nothing left to run.
+    """
+    size = SIZES[options.tier]
+    matrices = chosen_matrices(experiment, size, options)
+    given = {
+        name: getattr(size, name) for name in ("evaluation_interval", "probe_interval", "training_window")
+    }
+    schedule = Schedule(**{name: value for name, value in given.items() if value is not None})
+    campaigns = matrix_campaigns(
+        matrices, _teachers(experiment, size, options), replace_schedule(schedule, options)
+    )
+    independent = options.independent_levels
+    return joined_plan(
+        experiment.name, [replace(campaign, independent_levels=independent) for campaign in campaigns]
+    )
+
+
+def chosen_matrices(experiment: Experiment, size: Size, options: argparse.Namespace) -> tuple[Matrix, ...]:
+    """Returns what the flags leave of the experiment's matrices at a size.
+
+    Raises:
+        ValueError: a challenge, body, level or seed that none of them has.
+    """
+    matrices = select(experiment.matrices, options.challenges) if options.challenges else experiment.matrices
+    bodies, levels = options.embodiments, parse_levels(options.expert_knowledge or ())
+    known = dict.fromkeys(body for matrix in matrices for body in matrix.embodiments)
+    for body in bodies or ():
+        if body not in known:
+            raise ValueError(f"no embodiment {body!r} in this experiment; known: {', '.join(known)}")
+    chosen = []
+    for matrix in matrices:
+        small = size.of(matrix)
+        chosen.append(
+            replace(
+                small,
+                embodiments=tuple(body for body in matrix.embodiments if not bodies or body in bodies),
+                levels=tuple(level for level in matrix.levels if level in levels) or small.levels[:0]
+                if levels
+                else small.levels,
+                students=options.students or small.students,
+                seeds=small.seeds if options.seeds is None else _seeds(matrix, options.seeds),
+                steps=options.steps or small.steps,
+            )
+        )
+    return tuple(chosen)
+
+
+def _seeds(matrix: Matrix, places: Sequence[int]) -> tuple[int, ...]:
+    """Returns the seeds of `matrix` at `places`."""
+    if max(places) >= len(matrix.seeds):
+        raise ValueError(
+            f"{matrix.name} has {len(matrix.seeds)} seeds, at places 0 to {len(matrix.seeds) - 1}, and none "
+            f"at place {max(places)}"
+        )
+    return tuple(matrix.seeds[place] for place in places)
+
+
+def _teachers(experiment: Experiment, size: Size, options: argparse.Namespace) -> Sequence[str]:
+    """Returns who teaches: whom the flags name, else whom the tier or the experiment does."""
+    open_matrices = any(not matrix.teachers for matrix in experiment.matrices)
+    if options.teachers or not open_matrices:
+        return tuple(options.teachers or ())
+    if not experiment.teachers:
+        raise ValueError(
+            "which teachers? Name them with --teachers, as in --teachers mine:Teacher,random; a teacher of "
+            "your own is module:Name"
+        )
+    return size.teachers or experiment.teachers

@@ -1,0 +1,115 @@
+"""How fast runs are on this machine, measured."""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from tma_ray.campaign.settings import Settings
+from tma_ray.envs import make_environment
+from tma_ray.runs.evaluation import Evaluation
+from tma_ray.runs.spec import RunSpec
+from tma_ray.students import Student, Transition, make_student
+
+WARM_UP_SECONDS = 1.0
+"""Played before a measurement, s."""
+
+MEASURED_SECONDS = 1.5
+"""Shortest measurement, s."""
+
+EXPLORATION = {"exploration_steps": 1_000, "learning_starts": 1_000}
+"""What students call the steps before their first update, and how many a measurement leaves them at most."""
+
+STORAGE = {"buffer_size": 50_000}
+"""What students call the size of their replay buffer, and what a measurement leaves of it at most."""
+
+CHUNKS = ("steps_per_update", "n_steps", "train_freq")
+"""What students call the steps from one update to the next, which are measured whole."""
+
+
+@dataclass(frozen=True)
+class Pace:
+    """How fast one kind of run is here, alone on its cores.
+
+    Attributes:
+        label: student, environment and body.
+        training: environment steps per second of training.
+        playing: environment steps per second of an evaluation.
+        transition_bytes: of one transition in a replay buffer.
+    """
+
+    label: str
+    training: float
+    playing: float
+    transition_bytes: int
+
+
+def measure(spec: RunSpec, settings: Settings) -> Pace:
+    """Returns how fast runs like `spec` are here: on one task, without a teacher; takes some seconds."""
+    environment = make_environment(spec.environment, **spec.environment_options)
+    observation, action = environment.observation_space, environment.action_space
+    values = dict(spec.student_hyperparameters)
+    values |= {
+        name: min(values[name], most) for name, most in (EXPLORATION | STORAGE).items() if name in values
+    }
+    seed, resources = np.random.SeedSequence(0), settings.resources
+    student = make_student(
+        spec.student, observation, action, seed, values, settings.device, resources.threads
+    )
+    player = _Player(environment, student, spec)
+    chunk = next((int(values[name]) for name in CHUNKS if isinstance(values.get(name), int)), 100)
+    player.train(max(EXPLORATION.values()))
+    _speed(player.train, chunk, WARM_UP_SECONDS)
+    training = _speed(player.train, chunk, MEASURED_SECONDS)
+    environment.close()
+    playing = _evaluation_speed(spec, student)
+    body = f" {spec.embodiment}" if spec.embodiment else ""
+    floats = math.prod(observation.shape or ()) + math.prod(action.shape or ()) + 2
+    return Pace(f"{spec.student} on {spec.environment}{body}", training, playing, 4 * floats)
+
+
+class _Player:
+    """A student in an environment, on the middle task."""
+
+    def __init__(self, environment: Any, student: Student, spec: RunSpec) -> None:
+        self._environment, self._student = environment, student
+        self._options = {"task": spec.task_space.centre}
+        self._observation = environment.reset(seed=0, options=self._options)[0]
+
+    def train(self, steps: int) -> None:
+        """Goes on learning for `steps` steps."""
+        for _ in range(steps):
+            observation, action = self._observation, self._student.act(self._observation)
+            following, reward, terminated, truncated, _ = self._environment.step(action)
+            self._student.observe(
+                Transition(observation, action, float(reward), following, terminated, truncated)
+            )
+            self._go_on(following, terminated or truncated)
+
+    def _go_on(self, following: Any, ended: bool) -> None:
+        self._observation = self._environment.reset(options=self._options)[0] if ended else following
+
+
+def _speed(play: Callable[[int], None], chunk: int, seconds: float) -> float:
+    """Returns steps per second of `play`, over whole chunks that take at least `seconds` together."""
+    start, steps = time.perf_counter(), 0
+    while time.perf_counter() - start < seconds:
+        play(chunk)
+        steps += chunk
+    return steps / (time.perf_counter() - start)
+
+
+def _evaluation_speed(spec: RunSpec, student: Student) -> float:
+    """Returns steps per second of `student` on every tenth test task."""
+    tests = spec.test_set
+    evaluation = Evaluation(replace(spec, test_set=replace(tests, tasks=tests.tasks[::10])))
+    start = time.perf_counter()
+    steps = int(sum(row["length"] for row in evaluation(student)))
+    seconds = time.perf_counter() - start
+    evaluation.close()
+    return steps / seconds
