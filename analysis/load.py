@@ -72,7 +72,7 @@ def load(root: str | Path) -> Frames:
         root: a folder, or an ``s3://`` or ``gs://`` address.
 
     Raises:
-        FileNotFoundError: there is no such root.
+        ResultsRootError: there is no such root.
     """
     results = Results.open(root)
     runs = _with_settings(_plain(_frame(results, Table.RUNS)))

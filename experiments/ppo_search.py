@@ -3,10 +3,11 @@
 python experiments/ppo_search.py --tier lite --results results
 """
 
+from analysis.search import show_search
 from tma_ray.benchmark import find_experiment
 from tma_ray.campaign import run_experiment
 
 EXPERIMENT = find_experiment("ppo_search")
 
 if __name__ == "__main__":
-    run_experiment(EXPERIMENT)
+    show_search(run_experiment(EXPERIMENT))

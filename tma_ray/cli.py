@@ -37,6 +37,7 @@ def _parser() -> argparse.ArgumentParser:
     commands = parser.add_subparsers(required=True, metavar="COMMAND")
     _add_run(commands.add_parser("run", help="one run in this process, without Ray"))
     _add_campaign(commands.add_parser("campaign", help="a matrix of runs on Ray"))
+    _add_plan(commands.add_parser("plan", help="what an experiment of the benchmark comes to and costs"))
     _add_simulate(commands.add_parser("simulate", help="teachers of simulated students, without physics"))
     _add_render(commands.add_parser("render", help="an episode as a video or a picture"))
     status = commands.add_parser("status", help="how far the campaigns of a results root are")
@@ -61,6 +62,9 @@ def _parser() -> argparse.ArgumentParser:
     tensorboard.add_argument("folder", metavar="FOLDER", help="for TensorBoard's --logdir")
     tensorboard.add_argument("--watch", action="store_true", help="follow the campaign, until Ctrl-C")
     tensorboard.set_defaults(command=_tensorboard)
+    search = commands.add_parser("search", help="what a search for hyper-parameters found")
+    search.add_argument("root", metavar="ROOT")
+    search.set_defaults(command=_search)
     doctor = commands.add_parser("doctor", help="what this machine offers a campaign")
     doctor.add_argument("--results", type=Path, default=Path("results"), metavar="FOLDER")
     doctor.set_defaults(command=_doctor)
@@ -96,6 +100,16 @@ def _add_campaign(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--name", default="campaign", help="of the campaign in the results (%(default)s)")
     add_options(parser)
     parser.set_defaults(command=_campaign)
+
+
+def _add_plan(parser: argparse.ArgumentParser) -> None:
+    from tma_ray.benchmark import EXPERIMENTS
+    from tma_ray.campaign.experiments import add_experiment_options
+
+    known = ", ".join(experiment.name for experiment in EXPERIMENTS)
+    parser.add_argument("experiment", metavar="EXPERIMENT", help=known)
+    add_experiment_options(parser)
+    parser.set_defaults(command=_plan)
 
 
 def _add_rerun(parser: argparse.ArgumentParser) -> None:
@@ -153,6 +167,15 @@ def _campaign(options: argparse.Namespace) -> int:
     from tma_ray.runs import Cell
 
     return execute(Campaign(options.name, cells=(Cell(),)), options)
+
+
+def _plan(options: argparse.Namespace) -> int:
+    from analysis.planning import show_detectable_differences
+    from tma_ray.benchmark import find_experiment
+    from tma_ray.campaign.planning import show_plan
+
+    show_detectable_differences(show_plan(find_experiment(options.experiment), options).cell_rows)
+    return 0
 
 
 def _simulate(options: argparse.Namespace) -> int:
@@ -225,6 +248,13 @@ def _report(options: argparse.Namespace) -> int:
     from analysis.report import write_report
 
     print(write_report(options.root, options.output))
+    return 0
+
+
+def _search(options: argparse.Namespace) -> int:
+    from analysis.search import show_search
+
+    show_search(options.root)
     return 0
 
 
