@@ -10,6 +10,8 @@ from pathlib import Path
 
 import pytest
 
+from tma_ray.campaign import costs
+from tma_ray.campaign.pace import Pace
 from tma_ray.cli import main
 from tma_ray.results import Results, RunStatus
 
@@ -58,6 +60,9 @@ def test_every_command_is_understood(command: str, tmp_path: Path, monkeypatch: 
         assert main([*arguments, "--steps", "3"]) == 0
     elif arguments[0] == "simulate":
         assert main([*arguments, "--episodes", "20"]) == 0
+    elif arguments[0] == "plan":
+        monkeypatch.setattr(costs, "measure", lambda spec, settings: Pace("any", 1e4, 1e4, 100))
+        assert main(arguments) == 0
     else:
         assert main(arguments) == (0 if arguments[0] == "list" else 2)
 
