@@ -155,7 +155,7 @@ def test_holm_by_hand() -> None:
 
 
 def test_holm_on_his_own_condition() -> None:
-    # Holm (1979): the k-th smallest of n is set against alpha / (n - k + 1), until one fails for the first time.
+    # Holm (1979): the k-th smallest of n is set against alpha / (n - k + 1), until one fails.
     p_values = np.array([0.012, 0.020, 0.024, 0.009, 0.30])
     rejected = set()
     for k, index in enumerate(np.argsort(p_values)):
