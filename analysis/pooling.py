@@ -85,11 +85,16 @@ def pooled(
         there are too few runs.
     """
     keys, rows = [*POOLED, *by], []
+    whole = [column for column in keys if column != "step"]
+    runs = runs.assign(number=runs.groupby(whole, dropna=False).ngroup())
+    members = runs.drop_duplicates(["number", "run_id"])
     runs = runs[runs["step"].notna()] if "step" in by else runs
     for key, group in runs.groupby(keys, dropna=False, sort=True):
         counted = group[group[measures[0]].notna()]
-        row = dict(zip(keys, key, strict=True)) | {"runs": len(group), "n": len(counted)}
-        row["missing"] = "; ".join(_gaps(group, counted, by))
+        row = dict(zip(keys, key, strict=True))
+        listed = members[members["number"] == group["number"].iloc[0]]
+        row |= {"runs": len(listed), "n": len(counted)}
+        row["missing"] = "; ".join(_gaps(listed, counted, by))
         for measure in measures:
             described = describe(counted[measure])
             row |= {f"{measure}_n": described.n, f"{measure}_mean": described.mean}
@@ -161,7 +166,7 @@ def _digest(spec: object) -> str:
 
 def _gaps(rows: pd.DataFrame, counted: pd.DataFrame, by: Sequence[str]) -> Iterator[str]:
     """Yields what keeps the `counted` of these rows from being a whole pool."""
-    uncounted = rows.loc[~rows.index.isin(counted.index), "status"]
+    uncounted = rows.loc[~rows["run_id"].isin(counted["run_id"]), "status"]
     if len(uncounted):
         numbers = uncounted.value_counts().reindex(STATUSES).dropna().astype(int)
         yield f"not counted: {', '.join(f'{n} {status}' for status, n in numbers.items())}"

@@ -192,6 +192,10 @@ def test_from_a_root_to_results_and_learning_curves(tmp_path: Path) -> None:
     curves = curves.set_index("step")
     assert curves["n"].to_dict() == {500: 3, 1000: 2}
     assert curves.loc[500, "mastered_percent_mean"] == pytest.approx(100 / 3)
+    assert curves["missing"].to_dict() == {
+        500: "not counted: 1 waiting",
+        1000: "not counted: 1 running, 1 waiting",
+    }
     early = only(pool_runs(frames.cells, run_measures(frames, at=500)))
     assert (early["n"], early["mastered_percent_mean"]) == (3, pytest.approx(100 / 3))
 

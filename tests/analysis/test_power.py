@@ -2,6 +2,8 @@ import math
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 from scipy import stats
 
 from analysis.power import detectable_difference, power
@@ -50,6 +52,16 @@ def test_more_seeds_show_smaller_differences() -> None:
     assert found == sorted(found, reverse=True)
     for n, difference in zip((2, 3, 5), found, strict=False):
         assert power(difference, seeds(n, 10.0), seeds(n, 10.0)) == pytest.approx(0.8)
+
+
+@given(st.tuples(st.integers(2, 60), st.floats(0.01, 50)), st.tuples(st.integers(2, 60), st.floats(0, 50)))
+def test_every_pair_of_samples_has_a_smallest_difference(
+    first: tuple[int, float], second: tuple[int, float]
+) -> None:
+    groups = seeds(*first), seeds(*second)
+    difference = detectable_difference(*groups)
+    assert power(difference, *groups) == pytest.approx(0.8, abs=1e-6)
+    assert power(100 * difference, *groups) == pytest.approx(1, abs=1e-6)
 
 
 @pytest.mark.parametrize(
