@@ -25,13 +25,16 @@ class Description:
         n: finite values in the sample.
         mean: arithmetic mean.
         std: standard deviation with n - 1 degrees of freedom; needs two values.
-        standard_error: std / sqrt(n), of the mean.
     """
 
     n: int
     mean: float
     std: float
-    standard_error: float
+
+    @property
+    def standard_error(self) -> float:
+        """Standard error of the mean, std / sqrt(n)."""
+        return self.std / math.sqrt(self.n) if self.n else math.nan
 
 
 def describe(values: ArrayLike) -> Description:
@@ -39,7 +42,7 @@ def describe(values: ArrayLike) -> Description:
     sample = _finite(values)
     mean = float(sample.mean()) if sample.size else math.nan
     std = float(sample.std(ddof=1)) if sample.size > 1 else math.nan
-    return Description(sample.size, mean, std, std / math.sqrt(sample.size) if sample.size else math.nan)
+    return Description(sample.size, mean, std)
 
 
 @dataclass(frozen=True)
@@ -82,14 +85,24 @@ def welch(sample: pd.Series, reference: pd.Series) -> Comparison:
         reference: likewise; two samples that have a run in common are not independent and get no
             test, so that cells which share their runs are never compared with themselves.
     """
-    values, others = _finite(sample), _finite(reference)
-    difference = describe(values).mean - describe(others).mean
-    reason = _obstacle(values, others, shared=bool(set(sample.index) & set(reference.index)))
+    first, second = describe(sample), describe(reference)
+    if set(sample.index) & set(reference.index):
+        return Comparison(first.n, second.n, first.mean - second.mean, reason="same runs")
+    return welch_from_statistics(first, second)
+
+
+def welch_from_statistics(first: Description, second: Description) -> Comparison:
+    """Compares the means of two independent samples of which only n, mean and std are known.
+
+    Args:
+        first: the sample, as in a published table.
+        second: the reference.
+    """
+    difference = first.mean - second.mean
+    reason = _obstacle(first, second)
     if reason:
-        return Comparison(values.size, others.size, difference, reason=reason)
-    first, second = describe(values), describe(others)
-    variances = first.standard_error**2, second.standard_error**2
-    error, freedom = math.sqrt(sum(variances)), _degrees_of_freedom(variances, (first.n, second.n))
+        return Comparison(first.n, second.n, difference, reason=reason)
+    error, freedom = standard_error_of_difference(first, second)
     t = difference / error
     margin = float(stats.t.ppf((1 + CONFIDENCE) / 2, freedom)) * error
     return Comparison(
@@ -104,10 +117,14 @@ def welch(sample: pd.Series, reference: pd.Series) -> Comparison:
     )
 
 
-def _degrees_of_freedom(variances: tuple[float, float], sizes: tuple[int, int]) -> float:
-    """Returns Welch and Satterthwaite's approximation from the variances of the two means."""
-    parts = (variance**2 / (size - 1) for variance, size in zip(variances, sizes, strict=True))
-    return sum(variances) ** 2 / sum(parts)
+def standard_error_of_difference(first: Description, second: Description) -> tuple[float, float]:
+    """Returns the standard error of the difference of two means, and Welch and Satterthwaite's freedom.
+
+    Both samples need two values, and one of them a spread.
+    """
+    variances = first.standard_error**2, second.standard_error**2
+    parts = (variance**2 / (n - 1) for variance, n in zip(variances, (first.n, second.n), strict=True))
+    return math.sqrt(sum(variances)), sum(variances) ** 2 / sum(parts)
 
 
 def holm(p_values: ArrayLike) -> NDArray[np.float64]:
@@ -120,12 +137,12 @@ def holm(p_values: ArrayLike) -> NDArray[np.float64]:
     return adjusted
 
 
-def _obstacle(values: NDArray[np.float64], others: NDArray[np.float64], shared: bool) -> str:
-    if shared:
-        return "same runs"
-    if min(values.size, others.size) < 2:
+def _obstacle(first: Description, second: Description) -> str:
+    if min(first.n, second.n) < 2:
         return "needs 2 seeds"
-    if values.std() == 0 and others.std() == 0:
+    if not (math.isfinite(first.std) and math.isfinite(second.std)):
+        return "no standard deviation"
+    if first.std == 0 and second.std == 0:
         return "no spread between seeds"
     return ""
 

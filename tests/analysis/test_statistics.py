@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy import stats
 
-from analysis.statistics import describe, holm, welch
+from analysis.statistics import Description, describe, holm, welch, welch_from_statistics
 
 
 def sample(values: Sequence[float], prefix: str) -> pd.Series:
@@ -58,6 +58,39 @@ def test_welch_agrees_with_scipy() -> None:
             [ours.t, ours.degrees_of_freedom, ours.p, ours.low, ours.high],
             [theirs.statistic, theirs.df, theirs.pvalue, interval.low, interval.high],
         )
+
+
+@pytest.mark.parametrize(
+    ("first", "second"),
+    [
+        # Welch's own setting: unequal spread in unequal samples.
+        ((48, 26.4, 25.7), (48, 16.9, 18.3)),
+        ((32, 42.8, 6.6), (32, 18.0, 10.5)),
+        ((2, 1.0, 0.5), (40, 2.0, 3.0)),
+    ],
+)
+def test_welch_of_published_means_agrees_with_scipy(
+    first: tuple[int, float, float], second: tuple[int, float, float]
+) -> None:
+    ours = welch_from_statistics(Description(*first), Description(*second))
+    (n, mean, std), (m, other, spread) = first, second
+    theirs = stats.ttest_ind_from_stats(mean, std, n, other, spread, m, equal_var=False)
+    np.testing.assert_allclose([ours.t, ours.p], [theirs.statistic, theirs.pvalue])
+    assert (ours.n, ours.reference_n, ours.difference) == (n, m, mean - other)
+
+
+def test_welch_of_means_is_welch_of_the_values() -> None:
+    rng = np.random.default_rng(2)
+    first, second = sample(list(rng.normal(0, 1, 9)), "a"), sample(list(rng.normal(1, 3, 4)), "b")
+    assert welch_from_statistics(describe(first), describe(second)) == welch(first, second)
+
+
+def test_a_mean_published_without_its_spread_is_not_tested() -> None:
+    result = welch_from_statistics(Description(16, 1.0, math.nan), Description(16, 2.0, 1.0))
+    assert (result.reason, result.difference) == ("no standard deviation", -1.0)
+    assert (
+        welch_from_statistics(Description(1, 1.0, 0.0), Description(16, 2.0, 1.0)).reason == "needs 2 seeds"
+    )
 
 
 def test_one_sample_without_spread_can_be_compared() -> None:
@@ -119,6 +152,19 @@ def test_holm_by_hand() -> None:
     # Sorted 0.005, 0.01, 0.03, 0.04 times 4, 3, 2, 1, never falling.
     adjusted = holm([0.01, 0.04, 0.03, math.nan, 0.005])
     np.testing.assert_allclose(adjusted, [0.03, 0.06, 0.06, math.nan, 0.02])
+
+
+def test_holm_on_his_own_condition() -> None:
+    # Holm (1979): the k-th smallest of n is set against alpha / (n - k + 1), until one fails.
+    p_values = np.array([0.012, 0.020, 0.024, 0.009, 0.30])
+    rejected = set()
+    for k, index in enumerate(np.argsort(p_values)):
+        if p_values[index] > 0.05 / (len(p_values) - k):
+            break
+        rejected.add(int(index))
+    # 0.024 would pass alone, under 0.05 / 2, but comes after 0.020, which fails.
+    assert rejected == {0, 3}
+    assert set(np.flatnonzero(holm(p_values) <= 0.05).tolist()) == rejected
 
 
 @given(st.lists(st.floats(0, 1), min_size=1, max_size=12))

@@ -1,0 +1,141 @@
+"""Interquartile means, probabilities of improvement and performance profiles of pooled runs."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+import pandas as pd
+
+from analysis.pairwise import nobody, pairs_of
+from analysis.pooling import COMPARED, PARTS, POOLED
+from analysis.resampling import (
+    RESAMPLES,
+    Estimate,
+    bootstrap_interquartile_mean,
+    performance_profile,
+    probability_of_improvement,
+)
+
+ACROSS = ["expert_knowledge", "steps", "physics_version", "mastery_threshold"]
+"""Columns that runs of several challenges must have in common to be aggregated."""
+
+CHALLENGES = ["environment", "challenge", "pool", "test_sets", *PARTS]
+"""Columns that tell the strata of an aggregate over challenges apart."""
+
+ESTIMATE = list(Estimate.__dataclass_fields__)
+
+
+def interquartile_means(
+    runs: pd.DataFrame,
+    measure: str,
+    rng: np.random.Generator,
+    by: Sequence[str] = POOLED,
+    strata: Sequence[str] = PARTS,
+) -> pd.DataFrame:
+    """Returns the interquartile mean of each group of runs, with its bootstrap interval.
+
+    Args:
+        runs: of `pooling.pool_runs`; those without the measure do not count, and no run counts twice.
+        measure: column of `runs`.
+        rng: drawn from.
+        by: columns that a group has in common, teacher among them; ``[*ACROSS, "teacher"]`` over challenges.
+        strata: columns within which runs are resampled; `CHALLENGES` over challenges.
+
+    Returns:
+        `by`, measure, value, low, high, n, reason (of `resampling.Estimate`), and missing: strata of other
+        teachers in which this one has no results, in words; empty where there are none.
+    """
+    by, rows = list(by), []
+    common = [column for column in by if column != "teacher"]
+    for _, compared in runs.groupby(common, dropna=False, sort=True):
+        groups = compared.groupby(by, dropna=False, sort=True)
+        samples = {key: strata_of(_counted(group, measure, by), measure, strata) for key, group in groups}
+        everywhere = {name for sample in samples.values() for name in sample}
+        for key, sample in samples.items():
+            estimate = bootstrap_interquartile_mean(sample, rng, RESAMPLES)
+            missing = "; ".join(sorted(everywhere - set(sample)))
+            row = dict(zip(by, key, strict=True)) | {"measure": measure}
+            rows.append(row | vars(estimate) | {"missing": missing})
+    return pd.DataFrame(rows, columns=[*by, "measure", *ESTIMATE, "missing"])
+
+
+def improvements(
+    runs: pd.DataFrame,
+    measure: str,
+    rng: np.random.Generator,
+    reference: str | None = None,
+    within: Sequence[str] = COMPARED,
+    strata: Sequence[str] = PARTS,
+) -> pd.DataFrame:
+    """Returns the probability that a run of one teacher beats one of another, one row a pair.
+
+    Args:
+        runs: of `pooling.pool_runs`.
+        measure: column of `runs`.
+        rng: drawn from.
+        reference: the teacher that all others are set against; None for all pairs.
+        within: columns that teachers must have in common to be compared; `ACROSS` over challenges.
+        strata: columns within which runs are compared and resampled; `CHALLENGES` over challenges.
+
+    Returns:
+        `within`, measure, first, second, and value, low, high, n, reason of `resampling.Estimate`.
+    """
+    within, rows = list(within), []
+    for key, group in runs.groupby(within, dropna=False, sort=True):
+        counted = _counted(group, measure, ["teacher"])
+        samples = {str(name): strata_of(part, measure, strata) for name, part in counted.groupby("teacher")}
+        for first, second in pairs_of(list(samples), reference):
+            estimate = vars(
+                probability_of_improvement(samples[first], samples.get(second, {}), rng, RESAMPLES)
+            )
+            if second not in samples:
+                estimate |= {"reason": nobody(second)}
+            names = {"measure": measure, "first": first, "second": second}
+            rows.append(dict(zip(within, key, strict=True)) | names | estimate)
+    return pd.DataFrame(rows, columns=[*within, "measure", "first", "second", *ESTIMATE])
+
+
+def profiles(
+    runs: pd.DataFrame,
+    measure: str,
+    thresholds: Sequence[float],
+    rng: np.random.Generator,
+    by: Sequence[str] = POOLED,
+    strata: Sequence[str] = PARTS,
+) -> pd.DataFrame:
+    """Returns the share of runs over each threshold, group by group, with bootstrap bands.
+
+    Args:
+        runs: of `pooling.pool_runs`.
+        measure: column of `runs`.
+        thresholds: values of the measure.
+        rng: drawn from.
+        by: columns that a group has in common; ``[*ACROSS, "teacher"]`` over challenges.
+        strata: columns within which runs are resampled; `CHALLENGES` over challenges.
+
+    Returns:
+        `by`, measure, threshold, share, low, high, n, reason.
+    """
+    by, rows = list(by), []
+    for key, group in runs.groupby(by, dropna=False, sort=True):
+        sample = strata_of(_counted(group, measure, by), measure, strata)
+        profile = performance_profile(sample, thresholds, rng, RESAMPLES)
+        shared = dict(zip(by, key, strict=True)) | {"measure": measure}
+        rows += [
+            shared | {str(name): value for name, value in each.items()} for each in profile.to_dict("records")
+        ]
+    return pd.DataFrame(rows, columns=[*by, "measure", "threshold", "share", "low", "high", "n", "reason"])
+
+
+def strata_of(rows: pd.DataFrame, measure: str, strata: Sequence[str]) -> dict[str, pd.Series]:
+    """Returns the values of `measure` by stratum, named by what tells them apart, indexed by run id."""
+    return {
+        ", ".join(map(str, key)): part.set_index("run_id")[measure].astype(float)
+        for key, part in rows.groupby(list(strata), dropna=False, sort=True)
+    }
+
+
+def _counted(runs: pd.DataFrame, measure: str, by: Sequence[str]) -> pd.DataFrame:
+    """Returns the rows with a value, once for each run of a group."""
+    return runs[runs[measure].notna()].drop_duplicates([*by, "run_id"])

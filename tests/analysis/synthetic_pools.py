@@ -1,0 +1,69 @@
+"""Cells and measures of invented pools, as `load` and `run_measures` would give them."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator, Sequence
+from typing import Any
+
+import pandas as pd
+
+from analysis.pooling import pool_runs
+
+PARKOUR = {"classic_bipedal": "walking", "fish": "swimming", "climbing_chimpanzee": "climbing"}
+
+PARKOUR_POOL = "classic_bipedal/sac + climbing_chimpanzee/sac + fish/sac"
+
+
+def cell(teacher: str, seed: int, value: float, **changes: Any) -> dict[str, Any]:
+    """Returns one cell and the mastered % of its run."""
+    row = {
+        "experiment": "original",
+        "environment": "stump_tracks",
+        "challenge": "original",
+        "embodiment": "classic_bipedal",
+        "student": "sac",
+        "expert_knowledge": "low",
+        "teacher": teacher,
+        "campaign": "first",
+        "seed": seed,
+        "status": "done",
+        "error": "",
+        "steps": 1000.0,
+        "test_set": "stump_tracks",
+        "physics_version": 1.0,
+        "mastery_threshold": 230.0,
+        "mastered_percent": value,
+        "step": 1000.0,
+    } | changes
+    names = ("environment", "challenge", "embodiment", "student", "expert_knowledge", "teacher", "steps")
+    row.setdefault("run_id", "-".join(str(row[name]) for name in (*names, "seed")))
+    if row["status"] == "waiting":
+        empty = ("steps", "test_set", "physics_version", "mastery_threshold", "mastered_percent", "step")
+        return row | dict.fromkeys(empty, None) | {"spec": None}
+    settings = {"challenge": row["challenge"], "steps": row["steps"], "seed": seed}
+    return row | {"spec": row.get("spec", json.dumps(settings))}
+
+
+def parkour(teacher: str, values: dict[str, Sequence[float]], **changes: Any) -> Iterator[dict[str, Any]]:
+    """Yields cells of Parkour, one for each value of each body, with seeds of their own."""
+    seeds = iter(range(1000))
+    for body, numbers in values.items():
+        milieu = PARKOUR[body]
+        place = {
+            "environment": "parkour",
+            "experiment": f"parkour_{milieu}",
+            "test_set": f"parkour_{milieu}",
+            "embodiment": body,
+        }
+        for value in numbers:
+            yield cell(teacher, next(seeds), value, **(place | changes))
+
+
+def pool(*cells: dict[str, Any]) -> pd.DataFrame:
+    """Returns what `pool_runs` makes of these cells, each with its value."""
+    rows = pd.DataFrame(cells)
+    values = rows[["run_id", "mastered_percent", "step"]].drop_duplicates("run_id")
+    return pool_runs(
+        rows.drop(columns=["mastered_percent", "step"]), values.astype({"mastered_percent": float})
+    )

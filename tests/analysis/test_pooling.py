@@ -1,0 +1,210 @@
+import math
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+from synthetic_pools import PARKOUR_POOL, cell, parkour, pool
+from synthetic_results import SyntheticCampaign
+
+from analysis.load import load
+from analysis.pooling import POOLED, lend_baseline, pool_runs, pooled
+from analysis.run_measures import evaluations_at, every, run_measures
+
+THREE_BODIES = {"classic_bipedal": [30, 50], "fish": [0, 60], "climbing_chimpanzee": [0, 1]}
+
+
+def only(runs: pd.DataFrame, **options: object) -> pd.Series:
+    (row,) = pooled(runs, **options).to_dict("records")
+    return pd.Series(row)
+
+
+def diverse(*parts: tuple[str, str], seeds: int = 2, teacher: str = "random") -> list[dict[str, object]]:
+    return [
+        cell(teacher, seed, seed, challenge="diverse_students", embodiment=body, student=student)
+        for body, student in parts
+        for seed in range(seeds)
+    ]
+
+
+DIVERSE = [(body, student) for body in ("short_bipedal", "spider") for student in ("sac", "ppo")]
+
+
+def test_parkour_pools_its_three_bodies_over_experiments_and_test_sets() -> None:
+    row = only(pool(*parkour("random", THREE_BODIES)))
+    values = [30, 50, 0, 60, 0, 1]
+    assert (row["n"], row["runs"], row["missing"], row["pool"]) == (6, 6, "", PARKOUR_POOL)
+    assert row["mastered_percent_mean"] == pytest.approx(np.mean(values))
+    assert row["mastered_percent_std"] == pytest.approx(np.std(values, ddof=1))
+    assert row["test_sets"] == "parkour_climbing + parkour_swimming + parkour_walking"
+
+
+def test_a_row_for_each_body_as_well() -> None:
+    table = pooled(pool(*parkour("random", THREE_BODIES)), by=["embodiment"]).set_index("embodiment")
+    assert table["mastered_percent_mean"].to_dict() == {
+        "classic_bipedal": 40,
+        "climbing_chimpanzee": 0.5,
+        "fish": 30,
+    }
+    assert set(table["missing"]) == {""}
+
+
+def test_diverse_students_pool_two_bodies_by_two_students() -> None:
+    row = only(pool(*diverse(*DIVERSE)))
+    assert (row["n"], row["missing"]) == (8, "")
+    per_student = pooled(pool(*diverse(*DIVERSE)), by=["student"])
+    assert list(per_student["n"]) == [4, 4]
+    assert set(per_student["missing"]) == {""}
+
+
+def test_a_body_or_student_that_is_not_there_is_named() -> None:
+    row = only(pool(*parkour("random", {"classic_bipedal": [1, 2], "climbing_chimpanzee": [3, 4]})))
+    assert row["missing"] == "no results of fish/sac"
+    assert only(pool(*diverse(*DIVERSE[:3])))["missing"] == "no results of spider/ppo"
+    per_body = pooled(pool(*diverse(*DIVERSE[:3])), by=["embodiment"]).set_index("embodiment")
+    assert per_body["missing"].to_dict() == {"short_bipedal": "", "spider": "no results of spider/ppo"}
+
+
+def test_unequal_numbers_of_seeds_are_named() -> None:
+    row = only(pool(*parkour("random", THREE_BODIES | {"fish": [1, 2, 3]})))
+    assert row["n"] == 7
+    assert row["missing"] == (
+        "unequal numbers of seeds: classic_bipedal/sac 2, climbing_chimpanzee/sac 2, fish/sac 3"
+    )
+
+
+def test_runs_that_do_not_count_are_named() -> None:
+    cells = [cell("random", seed, value) for seed, value in enumerate([10, 20])]
+    for seed, status in enumerate(("running", "failed", "waiting", "waiting"), start=2):
+        cells.append(cell("random", seed, math.nan, status=status))
+    row = only(pool(*cells))
+    assert (row["n"], row["runs"], row["mastered_percent_mean"]) == (2, 6, 15)
+    assert row["missing"] == "not counted: 1 running, 1 failed, 2 waiting"
+
+
+def test_a_pool_of_which_nothing_has_begun_has_no_numbers() -> None:
+    row = only(pool(*(cell("random", seed, math.nan, status="waiting") for seed in range(3))))
+    assert (row["n"], row["runs"]) == (0, 3)
+    assert row["missing"] == "not counted: 3 waiting; no results of classic_bipedal/sac"
+    assert math.isnan(row["mastered_percent_mean"])
+
+
+@pytest.mark.parametrize(
+    ("column", "other"),
+    [
+        ("steps", 2000.0),
+        ("test_set", "mine"),
+        ("physics_version", 2.0),
+        ("mastery_threshold", 100.0),
+        ("expert_knowledge", "high"),
+        ("challenge", "mostly_trivial"),
+    ],
+)
+def test_what_must_not_be_pooled_is_not(column: str, other: object) -> None:
+    same, different = cell("random", 0, 10), cell("random", 1, 20, **{column: other}, run_id="other")
+    table = pooled(pool(same, different))
+    assert sorted(table["mastered_percent_mean"]) == [10, 20]
+
+
+def test_a_body_tested_on_several_shipped_sets_is_not_pooled() -> None:
+    wrong = parkour("random", {"fish": [9]}, test_set="parkour_walking", run_id="wrong")
+    table = pooled(pool(*parkour("random", THREE_BODIES), *wrong))
+    assert list(table["n"].sort_values()) == [1, 2, 4]
+    assert "no results of fish/sac" in set(table["missing"])
+
+
+def test_other_bodies_and_students_stand_alone() -> None:
+    runs = pool(cell("random", 0, 10), cell("random", 0, 30, embodiment="spider"))
+    table = pooled(runs).set_index("pool")
+    assert table["mastered_percent_mean"].to_dict() == {"classic_bipedal/sac": 10, "spider/sac": 30}
+    assert set(table["missing"]) == {""}
+    path = "bodies + more/mine.json"
+    assert only(pool(cell("random", 0, 1, embodiment=path)))["missing"] == ""
+
+
+def test_other_settings_and_repeated_seeds_are_named() -> None:
+    cells = [cell("random", 0, 1), cell("random", 0, 2, spec='{"layers": 3}', run_id="another")]
+    row = only(pool(*cells))
+    assert row["missing"] == (
+        "different settings: classic_bipedal/sac; seeds counted more than once: classic_bipedal/sac"
+    )
+
+
+def test_runs_read_at_different_steps_are_named() -> None:
+    row = only(pool(cell("random", 0, 1), cell("random", 1, 2, step=900.0)))
+    assert row["missing"] == "evaluated at different steps: 900, 1,000"
+
+
+def test_a_run_of_two_experiments_counts_once() -> None:
+    row = only(pool(cell("random", 0, 5), cell("random", 0, 5, experiment="again", campaign="second")))
+    assert (row["runs"], row["n"], row["missing"]) == (1, 1, "")
+
+
+def test_waiting_runs_belong_where_the_others_are() -> None:
+    started = list(parkour("random", {"classic_bipedal": [1, 2]}))
+    waiting = list(parkour("adr", {"fish": [math.nan]}, status="waiting"))
+    table = pooled(pool(*started, *waiting)).set_index("teacher")
+    assert table.loc["adr", "test_sets"] == table.loc["random", "test_sets"]
+    assert table.loc["adr", "steps"] == 1000
+
+
+def test_random_is_lent_to_levels_at_which_it_was_not_run() -> None:
+    runs = pool(
+        cell("random", 0, 1, expert_knowledge="none"),
+        cell("random", 1, 2, expert_knowledge="low"),
+        cell("adr", 0, 3, expert_knowledge="high"),
+        cell("adr", 0, 3, expert_knowledge="low"),
+    )
+    lent = pooled(lend_baseline(runs)).set_index(["expert_knowledge", "teacher"])["mastered_percent_mean"]
+    assert lent.to_dict() == {
+        ("none", "random"): 1,
+        ("low", "random"): 2,
+        ("low", "adr"): 3,
+        ("high", "adr"): 3,
+        ("high", "random"): 1,
+    }
+
+
+def test_without_random_nothing_is_lent() -> None:
+    runs = pool(cell("adr", 0, 3), cell("adr", 0, 3, expert_knowledge="high"))
+    pd.testing.assert_frame_equal(lend_baseline(runs), runs)
+
+
+def test_several_measures_are_described_each_over_its_values() -> None:
+    runs = pool(cell("random", 0, 0), cell("random", 1, 10), cell("random", 2, 20))
+    runs["steps_to_50_percent"] = [math.nan, 500.0, 700.0]
+    row = only(runs, measures=["mastered_percent", "steps_to_50_percent"])
+    assert (row["n"], row["mastered_percent_n"], row["steps_to_50_percent_n"]) == (3, 3, 2)
+    assert (row["mastered_percent_mean"], row["steps_to_50_percent_mean"]) == (10, 600)
+
+
+def test_from_a_root_to_results_and_learning_curves(tmp_path: Path) -> None:
+    campaign = SyntheticCampaign(tmp_path, steps=1000)
+    for seed, last in enumerate([[300, 0], [300, 300]]):
+        campaign.plain_run("random", seed, {0: [0, 0], 500: [300, 0], 1000: last})
+    campaign.plain_run("random", 2, {0: [0, 0], 500: [0, 0]}, "running")
+    campaign.run("random", 3, "waiting")
+    frames = load(tmp_path)
+    row = only(pool_runs(frames.cells, run_measures(frames)))
+    assert (row["n"], row["mastered_percent_mean"], row["steps"]) == (2, 75, 1000)
+    assert row["missing"] == "not counted: 1 running, 1 waiting"
+    curves = pooled(pool_runs(frames.cells, evaluations_at(frames, every(frames, 500))), by=["step"])
+    curves = curves.set_index("step")
+    assert curves["n"].to_dict() == {500: 3, 1000: 2}
+    assert curves.loc[500, "mastered_percent_mean"] == pytest.approx(100 / 3)
+    assert curves["missing"].to_dict() == {
+        500: "not counted: 1 waiting",
+        1000: "not counted: 1 running, 1 waiting",
+    }
+    early = only(pool_runs(frames.cells, run_measures(frames, at=500)))
+    assert (early["n"], early["mastered_percent_mean"]) == (3, pytest.approx(100 / 3))
+
+
+def test_an_empty_root_has_empty_tables(tmp_path: Path) -> None:
+    SyntheticCampaign(tmp_path)
+    frames = load(tmp_path)
+    runs = pool_runs(frames.cells, run_measures(frames))
+    assert list(runs.columns[: len(POOLED)]) == POOLED
+    assert pooled(runs).empty
+    assert pooled(lend_baseline(runs), by=["embodiment"]).empty
+    assert pool_runs(frames.cells, evaluations_at(frames, [100])).empty

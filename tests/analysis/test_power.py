@@ -1,0 +1,84 @@
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from scipy import stats
+
+from analysis.power import detectable_difference, power
+from analysis.statistics import Description
+
+
+def seeds(n: int, std: float = 1.0) -> Description:
+    return Description(n, math.nan, std)
+
+
+@pytest.mark.parametrize(("effect", "published"), [(0.2, 393.41), (0.5, 63.77), (0.8, 25.52)])
+def test_seeds_needed_as_published(effect: float, published: float) -> None:
+    # What R's power.t.test needs a group for power 0.8; Cohen (1992) has 393, 64 and 26.
+    fewer, enough = (power(effect, seeds(n), seeds(n)) for n in (math.floor(published), math.ceil(published)))
+    assert fewer < 0.8 < enough
+    assert fewer + (enough - fewer) * (published % 1) == pytest.approx(0.8, abs=1e-3)
+
+
+def test_the_smallest_difference_as_published() -> None:
+    # 64 a group for a medium effect; and 16 s^2 / d^2 a group, Lehr's rule, for many.
+    assert detectable_difference(seeds(64, 10.0), seeds(64, 10.0)) == pytest.approx(5.0, abs=0.03)
+    assert detectable_difference(seeds(1600), seeds(1600)) == pytest.approx(0.1, abs=0.002)
+
+
+def test_without_a_difference_power_is_the_significance() -> None:
+    assert power(0.0, seeds(7, 2.0), seeds(9, 3.0)) == pytest.approx(0.05)
+    assert power(0.0, seeds(7, 2.0), seeds(9, 3.0), significance=0.01) == pytest.approx(0.01)
+
+
+@pytest.mark.parametrize(
+    ("first", "second"),
+    [(seeds(32, 6.6), seeds(32, 10.5)), (seeds(16, 28.5), seeds(16, 0.0)), (seeds(8, 20.0), seeds(48, 5.0))],
+)
+def test_power_by_simulation(first: Description, second: Description) -> None:
+    # The standard deviations here are of the populations; each experiment estimates its own.
+    rng, repeats = np.random.default_rng(3), 4_000
+    difference = detectable_difference(first, second)
+    samples = rng.normal(difference, first.std, (repeats, first.n))
+    others = rng.normal(0.0, second.std, (repeats, second.n))
+    found = stats.ttest_ind(samples, others, axis=1, equal_var=False).pvalue < 0.05
+    assert found.mean() == pytest.approx(0.8, abs=0.025)
+
+
+def test_more_seeds_show_smaller_differences() -> None:
+    found = [detectable_difference(seeds(n, 10.0), seeds(n, 10.0)) for n in (2, 3, 5, 10, 32, 48, 1000)]
+    assert found == sorted(found, reverse=True)
+    for n, difference in zip((2, 3, 5), found, strict=False):
+        assert power(difference, seeds(n, 10.0), seeds(n, 10.0)) == pytest.approx(0.8)
+
+
+@given(st.tuples(st.integers(2, 60), st.floats(0.01, 50)), st.tuples(st.integers(2, 60), st.floats(0, 50)))
+def test_every_pair_of_samples_has_a_smallest_difference(
+    first: tuple[int, float], second: tuple[int, float]
+) -> None:
+    groups = seeds(*first), seeds(*second)
+    difference = detectable_difference(*groups)
+    assert power(difference, *groups) == pytest.approx(0.8, abs=1e-6)
+    assert power(100 * difference, *groups) == pytest.approx(1, abs=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("first", "second"),
+    [
+        (seeds(1), seeds(32)),
+        (seeds(32), seeds(0)),
+        (seeds(32, math.nan), seeds(32)),
+        (seeds(32, 0.0), seeds(32, 0.0)),
+    ],
+)
+def test_where_nothing_can_be_tested_nothing_can_be_shown(first: Description, second: Description) -> None:
+    assert math.isnan(power(1.0, first, second))
+    assert math.isnan(detectable_difference(first, second))
+
+
+@pytest.mark.parametrize("wanted", [0.05, 1.0, 80.0])
+def test_power_is_a_probability_over_the_significance(wanted: float) -> None:
+    with pytest.raises(ValueError, match="expected over the significance"):
+        detectable_difference(seeds(32), seeds(32), wanted)

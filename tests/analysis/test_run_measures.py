@@ -1,0 +1,185 @@
+import json
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+from synthetic_results import SyntheticCampaign
+
+from analysis.load import load
+from analysis.run_measures import best_seeds, evaluations_at, every, measure_names, run_measures
+from tma_ray.results import Table
+
+
+@pytest.fixture
+def campaign(tmp_path: Path) -> SyntheticCampaign:
+    return SyntheticCampaign(tmp_path, steps=1000)
+
+
+def only(campaign: SyntheticCampaign, at: int | None = None) -> pd.Series:
+    (row,) = run_measures(load(campaign.root), at).to_dict("records")
+    return pd.Series(row)
+
+
+def mastered(count: int, tasks: int = 10) -> list[float]:
+    return [300.0] * count + [0.0] * (tasks - count)
+
+
+def test_the_measures_of_a_learning_curve_by_hand(campaign: SyntheticCampaign) -> None:
+    campaign.plain_run("random", 0, {0: mastered(0), 250: mastered(4), 500: mastered(10), 1000: mastered(8)})
+    row = only(campaign)
+    assert (row["step"], row["mastered_percent"], row["evaluation_return"]) == (1000, 80, 240)
+    # Trapezoids: 250 x 20 + 250 x 70 + 500 x 90, over 1000.
+    assert row["mastered_area"] == pytest.approx(67.5)
+    assert (row["steps_to_50_percent"], row["steps_to_90_percent"]) == (250, 500)
+    assert row["forgotten_percent"] == 20
+    assert row["reason"] == ""
+
+
+def test_measured_earlier_a_run_is_one_of_that_budget(campaign: SyntheticCampaign) -> None:
+    campaign.plain_run("random", 0, {0: mastered(0), 250: mastered(4), 500: mastered(10), 1000: mastered(8)})
+    row = only(campaign, at=500)
+    assert (row["steps"], row["step"], row["mastered_percent"], row["forgotten_percent"]) == (
+        500,
+        500,
+        100,
+        0,
+    )
+    assert row["mastered_area"] == pytest.approx((250 * 20 + 250 * 70) / 500)
+    # Between evaluations the last one stands.
+    row = only(campaign, at=400)
+    assert (row["step"], row["mastered_percent"]) == (250, 40)
+    assert row["mastered_area"] == pytest.approx((250 * 20 + 150 * 40) / 400)
+
+
+def test_a_curve_without_its_ends_holds_the_values_it_has(campaign: SyntheticCampaign) -> None:
+    campaign.plain_run("random", 0, {200: mastered(2), 800: mastered(6)})
+    assert only(campaign)["mastered_area"] == pytest.approx((200 * 20 + 600 * 40 + 200 * 60) / 1000)
+
+
+def test_forgetting_counts_tasks_and_not_their_difference(campaign: SyntheticCampaign) -> None:
+    campaign.plain_run("random", 0, {0: [300, 300, 0, 0], 500: [0, 300, 0, 0], 1000: [0, 0, 300, 300]})
+    row = only(campaign)
+    assert (row["mastered_percent"], row["forgotten_percent"]) == (50, 50)
+
+
+def test_who_masters_nothing_never_gets_there(campaign: SyntheticCampaign) -> None:
+    campaign.plain_run("random", 0, {0: mastered(0), 500: mastered(3), 1000: mastered(0)})
+    row = only(campaign)
+    assert row[["steps_to_50_percent", "steps_to_90_percent"]].isna().all()
+    assert (row["mastered_percent"], row["forgotten_percent"], row["reason"]) == (0, 30, "")
+
+
+def test_other_shares_have_columns_of_their_own(campaign: SyntheticCampaign) -> None:
+    campaign.plain_run("random", 0, {0: mastered(1), 500: mastered(3), 1000: mastered(4)})
+    rows = run_measures(load(campaign.root), shares=(0.25, 0.75, 1.0))
+    assert rows.filter(like="steps_to_").iloc[0].to_dict() == {
+        "steps_to_25_percent": 0,
+        "steps_to_75_percent": 500,
+        "steps_to_100_percent": 1000,
+    }
+
+
+def test_why_a_run_has_no_measures(campaign: SyntheticCampaign) -> None:
+    curve = {0: mastered(0), 500: mastered(5)}
+    reasons = {
+        campaign.plain_run("random", 0, curve | {1000: mastered(5)}): "",
+        campaign.plain_run("random", 1, curve, "running"): "still running",
+        campaign.plain_run("random", 2, curve, "failed"): "failed",
+        campaign.run("random", 3, "waiting"): "waiting",
+        campaign.plain_run("random", 4, {}): "not evaluated",
+    }
+    rows = run_measures(load(campaign.root)).set_index("run_id")
+    assert rows["reason"].to_dict() == reasons
+    without = rows[rows["reason"] != ""]
+    assert without[measure_names()].isna().all(axis=None)
+    assert rows.loc[rows["reason"] == "", "mastered_percent"].tolist() == [50]
+    earlier = run_measures(load(campaign.root), at=500).set_index("run_id")["reason"]
+    assert sorted(earlier) == ["", "", "failed", "not evaluated", "waiting"]
+    assert set(run_measures(load(campaign.root), at=2000)["reason"]) >= {"ends before", "failed", "waiting"}
+
+
+def test_a_root_without_runs_has_no_rows(campaign: SyntheticCampaign) -> None:
+    frames = load(campaign.root)
+    assert run_measures(frames).empty
+    assert list(run_measures(frames).columns) == ["run_id", "steps", "step", *measure_names(), "reason"]
+    assert evaluations_at(frames, [5]).empty
+    assert every(frames, 100) == []
+
+
+def test_runs_that_have_only_begun_are_no_error(campaign: SyntheticCampaign) -> None:
+    for seed, status in enumerate(("running", "failed")):
+        campaign.plain_run("random", seed, {}, status)
+    campaign.run("random", 2, "waiting")
+    assert run_measures(load(campaign.root))[measure_names()].isna().all(axis=None)
+    assert evaluations_at(load(campaign.root), [0, 500]).empty
+
+
+def test_the_training_return_is_the_mean_over_episodes(campaign: SyntheticCampaign) -> None:
+    record = campaign.record("random", 0, "low", steps=1_500_000)
+    campaign.cell(record, "low")
+    windows = [(500_000, 10, -50.0), (1_000_000, 30, 70.0), (1_500_000, 40, 100.0)]
+    rows = [
+        {"step": step, "episodes": n, "mean_return": mean, "std_return": 0.0, "mean_length": 1.0}
+        | {"success_share": 0.0}
+        for step, n, mean in windows
+    ]
+    evaluated = [{"step": 0, "test_set": "line", "task_index": 0, "task": [0.0], "length": 1}]
+    tables = {Table.TRAINING: rows, Table.EVALUATIONS: [evaluated[0] | {"episodic_return": 1.0}]}
+    campaign._write(record, "done", tables, 1_500_000)
+    assert only(campaign)["training_return"] == pytest.approx((-500 + 2100 + 4000) / 80)
+    assert only(campaign, at=1_200_000)["training_return"] == pytest.approx((-500 + 2100) / 40)
+
+
+def test_without_windows_the_training_return_is_read_from_the_episodes(tmp_path: Path) -> None:
+    campaign = SyntheticCampaign(tmp_path, steps=40_000, evaluation_every=20_000, episode_steps=700, grid=3)
+    run = campaign.run("random", 0)
+    episodes = load(tmp_path).episode_returns([run])
+    assert only(campaign)["training_return"] == pytest.approx(episodes["episodic_return"].mean())
+    early = episodes[episodes["step"] <= 20_000]["episodic_return"].mean()
+    assert only(campaign, at=20_000)["training_return"] == pytest.approx(early)
+
+
+def test_evaluations_at_any_step_are_the_last_before_it(campaign: SyntheticCampaign) -> None:
+    done = campaign.plain_run("random", 0, {0: mastered(0), 500: mastered(5), 1000: mastered(7)})
+    running = campaign.plain_run("random", 1, {0: mastered(1), 500: mastered(2)}, "running")
+    campaign.plain_run("random", 2, {0: mastered(9), 500: mastered(9)}, "failed")
+    short = campaign.plain_run("random", 3, {0: mastered(3), 400: mastered(4)}, steps=400)
+    frames = load(campaign.root)
+    assert every(frames, 250) == [250, 500, 750, 1000]
+    rows = evaluations_at(frames, every(frames, 250)).set_index(["step", "run_id"])
+    assert rows["mastered_percent"].to_dict() == {
+        (250, done): 0,
+        (250, running): 10,
+        (250, short): 30,
+        (500, done): 50,
+        (500, running): 20,
+        (750, done): 50,
+        (1000, done): 70,
+    }
+    assert rows.loc[(750, done), "evaluated_at"] == 500
+
+
+@pytest.mark.parametrize("interval", [0, -5])
+def test_an_interval_is_at_least_one_step(campaign: SyntheticCampaign, interval: int) -> None:
+    with pytest.raises(ValueError, match="expected at least 1"):
+        every(load(campaign.root), interval)
+
+
+def test_each_run_masters_by_its_own_threshold(campaign: SyntheticCampaign) -> None:
+    spec = json.dumps({"mastery_threshold": 99})
+    campaign.plain_run("random", 0, {0: [99.0, 99.1, 231.0, 0.0]}, spec=spec)
+    assert only(campaign)["mastered_percent"] == 50
+
+
+def test_the_best_seed_is_the_lowest_of_the_best() -> None:
+    rows = pd.DataFrame(
+        {
+            "teacher": ["adr", "adr", "adr", "random", "random", "spdl"],
+            "seed": [3, 1, 0, 7, 8, 0],
+            "run_id": ["a3", "a1", "a0", "r7", "r8", "s0"],
+            "mastered_percent": [50, 50, 10, 1, np.nan, np.nan],
+        }
+    )
+    best = best_seeds(rows, "mastered_percent", ["teacher"])
+    assert list(best["run_id"]) == ["a1", "r7"]
