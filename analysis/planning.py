@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from statistics import median
 from typing import Any
 
@@ -18,7 +18,7 @@ from tma_ray.benchmark import paper_results
 COLUMNS = ["environment", "challenge", "seeds", "steadiest", "typical", "most_varied"]
 
 
-def detectable_differences(cell_rows: Iterable[Mapping[str, Any]]) -> pd.DataFrame:
+def detectable_differences(cell_rows: Sequence[Mapping[str, Any]]) -> pd.DataFrame:
     """Returns how far apart two teachers must be for a plan's seeds to tell, challenge by challenge.
 
     Args:
@@ -30,7 +30,7 @@ def detectable_differences(cell_rows: Iterable[Mapping[str, Any]]) -> pd.DataFra
         in 80 of 100 repetitions between two teachers of the smallest, the median and the largest standard
         deviation in the paper's tables; NaN for a challenge that they do not have, or a single seed.
     """
-    rows = pd.DataFrame(cell_rows, columns=["environment", "challenge", "teacher", "expert_knowledge"])
+    rows = pd.DataFrame(list(cell_rows), columns=["environment", "challenge", "teacher", "expert_knowledge"])
     found = []
     for (environment, challenge), mine in rows.groupby(["environment", "challenge"], sort=False):
         seeds = int(mine.groupby(["teacher", "expert_knowledge"]).size().min())
@@ -47,9 +47,9 @@ def show_detectable_differences(
     table = Table("challenge", box=None, pad_edge=False, header_style="bold")
     for heading in ("seeds", "steadiest", "typical", "most varied"):
         table.add_column(heading, justify="right")
-    for row in detectable_differences(cell_rows).itertuples():
-        marks = (number(value) for value in (row.steadiest, row.typical, row.most_varied))
-        table.add_row(f"{row.environment} {row.challenge}", str(row.seeds), *marks)
+    for _, row in detectable_differences(cell_rows).iterrows():
+        marks = (number(row[name]) for name in ("steadiest", "typical", "most_varied"))
+        table.add_row(f"{row['environment']} {row['challenge']}", str(row["seeds"]), *marks)
     console = console or Console()
     console.print(
         f"\nSmallest difference between two teachers, in points of mastered tasks, that Welch's test finds "
@@ -68,5 +68,5 @@ def _deviations(environment: object, challenge: object, levels: set[str]) -> lis
 
 
 def _difference(seeds: int, std: float) -> float:
-    sample = Description(seeds, float("nan"), std, float("nan"))
+    sample = Description(n=seeds, mean=float("nan"), std=std)
     return detectable_difference(sample, sample)

@@ -28,6 +28,9 @@ EXPLORATION = {"exploration_steps": 1_000, "learning_starts": 1_000}
 STORAGE = {"buffer_size": 50_000}
 """What students call the size of their replay buffer, and what a measurement leaves of it at most."""
 
+Clock = Callable[[], float]
+"""Tells the time, s."""
+
 CHUNKS = ("steps_per_update", "n_steps", "train_freq")
 """What students call the steps from one update to the next, which are measured whole."""
 
@@ -63,11 +66,12 @@ def measure(spec: RunSpec, settings: Settings) -> Pace:
     )
     player = _Player(environment, student, spec)
     chunk = next((int(values[name]) for name in CHUNKS if isinstance(values.get(name), int)), 100)
+    clock = _clock(settings)
     player.train(max(EXPLORATION.values()))
-    _speed(player.train, chunk, WARM_UP_SECONDS)
-    training = _speed(player.train, chunk, MEASURED_SECONDS)
+    _speed(player.train, chunk, WARM_UP_SECONDS, clock)
+    training = _speed(player.train, chunk, MEASURED_SECONDS, clock)
     environment.close()
-    playing = _evaluation_speed(spec, student)
+    playing = _evaluation_speed(spec, student, clock)
     body = f" {spec.embodiment}" if spec.embodiment else ""
     floats = math.prod(observation.shape or ()) + math.prod(action.shape or ()) + 2
     return Pace(f"{spec.student} on {spec.environment}{body}", training, playing, 4 * floats)
@@ -95,21 +99,27 @@ class _Player:
         self._observation = self._environment.reset(options=self._options)[0] if ended else following
 
 
-def _speed(play: Callable[[int], None], chunk: int, seconds: float) -> float:
+def _clock(settings: Settings) -> Clock:
+    """Returns the processor's time per thread, s, which other load leaves alone; with a GPU the wall's."""
+    threads = settings.resources.threads
+    return (lambda: time.process_time() / threads) if settings.device == "cpu" else time.perf_counter
+
+
+def _speed(play: Callable[[int], None], chunk: int, seconds: float, clock: Clock) -> float:
     """Returns steps per second of `play`, over whole chunks that take at least `seconds` together."""
-    start, steps = time.perf_counter(), 0
-    while time.perf_counter() - start < seconds:
+    start, steps = clock(), 0
+    while clock() - start < seconds:
         play(chunk)
         steps += chunk
-    return steps / (time.perf_counter() - start)
+    return steps / (clock() - start)
 
 
-def _evaluation_speed(spec: RunSpec, student: Student) -> float:
+def _evaluation_speed(spec: RunSpec, student: Student, clock: Clock) -> float:
     """Returns steps per second of `student` on every tenth test task."""
     tests = spec.test_set
     evaluation = Evaluation(replace(spec, test_set=replace(tests, tasks=tests.tasks[::10])))
-    start = time.perf_counter()
+    start = clock()
     steps = int(sum(row["length"] for row in evaluation(student)))
-    seconds = time.perf_counter() - start
+    seconds = clock() - start
     evaluation.close()
     return steps / seconds

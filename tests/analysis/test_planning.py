@@ -1,0 +1,56 @@
+"""What a planned experiment can show."""
+
+from __future__ import annotations
+
+import math
+
+import pytest
+from rich.console import Console
+from scipy import stats
+
+from analysis.planning import detectable_differences, show_detectable_differences
+from tma_ray.benchmark import paper_results
+
+
+def rows(challenge: str, seeds: int, *teachers: str, level: str = "none") -> list[dict[str, str]]:
+    cell = {"environment": "stump_tracks", "challenge": challenge, "expert_knowledge": level}
+    return [cell | {"teacher": teacher} for teacher in teachers for _ in range(seeds)]
+
+
+def test_a_difference_is_found_with_80_percent_power() -> None:
+    """Against the noncentral t distribution of two groups of equal size and spread."""
+    (found,) = detectable_differences(rows("mostly_unfeasible", 32, "random", "riac")).itertuples()
+    spread = [
+        r.std for r in paper_results() if r.challenge == found.challenge and r.expert_knowledge == "none"
+    ]
+    assert found.seeds == 32
+    assert found.steadiest < found.typical < found.most_varied
+    critical = stats.t.isf(0.025, 62)
+    shift = found.most_varied / (max(spread) * math.sqrt(2 / 32))
+    assert stats.nct.sf(critical, 62, shift) == pytest.approx(0.8, abs=1e-3)
+
+
+def test_doubtful_entries_and_parts_of_a_pool_are_left_out() -> None:
+    parkour = [
+        {"environment": "parkour", "challenge": "original", "expert_knowledge": "low", "teacher": "adr"}
+        for _ in range(48)
+    ]
+    (found,) = detectable_differences(parkour).itertuples()
+    assert found.seeds == 48
+    assert 8 < found.steadiest < found.most_varied < 20
+    (trivial,) = detectable_differences(rows("mostly_trivial", 32, "random")).itertuples()
+    assert trivial.typical == detectable_differences(rows("mostly_trivial", 32, "riac"))["typical"][0]
+
+
+def test_what_is_not_known_is_a_dash() -> None:
+    table = detectable_differences([*rows("easy", 5, "random"), *rows("rugged_difficulty", 1, "random")])
+    assert table["typical"].isna().all()
+    assert detectable_differences([]).empty
+    console = Console(record=True, width=120)
+    show_detectable_differences(rows("rugged_difficulty", 1, "random"), console)
+    assert "rugged_difficulty      1" in console.export_text()
+
+
+def test_the_group_with_the_fewest_seeds_counts() -> None:
+    both = [*rows("mostly_trivial", 8, "riac"), *rows("mostly_trivial", 3, "adr", level="low")]
+    assert detectable_differences(both)["seeds"].tolist() == [3]
