@@ -26,7 +26,8 @@ def paper_frame() -> pd.DataFrame:
         teacher, n, mastered_percent_mean, mastered_percent_std, doubt (why the entry may be a slip; empty
         for most), steps, engine.
     """
-    table = pd.DataFrame([asdict(result) for result in paper_results()])
-    table["expert_knowledge"] = [level.value for level in table["expert_knowledge"]]
+    rows = [
+        asdict(result) | {"expert_knowledge": result.expert_knowledge.value} for result in paper_results()
+    ]
     named = {"seeds": "n", "mean": "mastered_percent_mean", "std": "mastered_percent_std"}
-    return table.rename(columns=named).assign(steps=PAPER_STEPS, engine=PAPER_ENGINE)
+    return pd.DataFrame(rows).rename(columns=named).assign(steps=PAPER_STEPS, engine=PAPER_ENGINE)
