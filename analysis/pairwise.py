@@ -5,6 +5,7 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
 
 import pandas as pd
 
@@ -46,13 +47,17 @@ def pairwise(
         comparison are one family.
     """
     within, rows = list(within), []
+    parts = [column for column in PARTS if column not in (*within, between)]
+    runs = runs[[*within, between, *parts, "run_id", measure]]
     for key, group in _groups(runs, within):
         shared = dict(zip(within, key, strict=True)) | {"measure": measure}
-        samples = {str(name): part for name, part in group.groupby(between, sort=True)}
+        samples = {
+            str(name): _sample(part, measure, parts) for name, part in group.groupby(between, sort=True)
+        }
         for first, second in pairs_of(list(samples), reference):
-            sample, other = (samples.get(name, group.head(0)) for name in (first, second))
             names = {"first": first, "second": second}
-            row = shared | names | _compared(sample, other, measure, [*within, between])
+            other = samples.get(second) or _sample(group.head(0), measure, parts)
+            row = shared | names | _compared(samples[first], other)
             rows.append(row if second in samples else row | {"reason": nobody(second)})
     columns = [
         *within,
@@ -82,20 +87,32 @@ def pairs_of(names: Sequence[str], reference: str | None) -> Iterator[tuple[str,
         yield from ((name, reference) for name in names if name != reference)
 
 
-def _compared(
-    first: pd.DataFrame, second: pd.DataFrame, measure: str, fixed: Sequence[str]
-) -> dict[str, object]:
+@dataclass(frozen=True, eq=False)
+class _Sample:
+    """A group of runs: its values by run id, its bodies and students, and how many runs have no value."""
+
+    values: pd.Series
+    parts: frozenset[tuple[object, ...]]
+    uncounted: int
+
+
+def _sample(rows: pd.DataFrame, measure: str, parts: Sequence[str]) -> _Sample:
+    rows = rows.drop_duplicates("run_id")
+    there = rows[measure].notna().to_numpy()
+    values = pd.Series(rows[measure].to_numpy(float)[there], index=rows["run_id"].to_numpy(object)[there])
+    columns = [rows[column].to_numpy(object)[there] for column in parts]
+    return _Sample(values, frozenset(zip(*columns, strict=True)), int((~there).sum()))
+
+
+def _compared(first: _Sample, second: _Sample) -> dict[str, object]:
     """Returns the test of two groups, what it left out, and the difference that it could find."""
-    counted = [rows[rows[measure].notna()].drop_duplicates("run_id") for rows in (first, second)]
-    sample, other = (rows.set_index("run_id")[measure] for rows in counted)
-    comparison, detectable = welch(sample, other), math.nan
-    parts = [column for column in PARTS if column in first and column not in fixed]
-    mixed = len({frozenset(rows[parts].itertuples(index=False, name=None)) for rows in counted}) > 1
-    if not comparison.reason and mixed:
-        comparison = Comparison(len(sample), len(other), comparison.difference, reason=OTHER_PARTS)
+    comparison, detectable = welch(first.values, second.values), math.nan
+    if not comparison.reason and first.parts != second.parts:
+        sizes = len(first.values), len(second.values)
+        comparison = Comparison(*sizes, comparison.difference, reason=OTHER_PARTS)
     if not comparison.reason:
-        detectable = detectable_difference(describe(sample), describe(other))
-    uncounted = sum(rows.loc[rows[measure].isna(), "run_id"].nunique() for rows in (first, second))
+        detectable = detectable_difference(describe(first.values), describe(second.values))
+    uncounted = first.uncounted + second.uncounted
     return vars(comparison) | {"uncounted": uncounted, "detectable": detectable}
 
 

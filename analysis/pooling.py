@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+from collections import Counter
 from collections.abc import Iterator, Sequence
 
 import pandas as pd
@@ -87,12 +88,12 @@ def pooled(
     keys, rows = [*POOLED, *by], []
     whole = [column for column in keys if column != "step"]
     runs = runs.assign(number=runs.groupby(whole, dropna=False).ngroup())
-    members = runs.drop_duplicates(["number", "run_id"])
+    members = dict(list(runs.drop_duplicates(["number", "run_id"]).groupby("number")))
     runs = runs[runs["step"].notna()] if "step" in by else runs
     for key, group in runs.groupby(keys, dropna=False, sort=True):
         counted = group[group[measures[0]].notna()]
         row = dict(zip(keys, key, strict=True))
-        listed = members[members["number"] == group["number"].iloc[0]]
+        listed = members[group["number"].iloc[0]]
         row |= {"runs": len(listed), "n": len(counted)}
         row["missing"] = "; ".join(_gaps(listed, counted, by))
         for measure in measures:
@@ -166,27 +167,29 @@ def _digest(spec: object) -> str:
 
 def _gaps(rows: pd.DataFrame, counted: pd.DataFrame, by: Sequence[str]) -> Iterator[str]:
     """Yields what keeps the `counted` of these rows from being a whole pool."""
-    uncounted = rows.loc[~rows["run_id"].isin(counted["run_id"]), "status"]
-    if len(uncounted):
-        numbers = uncounted.value_counts().reindex(STATUSES).dropna().astype(int)
-        yield f"not counted: {', '.join(f'{n} {status}' for status, n in numbers.items())}"
-    labels = pd.Series(
-        map(_label, counted["embodiment"], counted["student"]), index=counted.index, dtype=object
+    ids = set(counted["run_id"])
+    uncounted = Counter(
+        status for run_id, status in zip(rows["run_id"], rows["status"], strict=True) if run_id not in ids
     )
-    sizes = labels.value_counts().reindex(sorted(_expected(rows, by)), fill_value=0)
-    absent = sizes.index[sizes == 0]
-    if len(absent):
+    if uncounted:
+        numbers = (f"{uncounted[status]} {status}" for status in STATUSES if uncounted[status])
+        yield f"not counted: {', '.join(numbers)}"
+    labels = list(map(_label, counted["embodiment"], counted["student"]))
+    sizes = Counter(labels)
+    absent = sorted(_expected(rows, by) - set(sizes))
+    if absent:
         yield f"no results of {', '.join(absent)}"
-    present = sizes[sizes > 0]
-    if present.nunique() > 1:
-        yield f"unequal numbers of seeds: {', '.join(f'{label} {n}' for label, n in present.items())}"
-    for column, text in (("settings", "different settings"), ("seed", "seeds counted more than once")):
-        per_part = counted[column].groupby(labels)
-        twice = per_part.nunique() > 1 if column == "settings" else per_part.nunique() < per_part.size()
-        if twice.any():
-            yield f"{text}: {', '.join(twice.index[twice])}"
+    if len(set(sizes.values())) > 1:
+        yield f"unequal numbers of seeds: {', '.join(f'{label} {sizes[label]}' for label in sorted(sizes))}"
+    settings = Counter(label for label, _ in set(zip(labels, counted["settings"], strict=True)))
+    if max(settings.values(), default=0) > 1:
+        yield f"different settings: {', '.join(sorted(label for label, n in settings.items() if n > 1))}"
+    seeds = Counter(zip(labels, counted["seed"], strict=True))
+    if max(seeds.values(), default=0) > 1:
+        twice = sorted({label for (label, _), n in seeds.items() if n > 1})
+        yield f"seeds counted more than once: {', '.join(twice)}"
     step = "evaluated_at" if "evaluated_at" in counted else "step"
-    steps = sorted(counted[step].unique()) if step in counted else []
+    steps = sorted(set(counted[step])) if step in counted else []
     if len(steps) > 1:
         yield f"evaluated at different steps: {', '.join(f'{each:,.0f}' for each in steps)}"
 

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import math
 
-from scipy import optimize, stats
+import numpy as np
+from scipy import optimize, special
 
 from analysis.statistics import SIGNIFICANCE, Description, standard_error_of_difference
 
@@ -69,11 +70,10 @@ def detectable_difference(
 
 def _power(shift: float, freedom: float, significance: float) -> float:
     """Returns the power for a difference of `shift` standard errors."""
-    critical = float(stats.t.isf(significance / 2, freedom))
-    above = float(stats.nct.sf(critical, freedom, shift))
-    # A difference found with the wrong sign. From 7 standard errors on that is less likely than 1e-11, and
-    # scipy's distribution function has no number for it.
-    return above if shift > 7 else above + float(stats.nct.cdf(-critical, freedom, shift))
+    critical = special.stdtrit(freedom, 1 - significance / 2)
+    # scipy has no number for tails that are too thin to count.
+    missed, wrong_sign = np.nan_to_num(special.nctdtr(freedom, shift, np.array([critical, -critical])))
+    return float(1 - missed + wrong_sign)
 
 
 def _testable(first: Description, second: Description) -> bool:

@@ -55,7 +55,7 @@ def run_measures(frames: Frames, at: int | None = None, shares: Sequence[float] 
         - reason, why a run has no measures, all of which are NaN then: "waiting", "failed",
           "still running", "not evaluated", "ends before"; else empty.
     """
-    rows = _standing(frames, at)
+    rows = _standing(frames, at, _reached(frames))
     evaluations = frames.evaluations
     limits = evaluations["run_id"].map(rows["steps"]).astype(float)
     evaluations = evaluations[evaluations["step"] <= limits]
@@ -79,15 +79,16 @@ def evaluations_at(frames: Frames, steps: Iterable[int]) -> pd.DataFrame:
         mastered_percent, evaluation_return.
     """
     curves = evaluation_measures(frames.evaluations)
-    names = ["step", "run_id", "evaluated_at", "mastered_percent", "evaluation_return"]
-    found = [curves.head(0).assign(asked=0)]
-    for step in steps:
-        standing = _standing(frames, step)
-        there = standing.index[standing["reason"] == ""]
-        before = curves[(curves["step"] <= step) & curves["run_id"].isin(there)]
-        found.append(before.drop_duplicates("run_id", keep="last").assign(asked=step))
-    rows = pd.concat(found, ignore_index=True).rename(columns={"step": "evaluated_at", "asked": "step"})
-    return rows.reindex(columns=names)
+    curves = curves.rename(columns={"step": "evaluated_at"}).sort_values("evaluated_at", kind="stable")
+    reached = _reached(frames)
+    standing = [_standing(frames, step, reached).assign(step=step) for step in sorted(steps)]
+    asked = pd.concat([_standing(frames, 0, reached).head(0).assign(step=0), *standing]).reset_index()
+    asked = asked.loc[asked["reason"] == "", ["step", "run_id"]].astype({"step": "int64", "run_id": object})
+    rows = pd.merge_asof(asked, curves, left_on="step", right_on="evaluated_at", by="run_id")
+    rows = rows[rows["evaluated_at"].notna()]
+    return rows[["step", "run_id", "evaluated_at", "mastered_percent", "evaluation_return"]].reset_index(
+        drop=True
+    )
 
 
 def every(frames: Frames, interval: int) -> list[int]:
@@ -114,12 +115,17 @@ def best_seeds(runs: pd.DataFrame, measure: str, within: Sequence[str]) -> pd.Da
     return ranked.drop_duplicates(list(within)).sort_values(list(within), ignore_index=True)
 
 
-def _standing(frames: Frames, at: int | None) -> pd.DataFrame:
+def _reached(frames: Frames) -> pd.Series:
+    """Returns the step of the last evaluation of each run, by run_id; NaN for a run without."""
+    last = frames.evaluations.groupby("run_id", observed=True)["step"].max()
+    runs = sorted(frames.cells["run_id"].unique())
+    return last.set_axis(last.index.astype(object)).reindex(runs).astype(float)
+
+
+def _standing(frames: Frames, at: int | None, reached: pd.Series) -> pd.DataFrame:
     """Returns by run_id the steps at which it is measured, and why it cannot be."""
     runs = frames.cells.drop_duplicates("run_id").set_index("run_id").sort_index()
     status, budget = runs["status"], runs["steps"].astype(float)
-    reached = frames.evaluations.groupby("run_id", observed=True)["step"].max()
-    reached = reached.set_axis(reached.index.astype(object)).reindex(runs.index).astype(float)
     steps = budget if at is None else pd.Series(float(at), index=runs.index)
     reason = pd.Series("", index=runs.index, dtype=object)
     there = reached >= steps if at is not None else False

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from synthetic_results import SyntheticCampaign
 
@@ -64,6 +64,7 @@ def test_a_grid_of_one_cell_is_refused() -> None:
         coverage_and_entropy(tasks((1, 1)), SQUARE, bins=1)
 
 
+@settings(deadline=None)  # machines may be busy
 @given(st.lists(st.tuples(st.floats(0, 3), st.floats(0, 6)), min_size=1, max_size=40), st.integers(2, 12))
 def test_both_lie_between_0_and_1(points: list[tuple[float, float]], bins: int) -> None:
     coverage, entropy = coverage_and_entropy(tasks(*points), SQUARE, bins)

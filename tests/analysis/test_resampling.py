@@ -4,7 +4,7 @@ from collections.abc import Sequence
 import numpy as np
 import pandas as pd
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy import stats
 
@@ -72,6 +72,7 @@ def test_the_interval_is_the_bootstrap_done_by_hand() -> None:
     assert [found.low, found.high] == pytest.approx(np.percentile(by_hand, [2.5, 97.5]), abs=0.8)
 
 
+@settings(deadline=None)  # machines may be busy
 @given(VALUES, VALUES)
 def test_the_probability_of_improvement_is_mann_and_whitneys(first: list[int], second: list[int]) -> None:
     found = probability_of_improvement(sample("a", one=first), sample("b", one=second), rng(), 2)
