@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import itertools
 import json
 from collections import Counter
 from collections.abc import Iterator, Sequence
@@ -36,7 +37,8 @@ def pool_runs(
     """Returns one row per run of each pool, with its measures.
 
     What `matrices` list of one challenge is pooled: the three bodies of Parkour, the two bodies by two
-    students of diverse students. Every other combination of body and student is a pool of its own.
+    students of diverse students. A student that takes the place of theirs is pooled over the same bodies,
+    and any other body over the same students, as a pool of its own.
     The shipped test sets of a challenge, one for each type of body, count as one; a body tested on
     several of them is not pooled. Runs that have not begun are counted with those that have, if these
     agree on their settings.
@@ -127,15 +129,19 @@ def _label(embodiment: object, student: object) -> str:
 
 def _pools(cells: pd.DataFrame, matrices: Sequence[Matrix]) -> list[str]:
     """Returns for each cell the labels of all parts of its pool."""
-    parts: dict[tuple[str, str], set[str]] = {}
+    bodies: dict[tuple[str, str], set[str]] = {}
+    students: dict[tuple[str, str], set[str]] = {}
     for matrix in matrices:
-        labels = {_label(body, student) for body in matrix.embodiments for student in matrix.students}
-        parts.setdefault((matrix.environment, matrix.challenge), set()).update(labels)
+        place = matrix.environment, matrix.challenge
+        bodies.setdefault(place, set()).update(matrix.embodiments)
+        students.setdefault(place, set()).update(matrix.students)
     found = []
     names = ["environment", "challenge", *PARTS]
-    for environment, challenge, *part in cells[names].itertuples(index=False, name=None):
-        together, label = parts.get((environment, challenge), set()), _label(*part)
-        found.append(PLUS.join(sorted(together)) if label in together else label)
+    for environment, challenge, body, student in cells[names].itertuples(index=False, name=None):
+        place = environment, challenge
+        together = students[place] if student in students.get(place, ()) else {student}
+        own = bodies[place] if body in bodies.get(place, ()) else {body}
+        found.append(PLUS.join(sorted(_label(*part) for part in itertools.product(own, together))))
     return found
 
 
