@@ -40,15 +40,21 @@ def pairwise(
 
     Returns:
         `within`, measure, first, second (the reference, if there is one), the columns of
-        `statistics.Comparison` for first minus second, uncounted (runs of both without the measure: the
-        test is not the last word while there are any), detectable (the smallest difference that so many
-        runs with these standard deviations find with power 0.8; NaN without a test), and holm: p adjusted
-        for all tests that have `within` in common, step left out, so that all pairs and steps of a
-        comparison are one family.
+        `statistics.Comparison` for first minus second, and
+
+        - uncounted: runs of both without the measure, or not yet at the step; while there are any, the
+          test is not the last word;
+        - detectable: smallest difference that so many runs with these standard deviations find with power
+          0.8; NaN without a test;
+        - holm: p adjusted for all tests that have `within` in common, step left out, so that all pairs and
+          steps of a comparison are one family.
     """
     within, rows = list(within), []
     parts = [column for column in PARTS if column not in (*within, between)]
+    family = [column for column in within if column != "step"]
     runs = runs[[*within, between, *parts, "run_id", measure]]
+    members = runs.groupby([*family, between], dropna=False)["run_id"].transform("nunique")
+    runs = runs.assign(members=members)
     for key, group in _groups(runs, within):
         shared = dict(zip(within, key, strict=True)) | {"measure": measure}
         samples = {
@@ -59,17 +65,8 @@ def pairwise(
             other = samples.get(second) or _sample(group.head(0), measure, parts)
             row = shared | names | _compared(samples[first], other)
             rows.append(row if second in samples else row | {"reason": nobody(second)})
-    columns = [
-        *within,
-        "measure",
-        "first",
-        "second",
-        *Comparison.__dataclass_fields__,
-        "uncounted",
-        "detectable",
-    ]
-    table = pd.DataFrame(rows, columns=columns)
-    family = [column for column in within if column != "step"]
+    own = ["measure", "first", "second", *Comparison.__dataclass_fields__, "uncounted", "detectable"]
+    table = pd.DataFrame(rows, columns=[*within, *own])
     table["holm"] = table.groupby(family, dropna=False)["p"].transform(holm) if len(table) else table["p"]
     return table
 
@@ -101,7 +98,8 @@ def _sample(rows: pd.DataFrame, measure: str, parts: Sequence[str]) -> _Sample:
     there = rows[measure].notna().to_numpy()
     values = pd.Series(rows[measure].to_numpy(float)[there], index=rows["run_id"].to_numpy(object)[there])
     columns = [rows[column].to_numpy(object)[there] for column in parts]
-    return _Sample(values, frozenset(zip(*columns, strict=True)), int((~there).sum()))
+    uncounted = int(rows["members"].max()) - len(values) if len(rows) else 0
+    return _Sample(values, frozenset(zip(*columns, strict=True)), uncounted)
 
 
 def _compared(first: _Sample, second: _Sample) -> dict[str, object]:

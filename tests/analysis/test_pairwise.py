@@ -128,6 +128,7 @@ def test_tests_along_learning_curves(tmp_path: Path) -> None:
     tests = pairwise(runs, "mastered_percent", within=[*COMPARED, "step"]).set_index("step")
     assert tests["reason"].to_dict() == {0: "no spread between seeds", 500: "", 1000: ""}
     assert tests["n"].to_dict() == {0: 3, 500: 3, 1000: 2}
+    assert tests["uncounted"].to_dict() == {0: 0, 500: 0, 1000: 1}
     assert tests.loc[500, "p"] == pytest.approx(1)
     last = [100 * k / 9 for k in (7, 8)], [100 * k / 9 for k in (0, 1, 2)]
     assert tests.loc[1000, "p"] == pytest.approx(stats.ttest_ind(*last, equal_var=False).pvalue)
