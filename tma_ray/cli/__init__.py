@@ -1,0 +1,42 @@
+"""The command `tma-ray`. Heavy parts are imported by the commands that need them."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+import warnings
+from collections.abc import Callable, Sequence
+from pathlib import Path
+
+from tma_ray import __version__
+from tma_ray.cli import looking, naming, running
+
+REFUSED = 2
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Runs one command; returns its exit code."""
+    from tma_ray.results import RootInUseError
+
+    options = _parser().parse_args(arguments)
+    sys.path.insert(0, str(Path.cwd()))  # so that module:Name finds the user's own file
+    command: Callable[[argparse.Namespace], int] = options.command
+    warnings.showwarning = _show_warning
+    try:
+        return command(options)
+    except (ValueError, ConnectionError, RootInUseError) as error:
+        sys.stderr.write(f"tma-ray: {error}\n")
+        return REFUSED
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(prog="tma-ray", description="Compare curriculum learning teachers.")
+    parser.add_argument("--version", action="version", version=f"tma_ray {__version__}")
+    commands = parser.add_subparsers(required=True, metavar="COMMAND")
+    for group in (running, looking, naming):
+        group.add_commands(commands)
+    return parser
+
+
+def _show_warning(message: Warning | str, *_: object, **__: object) -> None:
+    sys.stderr.write(f"tma-ray: warning: {message}\n")

@@ -1,0 +1,8 @@
+"""``python -m tma_ray.cli`` is the command `tma-ray`."""
+
+import sys
+
+from tma_ray.cli import main
+
+if __name__ == "__main__":
+    sys.exit(main())

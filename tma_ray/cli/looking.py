@@ -1,0 +1,122 @@
+"""Commands that look at what has been run."""
+
+from __future__ import annotations
+
+import argparse
+from contextlib import closing, suppress
+from pathlib import Path
+from typing import Any
+
+
+def add_commands(commands: Any) -> None:
+    """Adds them to the subparsers `commands`."""
+    _add_status(commands.add_parser("status", help="how far the campaigns of a results root are"))
+    _add_logs(commands.add_parser("logs", help="what a run went through, and why it failed"))
+    _add_report(commands.add_parser("report", help="write the report of a results root"))
+    _add_search(commands.add_parser("search", help="what a search for hyper-parameters found"))
+    _add_tensorboard(commands.add_parser("tensorboard", help="scalars of a results root as event files"))
+    _add_render(commands.add_parser("render", help="an episode as a video or a picture"))
+
+
+def _add_status(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("root", metavar="ROOT")
+    parser.add_argument("--cells", action="store_true", help="a line for every cell")
+    parser.add_argument("--watch", action="store_true", help="again every few seconds, until Ctrl-C")
+    parser.set_defaults(command=_status)
+
+
+def _add_logs(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("run", metavar="RUN", help="its id, or an unambiguous beginning of it")
+    parser.add_argument("--results", default="results", metavar="ROOT", help="(%(default)s)")
+    parser.set_defaults(command=_logs)
+
+
+def _add_report(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("root", metavar="ROOT")
+    parser.add_argument("-o", "--output", type=Path, metavar="FOLDER", help="default: ROOT/report")
+    parser.set_defaults(command=_report)
+
+
+def _add_search(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("root", metavar="ROOT")
+    parser.set_defaults(command=_search)
+
+
+def _add_tensorboard(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("root", metavar="ROOT")
+    parser.add_argument("folder", metavar="FOLDER", help="for TensorBoard's --logdir")
+    parser.add_argument("--watch", action="store_true", help="follow the campaign, until Ctrl-C")
+    parser.set_defaults(command=_tensorboard)
+
+
+def _add_render(parser: argparse.ArgumentParser) -> None:
+    from tma_ray.campaign.options import whole_number
+
+    parser.add_argument("--environment", metavar="NAME", help="default: the run's, else stump_tracks")
+    parser.add_argument("--embodiment", metavar="NAME", help="default: the run's, else classic_bipedal")
+    parser.add_argument("--task", metavar="V,V|NAME=V|random", help="default: the middle of the task space")
+    parser.add_argument(
+        "--policy", default="random", metavar="RUN|FOLDER|random|zero", help="who acts (%(default)s)"
+    )
+    parser.add_argument("--results", default="results", metavar="ROOT", help="where RUN is (%(default)s)")
+    parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--steps", type=whole_number, default=1000, metavar="N", help="at most (%(default)s)")
+    parser.add_argument(
+        "--every", type=whole_number, default=2, metavar="N", help="steps a frame (%(default)s)"
+    )
+    parser.add_argument("-o", "--output", type=Path, required=True, metavar="FILE.mp4|.gif|.png")
+    parser.set_defaults(command=_render)
+
+
+def _render(options: argparse.Namespace) -> int:
+    from tma_ray.runs.rendering import Scenario, render
+
+    given = {name: value for name, value in vars(options).items() if name in Scenario.__dataclass_fields__}
+    outcome = render(Scenario(**given), options.output)
+    success = "mastered" if outcome.success else "not mastered"
+    end = f"ended after {outcome.steps}" if outcome.ended else f"left after {outcome.steps}"
+    print(f"{options.output}: {end} steps, return {outcome.episodic_return:.1f}, {success}")
+    return 0
+
+
+def _status(options: argparse.Namespace) -> int:
+    from tma_ray.campaign.status import show, watch
+
+    if options.watch:
+        with suppress(KeyboardInterrupt):
+            watch(options.root, options.cells)
+    else:
+        show(options.root, options.cells)
+    return 0
+
+
+def _logs(options: argparse.Namespace) -> int:
+    from tma_ray.campaign.history import show
+
+    show(options.run, options.results)
+    return 0
+
+
+def _report(options: argparse.Namespace) -> int:
+    from analysis.report import write_report
+
+    print(write_report(options.root, options.output))
+    return 0
+
+
+def _search(options: argparse.Namespace) -> int:
+    from analysis.search import show_search
+
+    show_search(options.root)
+    return 0
+
+
+def _tensorboard(options: argparse.Namespace) -> int:
+    from analysis.tensorboard import EventFolder, watch
+
+    with closing(EventFolder(options.root, options.folder)) as events:
+        print(f"runs with news: {events.update()}; to look at them: tensorboard --logdir {options.folder}")
+        with suppress(KeyboardInterrupt):
+            for count in watch(events) if options.watch else ():
+                print(f"runs with news: {count}", flush=True)
+    return 0
