@@ -3,10 +3,11 @@
 python experiments/full_benchmark.py --tier lite --results results
 """
 
+from analysis.ranking import show_ranking
 from tma_ray.benchmark import find_experiment
 from tma_ray.campaign import run_experiment
 
 EXPERIMENT = find_experiment("full_benchmark")
 
 if __name__ == "__main__":
-    run_experiment(EXPERIMENT)
+    show_ranking(run_experiment(EXPERIMENT))

@@ -13,6 +13,7 @@ def add_commands(commands: Any) -> None:
     _add_status(commands.add_parser("status", help="how far the campaigns of a results root are"))
     _add_logs(commands.add_parser("logs", help="what a run went through, and why it failed"))
     _add_report(commands.add_parser("report", help="write the report of a results root"))
+    _add_ranking(commands.add_parser("ranking", help="who masters most on each challenge"))
     _add_search(commands.add_parser("search", help="what a search for hyper-parameters found"))
     _add_tensorboard(commands.add_parser("tensorboard", help="scalars of a results root as event files"))
     _add_render(commands.add_parser("render", help="an episode as a video or a picture"))
@@ -35,6 +36,12 @@ def _add_report(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("root", metavar="ROOT")
     parser.add_argument("-o", "--output", type=Path, metavar="FOLDER", help="default: ROOT/report")
     parser.set_defaults(command=_report)
+
+
+def _add_ranking(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("root", metavar="ROOT")
+    parser.add_argument("--share", type=float, default=1.0, metavar="X", help="of the budget (%(default)s)")
+    parser.set_defaults(command=_ranking)
 
 
 def _add_search(parser: argparse.ArgumentParser) -> None:
@@ -101,6 +108,13 @@ def _report(options: argparse.Namespace) -> int:
     from analysis.report import write_report
 
     print(write_report(options.root, options.output))
+    return 0
+
+
+def _ranking(options: argparse.Namespace) -> int:
+    from analysis.ranking import show_ranking
+
+    show_ranking(options.root, options.share)
     return 0
 
 

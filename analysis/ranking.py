@@ -1,0 +1,116 @@
+"""Who masters most on each challenge, beside Random, and how sure that is."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pandas as pd
+from rich.console import Console
+from rich.table import Table
+
+from analysis.findings import FEW_SEEDS
+from analysis.formatting import number, p_value, plus_minus
+from analysis.load import Frames, load
+from analysis.measures import NO_BASELINE, is_baseline
+from analysis.pairwise import pairwise
+from analysis.pooling import COMPARED, POOLED, lend_baseline, pool_runs, pooled
+from analysis.run_measures import run_measures
+from analysis.statistics import SIGNIFICANCE, holm
+from analysis.style import label
+from tma_ray.benchmark import challenges_of
+
+MEASURE = "mastered_percent"
+
+FAMILY = ["environment", "expert_knowledge", "teacher"]
+"""One teacher's tests against Random at one level, over all challenges, are corrected together."""
+
+
+def ranking(frames: Frames, share: float = 1.0) -> pd.DataFrame:
+    """Returns one row for each result: a teacher at a level on a challenge, pooled as the paper pools.
+
+    Args:
+        frames: what was run.
+        share: of the budget, after which runs are read.
+
+    Returns:
+        `pooling.POOLED`, runs, n, missing, mastered_percent_mean and _std, rank (1 for the highest mean of
+        a comparison), and of Welch's test against Random: difference, low, high, p, reason, and holm: p
+        adjusted for all tests of that teacher at that level. Best first.
+    """
+    budget = frames.cells["steps"].max()
+    at = int(share * budget) if share < 1 and budget > 0 else None
+    runs = lend_baseline(pool_runs(frames.cells, run_measures(frames, at)))
+    table = pooled(runs, [MEASURE])
+    tests = pairwise(runs, MEASURE, "random").rename(columns={"first": "teacher"})
+    columns = ["difference", "low", "high", "p", "reason"]
+    table = table.merge(tests[[*POOLED, *columns]], on=POOLED, how="left")
+    table["reason"] = table["reason"].fillna("")
+    table["holm"] = table.groupby(FAMILY)["p"].transform(holm)
+    means = table.groupby(COMPARED, dropna=False)[f"{MEASURE}_mean"]
+    table["rank"] = means.rank(ascending=False, method="min")
+    return table.sort_values([*COMPARED, "rank", "teacher"], ignore_index=True)
+
+
+def sentences(table: pd.DataFrame) -> list[str]:
+    """Returns what a `ranking` says of every teacher but Random, in plain words.
+
+    Differences count as found where p is under 0.05 after Holm's correction for the teacher's challenges.
+    """
+    said = []
+    for key, rows in table.groupby(FAMILY, sort=True):
+        environment, level, teacher = map(str, key)
+        tested = rows[rows["p"].notna()]
+        if is_baseline(teacher) or tested.empty:
+            continue
+        better = int(((tested["holm"] < SIGNIFICANCE) & (tested["difference"] > 0)).sum())
+        worse = int(((tested["holm"] < SIGNIFICANCE) & (tested["difference"] < 0)).sum())
+        rest = len(tested) - better - worse
+        parts = [f"better than Random on {better} of {len(tested)}"]
+        parts += [f"worse on {worse}"] if worse else []
+        parts += [f"not distinguishable on {rest}"] if rest else []
+        few = "; few seeds" if tested["n"].min() < FEW_SEEDS else ""
+        where = f"{environment}, expert knowledge {level}"
+        said.append(f"{label(teacher)} ({where}): {', '.join(parts)} (p < {SIGNIFICANCE} after Holm{few}).")
+    return said
+
+
+def show_ranking(root: str | Path, share: float = 1.0, console: Console | None = None) -> None:
+    """Prints who masters how much on each challenge of a root, and what that says.
+
+    Raises:
+        ResultsRootError: there is no such root.
+    """
+    console, table = console or Console(), ranking(load(root), share)
+    if table[f"{MEASURE}_mean"].notna().sum() == 0:
+        console.print("No run has been evaluated to its end here.")
+        return
+    shown = Table("challenge", "knowledge", "teacher", box=None, pad_edge=False, header_style="bold")
+    for heading in ("mastered %", "runs", "beside Random, 95 %", "Welch", "Holm"):
+        shown.add_column(heading, justify="right")
+    for _, row in table.iterrows():
+        shown.add_row(*_cells(row), style="bold" if row["rank"] == 1 else None)
+    console.print(shown)
+    for note in _notes(table):
+        console.print(f"[dim]{note}[/dim]", highlight=False)
+    for sentence in sentences(table):
+        console.print(sentence, highlight=False)
+
+
+def _cells(row: pd.Series) -> list[str]:
+    challenge = challenges_of(row["environment"]).get(row["challenge"])
+    place = challenge.title if challenge else f"{row['environment']} {row['challenge']}"
+    result = plus_minus(row[f"{MEASURE}_mean"], row[f"{MEASURE}_std"])
+    partly = "*" if row["missing"] else ""
+    names = [place, row["expert_knowledge"], label(row["teacher"]), result + partly, str(row["n"])]
+    if is_baseline(row["teacher"]):
+        return [*names, "", "", ""]
+    if row["reason"] or pd.isna(row["p"]):
+        return [*names, "", row["reason"] or NO_BASELINE, ""]
+    interval = f"{number(row['difference'])} [{number(row['low'])}, {number(row['high'])}]"
+    return [*names, interval, p_value(row["p"]), p_value(row["holm"])]
+
+
+def _notes(table: pd.DataFrame) -> list[str]:
+    """Returns what is missing of the results marked with an asterisk, each reason once."""
+    gaps = table[table["missing"] != ""].groupby(["environment", "challenge"], sort=False)["missing"]
+    return [f"* {challenge}: {'; '.join(dict.fromkeys(texts))}" for (_, challenge), texts in gaps]

@@ -1,0 +1,65 @@
+"""Who masters most on each challenge, and what may be said of it."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from rich.console import Console
+from synthetic_results import SyntheticCampaign
+
+from analysis.load import load
+from analysis.ranking import ranking, sentences, show_ranking
+
+
+def write(root: Path, teacher: str, mastered: list[int], challenge: str, level: str = "none") -> None:
+    """Writes finished runs that master so many of ten test tasks in the end, and none at half time."""
+    campaign = SyntheticCampaign(root, experiment=challenge)
+    for seed, count in enumerate(mastered):
+        end = [300.0] * count + [0.0] * (10 - count)
+        returns = {campaign.steps // 2: [0.0] * 10, campaign.steps: end}
+        campaign.plain_run(teacher, seed, returns, level=level, challenge=challenge)
+
+
+def shown(root: Path, share: float = 1.0) -> str:
+    console = Console(width=200, record=True)
+    show_ranking(root, share, console)
+    return console.export_text()
+
+
+def test_teachers_are_ranked_on_each_challenge(tmp_path: Path) -> None:
+    write(tmp_path, "random", [2, 3, 2, 3], "mostly_trivial")
+    write(tmp_path, "riac", [7, 8, 7, 8], "mostly_trivial")
+    write(tmp_path, "adr", [1, 3, 2, 2], "mostly_trivial", level="low")
+    table = ranking(load(tmp_path)).set_index(["expert_knowledge", "teacher"])
+    assert table["rank"].to_dict() == {
+        ("none", "riac"): 1, ("none", "random"): 2, ("low", "random"): 1, ("low", "adr"): 2,
+    }  # fmt: skip
+    assert table.loc[("none", "riac"), "difference"] == 50
+    assert table.loc[("none", "riac"), "p"] < 0.001
+    assert ranking(load(tmp_path), share=0.5)["mastered_percent_mean"].tolist() == [0, 0, 0, 0]
+
+
+def test_sentences_count_challenges_after_holms_correction(tmp_path: Path) -> None:
+    for challenge, mastered in (
+        ("mostly_trivial", [7, 8, 7, 8]),
+        ("mostly_unfeasible", [0, 1, 0, 1]),
+        ("rugged_difficulty", [2, 3, 2, 3]),
+    ):
+        write(
+            tmp_path, "random", [4, 5, 4, 5] if challenge != "rugged_difficulty" else [2, 2, 3, 3], challenge
+        )
+        write(tmp_path, "riac", mastered, challenge)
+    assert sentences(ranking(load(tmp_path))) == [
+        "RIAC (stump_tracks, expert knowledge none): better than Random on 1 of 3, worse on 1, not "
+        "distinguishable on 1 (p < 0.05 after Holm; few seeds)."
+    ]
+
+
+def test_what_is_missing_is_said(tmp_path: Path) -> None:
+    write(tmp_path, "riac", [5, 6], "mostly_trivial")
+    text = shown(tmp_path)
+    assert "no Random to compare with" in text
+    write(tmp_path, "random", [5], "diverse_students")
+    assert "* diverse_students: " in shown(tmp_path)
+    SyntheticCampaign(tmp_path / "empty")
+    assert "No run has been evaluated" in shown(tmp_path / "empty")
