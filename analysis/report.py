@@ -13,6 +13,7 @@ import pandas as pd
 from jinja2 import Environment, PackageLoader, StrictUndefined
 
 from analysis import measures
+from analysis.claims_view import decided, root_verdicts
 from analysis.comparison import Measured, measure
 from analysis.formatting import amount, duration, number
 from analysis.load import GROUP, STATUSES, Frames, load, parsed
@@ -103,6 +104,7 @@ def _render(frames: Frames, measured: Measured, parts: list[Section], downloads:
         lstrip_blocks=True,
     )
     environment.filters["data_uri"] = _data_uri
+    verdicts = root_verdicts(frames)
     pictures: list[Picture] = [picture for part in parts for picture in part.pictures]
     return environment.get_template("report.html.j2").render(
         campaigns=sorted(name for name in frames.cells["campaign"].unique() if name),
@@ -112,6 +114,8 @@ def _render(frames: Frames, measured: Measured, parts: list[Section], downloads:
         sections=parts,
         figure_numbers={picture.name: count for count, picture in enumerate(pictures, start=1)},
         tests=int(measured.tests["p"].notna().sum()) // 2,
+        verdicts=decided(verdicts),
+        open_claims=len(verdicts) - len(decided(verdicts)),
         unfinished=_unfinished(frames),
         machines=_machines(frames.attempts),
         downloads=downloads,

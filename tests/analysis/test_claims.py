@@ -5,11 +5,15 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
+from rich.console import Console
 from synthetic_results import SyntheticCampaign
 
 from analysis.claim_sources import PaperSource, RootSource
 from analysis.claims import Standing, Verdict, judge
+from analysis.claims_view import show_claims
+from analysis.formatting import number
 from analysis.load import load
+from analysis.report import write_report
 from tma_ray.benchmark import MATRICES, TEACHERS, challenges_of, find_challenge
 from tma_ray.benchmark.claims import CLAIMS, Bounded, Claim, Compared, Ranked, Reading, Relation, Scaled
 from tma_ray.tasks import KnowledgeLevel
@@ -141,3 +145,25 @@ def test_claims_need_as_many_as_they_say(tmp_path: Path) -> None:
 def test_an_empty_root_leaves_every_claim_open(tmp_path: Path) -> None:
     SyntheticCampaign(tmp_path)
     assert {verdict.standing for verdict in judge(RootSource(load(tmp_path)))} == {Standing.OPEN}
+
+
+def test_claims_are_shown_with_what_is_behind_them(tmp_path: Path) -> None:
+    write(tmp_path, "random", [5, 6, 4, 5])
+    write(tmp_path, "adr", [1, 2, 1, 2])
+    console = Console(width=200, record=True)
+    show_claims(tmp_path, details=True, console=console)
+    text = console.export_text()
+    assert "not enough data: In a rugged landscape ADR is worse than Random, whatever it knows." in text
+    assert "1 of 2 hold, 1 are open" in text
+    assert (
+        f"holds: ADR (rugged difficulty, low) {number(-35)} points from Random (rugged difficulty, low)"
+        in text
+    )
+
+
+def test_the_report_tells_which_claims_it_can_judge(tmp_path: Path) -> None:
+    write(tmp_path, "random", [5, 6, 4, 5])
+    write(tmp_path, "adr", [1, 2, 1, 2])
+    page = write_report(tmp_path, tmp_path / "report").read_text()
+    assert "In a rugged landscape ADR is worse than Random" in page
+    assert "No teacher masters more than 1 % with the chimpanzee" not in page

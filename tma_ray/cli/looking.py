@@ -14,6 +14,7 @@ def add_commands(commands: Any) -> None:
     _add_logs(commands.add_parser("logs", help="what a run went through, and why it failed"))
     _add_report(commands.add_parser("report", help="write the report of a results root"))
     _add_ranking(commands.add_parser("ranking", help="who masters most on each challenge"))
+    _add_claims(commands.add_parser("claims", help="which of the paper's claims hold in a results root"))
     _add_search(commands.add_parser("search", help="what a search for hyper-parameters found"))
     _add_tensorboard(commands.add_parser("tensorboard", help="scalars of a results root as event files"))
     _add_render(commands.add_parser("render", help="an episode as a video or a picture"))
@@ -42,6 +43,12 @@ def _add_ranking(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("root", metavar="ROOT")
     parser.add_argument("--share", type=float, default=1.0, metavar="X", help="of the budget (%(default)s)")
     parser.set_defaults(command=_ranking)
+
+
+def _add_claims(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("root", metavar="ROOT")
+    parser.add_argument("--details", action="store_true", help="every statement, with its numbers")
+    parser.set_defaults(command=_claims)
 
 
 def _add_search(parser: argparse.ArgumentParser) -> None:
@@ -115,6 +122,13 @@ def _ranking(options: argparse.Namespace) -> int:
     from analysis.ranking import show_ranking
 
     show_ranking(options.root, options.share)
+    return 0
+
+
+def _claims(options: argparse.Namespace) -> int:
+    from analysis.claims_view import show_claims
+
+    show_claims(options.root, options.details)
     return 0
 
 
