@@ -22,7 +22,7 @@ def other_disk(store: Store, probe: str | None) -> bool:
 def as_two(monkeypatch: pytest.MonkeyPatch) -> None:
     """Adds a node of which Ray knows nothing: what is asked of it, this machine answers."""
     nodes: list[dict[str, Any]] = working_nodes()
-    others = [node | {"NodeID": "f" * len(node["NodeID"])} for node in nodes]
+    others = [node | {"NodeID": "e" * len(node["NodeID"])} for node in nodes]
     monkeypatch.setattr(reach, "working_nodes", lambda: nodes + others)
 
 
