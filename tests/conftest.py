@@ -19,9 +19,6 @@ os.environ.setdefault("OMP_NUM_THREADS", "1")
 
 BUCKET = "bucket"
 
-UNCONNECTED = "test_options.py"
-"""Comes before all that share a Ray: an address is looked at only by a process without a connection."""
-
 EARLY = ("chaos", "physics", "teachers", "testing", "runs")
 """Folders that take longest, after the tests that share a Ray. The first compiles for all processes."""
 
@@ -35,12 +32,10 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
 
 def _turn(item: pytest.Item) -> int:
     """Returns when a test's turn comes: early ones have small numbers."""
-    if item.path.name == UNCONNECTED:
-        return 0
     if _shares_ray(item):
-        return 1
+        return 0
     folder = item.path.parent.name
-    return 2 + (EARLY.index(folder) if folder in EARLY else len(EARLY))
+    return 1 + (EARLY.index(folder) if folder in EARLY else len(EARLY))
 
 
 def _shares_ray(item: pytest.Item) -> bool:

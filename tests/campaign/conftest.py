@@ -20,7 +20,7 @@ def cluster() -> Iterator[None]:
     import ray
 
     with pytest.MonkeyPatch.context() as patch:
-        patch.setenv("PYTHONPATH", os.pathsep.join(HELPERS))  # for the workers, which inherit it
+        patch.setenv("PYTHONPATH", os.pathsep.join(HELPERS), prepend=os.pathsep)  # workers inherit it
         connect(None)
     yield
     ray.shutdown()

@@ -23,9 +23,8 @@ ARGUMENTS = (
 
 def start(root: Path) -> subprocess.Popen[bytes]:
     command = [sys.executable, "-m", "tma_ray.cli", *ARGUMENTS.split(), str(root)]
-    return subprocess.Popen(
-        command, env={**os.environ, "PYTHONPATH": str(HELPERS)}, stdout=subprocess.DEVNULL
-    )
+    path = os.pathsep.join([str(HELPERS), os.environ.get("PYTHONPATH", "")])
+    return subprocess.Popen(command, env={**os.environ, "PYTHONPATH": path}, stdout=subprocess.DEVNULL)
 
 
 def wait_for_a_checkpoint(root: Path, process: subprocess.Popen[bytes]) -> None:

@@ -8,7 +8,7 @@ from typing import Any
 import pytest
 
 from tma_ray.campaign import reach
-from tma_ray.campaign.cluster import living_nodes
+from tma_ray.campaign.cluster import working_nodes
 from tma_ray.results import ResultsRootError, Store
 
 pytestmark = pytest.mark.usefixtures("cluster")
@@ -20,8 +20,10 @@ def other_disk(store: Store, probe: str | None) -> bool:
 
 
 def as_two(monkeypatch: pytest.MonkeyPatch) -> None:
-    nodes: list[dict[str, Any]] = living_nodes()
-    monkeypatch.setattr(reach, "living_nodes", lambda: nodes * 2)
+    """Adds a node of which Ray knows nothing: what is asked of it, this machine answers."""
+    nodes: list[dict[str, Any]] = working_nodes()
+    others = [node | {"NodeID": "e" * len(node["NodeID"])} for node in nodes]
+    monkeypatch.setattr(reach, "working_nodes", lambda: nodes + others)
 
 
 def test_a_folder_that_all_nodes_see_is_used_and_nothing_is_left_in_it(

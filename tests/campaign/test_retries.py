@@ -95,7 +95,8 @@ def test_an_actor_out_of_sight_is_asked_again_and_not_replaced(
 @pytest.mark.usefixtures("cluster")
 def test_who_is_silent_for_too_long_is_lost(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("tma_ray.campaign.scheduler.ray", Network(lost=10_000))
-    ended = execute(campaign(idle("random")), tmp_path, unreachable_seconds=0.6, most_losses=1)
+    changes = {"unreachable_seconds": 0.6, "most_losses": 1, "teachers": TeacherPlacement.INLINE}
+    ended = execute(campaign(idle("random")), tmp_path, **changes)
     assert (ended.done, ended.failed) == (0, 1)
     attempts = rows(tmp_path, Table.ATTEMPTS)
     assert [(row["attempt"], row["outcome"]) for row in attempts] == [(0, "lost"), (1, "lost")]

@@ -18,8 +18,10 @@ for folder in HELPERS:
     if folder not in sys.path:
         sys.path.insert(0, folder)
 
-from faults import SHORT, Fault, Site  # noqa: E402  # from the folders added above
+from faults import Fault, Site  # noqa: E402  # from the folders added above
 from nodes import Nodes  # noqa: E402
+
+from tma_ray.campaign import Campaign  # noqa: E402
 
 FAULTS: list[Fault] = []
 
@@ -38,7 +40,7 @@ def environment() -> Iterator[dict[str, str]]:
             "RAY_AUTH_TOKEN": secrets.token_hex(32),
             "RAY_USAGE_STATS_ENABLED": "0",
             "RAY_worker_niceness": "0",  # else drivers and tests starve the workers on few cores
-            "PYTHONPATH": os.pathsep.join(HELPERS),
+            "PYTHONPATH": os.pathsep.join([*HELPERS, os.environ.get("PYTHONPATH", "")]),
             "TMA_SABOTAGE": str(requests),
         }
 
@@ -48,6 +50,14 @@ def nodes(environment: dict[str, str]) -> Iterator[Nodes]:
     """A cluster; tests may kill its worker nodes."""
     with Nodes(environment) as nodes:
         yield nodes
+
+
+@pytest.fixture
+def single(tmp_path: Path, environment: dict[str, str], nodes: Nodes) -> Site:
+    """The short campaign on a cluster with at least one living worker node."""
+    if not nodes.living:
+        nodes.add()
+    return replace(_site(tmp_path, environment, nodes.address), script="short_campaign.py")
 
 
 @pytest.fixture
@@ -61,13 +71,17 @@ def clustered(tmp_path: Path, environment: dict[str, str], nodes: Nodes) -> Site
 @pytest.fixture(scope="session")
 def undisturbed(tmp_path_factory: pytest.TempPathFactory) -> dict[str, bytes]:
     """The data files of the campaign, run by run in this process, without Ray."""
-    return _in_this_process(tmp_path_factory.mktemp("undisturbed"), steps=None)
+    from chaos_campaign import CAMPAIGN
+
+    return _in_this_process(tmp_path_factory.mktemp("undisturbed"), CAMPAIGN)
 
 
 @pytest.fixture(scope="session")
 def undisturbed_short(tmp_path_factory: pytest.TempPathFactory) -> dict[str, bytes]:
     """Those of the short one."""
-    return _in_this_process(tmp_path_factory.mktemp("undisturbed"), steps=int(SHORT[1]))
+    from short_campaign import SHORT
+
+    return _in_this_process(tmp_path_factory.mktemp("undisturbed"), SHORT)
 
 
 @pytest.fixture(scope="session")
@@ -90,15 +104,13 @@ def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:
         )
 
 
-def _in_this_process(root: Path, steps: int | None) -> dict[str, bytes]:
-    from chaos_campaign import CAMPAIGN
+def _in_this_process(root: Path, campaign: Campaign) -> dict[str, bytes]:
     from small_runs import data_files
 
     from tma_ray.results import Committer
     from tma_ray.runs import run_locally
 
-    schedule = replace(CAMPAIGN.schedule, steps=steps) if steps else CAMPAIGN.schedule
-    for spec in replace(CAMPAIGN, schedule=schedule).plan().runs:
+    for spec in campaign.plan().runs:
         run_locally(spec, Committer.open(root))
     return data_files(root)
 

@@ -20,9 +20,6 @@ from tma_ray.results import Table
 HERE = Path(__file__).parent
 ROOT = HERE.parents[1]
 
-SHORT = ("--steps", "1500")
-"""For the fast suite."""
-
 FLAGS = ("--checkpoint-seconds", "0.3", "--memory-per-run", "0.3")
 
 
@@ -53,11 +50,13 @@ class Site:
         folder: of results and requests.
         environment: of drivers.
         address: of the cluster.
+        script: what a driver executes.
     """
 
     folder: Path
     environment: dict[str, str]
     address: str
+    script: str = "chaos_campaign.py"
 
     @property
     def root(self) -> Path:
@@ -86,7 +85,7 @@ class Site:
     def start(self, *flags: str) -> subprocess.Popen[bytes]:
         """Starts the campaign's driver."""
         where = ("--address", self.address, "--results", str(self.root))
-        command = [sys.executable, "chaos_campaign.py", *where, *FLAGS, *flags]
+        command = [sys.executable, self.script, *where, *FLAGS, *flags]
         with (self.folder / "driver.txt").open("ab") as log:
             return subprocess.Popen(command, cwd=HERE, env=self.environment, stdout=log, stderr=log)
 

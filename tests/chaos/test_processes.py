@@ -7,7 +7,7 @@ import signal
 import time
 
 import pytest
-from faults import SHORT, Fault, Site, kill, wait_for
+from faults import Fault, Site, kill, wait_for
 from nodes import Nodes
 from saboteur import HOLD
 
@@ -45,15 +45,15 @@ def killed_workers(site: Site, places: tuple[str, ...]) -> list[float]:
 
 
 def test_a_worker_killed_in_a_checkpoint_and_the_driver_in_a_publication(
-    clustered: Site, undisturbed_short: dict[str, bytes], faults: list[Fault]
+    single: Site, undisturbed_short: dict[str, bytes], faults: list[Fault]
 ) -> None:
-    clustered.ask("kill-in-checkpoint", "kill-driver-between-moves")
-    clustered.finish(clustered.start(*SHORT), -signal.SIGKILL)
+    single.ask("kill-in-checkpoint", "kill-driver-between-moves")
+    single.finish(single.start(), -signal.SIGKILL)
     fault = time.time()
-    assert not clustered.pending("kill-in-checkpoint", "kill-driver-between-moves")
-    clustered.finish(clustered.start(*SHORT))
-    assert "lost" in clustered.outcomes()
-    check(clustered.compare("worker, then driver killed", 2, undisturbed_short, [fault]), faults)
+    assert not single.pending("kill-in-checkpoint", "kill-driver-between-moves")
+    single.finish(single.start())
+    assert "lost" in single.outcomes()
+    check(single.compare("worker, then driver killed", 2, undisturbed_short, [fault]), faults)
 
 
 @pytest.mark.chaos

@@ -4,6 +4,7 @@ import hashlib
 import os
 import subprocess
 import sys
+from functools import cache
 from pathlib import Path
 
 import gymnasium
@@ -34,6 +35,12 @@ def play(env: Environment, seed: int, steps: int = 300) -> str:
         if terminated or truncated:
             observation, info = env.reset()
     return content.hexdigest()
+
+
+@cache
+def played_anew(name: str, body: str) -> str:
+    """Returns the hash of an environment that has played nothing before."""
+    return play(make_environment(name, embodiment=body), 1)
 
 
 def walk(env: Environment, steps: int, draw: bool = False, task: object = None) -> list[np.ndarray]:
@@ -75,9 +82,8 @@ def test_its_values_are_in_its_spaces(name: str, body: str) -> None:
 @every_one
 def test_it_repeats_bit_for_bit_whatever_came_before(name: str, body: str) -> None:
     env = make_environment(name, embodiment=body)
-    first = play(env, 1)
-    assert play(env, 2) != first
-    assert play(env, 1) == first
+    assert play(env, 2) != played_anew(name, body)
+    assert play(env, 1) == played_anew(name, body)
 
 
 def test_all_repeat_bit_for_bit_in_another_process() -> None:
@@ -86,12 +92,12 @@ def test_all_repeat_bit_for_bit_in_another_process() -> None:
         "for name, body in CATALOGUE:\n"
         "    print(play(make_environment(name, embodiment=body), 1))"
     )
-    environment = os.environ | {"PYTHONPATH": str(Path(__file__).parent), "PYTHONHASHSEED": "7"}
+    path = os.pathsep.join([str(Path(__file__).parent), os.environ.get("PYTHONPATH", "")])
+    environment = os.environ | {"PYTHONPATH": path, "PYTHONHASHSEED": "7"}
     result = subprocess.run(
         [sys.executable, "-c", code], env=environment, capture_output=True, text=True, check=True
     )
-    expected = [play(make_environment(name, embodiment=body), 1) for name, body in CATALOGUE]
-    assert result.stdout.split() == expected
+    assert result.stdout.split() == [played_anew(name, body) for name, body in CATALOGUE]
 
 
 def test_both_engines_give_the_same_bits(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -144,7 +150,8 @@ def test_it_draws_its_world(name: str, body: str) -> None:
     frame = env.render()
     assert frame.shape == (400, 600, 3)
     assert frame.dtype == np.uint8
-    assert len(np.unique(frame.reshape(-1, 3), axis=0)) > 20
+    colours = frame.astype(np.uint32) @ np.array([2**16, 2**8, 1], np.uint32)
+    assert len(np.unique(colours)) > 20
     walk(env, 10)
     assert not np.array_equal(env.render(), frame)
     env.close()
@@ -153,7 +160,7 @@ def test_it_draws_its_world(name: str, body: str) -> None:
 @every_one
 def test_rendering_changes_nothing(name: str, body: str) -> None:
     plain, drawn = (make_environment(name, embodiment=body, render_mode=mode) for mode in (None, "rgb_array"))
-    np.testing.assert_array_equal(walk(plain, 20), walk(drawn, 20, draw=True))
+    np.testing.assert_array_equal(walk(plain, 8), walk(drawn, 8, draw=True))
 
 
 @every_one

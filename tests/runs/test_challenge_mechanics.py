@@ -57,20 +57,21 @@ def test_a_student_forgets_at_its_steps_within_episodes_and_after_evaluations(
 
 @pytest.mark.parametrize("student", ["ppo", "sac"])
 def test_up_to_its_first_reset_a_run_is_one_without(tmp_path: Path, student: str) -> None:
-    plain = small_spec(tmp_path, student, "alp_gmm", steps=2_000)
+    often = {"evaluation_interval": 500, "training_window": 500}
+    plain = small_spec(tmp_path, student, "alp_gmm", steps=1_500, **often)
     run(plain, tmp_path / "plain")
     run(replace(plain, resets=(1_000,)), tmp_path / "forgetting")
     for table in (Table.EPISODES, Table.EVALUATIONS, Table.CURRICULUM, Table.TRAINING):
         first, second = (told(tmp_path / name, table, 1_000) for name in ("plain", "forgetting"))
         assert first == second
         assert first
-    last = [told(tmp_path / name, Table.EVALUATIONS, 2_000)[-3:] for name in ("plain", "forgetting")]
+    last = [told(tmp_path / name, Table.EVALUATIONS, 1_500)[-3:] for name in ("plain", "forgetting")]
     assert last[0] != last[1]
 
 
 @pytest.mark.parametrize(
     ("student", "changes"),
-    [("ppo", {"resets": (1_050, 2_100), "cuts": 4}), ("sac", {"resets": (1_050, 2_100)})],
+    [("ppo", {"resets": (1_050, 1_600), "cuts": 4}), ("sac", {"resets": (1_050, 1_600)})],
     ids=["ppo-resets-shuffled", "sac-resets"],
 )
 def test_stopped_around_a_reset_and_resumed(
@@ -78,7 +79,7 @@ def test_stopped_around_a_reset_and_resumed(
 ) -> None:
     """Checkpoints after every episode, with several files of a replay buffer that a reset empties."""
     monkeypatch.setattr("tma_ray.students.replay.SEGMENT_ROWS", 100)
-    spec = replace(small_spec(tmp_path, student, "alp_gmm"), **changes)
+    spec = replace(small_spec(tmp_path, student, "alp_gmm", steps=2_000), **changes)
     run(spec, tmp_path / "undisturbed")
     ends = [row["step"] for row in rows(tmp_path / "undisturbed", Table.EPISODES)]
     before = sum(step < 1_050 for step in ends)

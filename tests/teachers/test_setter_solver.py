@@ -25,10 +25,10 @@ def episode(task: Task, success: bool) -> Episode:
 
 
 @cache
-def taught() -> tuple[SetterSolver, list[TeacherUpdate]]:
+def taught(updates: int = 80) -> tuple[SetterSolver, list[TeacherUpdate]]:
     """A teacher whose student masters the lower half of all stumps, whatever their distance."""
     teacher = setter_solver(hidden_units=16, learning_rate=3e-3, update_every=50)
-    for _ in range(50 * 150):
+    for _ in range(50 * updates):
         task = teacher.sample()
         teacher.observe(episode(task, bool(task[0] < 1.5)))
     return teacher, teacher.drain_updates()
@@ -42,11 +42,11 @@ def test_the_judge_separates_what_the_student_can_from_what_it_cannot() -> None:
     assert np.mean(judged[0] > 0) > 0.9
     assert np.mean(judged[1] < 0) > 0.9
     losses = [update.scalars["judge_loss"] for update in updates]
-    assert np.mean(losses[-20:]) < 0.5 * np.mean(losses[:5])
+    assert np.mean(losses[-20:]) < 0.7 * np.mean(losses[:5])
 
 
 def test_the_setter_proposes_tasks_as_feasible_as_asked_and_spreads() -> None:
-    teacher, updates = taught()
+    teacher, _ = taught()
     latents = torch.from_numpy(np.random.default_rng(0).standard_normal((300, 2)))
     with torch.no_grad():
         easy, hard = (
@@ -57,8 +57,14 @@ def test_the_setter_proposes_tasks_as_feasible_as_asked_and_spreads() -> None:
     assert np.mean(hard[:, 0] > 0.5) > 0.8
     spacings = STUMP_TRACKS.normalise(teacher.probe(500))[:, 1]
     assert spacings.std() > 0.15
-    losses = [update.scalars["feasibility_loss"] for update in updates]
-    assert np.mean(losses[-20:]) < 0.7 * np.mean(losses[:5])
+
+
+@pytest.mark.slow
+def test_both_get_better_for_longer() -> None:
+    _, updates = taught(150)
+    for name, share in (("judge_loss", 0.5), ("feasibility_loss", 0.7)):
+        losses = [update.scalars[name] for update in updates]
+        assert np.mean(losses[-20:]) < share * np.mean(losses[:5])
 
 
 def test_what_was_solved_becomes_likely() -> None:

@@ -23,7 +23,7 @@ LOCAL_OBJECT_STORE_BYTES = 100_000_000
 def connect(address: str | None, plugins: Sequence[PluginSource] = ()) -> bool:
     """Joins the cluster at `address`, or starts a Ray on this machine if that is None.
 
-    An existing connection of this process is used as it is.
+    An existing connection of this process is used as it is; the address is checked all the same.
 
     Args:
         address: of a cluster, or "auto".
@@ -36,12 +36,13 @@ def connect(address: str | None, plugins: Sequence[PluginSource] = ()) -> bool:
         ConnectionError: no cluster answers at `address`, or it has another token; nothing is started.
         ValueError: no cluster can be at such an address, or the plug-ins are too large.
     """
+    if address is not None:
+        check_address(address)
     if ray.is_initialized():
         return False
     os.environ.setdefault("RAY_USAGE_STATS_ENABLED", "0")
     options: dict[str, Any] = {"log_to_driver": False, "logging_level": logging.ERROR}
     if address is not None:
-        check_address(address)
         options["address"] = address
     else:
         # Ray asks for a token even here, and would write one into the user's home.
@@ -78,6 +79,15 @@ def check_feasible(resources: Resources) -> None:
         f"{resources.memory_gib:g} GiB: the nodes have {offers}; ask for less, add larger nodes, or give "
         f"'--autoscaling' if the cluster adds them by itself"
     )
+
+
+def working_nodes() -> list[dict[str, Any]]:
+    """Returns the living nodes that may get a run, or all where those are still to come.
+
+    Every run needs some share of a core, which the head node of many clusters does not offer.
+    """
+    nodes = living_nodes()
+    return [node for node in nodes if node["Resources"].get("CPU")] or nodes
 
 
 def living_nodes() -> list[dict[str, Any]]:

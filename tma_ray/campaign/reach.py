@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 from uuid import uuid4
 
@@ -9,7 +10,7 @@ import ray
 from ray.exceptions import RayError, RayTaskError
 from ray.util.scheduling_strategies import NodeAffinitySchedulingStrategy
 
-from tma_ray.campaign.cluster import living_nodes
+from tma_ray.campaign.cluster import working_nodes
 from tma_ray.results import ObjectStoreError, ResultsRootError, Store
 from tma_ray.results.store import TEMPORARY
 
@@ -22,20 +23,25 @@ def check_reach(store: Store) -> None:
         ObjectStoreError: which node cannot use the bucket, and why: each has credentials of its own.
     """
     if store.is_object_store:
-        _ask_nodes(store, None)
-    elif len(living_nodes()) > 1:
+        _ask_nodes(store, working_nodes(), None)
+    elif others := _other_nodes():
         probe = f"{TEMPORARY}/probe-{uuid4().hex}"
         store.write_bytes(probe, b"seen")
         try:
-            _ask_nodes(store, probe)
+            _ask_nodes(store, others, probe)
         finally:
             store.delete(probe)
 
 
-def _ask_nodes(store: Store, probe: str | None) -> None:
-    task: Any = ray.remote(max_calls=1, num_cpus=0)(reaches)
+def _other_nodes() -> list[dict[str, Any]]:
+    here = ray.get_runtime_context().get_node_id()
+    return [node for node in working_nodes() if node["NodeID"] != here]
+
+
+def _ask_nodes(store: Store, nodes: Sequence[dict[str, Any]], probe: str | None) -> None:
+    task: Any = ray.remote(num_cpus=0)(reaches)
     asked = {}
-    for node in living_nodes():
+    for node in nodes:
         there = NodeAffinitySchedulingStrategy(node["NodeID"], soft=True)
         answer = task.options(scheduling_strategy=there).remote(store, probe)
         asked[answer] = f"the Ray node {node['NodeManagerAddress']}"

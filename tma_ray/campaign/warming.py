@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import defaultdict
 from collections.abc import Sequence
 from typing import Any
 
@@ -9,7 +10,7 @@ import ray
 from ray.exceptions import RayError, RayTaskError
 from ray.util.scheduling_strategies import NodeAffinitySchedulingStrategy
 
-from tma_ray.campaign.cluster import living_nodes
+from tma_ray.campaign.cluster import working_nodes
 from tma_ray.campaign.shipping import use_shipped
 from tma_ray.envs import make_environment
 from tma_ray.runs.plugins import REGISTRIES, import_plugins
@@ -37,18 +38,20 @@ def warm_nodes(specs: Sequence[RunSpec], shipped: bool = True) -> None:
     recipes = {(s.environment, *s.environment_options.items(), *s.plugins.items()): s for s in specs}
     due = {
         (node["NodeID"], recipe): spec
-        for node in living_nodes()
+        for node in working_nodes()
         for recipe, spec in recipes.items()
         if spec.plugins or node["NodeID"] != here
     }
-    # One call a process: it would keep the plug-ins that it has imported.
-    task: Any = ray.remote(max_calls=1, num_cpus=0)(_try)
+    tasks = defaultdict(list)
+    for (node, recipe), spec in due.items():
+        if (node, recipe) not in _tried:
+            tasks[node].append(spec.to_dict())
+    # One call a process: it would keep the plug-ins that it has imported. One process a node: starting
+    # takes a process longer than trying.
+    task: Any = ray.remote(max_calls=1, num_cpus=0)(_try_all)
     started = [
-        task.options(scheduling_strategy=NodeAffinitySchedulingStrategy(node, soft=True)).remote(
-            spec.to_dict()
-        )
-        for (node, recipe), spec in due.items()
-        if (node, recipe) not in _tried
+        task.options(scheduling_strategy=NodeAffinitySchedulingStrategy(node, soft=True)).remote(contents)
+        for node, contents in tasks.items()
     ]
     try:
         ray.get(started)
@@ -63,9 +66,13 @@ def warm_nodes(specs: Sequence[RunSpec], shipped: bool = True) -> None:
     _tried.update(due)
 
 
-def _try(content: dict[str, Any]) -> None:
+def _try_all(contents: Sequence[dict[str, Any]]) -> None:
     use_shipped()
-    spec = RunSpec.from_dict(content)
+    for content in contents:
+        _try(RunSpec.from_dict(content))
+
+
+def _try(spec: RunSpec) -> None:
     import_plugins(spec, *REGISTRIES)
     environment = make_environment(spec.environment, **spec.environment_options)
     environment.reset(seed=0, options={"task": spec.task_space.low})

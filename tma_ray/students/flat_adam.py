@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import torch
 
+from tma_ray.optimisers import take_step
 from tma_ray.students.perceptron import FlatParameters
 
 
@@ -29,7 +30,7 @@ class FlatAdam:
         """Moves the parameters against `flat.gradient`."""
         if not self._optimiser.state:
             self._share(0.0)
-        self._adam.step()
+        take_step(self._adam)
         self._steps += 1
 
     def restore(self) -> None:

@@ -16,10 +16,13 @@ from numpy.typing import NDArray
 from stable_baselines3.common.base_class import BaseAlgorithm
 from stable_baselines3.common.logger import Logger
 
+from tma_ray.optimisers import leave_compiler_out
 from tma_ray.students.base import Student
 from tma_ray.students.hyperparameters import MatmulPrecision, as_plain_values
 from tma_ray.students.policy_files import write_policy
 from tma_ray.students.randomness import TorchStream, streams
+
+leave_compiler_out()
 
 
 class Hyperparameters(Protocol):

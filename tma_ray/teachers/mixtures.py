@@ -7,8 +7,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from sklearn.exceptions import ConvergenceWarning
-from sklearn.mixture import GaussianMixture
 from threadpoolctl import threadpool_limits
 
 Array = NDArray[np.float64]
@@ -49,6 +47,10 @@ def fit_mixture(rows: Array, most_components: int, seed: int) -> Mixture:
         most_components: largest number of components, included.
         seed: of scikit-learn's initialisation.
     """
+    # Imported here: drivers and workers that name a teacher and fit nothing start sooner without it.
+    from sklearn.exceptions import ConvergenceWarning
+    from sklearn.mixture import GaussianMixture
+
     sizes = range(2, min(most_components, len(rows) - 1) + 1)
     with threadpool_limits(limits=1), warnings.catch_warnings():
         # Twin rows and few episodes leave components empty: EM then stops early, which is fine here.

@@ -9,6 +9,10 @@ import numpy as np
 import torch
 from torch import nn
 
+from tma_ray.optimisers import leave_compiler_out, take_step
+
+leave_compiler_out()
+
 
 def torch_generator(rng: np.random.Generator) -> torch.Generator:
     """Returns a generator for initial weights, seeded by a draw from `rng`."""
@@ -17,8 +21,9 @@ def torch_generator(rng: np.random.Generator) -> torch.Generator:
 
 def linear(inputs: int, outputs: int, dtype: torch.dtype, generator: torch.Generator) -> nn.Linear:
     """Returns a layer with Xavier's uniform weights (Glorot and Bengio 2010) and no bias yet."""
-    layer: nn.Linear = nn.utils.skip_init(  # type: ignore[no-untyped-call]
-        nn.Linear, inputs, outputs, dtype=dtype
+    layer = nn.Linear(inputs, outputs, device="meta", dtype=dtype)  # draws no weights of its own
+    layer.weight, layer.bias = (
+        nn.Parameter(torch.empty(parameter.shape, dtype=dtype)) for parameter in (layer.weight, layer.bias)
     )
     nn.init.xavier_uniform_(layer.weight, generator=generator)
     nn.init.zeros_(layer.bias)
@@ -27,9 +32,11 @@ def linear(inputs: int, outputs: int, dtype: torch.dtype, generator: torch.Gener
 
 def descend(optimiser: torch.optim.Optimizer, loss: torch.Tensor) -> None:
     """Takes one step of `optimiser` down the gradient of `loss`."""
-    optimiser.zero_grad()
+    for group in optimiser.param_groups:
+        for parameter in group["params"]:
+            parameter.grad = None
     loss.backward()  # type: ignore[no-untyped-call]
-    optimiser.step()
+    take_step(optimiser)
 
 
 @contextmanager

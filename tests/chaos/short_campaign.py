@@ -1,0 +1,15 @@
+"""What the fast suite disturbs: one short run, with a replay buffer and a teacher that learns."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+from chaos_campaign import CAMPAIGN
+from small_runs import STUDENTS
+
+CELL = replace(CAMPAIGN.cells[0], student="sac", student_hyperparameters=STUDENTS["sac"])
+
+SHORT = replace(CAMPAIGN, cells=(CELL,), schedule=replace(CAMPAIGN.schedule, steps=1_500))
+
+if __name__ == "__main__":
+    SHORT.main()
