@@ -44,6 +44,7 @@ def killed_workers(site: Site, places: tuple[str, ...]) -> list[float]:
     return times
 
 
+@pytest.mark.chaos
 def test_a_worker_killed_in_a_checkpoint_and_the_driver_in_a_publication(
     single: Site, undisturbed_short: dict[str, bytes], faults: list[Fault]
 ) -> None:
