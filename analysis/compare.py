@@ -1,0 +1,197 @@
+"""A teacher of one's own among released results: who is comparable, who is better, what stands apart."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import pandas as pd
+
+from analysis.formatting import amount
+from analysis.load import Frames
+from analysis.measures import is_baseline
+from analysis.pairwise import pairwise
+from analysis.pooling import COMPARED, POOLED, lend_baseline, pool_runs, pooled
+from analysis.published import PAPER, paper_frame
+from analysis.run_measures import run_measures
+from analysis.statistics import SIGNIFICANCE, holm
+from analysis.style import label
+from tma_ray.benchmark import MATRICES, TEACHERS
+
+MEASURE = "mastered_percent"
+
+PLACE = ["environment", "challenge", "expert_knowledge"]
+"""Columns that say where a result was had."""
+
+CONDITIONS = {
+    "steps": "training steps",
+    "pool": "bodies or students",
+    "test_sets": "test tasks",
+    "physics_version": "physics version",
+    "mastery_threshold": "threshold of mastery",
+}
+"""Columns that results must share, beside their place, to be compared, and what they are called."""
+
+FAMILY = ["environment", "expert_knowledge", "first", "second"]
+"""Tests between two teachers at one level, over all challenges, are corrected together."""
+
+
+@dataclass(frozen=True)
+class Side:
+    """Results from one place.
+
+    Attributes:
+        name: what readers know them by.
+        engine: what simulated their worlds.
+        table: of `pooling.pooled`, or of `published.paper_frame`.
+        runs: of `pooling.pool_runs`, Random lent to all levels; None where only tables are known.
+    """
+
+    name: str
+    engine: str
+    table: pd.DataFrame
+    runs: pd.DataFrame | None = None
+
+
+def side_of(frames: Frames, name: str) -> Side:
+    """Returns the results of a root or a release at the end of its runs."""
+    runs = pool_runs(frames.cells, run_measures(frames))
+    runs = lend_baseline(runs) if len(runs) else runs
+    versions = sorted(runs["physics_version"].dropna().unique())
+    physics = ", ".join(f"{version:g}" for version in versions)
+    return Side(name, f"Chipmunk, physics version {physics}", pooled(runs, [MEASURE]), runs)
+
+
+def paper_side() -> Side:
+    """Returns the paper's tables."""
+    frame = paper_frame()
+    whole = frame.groupby(PLACE)["n"].transform("max") == frame["n"]  # not the single bodies of Parkour
+    return Side(PAPER, str(frame["engine"].iloc[0]), frame[whole].reset_index(drop=True))
+
+
+def together(mine: Side, baselines: Sequence[Side]) -> pd.DataFrame:
+    """Returns the runs that may be compared with each other: mine, and those of baselines of the same kind.
+
+    A baseline's teacher that I have run under the same conditions is left out: mine stands for it.
+
+    Returns:
+        Of `pooling.pool_runs`, with source: the name of the side.
+    """
+    assert mine.runs is not None
+    conditions = mine.runs[COMPARED].drop_duplicates()
+    own = mine.runs[POOLED].drop_duplicates()
+    parts = [mine.runs.assign(source=mine.name)]
+    for side in baselines:
+        if side.runs is None:
+            continue
+        theirs = side.runs.merge(conditions, on=COMPARED)
+        known = theirs[POOLED].merge(own, on=POOLED, how="left", indicator=True)["_merge"] == "both"
+        parts.append(theirs[~known.to_numpy()].assign(source=side.name))
+    return pd.concat(parts, ignore_index=True)
+
+
+def new_teachers(mine: Side) -> list[str]:
+    """Returns the teachers that are compared: those the benchmark does not know, else all but Random."""
+    teachers = [teacher for teacher in mine.table["teacher"].unique() if not is_baseline(teacher)]
+    return [teacher for teacher in teachers if teacher not in TEACHERS] or teachers
+
+
+def duels(runs: pd.DataFrame, teachers: Sequence[str]) -> pd.DataFrame:
+    """Returns Welch's test of each of `teachers` against every other one, challenge by challenge.
+
+    Returns:
+        Of `pairwise.pairwise`, with the teacher that is looked at first, and holm over the challenges of a
+        pair at one level.
+    """
+    tests = pairwise(runs, MEASURE)
+    swapped = tests.assign(
+        first=tests["second"],
+        second=tests["first"],
+        difference=-tests["difference"],
+        low=-tests["high"],
+        high=-tests["low"],
+        n=tests["reference_n"],
+        reference_n=tests["n"],
+        t=-tests["t"],
+    )
+    both = pd.concat([tests, swapped], ignore_index=True)
+    both = both[both["first"].isin(teachers)].reset_index(drop=True)
+    both["holm"] = both.groupby(FAMILY)["p"].transform(holm)
+    return both
+
+
+def sentences(tests: pd.DataFrame) -> list[str]:
+    """Returns what `duels` found, Random first, in plain words."""
+    said = []
+    order = tests.assign(last=~tests["second"].map(is_baseline)) if len(tests) else tests.assign(last=False)
+    for key, rows in order.groupby(["environment", "expert_knowledge", "first", "last", "second"], sort=True):
+        environment, level, first, _, second = map(str, key)
+        place = f"{environment.replace('_', ' ').capitalize()}, expert knowledge {level}"
+        said.append(f"{place}: {label(first)} is {_found(rows, label(second))}.")
+    return said
+
+
+def _found(rows: pd.DataFrame, other: str) -> str:
+    tested = rows[rows["p"].notna()]
+    if tested.empty:
+        reasons = ", ".join(dict.fromkeys(rows["reason"]))
+        return f"not tested against {other} ({reasons})"
+    sure = tested[tested["holm"] < SIGNIFICANCE]
+    better, worse = int((sure["difference"] > 0).sum()), int((sure["difference"] < 0).sum())
+    of = f"{len(tested)} challenge{'s' if len(tested) > 1 else ''}"
+    if not better and not worse:
+        return f"not distinguishable from {other} on any of {of}"
+    parts = [f"better than {other} on {better} of {of}" if better else f"on none of {of} better than {other}"]
+    parts += [f"worse on {worse}"] if worse else []
+    return f"{', '.join(parts)} (p < {SIGNIFICANCE} after Holm)"
+
+
+def beside(mine: Side, baseline: Side) -> pd.DataFrame:
+    """Returns the results of a baseline that must not be compared with mine, where I have some.
+
+    Returns:
+        `PLACE`, teacher, n, mastered_percent_mean and _std, and differs: what is not the same, in words.
+    """
+    places = mine.table[PLACE].drop_duplicates()
+    theirs = baseline.table.merge(places, on=PLACE)
+    if baseline.runs is not None:
+        conditions = mine.table[COMPARED].drop_duplicates()
+        same = theirs[COMPARED].merge(conditions, on=COMPARED, how="left", indicator=True)["_merge"] == "both"
+        theirs = theirs[~same.to_numpy()]
+    differs = [_differences(row, mine, baseline) for _, row in theirs.iterrows()]
+    columns = [*PLACE, "teacher", "n", f"{MEASURE}_mean", f"{MEASURE}_std"]
+    return theirs[columns].assign(differs=differs).reset_index(drop=True)
+
+
+def _differences(row: pd.Series, mine: Side, baseline: Side) -> str:
+    here = mine.table[(mine.table[PLACE] == row[PLACE].tolist()).all(axis=1)]
+    if baseline.runs is None:
+        found = [f"engine {baseline.engine}"]
+        if set(here["steps"]) != {row["steps"]}:
+            found.append(f"{amount(row['steps'])} steps")
+        students = {part.rsplit("/", 1)[-1] for pool in here["pool"] for part in pool.split(" + ")}
+        if students != set(row["students"]):
+            found.append(f"students {', '.join(row['students'])}")
+        return "; ".join(found)
+    return "; ".join(
+        f"{words}: {amount(row[column]) if column == 'steps' else row[column]}"
+        for column, words in CONDITIONS.items()
+        if row[column] not in set(here[column])
+    )
+
+
+def missing(mine: Side, teachers: Sequence[str]) -> list[str]:
+    """Returns the challenges of the benchmark on which `teachers` have no result at any level, in words."""
+    places = dict.fromkeys((matrix.environment, matrix.challenge) for matrix in MATRICES)
+    said = []
+    for teacher in teachers:
+        own = mine.table[(mine.table["teacher"] == teacher) & (mine.table["n"] > 0)]
+        done = set(own[["environment", "challenge"]].itertuples(index=False, name=None))
+        absent = [
+            f"{environment} {challenge}"
+            for environment, challenge in places
+            if (environment, challenge) not in done
+        ]
+        if absent:
+            said.append(f"{label(teacher)}: {', '.join(absent)}")
+    return said
