@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import pandas as pd
 
@@ -62,7 +63,7 @@ def table_results(frames: Frames, step: int | None = None) -> list[TableResults]
         step: at which runs are read; None for their ends.
     """
     cells, values = _without_searches(frames.cells), run_measures(frames, step)
-    found = []
+    found: list[TableResults] = []
     for name, matrices, chosen in _by_students(cells):
         pools = pool_runs(chosen, values, matrices)
         runs = lend_baseline(pools) if len(pools) else pools
@@ -92,15 +93,16 @@ def results_of(frame: pd.DataFrame) -> pd.DataFrame:
     else:
         bodies, students = list(found["embodiments"].map(set)), list(found["students"].map(set))
         digits = [1 if round(mean, 1) == mean else 2 for mean in found["mean"]]
-    found = found.assign(embodiments=_tuples(bodies), students=_tuples(students), digits=digits)
+    found = found.assign(digits=digits)
+    found["embodiments"], found["students"] = _tuples(bodies, found.index), _tuples(students, found.index)
     found = found.assign(**{name: "" for name in ("missing", "doubt") if name not in found})
     # A pool of one body is there twice: whole, and by body.
     key = RESULTS[:6]
     return found[RESULTS].drop_duplicates(key).sort_values(key, ignore_index=True)
 
 
-def _tuples(sets: Sequence[set[str]]) -> list[tuple[str, ...]]:
-    return [tuple(sorted(members)) for members in sets]
+def _tuples(sets: Sequence[set[str]], index: pd.Index[Any]) -> pd.Series:
+    return pd.Series([tuple(sorted(members)) for members in sets], index=index, dtype=object)
 
 
 def _without_searches(cells: pd.DataFrame) -> pd.DataFrame:
@@ -141,12 +143,13 @@ def _apart(frame: pd.DataFrame, step: int | None) -> Iterator[tuple[str, pd.Data
         known = frame[column].dropna().unique()
         frame[column] = frame[column].fillna(known[0]) if len(known) == 1 else frame[column]
     groups = list(frame.groupby(APART, dropna=False, sort=True))
-    for (steps, physics, threshold, test_set), rows in sorted(groups, key=lambda group: -len(group[1])):
-        yield _remark(step if step is not None else steps, physics, threshold, test_set), rows
+    for settings, rows in sorted(groups, key=lambda group: -len(group[1])):
+        yield _remark(step, *settings), rows
 
 
-def _remark(steps: float, physics: float, threshold: float, test_set: str) -> str:
-    if pd.isna(steps):
+def _remark(step: int | None, budget: Any, physics: Any, threshold: Any, test_set: str) -> str:
+    steps = budget if step is None else step
+    if pd.isna(budget):
         return "Nothing has begun."
     text = f"After {amount(steps)} steps, physics version {physics:g}"
     if threshold != MASTERY_RETURN:

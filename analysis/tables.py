@@ -58,7 +58,8 @@ def parkour(results: TableResults) -> Table:
     matrices = {matrix.embodiments[0]: matrix for matrix in _like(PARKOUR, results)}
     (level,) = matrices[next(iter(matrices))].levels
     columns = {body: body.replace("_", " ").capitalize() for body in matrices} | {OVERALL: "Overall"}
-    wanted = {body: (matrix, (body,), level.value) for body, matrix in matrices.items()}
+    wanted: dict[str, tuple[Matrix, tuple[str, ...], str]] = {}
+    wanted |= {body: (matrix, (body,), level.value) for body, matrix in matrices.items()}
     wanted[OVERALL] = (next(iter(matrices.values())), tuple(matrices), level.value)
     title = f"Parkour, expert knowledge {level.value}: {MASTERED}"
     return _table(results, "parkour", title, columns, wanted)

@@ -50,11 +50,11 @@ def write_tables(
     """
     if step is not None and step < 1:
         raise ValueError(f"step {step}: expected at least 1, or none for the ends of the runs")
-    kind = TableFormat(kind)
+    kind, warnings = TableFormat(kind), tuple[str, ...]()
     if str(root) == PAPER:
         if step is not None:
             raise ValueError(f"{PAPER} has results at the end of training only; leave out the step")
-        tables, warnings = [*result_tables(paper_table_results()), hyperparameters(), knowledge_needs()], ()
+        tables = [*result_tables(paper_table_results()), hyperparameters(), knowledge_needs()]
     else:
         frames = load(root)
         tables = list(tables_of(frames, step))
