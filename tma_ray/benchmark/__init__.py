@@ -1,4 +1,4 @@
-"""The benchmark as data: challenges, task spaces, test sets, experiments, and the paper's results."""
+"""The benchmark as data: challenges, task spaces, test sets, experiments, needs, the paper's results."""
 
 from tma_ray.benchmark.challenges import (
     CHALLENGES,
@@ -19,6 +19,7 @@ from tma_ray.benchmark.matrices import (
     Matrix,
     select,
 )
+from tma_ray.benchmark.needs import KNOWLEDGE_NEEDS, KnowledgeNeeds, Need
 from tma_ray.benchmark.paper import PaperResult, paper_results
 from tma_ray.benchmark.tiers import SIZES, Size, Tier
 
@@ -26,6 +27,7 @@ __all__ = [
     "CASE_STUDIES",
     "CHALLENGES",
     "EXPERIMENTS",
+    "KNOWLEDGE_NEEDS",
     "MATRICES",
     "ORIGINAL_SPACE",
     "PARKOUR",
@@ -37,7 +39,9 @@ __all__ = [
     "Challenge",
     "Experiment",
     "Grid",
+    "KnowledgeNeeds",
     "Matrix",
+    "Need",
     "PaperResult",
     "Size",
     "Tier",

@@ -1,6 +1,7 @@
 """Results as Parquet tables: written by runs, published by one committer, read by anyone."""
 
 from tma_ray.results.committer import Committer, StaleAttemptError, accepted_manifest
+from tma_ray.results.compaction import Compaction, compact, copy_merged
 from tma_ray.results.heartbeat import Heartbeat, Pulse, RunPace
 from tma_ray.results.layout import (
     CHECKPOINTS,
@@ -36,6 +37,7 @@ __all__ = [
     "AttemptOutcome",
     "AttemptRecord",
     "Committer",
+    "Compaction",
     "DamagedFileError",
     "DamagedFileWarning",
     "Heartbeat",
@@ -62,6 +64,8 @@ __all__ = [
     "check_path",
     "check_root",
     "check_usable",
+    "compact",
+    "copy_merged",
     "create_root",
     "explained_disk",
     "log_path",

@@ -20,19 +20,21 @@ class DamagedFileError(ValueError):
 
 @dataclass(frozen=True)
 class PartFile:
-    """One Parquet file of a run.
+    """One Parquet file of a run, or the run's rows in a file that many runs share.
 
     Attributes:
         table: whose rows it holds.
         path: where it lies, from the results root.
-        rows: how many.
-        sha256: of its bytes, hexadecimal.
+        rows: how many are the run's.
+        sha256: of the bytes of the file, hexadecimal.
+        first: row of the file at which the run's begin; None for a file of the run alone.
     """
 
     table: Table
     path: str
     rows: int
     sha256: str
+    first: int | None = None
 
     @classmethod
     def write(cls, store: Store, path: str, table: Table, rows: int, data: bytes) -> Self:
@@ -58,12 +60,14 @@ class PartFile:
 
     def to_json(self) -> dict[str, Any]:
         """Returns the fields as JSON values."""
-        return asdict(self)
+        value = asdict(self)
+        return value if self.first is not None else {k: v for k, v in value.items() if k != "first"}
 
     @classmethod
     def from_json(cls, value: Mapping[str, Any]) -> Self:
         """Returns what `to_json` was called on."""
-        return cls(Table(value["table"]), check_path(value["path"]), value["rows"], value["sha256"])
+        path, first = check_path(value["path"]), value.get("first")
+        return cls(Table(value["table"]), path, value["rows"], value["sha256"], first)
 
 
 @dataclass(frozen=True)
@@ -86,7 +90,8 @@ class Manifest:
 
     def to_bytes(self) -> bytes:
         """Returns the content of the manifest file."""
-        return json.dumps(asdict(self), indent=1).encode()
+        content = asdict(self) | {"files": [file.to_json() for file in self.files]}
+        return json.dumps(content, indent=1).encode()
 
     @classmethod
     def from_bytes(cls, data: bytes) -> Self:

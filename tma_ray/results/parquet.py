@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+import itertools
+from collections.abc import Iterable, Iterator, Sequence
 from typing import Any, Final
 
 import pyarrow as pa
@@ -22,19 +23,47 @@ _REPEATED: Final = {
 
 def encode(table: Table, rows: pa.Table) -> bytes:
     """Returns `rows` as a Parquet file; its bytes depend on their values and order only."""
-    schema = SCHEMAS[table]
-    # Dictionaries of ids are rebuilt in order of appearance, whatever the parts they came from held.
-    columns = [_rebuilt(rows[field.name], field.type) for field in schema]
     sink = pa.BufferOutputStream()
-    pq.write_table(
-        pa.Table.from_arrays(columns, schema=schema),
-        sink,
-        row_group_size=ROW_GROUP_ROWS,
-        compression="zstd",
-        write_page_checksum=True,
-        **_encodings(table, schema),
-    )
+    options = _options(table)
+    pq.write_table(_canonical(table, rows), sink, row_group_size=ROW_GROUP_ROWS, **options)
     return bytes(sink.getvalue())
+
+
+def encode_together(table: Table, parts: Iterable[pa.Table]) -> bytes:
+    """Returns the rows of `parts`, one after the other, as a Parquet file.
+
+    No part is divided between row groups unless it alone is too large for one, so that its rows can be read
+    without those of many others. `parts` are taken one by one, and few are in memory at once.
+    """
+    sink = pa.BufferOutputStream()
+    with pq.ParquetWriter(sink, SCHEMAS[table], **_options(table)) as writer:
+        group: list[pa.Table] = []
+        for part in parts:
+            if group and sum(map(len, group)) + len(part) > ROW_GROUP_ROWS:
+                _write_group(writer, table, group)
+                group = []
+            group.append(part)
+        _write_group(writer, table, group)
+    return bytes(sink.getvalue())
+
+
+def decode_rows(file: Any, first: int, count: int, columns: Sequence[str]) -> pa.Table:
+    """Returns `count` rows from `first` on of an open Parquet file, reading the row groups that hold them.
+
+    Raises:
+        OSError, pa.ArrowException: the bytes are no whole Parquet file.
+        IndexError: the file does not have so many rows.
+    """
+    parquet = pq.ParquetFile(file, page_checksum_verification=True)
+    ends = list(
+        itertools.accumulate(parquet.metadata.row_group(i).num_rows for i in range(parquet.num_row_groups))
+    )
+    if first + count > (ends[-1] if ends else 0):
+        raise IndexError(f"it has {parquet.metadata.num_rows} rows, not {first + count}")
+    groups = [i for i, end in enumerate(ends) if end > first and (i == 0 or ends[i - 1] < first + count)]
+    skipped = ends[groups[0] - 1] if groups and groups[0] else 0
+    rows = parquet.read_row_groups(groups, list(columns), use_threads=False)
+    return rows.select(list(columns)).slice(first - skipped, count)
 
 
 def decode(data: bytes, columns: Sequence[str] | None = None) -> pa.Table:
@@ -46,6 +75,22 @@ def decode(data: bytes, columns: Sequence[str] | None = None) -> pa.Table:
     file = pq.ParquetFile(pa.BufferReader(data), page_checksum_verification=True)
     rows = file.read(None if columns is None else list(columns), use_threads=False)
     return rows if columns is None else rows.select(columns)
+
+
+def _write_group(writer: pq.ParquetWriter, table: Table, parts: Sequence[pa.Table]) -> None:
+    rows = _canonical(table, pa.concat_tables([SCHEMAS[table].empty_table(), *parts]).unify_dictionaries())
+    if len(rows):
+        writer.write_table(rows, row_group_size=ROW_GROUP_ROWS)
+
+
+def _canonical(table: Table, rows: pa.Table) -> pa.Table:
+    """Returns `rows` with dictionaries of ids in order of appearance, whatever their parts held."""
+    schema = SCHEMAS[table]
+    return pa.Table.from_arrays([_rebuilt(rows[field.name], field.type) for field in schema], schema=schema)
+
+
+def _options(table: Table) -> dict[str, Any]:
+    return {"compression": "zstd", "write_page_checksum": True, **_encodings(table, SCHEMAS[table])}
 
 
 def _rebuilt(column: pa.ChunkedArray, kind: pa.DataType) -> pa.Array:

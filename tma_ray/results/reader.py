@@ -3,23 +3,27 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Callable, Collection, Iterable, Sequence
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path, PurePosixPath
-from typing import Final, Self, TypeVar
+from typing import Final, Self, TypeAlias, TypeVar
 
 import pyarrow as pa
 import pyarrow.compute as pc
 
 from tma_ray.results.layout import MANIFESTS, TABLES, check_root, manifest_path
-from tma_ray.results.manifest import DamagedFileError, Manifest
+from tma_ray.results.manifest import DamagedFileError, Manifest, PartFile
 from tma_ray.results.parquet import decode
 from tma_ray.results.rows import to_arrow
 from tma_ray.results.schema import DATA_TABLES, SCHEMAS, Table
+from tma_ray.results.shared_files import by_appearance, read_slice, read_slices, shared_by_path
 from tma_ray.results.store import Store
 
 S = TypeVar("S")
 T = TypeVar("T")
+
+_Shared: TypeAlias = dict[str, Mapping[PartFile, pa.Table] | Exception]
+"""Rows of runs in shared files by path, or why one could not be read."""
 
 _UNREADABLE: Final = (OSError, pa.ArrowException, DamagedFileError)
 
@@ -103,8 +107,10 @@ class Results:
             return self._about_runs(table, run_ids).select(names)
         wanted = None if run_ids is None else set(run_ids)
         chosen = [manifest for manifest in self.runs() if wanted is None or manifest.run.run_id in wanted]
-        per_run = self._map(lambda manifest: self._run_rows(manifest, table, names), chosen)
-        return _joined(table, names, [rows for found in per_run for rows in found])
+        shared = self._shared(chosen, table, names)
+        per_run = self._map(lambda manifest: self._run_rows(manifest, table, names, shared), chosen)
+        rows = _joined(table, names, [rows for found in per_run for rows in found])
+        return by_appearance(rows) if shared else rows
 
     def _about_runs(self, table: Table, run_ids: Collection[str] | None) -> pa.Table:
         if table is Table.RUNS:
@@ -113,6 +119,7 @@ class Results:
             paths = self.store.files(f"{TABLES}/{table}")
             found = self._map(self._file_rows, paths)
             rows = _joined(table, SCHEMAS[table].names, [part for part in found if part is not None])
+            rows = _each_once(rows) if table is Table.ATTEMPTS else rows
         if run_ids is None:
             return rows
         return rows.filter(pc.is_in(rows["run_id"].cast(pa.string()), pa.array(list(run_ids), pa.string())))
@@ -120,18 +127,44 @@ class Results:
     def _file_rows(self, path: str) -> pa.Table | None:
         return self._tried(path, lambda: decode(self.store.read_bytes(path)))
 
-    def _run_rows(self, manifest: Manifest, table: Table, columns: Sequence[str]) -> list[pa.Table]:
+    def _shared(self, chosen: Sequence[Manifest], table: Table, columns: Sequence[str]) -> _Shared:
+        """Reads the files that many of the chosen runs share, each once."""
+        files = (file for manifest in chosen for file in manifest.files if file.table is table)
+        paths = shared_by_path(files)
+
+        def read(path: str) -> Mapping[PartFile, pa.Table] | Exception:
+            try:
+                return read_slices(self.store, paths[path], columns)
+            except _UNREADABLE as error:
+                return error
+
+        return dict(zip(paths, self._map(read, paths), strict=True))
+
+    def _run_rows(
+        self, manifest: Manifest, table: Table, columns: Sequence[str], shared: _Shared
+    ) -> list[pa.Table]:
         files = [file for file in manifest.files if file.table is table]
         found = []
         for file in files:
             try:
-                found.append(decode(file.read(self.store), columns))
+                found.append(self._file_slice(file, columns, shared))
             except _UNREADABLE as error:
                 fresh = self._load(manifest.run.run_id) if isinstance(error, FileNotFoundError) else None
-                if fresh is not None and fresh.files != manifest.files:  # parts go when a run ends
-                    return self._run_rows(fresh, table, columns)
+                # Parts go when a run ends, and files when they are merged.
+                if fresh is not None and fresh.files != manifest.files:
+                    return self._run_rows(fresh, table, columns, {})
                 self._report(file.path, error)
         return found
+
+    def _file_slice(self, file: PartFile, columns: Sequence[str], shared: _Shared) -> pa.Table:
+        if file.first is None:
+            return decode(file.read(self.store), columns)
+        if not file.rows:
+            return SCHEMAS[file.table].empty_table().select(columns)
+        slices = shared.get(file.path)
+        if isinstance(slices, Exception):
+            raise slices
+        return slices[file] if slices else read_slice(self.store, file, columns)
 
     def _load(self, run_id: str) -> Manifest | None:
         return self._tried(manifest_path(run_id), lambda: Manifest.load(self.store, run_id))
@@ -156,6 +189,14 @@ class Results:
         for problem in self.problems[known:]:
             warnings.warn(problem, DamagedFileWarning, stacklevel=4)
         return found
+
+
+def _each_once(attempts: pa.Table) -> pa.Table:
+    """Returns attempts by run and number; while files are being merged some are there twice."""
+    keys = list(zip(attempts["run_id"].to_pylist(), attempts["attempt"].to_pylist(), strict=True))
+    places = {key: place for place, key in enumerate(keys)}
+    order = [places[key] for key in sorted(places)]
+    return attempts if order == list(range(len(keys))) else by_appearance(attempts.take(order))
 
 
 def _joined(table: Table, columns: Sequence[str], found: Sequence[pa.Table]) -> pa.Table:

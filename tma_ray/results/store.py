@@ -5,9 +5,10 @@ from __future__ import annotations
 import os
 import shutil
 import time
+from collections.abc import Callable
 from contextlib import AbstractContextManager, nullcontext, suppress
 from pathlib import Path, PurePosixPath
-from typing import Any, Final, Self, cast
+from typing import Any, Final, Self, TypeVar, cast
 from uuid import uuid4
 
 from pyarrow import fs
@@ -21,6 +22,8 @@ from tma_ray.results.object_store import (
     patiently,
 )
 from tma_ray.results.storage_error import explained_disk
+
+T = TypeVar("T")
 
 TEMPORARY: Final = "tmp"
 """Folder for files in the making: beside the tables, since their readers' patterns would match it there."""
@@ -99,6 +102,22 @@ class Store:
         with self._explained(path):
             return patiently(lambda: self._read(self.full_path(path)))
 
+    def read_parts(self, path: str, read: Callable[[Any], T]) -> T:
+        """Returns what `read` makes of the opened file, of which it need not read all.
+
+        It may be called again. For files that are never replaced.
+
+        Raises:
+            FileNotFoundError: there is none.
+        """
+
+        def open_and_read() -> T:
+            with self.filesystem.open_input_file(self.full_path(path)) as file:
+                return read(file)
+
+        with self._explained(path):
+            return patiently(open_and_read)
+
     def write_bytes(self, path: str, data: bytes) -> None:
         """Writes or replaces a file, atomically and durably."""
         target = self.full_path(path)
@@ -113,6 +132,11 @@ class Store:
     def exists(self, path: str) -> bool:
         """Tells whether there is a file at `path`."""
         return bool(self._kind(path) == fs.FileType.File)
+
+    def size(self, path: str) -> int:
+        """Returns how many bytes the file at `path` has, 0 where there is none."""
+        with self._explained(path):
+            return self.filesystem.get_file_info(self.full_path(path)).size or 0
 
     def files(self, folder: str = "") -> tuple[str, ...]:
         """Returns the paths of all files below `folder`, sorted; none if it does not exist."""

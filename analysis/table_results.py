@@ -1,0 +1,157 @@
+"""Results in the shape that tables are made of, from runs of ours and from what others published."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import pandas as pd
+
+from analysis.formatting import amount
+from analysis.load import Frames
+from analysis.pooling import PLUS, lend_baseline, pool_runs, pooled
+from analysis.published import paper_frame
+from analysis.run_measures import run_measures
+from tma_ray.benchmark import EXPERIMENTS, MATRICES, Matrix, challenges_of
+from tma_ray.tasks import MASTERY_RETURN
+
+RESULTS = [
+    *("environment", "challenge", "expert_knowledge", "embodiments", "students", "teacher"),
+    *("n", "mean", "std", "digits", "missing", "doubt"),
+]
+"""Columns of results: embodiments and students are sorted tuples of those pooled, mean and std are of
+mastered tasks in per cent, digits the decimals that count, missing and doubt as in `table.Cell`."""
+
+APART = ["steps", "physics_version", "mastery_threshold", "test_set"]
+"""Columns of pooled results whose values never share a table; test_set is empty for the shipped ones."""
+
+
+@dataclass(frozen=True)
+class TableResults:
+    """Results that may stand in one table.
+
+    Attributes:
+        rows: one result each, with the columns `RESULTS`.
+        matrices: which bodies and students belong to each challenge.
+        name: tells these from other results of the same place in file names; empty for the first.
+        remark: of what runs they are, for readers.
+    """
+
+    rows: pd.DataFrame
+    matrices: tuple[Matrix, ...] = MATRICES
+    name: str = ""
+    remark: str = ""
+
+
+def paper_table_results() -> TableResults:
+    """Returns the paper's own results."""
+    frame = paper_frame()
+    steps, engine = frame["steps"].iloc[0], frame["engine"].iloc[0]
+    remark = f"As published in 2021, after {amount(steps)} steps in worlds of {engine}: not ours to pool."
+    return TableResults(results_of(frame), remark=remark)
+
+
+def table_results(frames: Frames, step: int | None = None) -> list[TableResults]:
+    """Returns the results of a root, those apart that no table may hold together.
+
+    Results of students that the paper does not have in a challenge, such as PPO everywhere, stand apart from
+    those that pool the paper's. Points of searches for hyper-parameters are left out.
+
+    Args:
+        frames: of `load`.
+        step: at which runs are read; None for their ends.
+    """
+    cells, values = _without_searches(frames.cells), run_measures(frames, step)
+    found: list[TableResults] = []
+    for name, matrices, chosen in _by_students(cells):
+        pools = pool_runs(chosen, values, matrices)
+        runs = lend_baseline(pools) if len(pools) else pools
+        both = pd.concat([pooled(runs), pooled(runs, by=["embodiment"])], ignore_index=True)
+        for remark, rows in _apart(both, step):
+            tags = [tag for tag in (name, str(len(found) + 1) if found else "") if tag]
+            found.append(TableResults(results_of(rows), matrices, "-".join(tags), remark))
+    return found
+
+
+def results_of(frame: pd.DataFrame) -> pd.DataFrame:
+    """Returns the columns `RESULTS` of pooled results or of published ones.
+
+    Args:
+        frame: of `pooling.pooled`, some by embodiment or not, or of `published.paper_frame`.
+    """
+    found = frame.rename(columns={"mastered_percent_mean": "mean", "mastered_percent_std": "std"})
+    if "pool" in found:
+        parts = [[label.rsplit("/", 1) for label in pool.split(PLUS)] for pool in found["pool"]]
+        bodies = [{body for body, _ in part} for part in parts]
+        alone = found["embodiment"] if "embodiment" in found else [None] * len(found)
+        bodies = [
+            {body} if isinstance(body, str) else whole for body, whole in zip(alone, bodies, strict=True)
+        ]
+        students = [{student for _, student in part} for part in parts]
+        digits = [1] * len(found)
+    else:
+        bodies, students = list(found["embodiments"].map(set)), list(found["students"].map(set))
+        digits = [1 if round(mean, 1) == mean else 2 for mean in found["mean"]]
+    found = found.assign(digits=digits)
+    found["embodiments"], found["students"] = _tuples(bodies, found.index), _tuples(students, found.index)
+    found = found.assign(**{name: "" for name in ("missing", "doubt") if name not in found})
+    # A pool of one body is there twice: whole, and by body.
+    key = RESULTS[:6]
+    return found[RESULTS].drop_duplicates(key).sort_values(key, ignore_index=True)
+
+
+def _tuples(sets: Sequence[set[str]], index: pd.Index[Any]) -> pd.Series:
+    return pd.Series([tuple(sorted(members)) for members in sets], index=index, dtype=object)
+
+
+def _without_searches(cells: pd.DataFrame) -> pd.DataFrame:
+    matrices = [matrix for experiment in EXPERIMENTS for matrix in experiment.matrices]
+    names = [matrix.name for matrix in matrices if matrix.teacher_grid or matrix.student_grid]
+    return cells[~cells["experiment"].str.fullmatch(rf"({'|'.join(names)})(_\d+)?").astype(bool)]
+
+
+def _by_students(cells: pd.DataFrame) -> Iterator[tuple[str, tuple[Matrix, ...], pd.DataFrame]]:
+    """Yields the paper's students together, then each other one alone, with the matrices to pool by."""
+    theirs = {(m.environment, m.challenge): m.students for m in MATRICES}
+    places = zip(cells["environment"], cells["challenge"], cells["student"], strict=True)
+    other = {
+        student for *place, student in places if student not in theirs.get((place[0], place[1]), (student,))
+    }
+    if not set(cells["student"]) or set(cells["student"]) - other:
+        yield "", MATRICES, cells
+    for student in sorted(other):
+        alone = tuple(replace(matrix, students=(student,)) for matrix in MATRICES)
+        yield _file_name(student), alone, cells[cells["student"] == student]
+
+
+def _file_name(text: str) -> str:
+    return "".join(character if character.isalnum() else "-" for character in text.lower()).strip("-")
+
+
+def _apart(frame: pd.DataFrame, step: int | None) -> Iterator[tuple[str, pd.DataFrame]]:
+    """Yields groups of results with the same settings, and what to say of each."""
+    shipped = {
+        (environment, challenge): PLUS.join(sorted({known.test_set, *known.other_test_sets.values()}))
+        for environment in frame["environment"].unique()
+        for challenge, known in challenges_of(environment).items()
+    }
+    sets = zip(frame["environment"], frame["challenge"], frame["test_sets"], strict=True)
+    own = ["" if each == shipped.get((place, name)) or pd.isna(each) else each for place, name, each in sets]
+    frame = frame.assign(test_set=own)
+    for column in APART[:3]:
+        known = frame[column].dropna().unique()
+        frame[column] = frame[column].fillna(known[0]) if len(known) == 1 else frame[column]
+    groups = list(frame.groupby(APART, dropna=False, sort=True))
+    for settings, rows in sorted(groups, key=lambda group: -len(group[1])):
+        yield _remark(step, *settings), rows
+
+
+def _remark(step: int | None, budget: Any, physics: Any, threshold: Any, test_set: str) -> str:
+    steps = budget if step is None else step
+    if pd.isna(budget):
+        return "Nothing has begun."
+    text = f"After {amount(steps)} steps, physics version {physics:g}"
+    if threshold != MASTERY_RETURN:
+        text += f", tasks mastered over a return of {threshold:g}"
+    return f"{text}, test set {test_set}." if test_set else f"{text}."

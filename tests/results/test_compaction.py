@@ -1,0 +1,266 @@
+"""Merged files: they read as what they were merged from, at any time, and nothing written is ever lost."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from datetime import UTC, datetime
+
+import numpy as np
+import pytest
+from results_examples import make_record, make_rows, tree
+
+from tma_ray.results import (
+    DATA_TABLES,
+    AttemptOutcome,
+    AttemptRecord,
+    Committer,
+    DamagedFileError,
+    DamagedFileWarning,
+    Lease,
+    Results,
+    ResultsRootError,
+    RootInUseError,
+    RunStatus,
+    RunWriter,
+    Store,
+    Table,
+    compact,
+    copy_merged,
+    shared_files,
+)
+from tma_ray.results import compaction as module
+
+RUNS = {"first": ["run-00", "run-01", "run-02", "run-03"], "second": ["run-00a"]}
+
+
+@pytest.fixture(autouse=True)
+def open_store(monkeypatch: pytest.MonkeyPatch, store: Store) -> None:
+    """Lets `compact` work on stores that have no address, and three runs be many."""
+    monkeypatch.setattr(Store, "open", classmethod(lambda cls, root: root))
+    monkeypatch.setattr(shared_files, "FEW", 2)
+
+
+@pytest.fixture
+def root(store: Store) -> Store:
+    committer = Committer(store)
+    for experiment, run_ids in RUNS.items():
+        for run_id in run_ids:
+            add(committer, run_id)
+        add_cells(committer, experiment, run_ids)
+    add(committer, "run-99", finished=False)
+    return store
+
+
+def add(committer: Committer, run_id: str, *, finished: bool = True) -> None:
+    record, store = make_record(run_id), committer.store
+    writer = RunWriter(store, run_id, committer.start(record))
+    for step in (0, 10):
+        for table, rows in make_rows(np.random.default_rng([step, *run_id.encode()]), step):
+            if table is not Table.TRAINING or run_id != "run-03":  # a run may have no rows of a table
+                writer.add(table, rows)
+    parts = writer.flush()
+    if finished:
+        committer.finish(record, writer.attempt, writer.finish())
+    else:
+        committer.publish(record, writer.attempt, parts)
+    for attempt in range(2):
+        started = datetime(2026, 11, 20, tzinfo=UTC)
+        committer.record_attempt(
+            AttemptRecord(run_id, attempt, started, 1.0, 2.0, f"host-{run_id}", "{}", AttemptOutcome.DONE)
+        )
+
+
+def add_cells(committer: Committer, experiment: str, run_ids: list[str]) -> None:
+    cell = {"environment": "stump_tracks", "challenge": "original", "embodiment": "bipedal", "student": "sac"}
+    cell |= {"teacher": "alp_gmm", "expert_knowledge": "none", "experiment": experiment}
+    rows = [cell | {"seed": seed, "run_id": run_id} for seed, run_id in enumerate(run_ids)]
+    committer.write_cells(experiment, rows)
+
+
+def content(store: Store) -> dict[str, object]:
+    """All tables, with the dictionaries that frames and groups see; damage would be an error."""
+    results = Results(store)
+    found = {table: results.table(table) for table in Table}
+    assert results.problems == []
+    frames = {name: rows.to_pandas(strings_to_categorical=True) for name, rows in found.items()}
+    orders = {
+        (name, column): list(frame[column].cat.categories)
+        for name, frame in frames.items()
+        for column in frame.select_dtypes("category")
+    }
+    return {name: repr(rows.to_pylist()) for name, rows in found.items()} | orders
+
+
+def test_merged_files_read_as_before(root: Store) -> None:
+    before = content(root)
+    outcome = compact(root)
+    assert content(root) == before
+    assert outcome.runs == sum(map(len, RUNS.values()))
+    assert root.files("tables/episodes") == (
+        "tables/episodes/first.parquet",
+        "tables/episodes/second.parquet",
+    )
+    assert root.files("tables/attempts") == (
+        "tables/attempts/first.parquet",
+        "tables/attempts/run-99.parquet",
+        "tables/attempts/second.parquet",
+    )
+    assert outcome.files_after == len(root.files("tables")) < outcome.files_before
+    assert not {"lease.json", "compacting.json"} & set(root.files())
+
+
+@pytest.mark.parametrize("run_ids", [["run-03"], ["run-00a", "run-02", "run-99"], RUNS["first"]], ids=str)
+def test_some_runs_and_columns_read_as_before(root: Store, run_ids: list[str]) -> None:
+    tables = (*DATA_TABLES, Table.ATTEMPTS)
+    before = [Results(root).table(table, run_ids, ["run_id"]) for table in tables]
+    compact(root)
+    after = [Results(root).table(table, run_ids, ["run_id"]) for table in tables]
+    assert [rows.to_pylist() for rows in after] == [rows.to_pylist() for rows in before]
+
+
+def test_again_there_is_nothing_to_merge(root: Store) -> None:
+    compact(root)
+    before = tree(root)
+    assert compact(root).runs == 0
+    assert tree(root) == before
+
+
+def test_later_runs_are_merged_with_the_earlier_ones(root: Store) -> None:
+    compact(root)
+    committer = Committer(root)
+    add(committer, "run-05c")
+    add_cells(committer, "first", [*RUNS["first"], "run-05c"])
+    before = content(root)
+    assert compact(root).runs == len(RUNS["first"]) + 1
+    assert content(root) == before
+    assert root.files("tables/episodes") == (
+        "tables/episodes/first-2.parquet",
+        "tables/episodes/second.parquet",
+    )
+    assert "tables/attempts/first.parquet" not in root.files()
+
+
+def test_a_campaign_goes_on_after_it(root: Store) -> None:
+    compact(root)
+    committer = Committer(root)
+    manifest = committer.manifest("run-03")
+    assert manifest is not None
+    assert manifest.status is RunStatus.DONE
+    committer.sweep()
+    add(committer, "run-99")
+    assert len(Results(root).table(Table.TRAINING, ["run-99"])) == 2
+
+
+class KilledError(Exception):
+    pass
+
+
+def kills(store: Store) -> Iterator[int]:
+    """Yields how many writes and deletions a call may make before it is killed, until it gets to its end."""
+    yield from range(0, 40, 2)
+
+
+@pytest.mark.parametrize("store", ["local"], indirect=True)
+def test_a_kill_anywhere_leaves_a_root_that_reads_the_same(
+    root: Store, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    before = content(root)
+    killed = 0
+    for allowed in kills(root):
+        left = [allowed]
+
+        def counted(method: str, left: list[int] = left) -> object:
+            original = getattr(Store, method)
+
+            def call(self: Store, *arguments: object) -> object:
+                if arguments[0] not in ("lease.json", "stop.json"):
+                    left[0] -= 1
+                    if left[0] < 0:
+                        raise KilledError
+                return original(self, *arguments)
+
+            return call
+
+        with monkeypatch.context() as patch:
+            for method in ("write_bytes", "delete"):
+                patch.setattr(Store, method, counted(method))
+            try:
+                compact(root)
+            except KilledError:
+                killed += 1
+        assert content(root) == before
+    assert killed > 3
+    compact(root)
+    assert content(root) == before
+    assert len(root.files("tables/episodes")) == 2
+    assert len(root.files("tables/attempts")) == len(root.files("tables/runs")) == 3
+
+
+def test_readers_that_opened_the_root_before_read_on(root: Store) -> None:
+    results = Results(root)
+    before = {table: results.table(table).to_pylist() for table in DATA_TABLES}
+    compact(root)
+    assert {table: results.table(table).to_pylist() for table in DATA_TABLES} == before
+    assert results.problems == []
+
+
+def test_a_root_in_use_is_refused(root: Store) -> None:
+    before = content(root)
+    with Lease(root, "a campaign"), pytest.raises(RootInUseError, match="in use by a campaign"):
+        compact(root)
+    assert content(root) == before
+
+
+@pytest.mark.filterwarnings("ignore::tma_ray.results.DamagedFileWarning")
+@pytest.mark.parametrize("path", ["tables/episodes/run-02.parquet", "manifests/run-02.json"])
+def test_damage_stops_it_before_anything_is_changed(root: Store, path: str) -> None:
+    data = root.read_bytes(path)
+    root.write_bytes(path, data[: len(data) // 2])
+    before = tree(root, keep=lambda path: path.startswith(("tables", "manifests")))
+    with pytest.raises(DamagedFileError, match=path.replace(".", r"\.")):
+        compact(root)
+    after = tree(root)
+    assert {path: after.get(path) for path in before} == before
+
+
+def test_a_file_written_otherwise_than_it_should_be_is_noticed(
+    root: Store, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    before = content(root)
+    rows = Results(root).table(Table.EVALUATIONS, ["run-01"])
+    original = module.pack.__globals__["encode_together"]
+    monkeypatch.setitem(
+        module.pack.__globals__,
+        "encode_together",
+        lambda table, parts: original(table, [rows for _ in parts] if table is Table.EVALUATIONS else parts),
+    )
+    with pytest.raises(DamagedFileError, match="does not hold what run run-00"):
+        compact(root)
+    assert content(root) == before
+
+
+def test_damage_of_a_merged_file_is_named(root: Store) -> None:
+    compact(root)
+    path = "tables/training/first.parquet"
+    data = bytearray(root.read_bytes(path))
+    data[len(data) // 2] ^= 1
+    root.write_bytes(path, bytes(data))
+    results = Results(root)
+    with pytest.warns(DamagedFileWarning, match=r"training/first\.parquet"):
+        rows = results.table(Table.TRAINING)
+    assert set(rows["run_id"].to_pylist()) == {*RUNS["second"], "run-99"}
+    assert len(results.problems) == 1
+
+
+def test_a_copy_holds_all_that_is_said_of_the_runs(root: Store, tmp_path: object) -> None:
+    root.write_bytes("policies/run-01/policy.json", b"{}")
+    root.write_bytes("policies/run-01/policy.pkl", b"danger")
+    before = content(root)
+    target = Store(root.filesystem, f"{root.base}-copy")
+    assert copy_merged(Results(root), target) == ["policies/run-01/policy.pkl"]
+    assert content(target) == before
+    assert content(root) == before
+    assert target.files("policies") == ("policies/run-01/policy.json",)
+    assert not target.files("staging")
+    with pytest.raises(ResultsRootError, match="not empty"):
+        copy_merged(Results(root), Store(root.filesystem, f"{root.base}-copy/tables"))
