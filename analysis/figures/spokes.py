@@ -189,8 +189,8 @@ class Spokes:
         if abs(x) < 0.05 * RADIUS:
             return (0.0, y + math.copysign(0.06, y)), "center", 1 if y > 0 else -1
         if y > -0.05 * RADIUS:  # in the corner that the spokes leave free
-            side = math.copysign(RADIUS + 0.19, x)
-            return (side, y + 0.09), "right" if x > 0 else "left", 1
+            side = math.copysign(RADIUS + 0.2, x)
+            return (side, y + 0.12), "right" if x > 0 else "left", 1
         return (x, y - 0.06), "center", -1
 
     @staticmethod
