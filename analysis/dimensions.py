@@ -10,7 +10,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from analysis.curriculum import Curriculum, frame
-from analysis.figures import share_step_label, step_axis
+from analysis.figures.axes import share_step_label, step_axis
 from analysis.style import INK, look, short_label, styled, teacher_order
 from analysis.task_axes import Axis
 from analysis.teacher_view import boxes_of, gaussians_of

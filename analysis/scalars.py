@@ -11,7 +11,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from analysis.curriculum import Curriculum
-from analysis.figures import share_step_label, step_axis
+from analysis.figures.axes import share_step_label, step_axis
 from analysis.style import MUTED, look, short_label, styled, teacher_order
 
 COLUMNS = 4

@@ -6,6 +6,8 @@ import functools
 import hashlib
 import io
 from collections.abc import Callable
+from enum import StrEnum
+from pathlib import Path
 from typing import Any, NamedTuple, ParamSpec, TypeVar
 
 import matplotlib as mpl
@@ -14,6 +16,12 @@ from matplotlib.figure import Figure
 
 DPI = 150
 """Resolution of the PNG files, in dots per inch."""
+
+PRINT_DPI = 300
+"""Resolution of the PNG files that `save` writes, in dots per inch."""
+
+ONE_COLUMN, TWO_COLUMNS = 3.3, 6.9
+"""Widths of a figure on the page of a paper, in inches."""
 
 INK = "#22262b"
 MUTED = "#6a717b"
@@ -49,6 +57,8 @@ STYLE: Any = {
     "text.parse_math": False,  # a dollar sign in a plug-in's name is only a dollar sign
     "lines.linewidth": 1.6,
     "lines.markersize": 4.5,
+    "pdf.fonttype": 42,  # letters stay letters: readable by search, and by editors
+    "svg.hashsalt": "tma_ray",  # otherwise identifiers differ from file to file
 }
 
 
@@ -131,12 +141,46 @@ def teacher_order(teacher: str) -> tuple[bool, str]:
     return (_key(teacher) != "random", label(teacher).lower())
 
 
-@styled
+class Vector(StrEnum):
+    """Vector formats of `save`."""
+
+    PDF = "pdf"
+    SVG = "svg"
+
+
 def png(figure: Figure) -> bytes:
     """Returns `figure` as a PNG file; the same figure gives the same bytes."""
+    return _file(figure, "png", DPI)
+
+
+def save(figure: Figure, path: str | Path, vector: Vector = Vector.PDF) -> tuple[Path, Path]:
+    """Writes `figure` as a vector file and as a PNG file; the same figure gives the same bytes.
+
+    Args:
+        figure: what to write.
+        path: of both files, without their endings; folders above it are made.
+        vector: format of the vector file.
+
+    Returns:
+        The vector file and the PNG file.
+    """
+    files = []
+    for ending in (vector.value, "png"):
+        # A name such as "after-0.5" has a point of its own: the ending is added to it.
+        file = Path(f"{path}.{ending}")
+        file.parent.mkdir(parents=True, exist_ok=True)
+        file.write_bytes(_file(figure, ending, PRINT_DPI))
+        files.append(file)
+    return files[0], files[1]
+
+
+@styled
+def _file(figure: Figure, ending: str, dpi: int) -> bytes:
     buffer = io.BytesIO()
     FigureCanvasAgg(figure)
-    figure.savefig(buffer, format="png", dpi=DPI, facecolor="white", metadata={"Software": None})
+    # Without these entries nothing in the file tells when it was written.
+    metadata = {"png": {"Software": None}, "pdf": {"CreationDate": None}, "svg": {"Date": None}}[ending]
+    figure.savefig(buffer, format=ending, dpi=dpi, facecolor="white", metadata=metadata)
     return buffer.getvalue()
 
 
