@@ -5,7 +5,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+import numpy as np
 import pandas as pd
+from numpy.typing import NDArray
 
 from analysis.formatting import amount
 from analysis.load import Frames
@@ -78,15 +80,12 @@ def together(mine: Side, baselines: Sequence[Side]) -> pd.DataFrame:
         Of `pooling.pool_runs`, with source: the name of the side.
     """
     assert mine.runs is not None
-    conditions = mine.runs[COMPARED].drop_duplicates()
-    own = mine.runs[POOLED].drop_duplicates()
     parts = [mine.runs.assign(source=mine.name)]
     for side in baselines:
         if side.runs is None:
             continue
-        theirs = side.runs.merge(conditions, on=COMPARED)
-        known = theirs[POOLED].merge(own, on=POOLED, how="left", indicator=True)["_merge"] == "both"
-        parts.append(theirs[~known.to_numpy()].assign(source=side.name))
+        wanted = _among(side.runs, mine.runs, COMPARED) & ~_among(side.runs, mine.runs, POOLED)
+        parts.append(side.runs[wanted].assign(source=side.name))
     return pd.concat(parts, ignore_index=True)
 
 
@@ -152,15 +151,20 @@ def beside(mine: Side, baseline: Side) -> pd.DataFrame:
     Returns:
         `PLACE`, teacher, n, mastered_percent_mean and _std, and differs: what is not the same, in words.
     """
-    places = mine.table[PLACE].drop_duplicates()
-    theirs = baseline.table.merge(places, on=PLACE)
+    theirs = baseline.table[_among(baseline.table, mine.table, PLACE)]
     if baseline.runs is not None:
-        conditions = mine.table[COMPARED].drop_duplicates()
-        same = theirs[COMPARED].merge(conditions, on=COMPARED, how="left", indicator=True)["_merge"] == "both"
-        theirs = theirs[~same.to_numpy()]
+        theirs = theirs[~_among(theirs, mine.table, COMPARED)]
     differs = [_differences(row, mine, baseline) for _, row in theirs.iterrows()]
     columns = [*PLACE, "teacher", "n", f"{MEASURE}_mean", f"{MEASURE}_std"]
     return theirs[columns].assign(differs=differs).reset_index(drop=True)
+
+
+def _among(frame: pd.DataFrame, others: pd.DataFrame, columns: list[str]) -> NDArray[np.bool_]:
+    """Returns which rows of `frame` agree with any of `others` in all of `columns`."""
+    if frame.empty or others.empty:
+        return np.zeros(len(frame), dtype=bool)
+    known = pd.MultiIndex.from_frame(others[columns])
+    return np.asarray(pd.MultiIndex.from_frame(frame[columns]).isin(known))
 
 
 def _differences(row: pd.Series, mine: Side, baseline: Side) -> str:

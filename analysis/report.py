@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import base64
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from importlib.metadata import version
@@ -10,13 +9,13 @@ from pathlib import Path
 from typing import Any
 
 import pandas as pd
-from jinja2 import Environment, PackageLoader, StrictUndefined
 
 from analysis import measures
 from analysis.claims_view import decided, root_verdicts
 from analysis.comparison import Measured, measure
 from analysis.formatting import amount, duration, number
 from analysis.load import GROUP, STATUSES, Frames, load, parsed
+from analysis.pages import page
 from analysis.picture import Picture
 from analysis.pictures import thresholds
 from analysis.sections import Section, sections
@@ -56,14 +55,14 @@ def write_report(root: str | Path, output: Path | None = None) -> Path:
     measured = measure(frames)
     parts = list(sections(frames, measured))
     downloads = _downloads(frames, measured)
-    page = _render(frames, measured, parts, downloads)
+    text = _render(frames, measured, parts, downloads)
     output.mkdir(parents=True, exist_ok=True)
     for picture in (picture for part in parts for picture in part.pictures):
         (output / f"{picture.name}.png").write_bytes(picture.png)
     for download in downloads:
         (output / download.name).write_bytes(download.content)
     index = output / "index.html"
-    index.write_text(page, encoding="utf-8")
+    index.write_text(text, encoding="utf-8")
     return index
 
 
@@ -96,17 +95,9 @@ def _downloads(frames: Frames, measured: Measured) -> list[Download]:
 
 
 def _render(frames: Frames, measured: Measured, parts: list[Section], downloads: list[Download]) -> str:
-    environment = Environment(
-        loader=PackageLoader("analysis"),
-        autoescape=True,
-        undefined=StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-    )
-    environment.filters["data_uri"] = _data_uri
-    verdicts = root_verdicts(frames)
     pictures: list[Picture] = [picture for part in parts for picture in part.pictures]
-    return environment.get_template("report.html.j2").render(
+    return page(
+        "report.html.j2",
         campaigns=sorted(name for name in frames.cells["campaign"].unique() if name),
         ran=_ran(frames.cells),
         counts=_counts(frames.cells),
@@ -114,8 +105,7 @@ def _render(frames: Frames, measured: Measured, parts: list[Section], downloads:
         sections=parts,
         figure_numbers={picture.name: count for count, picture in enumerate(pictures, start=1)},
         tests=int(measured.tests["p"].notna().sum()) // 2,
-        verdicts=decided(verdicts),
-        open_claims=len(verdicts) - len(decided(verdicts)),
+        verdicts=decided(root_verdicts(frames)),
         unfinished=_unfinished(frames),
         machines=_machines(frames.attempts),
         downloads=downloads,
@@ -124,10 +114,6 @@ def _render(frames: Frames, measured: Measured, parts: list[Section], downloads:
         version=version("tma_ray"),
         written=datetime.now(UTC),
     )
-
-
-def _data_uri(content: bytes, kind: str) -> str:
-    return f"data:{kind};base64,{base64.b64encode(content).decode()}"
 
 
 def _counts(cells: pd.DataFrame) -> dict[str, int]:

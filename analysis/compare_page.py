@@ -1,0 +1,181 @@
+"""The page that puts one's own results beside released ones."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from datetime import UTC, datetime
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any
+
+import pandas as pd
+
+from analysis.claims_view import decided, root_verdicts
+from analysis.compare import (
+    MEASURE,
+    PLACE,
+    Side,
+    beside,
+    duels,
+    missing,
+    new_teachers,
+    paper_side,
+    sentences,
+    side_of,
+    together,
+)
+from analysis.figures.radar import radar
+from analysis.formatting import number, p_value, plus_minus
+from analysis.load import load
+from analysis.pages import page
+from analysis.pairwise import pairwise
+from analysis.pairwise_statistics import pairwise_from_statistics
+from analysis.picture import Picture
+from analysis.pooling import COMPARED, pooled
+from analysis.published import PAPER
+from analysis.statistics import SIGNIFICANCE
+from analysis.style import label, look, teacher_order
+from tma_ray.benchmark import find_challenge
+
+
+def write_comparison(root: str | Path, baselines: Sequence[str], output: Path | None = None) -> Path:
+    """Writes a page that compares the results of a root with baselines.
+
+    Args:
+        root: results of one's own, finished or not.
+        baselines: names of released baselines, folders or addresses of results.
+        output: folder to write to; ``compare`` in `root` if that is a folder.
+
+    Returns:
+        The page, ``index.html`` in `output`, with its figures beside it.
+
+    Raises:
+        ResultsRootError: `root` or a baseline is no results root.
+        ValueError: no baseline, or an object store and no `output`.
+    """
+    if not baselines:
+        raise ValueError(f"compare with what? Name a baseline, as in --baseline {PAPER}")
+    if output is None and "://" in str(root):
+        raise ValueError(f"{root} is no local folder: say in which folder to write the page")
+    frames = load(root)
+    mine = side_of(frames, "yours")
+    others = [paper_side() if name == PAPER else side_of(load(name), Path(name).name) for name in baselines]
+    runs = together(mine, others)
+    teachers = new_teachers(mine)
+    tests = duels(runs, teachers)
+    pictures = list(_radars(runs, others))
+    text = page(
+        "compare.html.j2",
+        mine=mine,
+        teachers=[label(teacher) for teacher in teachers],
+        others=others,
+        sentences=sentences(tests),
+        missing=missing(mine, teachers),
+        places=_places(runs, tests, mine),
+        beside=[(side, _beside_rows(beside(mine, side))) for side in others],
+        pictures=pictures,
+        warnings=[*frames.warnings, *frames.results.problems],
+        verdicts=decided(root_verdicts(frames)),
+        significance=SIGNIFICANCE,
+        version=version("tma_ray"),
+        written=datetime.now(UTC),
+    )
+    return _write(text, pictures, output or Path(root) / "compare")
+
+
+def _write(text: str, pictures: Sequence[Picture], folder: Path) -> Path:
+    folder.mkdir(parents=True, exist_ok=True)
+    for picture in pictures:
+        (folder / f"{picture.name}.png").write_bytes(picture.png)
+    index = folder / "index.html"
+    index.write_text(text, encoding="utf-8")
+    return index
+
+
+def _radars(runs: pd.DataFrame, others: Sequence[Side]) -> Iterator[Picture]:
+    """Yields the radar of what may be compared, and one of each published table."""
+    kinds = [*COMPARED[4:], "students"]
+    students = runs["pool"].map(
+        lambda pool: ", ".join(sorted({part.rsplit("/", 1)[-1] for part in pool.split(" + ")}))
+    )
+    for place, (_, group) in enumerate(runs.assign(students=students).groupby(kinds, dropna=False), start=1):
+        table, tests = pooled(group, [MEASURE]), pairwise(group, MEASURE, "random")
+        caption = "Your results and what may be compared with them, as ratios of Random."
+        yield from _radar(f"radar-{place}", table, tests, "Yours among comparable baselines", caption)
+    for side in others:
+        if side.runs is None:
+            tests = pairwise_from_statistics(side.table, MEASURE, "random")
+            caption = f"The tables of {side.name} ({side.engine}), set beside: ratios of its own Random."
+            yield from _radar(f"radar-{side.name}", side.table, tests, side.name, caption)
+
+
+def _radar(
+    name: str, table: pd.DataFrame, tests: pd.DataFrame, title: str, caption: str
+) -> Iterator[Picture]:
+    try:
+        figure = radar(table, tests)
+    except ValueError:  # no challenge of Stump Tracks, or no results yet
+        return
+    yield Picture.of(name, figure, title, caption)
+
+
+def _places(runs: pd.DataFrame, tests: pd.DataFrame, mine: Side) -> list[dict[str, Any]]:
+    """Returns a ranking for each place where a teacher of mine has results, and the tests behind it."""
+    if runs.empty:
+        return []
+    sources = runs.groupby([*COMPARED, "teacher"], dropna=False)["source"].agg("first").reset_index()
+    table = pooled(runs, [MEASURE]).merge(sources, on=[*COMPARED, "teacher"])
+    found = []
+    for key, rows in table.groupby(COMPARED, dropna=False, sort=True):
+        place = dict(zip(COMPARED, key, strict=True))
+        here = tests[(tests[COMPARED] == list(key)).all(axis=1)]
+        ranked = rows.sort_values(f"{MEASURE}_mean", ascending=False, na_position="last")
+        found.append(
+            {"title": _title(place), "rows": [_ranked(row, here, mine) for _, row in ranked.iterrows()]}
+        )
+    return found
+
+
+def _title(place: dict[str, Any]) -> str:
+    try:
+        challenge = find_challenge(place["environment"], place["challenge"]).title
+    except ValueError:  # somebody else's environment
+        challenge = f"{place['environment']} {place['challenge']}"
+    students = sorted({part.rsplit("/", 1)[-1].upper() for part in place["pool"].split(" + ")})
+    return f"{challenge}, {' and '.join(students)}, expert knowledge {place['expert_knowledge']}"
+
+
+def _ranked(row: pd.Series, tests: pd.DataFrame, mine: Side) -> dict[str, Any]:
+    against = tests[tests["second"] == row["teacher"]]
+    return {
+        "teacher": label(row["teacher"]),
+        "colour": look(row["teacher"]).colour,
+        "source": row["source"],
+        "own": row["source"] == mine.name,
+        "n": row["n"],
+        "mastered": plus_minus(row[f"{MEASURE}_mean"], row[f"{MEASURE}_std"]),
+        "missing": row["missing"],
+        "tests": [_test(test) for _, test in against.iterrows()],
+    }
+
+
+def _test(test: pd.Series) -> str:
+    first = label(test["first"])
+    if test["reason"]:
+        return f"{first}: not tested ({test['reason']})"
+    interval = f"{number(test['difference'])} [{number(test['low'])}, {number(test['high'])}]"
+    return f"{first} {interval}, {p_value(test['p'])}, {p_value(test['holm']).replace('p', 'Holm', 1)}"
+
+
+def _beside_rows(table: pd.DataFrame) -> list[dict[str, Any]]:
+    rows = table.assign(order=table["teacher"].map(teacher_order)).sort_values([*PLACE, "order"])
+    return [
+        {
+            "place": f"{row['environment']} {row['challenge']}, {row['expert_knowledge']}".replace("_", " "),
+            "teacher": label(row["teacher"]),
+            "n": row["n"],
+            "mastered": plus_minus(row[f"{MEASURE}_mean"], row[f"{MEASURE}_std"]),
+            "differs": row["differs"],
+        }
+        for _, row in rows.iterrows()
+    ]

@@ -1,0 +1,104 @@
+"""One's own results among baselines: what is compared, what stands apart, what is said."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import pytest
+from synthetic_results import SyntheticCampaign
+
+from analysis.compare import beside, duels, missing, new_teachers, paper_side, sentences, side_of, together
+from analysis.compare_page import write_comparison
+from analysis.load import load
+from tma_ray.cli import main
+
+CHALLENGES = ("mostly_unfeasible", "mostly_trivial", "rugged_difficulty")
+
+
+def write(
+    root: Path, teacher: str, mastered: dict[str, list[int]], steps: int = 2_000_000, **changes: object
+) -> None:
+    """Writes finished runs that master so many of ten test tasks, by challenge."""
+    for challenge, counts in mastered.items():
+        campaign = SyntheticCampaign(root, experiment=challenge, steps=steps)
+        for seed, count in enumerate(counts):
+            returns = {steps: [300.0] * count + [0.0] * (10 - count)}
+            names = {"challenge": challenge, "run_id": f"{root.name}-{teacher}-{challenge}-{seed}"}
+            campaign.plain_run(teacher, seed, returns, level="none", **names | changes)
+
+
+@pytest.fixture
+def roots(tmp_path: Path) -> tuple[Path, Path]:
+    """Mine, with a new teacher; and others' with Random, RIAC and runs of another budget."""
+    mine, theirs = tmp_path / "mine", tmp_path / "lite"
+    good, bad, same = [7, 8, 7, 8], [1, 2, 1, 2], [4, 5, 5, 4]
+    write(mine, "frontier", dict(zip(CHALLENGES, (good, good, bad), strict=True)))
+    write(theirs, "random", dict.fromkeys(CHALLENGES, same))
+    write(theirs, "riac", dict(zip(CHALLENGES, (good, same, same), strict=True)))
+    write(theirs, "alp_gmm", {CHALLENGES[0]: good}, steps=4_000_000)
+    return mine, theirs
+
+
+def test_a_new_teacher_is_tested_against_comparable_baselines_only(roots: tuple[Path, Path]) -> None:
+    mine, theirs = (side_of(load(root), root.name) for root in roots)
+    runs = together(mine, [theirs, paper_side()])
+    assert set(runs["teacher"]) == {"frontier", "random", "riac"}
+    assert new_teachers(mine) == ["frontier"]
+    assert sentences(duels(runs, ["frontier"])) == [
+        "Stump tracks, expert knowledge none: frontier is better than Random on 2 of 3 challenges, worse on "
+        "1 (p < 0.05 after Holm).",
+        "Stump tracks, expert knowledge none: frontier is better than RIAC on 1 of 3 challenges, worse on "
+        "1 (p < 0.05 after Holm).",
+    ]
+
+
+def test_other_budgets_and_engines_are_set_beside_and_named(roots: tuple[Path, Path]) -> None:
+    mine, theirs = (side_of(load(root), root.name) for root in roots)
+    (apart,) = beside(mine, theirs).itertuples()
+    assert (apart.teacher, apart.challenge, apart.differs) == (
+        "alp_gmm", "mostly_unfeasible", "training steps: 4 million",
+    )  # fmt: skip
+    paper = beside(mine, paper_side())
+    assert set(paper["challenge"]) == set(CHALLENGES)
+    assert set(paper["differs"]) == {"engine Box2D; 20 million steps"}
+
+
+def test_mine_stands_for_a_baselines_teacher_that_i_have_run_too(roots: tuple[Path, Path]) -> None:
+    mine, theirs = roots
+    write(mine, "random", {CHALLENGES[0]: [3, 3, 4, 4]})
+    runs = together(side_of(load(mine), "mine"), [side_of(load(theirs), "lite")])
+    random = runs[runs["teacher"] == "random"]
+    assert dict(zip(random["challenge"], random["source"], strict=True)) == {
+        "mostly_unfeasible": "mine", "mostly_trivial": "lite", "rugged_difficulty": "lite",
+    }  # fmt: skip
+
+
+def test_missing_challenges_are_named(roots: tuple[Path, Path]) -> None:
+    (text,) = missing(side_of(load(roots[0]), "mine"), ["frontier"])
+    assert text == (
+        "frontier: stump_tracks original, stump_tracks forgetting_student, stump_tracks diverse_students, "
+        "parkour original"
+    )
+
+
+def test_the_page_has_all_of_it(roots: tuple[Path, Path], capsys: pytest.CaptureFixture[str]) -> None:
+    mine, theirs = map(str, roots)
+    assert main(["compare", mine, "--baseline", theirs, "--baseline", "paper-2021"]) == 0
+    index = Path(capsys.readouterr().out.strip())
+    text = re.sub(r"\s+", " ", index.read_text())
+    assert "frontier is better than Random on 2 of 3 challenges" in text
+    assert "Set beside: paper-2021" in text
+    assert "Set beside: lite" in text
+    assert "engine Box2D; 20 million steps" in text
+    assert "Without results: frontier: stump_tracks original" in text
+    assert {path.name for path in index.parent.glob("*.png")} >= {"radar-paper-2021.png"}
+    assert main(["compare", mine]) == 2
+    assert "--baseline paper-2021" in capsys.readouterr().err
+
+
+def test_a_root_without_results_gives_a_page_that_says_so(tmp_path: Path) -> None:
+    SyntheticCampaign(tmp_path)
+    page = write_comparison(tmp_path, ["paper-2021"], tmp_path / "page").read_text()
+    assert "This root holds no runs yet." in page
+    assert "No result of yours may be compared" in page
