@@ -92,27 +92,25 @@ def chosen_matrices(experiment: Experiment, size: Size, options: argparse.Namesp
         ValueError: a challenge, body, level or seed that none of them has.
     """
     matrices = select(experiment.matrices, options.challenges) if options.challenges else experiment.matrices
-    bodies, levels = options.embodiments, parse_levels(options.expert_knowledge or ())
     known = dict.fromkeys(body for matrix in matrices for body in matrix.embodiments)
-    for body in bodies or ():
+    for body in options.embodiments or ():
         if body not in known:
             raise ValueError(f"no embodiment {body!r} in this experiment; known: {', '.join(known)}")
-    chosen = []
-    for matrix in matrices:
-        small = size.of(matrix)
-        chosen.append(
-            replace(
-                small,
-                embodiments=tuple(body for body in matrix.embodiments if not bodies or body in bodies),
-                levels=tuple(level for level in matrix.levels if level in levels) or small.levels[:0]
-                if levels
-                else small.levels,
-                students=options.students or small.students,
-                seeds=small.seeds if options.seeds is None else _seeds(matrix, options.seeds),
-                steps=options.steps or small.steps,
-            )
-        )
-    return tuple(chosen)
+    return tuple(_narrowed(matrix, size.of(matrix), options) for matrix in matrices)
+
+
+def _narrowed(whole: Matrix, small: Matrix, options: argparse.Namespace) -> Matrix:
+    """Returns `small`, which a size left of `whole`, with what the flags say instead."""
+    levels = parse_levels(options.expert_knowledge or ())
+    bodies = options.embodiments or whole.embodiments
+    return replace(
+        small,
+        embodiments=tuple(body for body in whole.embodiments if body in bodies),
+        levels=tuple(level for level in whole.levels if level in levels) if levels else small.levels,
+        students=options.students or small.students,
+        seeds=_seeds(whole, options.seeds) if options.seeds else small.seeds,
+        steps=options.steps or small.steps,
+    )
 
 
 def _seeds(matrix: Matrix, places: Sequence[int]) -> tuple[int, ...]:

@@ -62,6 +62,8 @@ def matrix_campaigns(
     Raises:
         UnknownNameError: no such teacher.
     """
+    for teacher in teachers:
+        TEACHERS.get(teacher)  # refuses an unknown one, also where nobody would miss it
     campaigns = []
     for matrix in matrices:
         points = matrix.points()
@@ -81,7 +83,10 @@ def joined_plan(name: str, campaigns: Sequence[Campaign]) -> Plan:
         ValueError: a cell that cannot run, or no campaign at all.
     """
     if not campaigns:
-        raise ValueError(f"nothing of {name!r} is left to run: no teacher knows enough for what was chosen")
+        raise ValueError(
+            f"nothing of {name!r} is left to run: it has no such level or teacher, or no teacher knows enough "
+            f"at the levels chosen"
+        )
     runs: dict[str, tuple[int, RunSpec]] = {}
     rows: list[dict[str, Any]] = []
     for campaign in campaigns:
