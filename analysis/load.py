@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import json
 from collections.abc import Sequence
 from dataclasses import dataclass, field
@@ -19,6 +20,9 @@ COMPARISON = ["experiment", "environment", "challenge", "embodiment", "student",
 GROUP = [*COMPARISON, "teacher"]
 """Columns that seeds must have in common to be averaged."""
 
+SETTINGS = ["mastery_threshold", "plugins", "settings"]
+"""Columns of cells that come from the spec; settings is a short hash of all of it but the seed."""
+
 STATUSES = ("done", "running", "failed", "waiting")
 """What a run of a cell may be; waiting is a cell whose run has not started."""
 
@@ -29,7 +33,8 @@ class Frames:
 
     Attributes:
         cells: one row per cell and run: `GROUP`, campaign, seed, run_id, status, error, spec, steps,
-            test_set, physics_version, and of the spec mastery_threshold and plugins (JSON).
+            test_set, physics_version, and of the spec `SETTINGS`: mastery_threshold, plugins (JSON) and
+            settings.
         attempts: as stored.
         evaluations: run_id, step, test_set, task_index, episodic_return, and mastered: whether that
             is over the threshold of its run.
@@ -116,9 +121,21 @@ def _frame(
 
 
 def _with_settings(runs: pd.DataFrame) -> pd.DataFrame:
-    """Adds what comparisons need of each run's spec: mastery_threshold and plugins."""
-    plugins = [json.dumps(spec.get("plugins", {}), sort_keys=True) for spec in runs["spec"].map(parsed)]
-    return runs.assign(mastery_threshold=runs["spec"].map(mastery_threshold), plugins=plugins)
+    """Adds what comparisons need of each run's spec: mastery_threshold, plugins and settings.
+
+    A spec is long, and there are thousands: each is parsed once.
+    """
+    found = [_settings(parsed(spec)) for spec in runs["spec"]]
+    return runs.assign(**{name: [each[name] for each in found] for name in SETTINGS})
+
+
+def _settings(spec: dict[str, Any]) -> dict[str, Any]:
+    text = json.dumps({name: value for name, value in spec.items() if name != "seed"}, sort_keys=True)
+    return {
+        "mastery_threshold": float(spec.get("mastery_threshold", MASTERY_RETURN)),
+        "plugins": json.dumps(spec.get("plugins", {}), sort_keys=True),
+        "settings": hashlib.sha256(text.encode()).hexdigest()[:12],
+    }
 
 
 def _join(cells: pd.DataFrame, runs: pd.DataFrame) -> pd.DataFrame:
@@ -127,7 +144,7 @@ def _join(cells: pd.DataFrame, runs: pd.DataFrame) -> pd.DataFrame:
     single = alone.reindex(columns=cells.columns).assign(campaign="", experiment="single runs")
     cells = pd.concat([cells, single], ignore_index=True) if len(single) else cells
     names = ("run_id", "status", "error", "spec", "steps", "test_set", "physics_version")
-    state = runs[[*names, "mastery_threshold", "plugins"]]
+    state = runs[[*names, *SETTINGS]]
     joined = cells.merge(state, on="run_id", how="left")
     joined["status"] = joined["status"].fillna("waiting")
     joined["error"] = joined["error"].fillna("")

@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-import hashlib
 import itertools
-import json
 from collections import Counter
 from collections.abc import Iterator, Sequence
 
 import pandas as pd
 
-from analysis.load import STATUSES, parsed
+from analysis.load import STATUSES
 from analysis.measures import is_baseline
 from analysis.statistics import describe
 from tma_ray.benchmark import MATRICES, Matrix, challenges_of
@@ -56,7 +54,7 @@ def pool_runs(
     rows = cells.assign(
         pool=_pools(cells, matrices),
         test_sets=_test_sets(cells),
-        settings=cells["spec"].map(_digest),
+        settings=cells["settings"].fillna(""),
     )
     for column in SETTINGS:
         known = rows.groupby(["environment", "challenge", "pool"])[column]
@@ -162,13 +160,6 @@ def _test_sets(cells: pd.DataFrame) -> pd.Series:
         for environment, challenge, test_set, single in names
     ]
     return pd.Series(together, index=cells.index, dtype=object)
-
-
-def _digest(spec: object) -> str:
-    """Returns a short hash of all of a spec but its seed; empty for a run that has not begun."""
-    content = {name: value for name, value in parsed(spec).items() if name != "seed"}
-    text = json.dumps(content, sort_keys=True)
-    return hashlib.sha256(text.encode()).hexdigest()[:12] if content else ""
 
 
 def _gaps(rows: pd.DataFrame, counted: pd.DataFrame, by: Sequence[str]) -> Iterator[str]:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Iterator, Sequence
 from typing import Any
 
@@ -40,9 +39,8 @@ def cell(teacher: str, seed: int, value: float, **changes: Any) -> dict[str, Any
     row.setdefault("run_id", "-".join(str(row[name]) for name in (*names, "seed")))
     if row["status"] == "waiting":
         empty = ("steps", "test_set", "physics_version", "mastery_threshold", "mastered_percent", "step")
-        return row | dict.fromkeys(empty, None) | {"spec": None}
-    settings = {"challenge": row["challenge"], "steps": row["steps"], "seed": seed}
-    return row | {"spec": row.get("spec", json.dumps(settings))}
+        return row | dict.fromkeys(empty, None) | {"settings": None}
+    return row | {"settings": row.get("settings", f"{row['challenge']} {row['steps']}")}
 
 
 def parkour(teacher: str, values: dict[str, Sequence[float]], **changes: Any) -> Iterator[dict[str, Any]]:

@@ -123,7 +123,7 @@ def test_other_bodies_and_students_stand_alone() -> None:
 
 
 def test_other_settings_and_repeated_seeds_are_named() -> None:
-    cells = [cell("random", 0, 1), cell("random", 0, 2, spec='{"layers": 3}', run_id="another")]
+    cells = [cell("random", 0, 1), cell("random", 0, 2, settings="three layers", run_id="another")]
     row = only(pool(*cells))
     assert row["missing"] == (
         "different settings: classic_bipedal/sac; seeds counted more than once: classic_bipedal/sac"
