@@ -2,8 +2,8 @@
 
 from analysis.baselines.catalogue import Baseline, as_baseline, baselines, find_baseline
 from analysis.baselines.manifest import BaselineError, BaselineFile, BaselineKind, BaselineManifest
-from analysis.baselines.release import release
-from analysis.baselines.verify import Verification, verify
+from analysis.baselines.releasing import release
+from analysis.baselines.verification import Verification, verify
 
 __all__ = [
     "Baseline",

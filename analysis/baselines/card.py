@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -30,20 +31,15 @@ def card(manifest: BaselineManifest, made: str, citation: str = "", tables: Sequ
         loader=PackageLoader("analysis"), undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True
     )
     cited = citation or f"{manifest.name}, made with {manifest.software} on {manifest.created[:10]}."
-    return (
-        environment.get_template("card.md.j2")
-        .render(
-            manifest=manifest,
-            place=manifest.name,
-            published=manifest.kind is BaselineKind.PUBLISHED,
-            holds=[(name.replace("_", " "), _plain(name, value)) for name, value in manifest.holds.items()],
-            made=made,
-            citation=cited,
-            tables="\n".join(render(table, TableFormat.MARKDOWN) for table in tables).strip(),
-        )
-        .rstrip()
-        + "\n"
+    text = environment.get_template("card.md.j2").render(
+        manifest=manifest,
+        published=manifest.kind is BaselineKind.PUBLISHED,
+        holds=[(name.replace("_", " "), _plain(name, value)) for name, value in manifest.holds.items()],
+        made=made,
+        citation=cited,
+        tables="\n".join(render(table, TableFormat.MARKDOWN) for table in tables),
     )
+    return re.sub(r"\n{3,}", "\n\n", text.rstrip()) + "\n"
 
 
 def holdings(columns: Mapping[str, Sequence[Any]], counts: Mapping[str, int]) -> dict[str, Any]:

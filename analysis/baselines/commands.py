@@ -9,7 +9,7 @@ from rich.table import Table
 
 from analysis.baselines.catalogue import baselines
 from analysis.baselines.manifest import BaselineManifest
-from analysis.baselines.verify import verify
+from analysis.baselines.verification import verify
 
 
 def show_baselines(console: Console | None = None) -> None:

@@ -19,7 +19,7 @@ from analysis.baselines.manifest import (
     BaselineKind,
     BaselineManifest,
 )
-from analysis.baselines.verify import verify
+from analysis.baselines.verification import verify
 from analysis.formatting import duration
 from analysis.load import STATUSES, Frames, load
 from analysis.table import Table
