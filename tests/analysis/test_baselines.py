@@ -21,7 +21,7 @@ from analysis.baselines.commands import show_baselines, show_verification
 from analysis.load import Frames, load
 from analysis.published import paper_frame
 from analysis.tables_command import write_tables
-from tma_ray.results import Results, ResultsRootError, Table, compact
+from tma_ray.results import Results, ResultsRootError, Store, Table, compact
 
 TEACHERS = ("random", "alp_gmm", "<b>|mine")
 
@@ -249,3 +249,17 @@ def test_returns_survive_bit_by_bit(root: Path, released: Path) -> None:
         Results.open(place).table(Table.EPISODES)["episodic_return"].to_numpy() for place in (root, released)
     ]
     assert np.array_equal(values[0].view(np.int64), values[1].view(np.int64))
+
+
+@pytest.mark.slow
+def test_a_release_in_a_bucket_is_found_verified_and_loads_the_same(
+    root: Path, released: Path, s3_root: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    source, target = Store.open(released), Store.open(f"{s3_root}/mine-1.0")
+    for path in source.files():
+        target.write_bytes(path, source.read_bytes(path))
+    monkeypatch.setenv(PLACES_VARIABLE, s3_root)
+    found = find_baseline("mine-1.0")
+    assert found.place == f"{s3_root}/mine-1.0"
+    assert verify("mine-1.0").whole
+    assert_same(found.frames(), load(root))
