@@ -25,7 +25,7 @@ from analysis.load import STATUSES, Frames, load
 from analysis.table import Table
 from analysis.table_results import table_results
 from analysis.tables import result_tables
-from tma_ray.results import SCHEMA_VERSION, Store, copy_merged
+from tma_ray.results import SCHEMA_VERSION, Store, copy_merged, holder_of
 
 ENGINE: Final = "Chipmunk"
 """What simulates the worlds of tma_ray."""
@@ -66,7 +66,8 @@ def release(
 
     Raises:
         ResultsRootError: there is no such root.
-        BaselineError: a run is not done, the root holds none or is damaged, or the folder exists.
+        BaselineError: a campaign is at work on the root, a run is not done, the root holds none or is
+            damaged, or the folder exists.
         DamagedFileError: a file of the root cannot be read.
     """
     folder = _new_folder(name, output or Path())
@@ -108,6 +109,9 @@ def _new_folder(name: str, output: Path) -> Path:
 
 def _refuse_unfinished(frames: Frames, partial: bool) -> str:
     """Returns what is missing of the campaigns, in words, if that is allowed."""
+    holder = holder_of(frames.results.store)
+    if holder is not None:
+        raise BaselineError(f"{holder} is at work on the root: wait for its end, or stop it first")
     if frames.results.problems:
         raise BaselineError(f"the root is damaged: {frames.results.problems[0]}")
     if frames.cells.empty:

@@ -21,7 +21,7 @@ from analysis.baselines.commands import show_baselines, show_verification
 from analysis.load import Frames, load
 from analysis.published import paper_frame
 from analysis.tables_command import write_tables
-from tma_ray.results import Results, ResultsRootError, Store, Table, compact
+from tma_ray.results import Lease, Results, ResultsRootError, Store, Table, compact
 
 TEACHERS = ("random", "alp_gmm", "<b>|mine")
 
@@ -177,6 +177,15 @@ def test_nothing_is_overwritten_and_nothing_is_left_of_a_failure(
     with pytest.raises(ZeroDivisionError):
         release(root, "mine", tmp_path / "out")
     assert list((tmp_path / "out").iterdir()) == []
+
+
+def test_a_root_at_work_is_not_released(root: Path, tmp_path: Path) -> None:
+    with (
+        Lease(Store.open(root), "stumps"),
+        pytest.raises(BaselineError, match="stumps is at work on the root"),
+    ):
+        release(root, "mine", tmp_path, partial=True)
+    assert not list(tmp_path.iterdir())
 
 
 def test_an_empty_root_is_nothing_to_release(tmp_path: Path) -> None:

@@ -16,7 +16,7 @@ from tma_ray.results.layout import (
     policy_folder,
     staged_policy,
 )
-from tma_ray.results.lease import Lease, NotRunningError, RootInUseError, ask_to_stop
+from tma_ray.results.lease import Lease, NotRunningError, RootInUseError, ask_to_stop, holder_of
 from tma_ray.results.manifest import DamagedFileError, Manifest, PartFile
 from tma_ray.results.object_store import ObjectStoreError
 from tma_ray.results.published import PUBLISHED_FILE, PUBLISHED_SCHEMA, read_published, write_published
@@ -71,6 +71,7 @@ __all__ = [
     "copy_merged",
     "create_root",
     "explained_disk",
+    "holder_of",
     "log_path",
     "outlast",
     "policy_folder",
