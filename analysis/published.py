@@ -7,6 +7,7 @@ from dataclasses import asdict
 import pandas as pd
 
 from tma_ray.benchmark import paper_results
+from tma_ray.results import Store, read_published
 
 PAPER = "paper-2021"
 """Name of the tables of the paper among the baselines."""
@@ -31,3 +32,16 @@ def paper_frame() -> pd.DataFrame:
     ]
     named = {"seeds": "n", "mean": "mastered_percent_mean", "std": "mastered_percent_std"}
     return pd.DataFrame(rows).rename(columns=named).assign(steps=PAPER_STEPS, engine=PAPER_ENGINE)
+
+
+def published_frame(store: Store) -> pd.DataFrame:
+    """Returns published results that lie in a folder or object store, in the columns of `paper_frame`.
+
+    Raises:
+        FileNotFoundError: there are none.
+        ValueError: they have other columns.
+    """
+    frame: pd.DataFrame = read_published(store).to_pandas()
+    for column in ("embodiments", "students"):
+        frame[column] = pd.Series([tuple(names) for names in frame[column]], index=frame.index, dtype=object)
+    return frame

@@ -44,11 +44,16 @@ class TableResults:
     remark: str = ""
 
 
-def paper_table_results() -> TableResults:
-    """Returns the paper's own results."""
-    frame = paper_frame()
-    steps, engine = frame["steps"].iloc[0], frame["engine"].iloc[0]
-    remark = f"As published in 2021, after {amount(steps)} steps in worlds of {engine}: not ours to pool."
+def published_table_results(frame: pd.DataFrame | None = None) -> TableResults:
+    """Returns published results, those of the paper by default.
+
+    Args:
+        frame: in the columns of `published.paper_frame`.
+    """
+    frame = paper_frame() if frame is None else frame
+    steps = " or ".join(amount(steps) for steps in sorted(frame["steps"].unique()))
+    engines = " and ".join(sorted(frame["engine"].unique()))
+    remark = f"As published, after {steps} steps in worlds of {engines}: to be set beside ours, never pooled."
     return TableResults(results_of(frame), remark=remark)
 
 
@@ -143,8 +148,9 @@ def _apart(frame: pd.DataFrame, step: int | None) -> Iterator[tuple[str, pd.Data
         known = frame[column].dropna().unique()
         frame[column] = frame[column].fillna(known[0]) if len(known) == 1 else frame[column]
     groups = list(frame.groupby(APART, dropna=False, sort=True))
-    for settings, rows in sorted(groups, key=lambda group: -len(group[1])):
-        yield _remark(step, *settings), rows
+    key: Any
+    for key, rows in sorted(groups, key=lambda group: -len(group[1])):
+        yield _remark(step, *key), rows
 
 
 def _remark(step: int | None, budget: Any, physics: Any, threshold: Any, test_set: str) -> str:

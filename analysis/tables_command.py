@@ -6,12 +6,12 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
+from analysis.baselines import BaselineKind, as_baseline
 from analysis.load import Frames, load
-from analysis.published import PAPER
 from analysis.search import search_results
 from analysis.table import Table
 from analysis.table_rendering import ENDINGS, TableFormat, render
-from analysis.table_results import paper_table_results, table_results
+from analysis.table_results import published_table_results, table_results
 from analysis.tables import hyperparameters, knowledge_needs, result_tables
 
 
@@ -39,24 +39,27 @@ def write_tables(
     """Makes the paper's tables of a root, finished or not, and writes them if told where to.
 
     Args:
-        root: a folder, an ``s3://`` or ``gs://`` address, or ``paper-2021`` for the paper's own.
+        root: a folder, an ``s3://`` or ``gs://`` address, or the name of a baseline: ``paper-2021`` for the
+            paper's own.
         step: steps at which runs are read; None for their ends.
         kind: markdown, latex or csv.
         output: folder to write to, which is made.
 
     Raises:
         ResultsRootError: there is no such root.
-        ValueError: a step under 1, or the paper's results at another step than their last.
+        BaselineError: a damaged baseline.
+        ValueError: a step under 1, or published results at another step than their last.
     """
     if step is not None and step < 1:
         raise ValueError(f"step {step}: expected at least 1, or none for the ends of the runs")
-    kind, warnings = TableFormat(kind), tuple[str, ...]()
-    if str(root) == PAPER:
+    kind, baseline = TableFormat(kind), as_baseline(root)
+    if baseline is not None and baseline.manifest.kind is BaselineKind.PUBLISHED:
         if step is not None:
-            raise ValueError(f"{PAPER} has results at the end of training only; leave out the step")
-        tables = [*result_tables(paper_table_results()), hyperparameters(), knowledge_needs()]
+            raise ValueError(f"{root} has results at the end of training only; leave out the step")
+        results = published_table_results(baseline.published())
+        tables, warnings = [*result_tables(results), hyperparameters(), knowledge_needs()], tuple[str, ...]()
     else:
-        frames = load(root)
+        frames = load(root if baseline is None else baseline.place)
         tables = list(tables_of(frames, step))
         warnings = (*frames.warnings, *frames.results.problems, *_none_of(tables))
     texts = {f"{table.name}.{ENDINGS[kind]}": render(table, kind) for table in tables}
@@ -77,7 +80,7 @@ def tables_of(frames: Frames, step: int | None = None) -> Iterator[Table]:
 
 
 def _none_of(tables: list[Table]) -> Iterator[str]:
-    known = {table.name for table in result_tables(paper_table_results())}
+    known = {table.name for table in result_tables(published_table_results())}
     absent = sorted(name for name in known if not any(table.name.startswith(name) for table in tables))
     if absent:
         yield f"Nothing of these tables was run: {', '.join(absent)}."

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from tma_ray.results import Lease, NotRunningError, RootInUseError, Store, ask_to_stop
+from tma_ray.results import Lease, NotRunningError, RootInUseError, Store, ask_to_stop, holder_of
 from tma_ray.results.layout import LEASE_FILE
 from tma_ray.results.lease import STOP_CHECK_SECONDS
 
@@ -110,3 +110,11 @@ def test_a_dead_campaign_cannot_be_asked(store: Store) -> None:
     Lease(store, "long gone", clock=lambda: time.time() - 1000).acquire()
     with pytest.raises(NotRunningError, match="long gone is dead"):
         ask_to_stop(store)
+
+
+def test_who_holds_a_root_is_known_until_the_lease_ends(store: Store) -> None:
+    assert holder_of(store) is None
+    with Lease(store, "stumps"):
+        assert holder_of(store) == "stumps"
+        assert holder_of(store, seconds=0.0) is None
+    assert holder_of(store) is None

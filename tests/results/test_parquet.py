@@ -1,4 +1,5 @@
 import io
+import math
 
 import numpy as np
 import pyarrow as pa
@@ -6,7 +7,7 @@ import pyarrow.parquet as pq
 import pytest
 from results_examples import make_rows
 
-from tma_ray.results import DATA_TABLES, SCHEMAS, Table
+from tma_ray.results import DATA_TABLES, SCHEMAS, Table, parquet
 from tma_ray.results.parquet import decode, encode
 from tma_ray.results.rows import to_arrow
 
@@ -62,3 +63,36 @@ def test_a_flipped_bit_is_noticed() -> None:
     data[40] ^= 1
     with pytest.raises((OSError, pa.ArrowException)):
         decode(bytes(data))
+
+
+def episodes(run_id: str, count: int) -> pa.Table:
+    rows = [
+        {"run_id": run_id, "step": step, "episode": step, "task": [0.0], "world_task": None}
+        | {"episodic_return": math.nan if step == 1 else step / 3, "length": 1, "success": True}
+        for step in range(count)
+    ]
+    return to_arrow(Table.EPISODES, SCHEMAS[Table.EPISODES], rows)
+
+
+def test_rows_of_many_runs_are_read_back_run_by_run(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(parquet, "ROW_GROUP_ROWS", 5)
+    parts = [
+        episodes(name, count) for name, count in (("a", 2), ("b", 3), ("c", 1), ("d", 12), ("e", 0), ("f", 2))
+    ]
+    data = parquet.encode_together(Table.EPISODES, iter(parts))
+    groups = pq.ParquetFile(pa.BufferReader(data)).metadata
+    assert [groups.row_group(place).num_rows for place in range(groups.num_row_groups)] == [5, 1, 5, 5, 2, 2]
+    first = 0
+    for part in parts:
+        rows = parquet.decode_rows(pa.BufferReader(data), first, len(part), part.column_names)
+        assert parquet.same_rows(Table.EPISODES, rows, part)
+        first += len(part)
+    with pytest.raises(IndexError, match="it has 20 rows, not 21"):
+        parquet.decode_rows(pa.BufferReader(data), 19, 2, ["step"])
+
+
+def test_rows_are_the_same_by_value_and_order() -> None:
+    rows = episodes("a", 3)
+    assert parquet.same_rows(Table.EPISODES, rows, episodes("a", 3))
+    for others in (episodes("b", 3), rows.slice(1), rows.take([1, 0, 2])):
+        assert not parquet.same_rows(Table.EPISODES, rows, others)

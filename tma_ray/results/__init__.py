@@ -16,9 +16,10 @@ from tma_ray.results.layout import (
     policy_folder,
     staged_policy,
 )
-from tma_ray.results.lease import Lease, NotRunningError, RootInUseError, ask_to_stop
+from tma_ray.results.lease import Lease, NotRunningError, RootInUseError, ask_to_stop, holder_of
 from tma_ray.results.manifest import DamagedFileError, Manifest, PartFile
 from tma_ray.results.object_store import ObjectStoreError
+from tma_ray.results.published import PUBLISHED_FILE, PUBLISHED_SCHEMA, read_published, write_published
 from tma_ray.results.reader import DamagedFileWarning, Results
 from tma_ray.results.records import AttemptOutcome, AttemptRecord, RunRecord, RunStatus
 from tma_ray.results.rows import teacher_log_row
@@ -32,6 +33,8 @@ __all__ = [
     "DATA_TABLES",
     "DISK_FULL",
     "LOGS",
+    "PUBLISHED_FILE",
+    "PUBLISHED_SCHEMA",
     "SCHEMAS",
     "SCHEMA_VERSION",
     "AttemptOutcome",
@@ -68,9 +71,12 @@ __all__ = [
     "copy_merged",
     "create_root",
     "explained_disk",
+    "holder_of",
     "log_path",
     "outlast",
     "policy_folder",
+    "read_published",
     "staged_policy",
     "teacher_log_row",
+    "write_published",
 ]

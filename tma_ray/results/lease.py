@@ -156,6 +156,12 @@ def ask_to_stop(store: Store, seconds: float = LEASE_SECONDS) -> str:
     return str(current["holder"])
 
 
+def holder_of(store: Store, seconds: float = LEASE_SECONDS) -> str | None:
+    """Returns how the campaign is called that holds a results root, None if nobody alive does."""
+    current = _read(store, LEASE_FILE)
+    return str(current["holder"]) if current is not None and _lives(current, time.time(), seconds) else None
+
+
 def _read(store: Store, path: str) -> dict[str, Any] | None:
     try:
         content: dict[str, Any] = json.loads(store.read_bytes(path))

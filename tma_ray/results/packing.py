@@ -10,7 +10,7 @@ import pyarrow as pa
 
 from tma_ray.results.layout import table_path
 from tma_ray.results.manifest import DamagedFileError, Manifest, PartFile
-from tma_ray.results.parquet import decode_rows, encode, encode_together
+from tma_ray.results.parquet import decode_rows, encode, encode_together, same_rows
 from tma_ray.results.reader import Results
 from tma_ray.results.schema import DATA_TABLES, SCHEMAS, Table
 from tma_ray.results.store import Store
@@ -112,7 +112,7 @@ def _pack_table(
         found = (
             decode_rows(stored, first, counts[run_id], SCHEMAS[table].names) if counts[run_id] else expected
         )
-        if encode(table, found) != encode(table, expected):
+        if not same_rows(table, found, expected):
             raise DamagedFileError(
                 f"{target.where(path)} does not hold what run {run_id} wrote; nothing was merged"
             )

@@ -77,6 +77,12 @@ def decode(data: bytes, columns: Sequence[str] | None = None) -> pa.Table:
     return rows if columns is None else rows.select(columns)
 
 
+def same_rows(table: Table, rows: pa.Table, others: pa.Table) -> bool:
+    """Tells whether two tables would be the same file: the same values in the same order, NaN included."""
+    alike = _canonical(table, rows).equals(_canonical(table, others))
+    return alike or encode(table, rows) == encode(table, others)  # NaN equals itself as bytes only
+
+
 def _write_group(writer: pq.ParquetWriter, table: Table, parts: Sequence[pa.Table]) -> None:
     rows = _canonical(table, pa.concat_tables([SCHEMAS[table].empty_table(), *parts]).unify_dictionaries())
     if len(rows):

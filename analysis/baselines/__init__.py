@@ -1,0 +1,20 @@
+"""Results to compare with: what others published, and packed campaigns of tma_ray, with checksums."""
+
+from analysis.baselines.catalogue import Baseline, as_baseline, baselines, find_baseline
+from analysis.baselines.manifest import BaselineError, BaselineFile, BaselineKind, BaselineManifest
+from analysis.baselines.releasing import release
+from analysis.baselines.verification import Verification, verify
+
+__all__ = [
+    "Baseline",
+    "BaselineError",
+    "BaselineFile",
+    "BaselineKind",
+    "BaselineManifest",
+    "Verification",
+    "as_baseline",
+    "baselines",
+    "find_baseline",
+    "release",
+    "verify",
+]

@@ -1,0 +1,74 @@
+"""The card of a baseline, ``README.md``: what it is, how it was made, how to use and to cite it."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from jinja2 import Environment, PackageLoader, StrictUndefined
+
+from analysis.baselines.manifest import BaselineKind, BaselineManifest
+from analysis.formatting import amount
+from analysis.style import label, teacher_order
+from analysis.table import Table
+from analysis.table_rendering import TableFormat, render
+
+CARD_FILE = "README.md"
+
+
+def card(manifest: BaselineManifest, made: str, citation: str = "", tables: Sequence[Table] = ()) -> str:
+    """Returns the card of a baseline.
+
+    Args:
+        manifest: what it says of itself.
+        made: how it came to be, in words.
+        citation: what others should cite; empty for the name, version and date of the baseline itself.
+        tables: its results.
+    """
+    # Markdown, and every value has been escaped or is ours.
+    environment = Environment(  # noqa: S701
+        loader=PackageLoader("analysis"), undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True
+    )
+    cited = citation or f"{manifest.name}, made with {manifest.software} on {manifest.created[:10]}."
+    text = environment.get_template("card.md.j2").render(
+        manifest=manifest,
+        published=manifest.kind is BaselineKind.PUBLISHED,
+        holds=[(name.replace("_", " "), _plain(name, value)) for name, value in manifest.holds.items()],
+        made=made,
+        citation=cited,
+        tables="\n".join(render(table, TableFormat.MARKDOWN) for table in tables),
+    )
+    return re.sub(r"\n{3,}", "\n\n", text.rstrip()) + "\n"
+
+
+def holdings(columns: Mapping[str, Sequence[Any]], counts: Mapping[str, int]) -> dict[str, Any]:
+    """Returns the distinct values of some columns, sorted, and some counts, as JSON has them."""
+    found = {name: sorted(set(values)) for name, values in columns.items()}
+    return {name: values for name, values in found.items() if values and values != [""]} | dict(counts)
+
+
+def _plain(name: str, value: Any) -> str:
+    if name == "steps":
+        return ", ".join(map(amount, value))
+    if name == "teachers":
+        return ", ".join(_safe(label(teacher)) for teacher in sorted(value, key=teacher_order))
+    if name == "seeds":
+        return _ranges(value)
+    return ", ".join(_safe(str(each)) for each in value) if isinstance(value, list) else f"{value:,}"
+
+
+def _safe(text: str) -> str:
+    """Returns a name that may be somebody else's, without what Markdown or a table would take for its own."""
+    return "".join(each if each.isalnum() or each in " _-+./:=" else f"&#{ord(each)};" for each in text)
+
+
+def _ranges(numbers: Sequence[int]) -> str:
+    """Returns 0, 1, 2, 5 as "0 to 2, 5"."""
+    runs: list[list[int]] = []
+    for number in sorted(numbers):
+        if runs and number == runs[-1][1] + 1:
+            runs[-1][1] = number
+        else:
+            runs.append([number, number])
+    return ", ".join(f"{low} to {high}" if high > low else f"{low}" for low, high in runs)

@@ -1,0 +1,176 @@
+"""Packing a finished campaign: a folder that others load, verify and cite."""
+
+from __future__ import annotations
+
+import re
+import shutil
+from dataclasses import replace
+from datetime import UTC, datetime
+from importlib.metadata import version
+from pathlib import Path
+from typing import Final
+from uuid import uuid4
+
+from analysis.baselines.card import CARD_FILE, card, holdings
+from analysis.baselines.manifest import (
+    BASELINE_FILE,
+    BaselineError,
+    BaselineFile,
+    BaselineKind,
+    BaselineManifest,
+)
+from analysis.baselines.verification import verify
+from analysis.formatting import duration
+from analysis.load import STATUSES, Frames, load
+from analysis.table import Table
+from analysis.table_results import table_results
+from analysis.tables import result_tables
+from tma_ray.results import SCHEMA_VERSION, Store, copy_merged, holder_of
+
+ENGINE: Final = "Chipmunk"
+"""What simulates the worlds of tma_ray."""
+
+HELD: Final = {
+    "campaigns": "campaign",
+    "experiments": "experiment",
+    "environments": "environment",
+    "challenges": "challenge",
+    "embodiments": "embodiment",
+    "students": "student",
+    "teachers": "teacher",
+    "expert_knowledge": "expert_knowledge",
+    "steps": "steps",
+    "seeds": "seed",
+}
+"""Columns of cells by the names under which a manifest lists their values."""
+
+
+def release(
+    root: str | Path, name: str, output: Path | None = None, licence: str = "", *, partial: bool = False
+) -> Path:
+    """Packs the campaigns of a root that are done into a folder of files that need nothing else.
+
+    It is a results root of its own: `analysis.load.load` reads it as it reads `root`, from a disk or an
+    object store, without ray or torch. Checkpoints and logs stay behind, and so does what is neither JSON
+    nor safetensors of a policy.
+
+    Args:
+        root: a folder, or an ``s3://`` or ``gs://`` address, on which no campaign is running.
+        name: of the release and its folder.
+        output: folder in which that is made; the current one by default.
+        licence: under which others may use it, an SPDX identifier such as ``CC-BY-4.0``.
+        partial: pack campaigns that are not done as well, and say so.
+
+    Returns:
+        The new folder.
+
+    Raises:
+        ResultsRootError: there is no such root.
+        BaselineError: a campaign is at work on the root, a run is not done, the root holds none or is
+            damaged, or the folder exists.
+        DamagedFileError: a file of the root cannot be read.
+    """
+    folder = _new_folder(name, output or Path())
+    frames = load(root)
+    missing = _refuse_unfinished(frames, partial)
+    folder.parent.mkdir(parents=True, exist_ok=True)
+    aside = folder.parent / f".{name}-{uuid4().hex[:8]}"
+    try:
+        store = Store.open(aside)
+        left_out = copy_merged(frames.results, store)
+        shutil.rmtree(aside / "tmp", ignore_errors=True)
+        manifest = _manifest(frames, name, licence, missing, left_out, store)
+        text = card(manifest, _made(frames), tables=_tables(frames))
+        (aside / CARD_FILE).write_text(text, encoding="utf-8")
+        files = tuple(BaselineFile.of(store, path) for path in store.files())
+        content = replace(manifest, files=files).to_bytes()
+        (aside / BASELINE_FILE).write_bytes(content)
+        problems = verify(aside).problems
+        if problems:
+            raise BaselineError(f"{aside} was not written as it should be: {problems[0]}; try another disk")
+        aside.rename(folder)
+    finally:
+        shutil.rmtree(aside, ignore_errors=True)
+    return folder
+
+
+def _new_folder(name: str, output: Path) -> Path:
+    if not re.fullmatch(r"[0-9a-zA-Z][0-9a-zA-Z._-]*", name):
+        raise BaselineError(
+            f"release {name!r}: use letters, digits, '.', '_' and '-', a letter or digit first"
+        )
+    if "://" in str(output):
+        raise BaselineError(f"{output} is no local folder: write the release to a disk, then upload it")
+    folder = output.expanduser() / name
+    if folder.exists():
+        raise BaselineError(f"{folder} exists: a release is never overwritten; choose another name or folder")
+    return folder
+
+
+def _refuse_unfinished(frames: Frames, partial: bool) -> str:
+    """Returns what is missing of the campaigns, in words, if that is allowed."""
+    holder = holder_of(frames.results.store)
+    if holder is not None:
+        raise BaselineError(f"{holder} is at work on the root: wait for its end, or stop it first")
+    if frames.results.problems:
+        raise BaselineError(f"the root is damaged: {frames.results.problems[0]}")
+    if frames.cells.empty:
+        raise BaselineError("the root holds no runs: there is nothing to release")
+    runs = frames.cells.drop_duplicates("run_id")["status"]
+    counts = {status: int((runs == status).sum()) for status in STATUSES if status != "done"}
+    words = ", ".join(f"{count} {status}" for status, count in counts.items() if count)
+    missing = f"of {len(runs)} runs {words}" if words else ""
+    if missing and not partial:
+        raise BaselineError(f"{missing}: finish the campaign, or release it as it is with --partial")
+    return missing
+
+
+def _manifest(
+    frames: Frames, name: str, licence: str, missing: str, left_out: list[str], store: Store
+) -> BaselineManifest:
+    cells = frames.cells.astype({"seed": object})
+    columns = {title: cells[column].dropna().tolist() for title, column in HELD.items()}
+    columns |= {
+        "steps": [int(steps) for steps in columns["steps"]],
+        "seeds": [int(seed) for seed in columns["seeds"]],
+    }
+    evaluations = frames.evaluations.drop_duplicates(["run_id", "step"])
+    counts = {"runs": len(frames.results.runs()), "evaluations": len(evaluations)}
+    counts["policies"] = len({path.split("/")[1] for path in store.files("policies")})
+    caveats = [*frames.warnings]
+    if left_out:
+        caveats.append(
+            f"{len(left_out)} files of policies were left out, being neither JSON nor safetensors."
+        )
+    if counts["policies"] < counts["runs"]:
+        caveats.append(f"{counts['runs'] - counts['policies']} of {counts['runs']} runs have no policy here.")
+    caveats.append(f"Worlds of other engines than {ENGINE} give other numbers: compare ranks, pool nothing.")
+    caveats.append("The table of attempts names the machines that the runs were made on.")
+    return BaselineManifest(
+        name=name,
+        kind=BaselineKind.RUNS,
+        schema_version=SCHEMA_VERSION,
+        engine=ENGINE,
+        physics_versions=tuple(sorted({int(value) for value in cells["physics_version"].dropna()})),
+        licence=licence,
+        created=datetime.now(UTC).isoformat(timespec="seconds"),
+        software=f"tma_ray {version('tma_ray')}",
+        partial=missing,
+        caveats=tuple(caveats),
+        holds=holdings(columns, counts),
+    )
+
+
+def _made(frames: Frames) -> str:
+    """Returns how the runs were made, in words."""
+    versions = ", ".join(f"{value:g}" for value in sorted(frames.cells["physics_version"].dropna().unique()))
+    text = f"By campaigns of tma_ray with its {ENGINE} worlds, physics version {versions or 'unknown'}."
+    attempts = frames.attempts
+    if len(attempts):
+        machines, total = attempts["host"].nunique(), duration(float(attempts["wall_seconds"].sum()))
+        text += f" Attempts: {len(attempts):,}, on machines: {machines}, for {total} together."
+    return text + " Every run has its whole specification in the column `spec` of the table `runs`."
+
+
+def _tables(frames: Frames) -> list[Table]:
+    return [table for results in table_results(frames) for table in result_tables(results)]

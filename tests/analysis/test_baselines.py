@@ -1,0 +1,274 @@
+"""Baselines: the paper's, and releases that hold what their root held, no more and no less."""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+from dataclasses import fields
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+from rich.console import Console
+from synthetic_results import SyntheticCampaign
+
+from analysis.baselines import BaselineError, as_baseline, baselines, find_baseline, release, verify
+from analysis.baselines.catalogue import PLACES_VARIABLE
+from analysis.baselines.commands import show_baselines, show_verification
+from analysis.load import Frames, load
+from analysis.published import paper_frame
+from analysis.tables_command import write_tables
+from tma_ray.results import Lease, Results, ResultsRootError, Store, Table, compact
+
+TEACHERS = ("random", "alp_gmm", "<b>|mine")
+
+
+@pytest.fixture(scope="module")
+def root(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A finished campaign of three teachers with two seeds, two experiments sharing one run."""
+    folder = tmp_path_factory.mktemp("campaign") / "root"
+    small = {"steps": 20_000, "evaluation_every": 10_000, "episode_steps": 1_000, "grid": 2, "updates": 2}
+    campaign = SyntheticCampaign(folder, boxes=True, **small)
+    for teacher in TEACHERS:
+        for seed in range(2):
+            run_id = campaign.run(teacher, seed)
+            policy = folder / "policies" / run_id
+            policy.mkdir(parents=True)
+            (policy / "policy.json").write_text("{}")
+            (policy / "policy.safetensors").write_bytes(bytes(8))
+    again = SyntheticCampaign(folder, experiment="again", campaign="second", **small)
+    again.cell(again.record("random", 0, "low", run_id="original-random-low-0"), "low")
+    return folder
+
+
+@pytest.fixture(scope="module")
+def released(root: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return release(root, "mine-1.0", tmp_path_factory.mktemp("releases"), "CC-BY-4.0")
+
+
+def assert_same(found: Frames, expected: Frames) -> None:
+    for field in fields(Frames):
+        ours, theirs = getattr(found, field.name), getattr(expected, field.name)
+        if isinstance(ours, pd.DataFrame):
+            pd.testing.assert_frame_equal(ours, theirs, check_exact=True)
+    assert found.warnings == expected.warnings
+    for table in Table:
+        assert found.results.table(table).equals(expected.results.table(table)), table
+    for run_id in expected.cells["run_id"].unique():
+        for name in ("episodes", "curriculum"):
+            ours, theirs = getattr(found, name)(run_id), getattr(expected, name)(run_id)
+            assert len(theirs)
+            pd.testing.assert_frame_equal(ours, theirs, check_exact=True)
+        logs = [frames.results.table(Table.TEACHER_LOG, [run_id]) for frames in (found, expected)]
+        assert logs[0].equals(logs[1])
+
+
+def test_a_release_loads_as_its_root_does(root: Path, released: Path) -> None:
+    assert_same(load(released), load(root))
+    assert_same(find_baseline(released).frames(), load(root))
+    assert write_tables(released).text == write_tables(root).text
+
+
+def test_a_release_has_one_file_per_table_and_experiment_and_nothing_that_runs(released: Path) -> None:
+    files = sorted(path.relative_to(released).as_posix() for path in released.rglob("*") if path.is_file())
+    assert [name for name in files if "/episodes/" in name] == [
+        "tables/episodes/again.parquet",
+        "tables/episodes/original.parquet",
+    ]
+    assert {Path(name).suffix for name in files} == {".json", ".md", ".parquet", ".safetensors"}
+    assert sum(name.endswith(".safetensors") for name in files) == 6
+    assert not [name for name in files if name.startswith(("staging", "checkpoints", "tmp", "lease"))]
+
+
+def test_a_release_loads_without_ray_and_torch(released: Path) -> None:
+    code = (
+        "import sys; from analysis.baselines import find_baseline; "
+        f"frames = find_baseline({str(released)!r}).frames(); assert len(frames.evaluations); "
+        "assert not {'ray', 'torch'} & set(sys.modules)"
+    )
+    subprocess.run([sys.executable, "-c", code], check=True)
+
+
+def test_the_manifest_and_the_card_say_what_it_holds(released: Path) -> None:
+    manifest = find_baseline(released).manifest
+    assert manifest.holds["teachers"] == sorted(TEACHERS)
+    assert manifest.holds["seeds"] == [0, 1]
+    assert manifest.holds["steps"] == [20_000]
+    assert (manifest.holds["runs"], manifest.holds["policies"], manifest.holds["evaluations"]) == (6, 6, 18)
+    assert (manifest.engine, manifest.physics_versions, manifest.partial) == ("Chipmunk", (1,), "")
+    card = (released / "README.md").read_text(encoding="utf-8")
+    for words in (
+        "# mine-1.0",
+        "CC-BY-4.0",
+        "ALP-GMM",
+        "| seeds | 0 to 1 |",
+        "Stump Tracks, original task space",
+    ):
+        assert words in card
+    assert "<b>" not in card
+    assert "part of its campaigns" not in card
+
+
+def test_a_whole_release_is_verified_and_damage_is_named(released: Path, tmp_path: Path) -> None:
+    assert verify(released).whole
+    copy = tmp_path / "copy"
+    subprocess.run(["cp", "-r", released, copy], check=True)
+    training = copy / "tables/training/original.parquet"
+    content = bytearray(training.read_bytes())
+    content[len(content) // 2] ^= 1
+    training.write_bytes(bytes(content))
+    (copy / "policies/original-random-low-0/policy.json").unlink()
+    (copy / "policies/original-random-low-1/policy.pkl").write_bytes(b"danger")
+    console = Console(record=True, width=300)
+    assert not show_verification(copy, console)
+    assert console.export_text().splitlines() == [
+        "policies/original-random-low-1/policy.pkl is not of this baseline",
+        "policies/original-random-low-0/policy.json is missing",
+        "tables/training/original.parquet is damaged: its sha256 is not the recorded one",
+    ]
+    manifest = json.loads((copy / "baseline.json").read_text())
+    manifest["files"][0]["path"] = "../secret"
+    (copy / "baseline.json").write_text(json.dumps(manifest))
+    with pytest.raises(BaselineError, match="may lead out of its folder"):
+        verify(copy)
+
+
+def test_a_campaign_that_is_not_done_is_released_only_as_a_part(tmp_path: Path) -> None:
+    campaign = SyntheticCampaign(tmp_path / "root", steps=1_000)
+    campaign.plain_run("random", 0, {0: [0.0], 1_000: [300.0]})
+    campaign.plain_run("random", 1, {0: [0.0]}, status="running")
+    campaign.plain_run("adr", 0, {0: [0.0]}, status="failed")
+    campaign.run("adr", 1, "waiting")
+    root, output = tmp_path / "root", tmp_path / "releases"
+    with pytest.raises(BaselineError, match="of 4 runs 1 running, 1 failed, 1 waiting: finish the campaign"):
+        release(root, "half", output)
+    assert not output.exists()
+    folder = release(root, "half", output, partial=True)
+    assert_frames_same_but_episodes(load(folder), load(root))
+    assert verify(folder).whole
+    assert find_baseline(folder).manifest.partial == "of 4 runs 1 running, 1 failed, 1 waiting"
+    card = (folder / "README.md").read_text(encoding="utf-8")
+    assert "part of its campaigns only:** of 4 runs 1 running, 1 failed, 1 waiting" in card
+    assert "None was given" in card
+
+
+def assert_frames_same_but_episodes(found: Frames, expected: Frames) -> None:
+    for name in ("cells", "attempts", "evaluations", "training", "test_tasks"):
+        pd.testing.assert_frame_equal(getattr(found, name), getattr(expected, name), check_exact=True)
+
+
+@pytest.mark.parametrize("name", ["", ".hidden", "a/b", "..", "a b"])
+def test_a_name_that_is_no_folders_is_refused(root: Path, tmp_path: Path, name: str) -> None:
+    with pytest.raises(BaselineError, match="use letters, digits"):
+        release(root, name, tmp_path)
+
+
+def test_nothing_is_overwritten_and_nothing_is_left_of_a_failure(
+    root: Path, released: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    with pytest.raises(BaselineError, match="never overwritten"):
+        release(root, released.name, released.parent)
+    with pytest.raises(ResultsRootError, match="no results root"):
+        release(tmp_path / "nowhere", "mine", tmp_path / "out")
+    monkeypatch.setattr("analysis.baselines.releasing._tables", lambda frames: 1 / 0)
+    with pytest.raises(ZeroDivisionError):
+        release(root, "mine", tmp_path / "out")
+    assert list((tmp_path / "out").iterdir()) == []
+
+
+def test_a_root_at_work_is_not_released(root: Path, tmp_path: Path) -> None:
+    with (
+        Lease(Store.open(root), "stumps"),
+        pytest.raises(BaselineError, match="stumps is at work on the root"),
+    ):
+        release(root, "mine", tmp_path, partial=True)
+    assert not list(tmp_path.iterdir())
+
+
+def test_an_empty_root_is_nothing_to_release(tmp_path: Path) -> None:
+    SyntheticCampaign(tmp_path / "root")
+    with pytest.raises(BaselineError, match="nothing to release"):
+        release(tmp_path / "root", "mine", tmp_path)
+
+
+def test_a_root_with_merged_files_makes_the_same_release(root: Path, released: Path, tmp_path: Path) -> None:
+    copy = tmp_path / "root"
+    subprocess.run(["cp", "-r", root, copy], check=True)
+    compact(copy)
+    assert_same(load(copy), load(root))
+    again = release(copy, "again", tmp_path)
+    names = {path.relative_to(again) for path in again.glob("tables/*/*")}
+    for name in names:
+        assert (again / name).read_bytes() == (released / name).read_bytes()
+    assert names == {path.relative_to(released) for path in released.glob("tables/*/*")}
+
+
+def test_the_papers_tables_are_a_baseline() -> None:
+    paper = find_baseline("paper-2021")
+    pd.testing.assert_frame_equal(paper.published(), paper_frame(), check_exact=True)
+    assert verify("paper-2021").whole
+    assert paper.manifest.engine == "Box2D"
+    assert (paper.published()["doubt"] != "").sum() == 3
+    with pytest.raises(BaselineError, match="no runs"):
+        paper.frames()
+    assert as_baseline("paper-2021") == paper
+
+
+def test_baselines_are_found_by_name_in_the_folders_of_the_environment(
+    released: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    with pytest.raises(BaselineError, match=r"no baseline 'mine-1.0': known are paper-2021"):
+        find_baseline("mine-1.0")
+    monkeypatch.setenv(PLACES_VARIABLE, str(released.parent))
+    assert [each.manifest.name for each in baselines()] == ["mine-1.0", "paper-2021"]
+    assert find_baseline("mine-1.0").place == str(released)
+    assert len(find_baseline("mine-1.0").frames().cells) == 7
+    console = Console(record=True, width=300)
+    show_baselines(console)
+    text = console.export_text()
+    assert "CC-BY-4.0" in text
+    assert "Box2D" in text
+    monkeypatch.setenv(PLACES_VARIABLE, os.pathsep.join([str(released), str(tmp_path)]))
+    with pytest.raises(BaselineError, match="where no baseline lies"):
+        baselines()
+
+
+def test_two_baselines_of_one_name_are_told_apart_by_their_places(
+    root: Path, released: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    other = tmp_path / "other"
+    subprocess.run(["cp", "-r", released, other], check=True)
+    monkeypatch.setenv(PLACES_VARIABLE, os.pathsep.join([str(released), str(other)]))
+    with pytest.raises(BaselineError, match="2 baselines are called"):
+        find_baseline("mine-1.0")
+    assert find_baseline(other).place == str(other)
+
+
+def test_a_results_root_is_no_baseline(root: Path) -> None:
+    assert as_baseline(root) is None
+    with pytest.raises(BaselineError, match=r"it has no baseline\.json"):
+        verify(root)
+
+
+def test_returns_survive_bit_by_bit(root: Path, released: Path) -> None:
+    values = [
+        Results.open(place).table(Table.EPISODES)["episodic_return"].to_numpy() for place in (root, released)
+    ]
+    assert np.array_equal(values[0].view(np.int64), values[1].view(np.int64))
+
+
+@pytest.mark.slow
+def test_a_release_in_a_bucket_is_found_verified_and_loads_the_same(
+    root: Path, released: Path, s3_root: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    source, target = Store.open(released), Store.open(f"{s3_root}/mine-1.0")
+    for path in source.files():
+        target.write_bytes(path, source.read_bytes(path))
+    monkeypatch.setenv(PLACES_VARIABLE, s3_root)
+    found = find_baseline("mine-1.0")
+    assert found.place == f"{s3_root}/mine-1.0"
+    assert verify("mine-1.0").whole
+    assert_same(found.frames(), load(root))
