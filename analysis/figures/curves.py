@@ -15,11 +15,11 @@ from matplotlib.transforms import ScaledTranslation
 from analysis.curriculum import remark
 from analysis.figures.axes import percent_axis, share_step_label, step_axis
 from analysis.figures.checks import require, require_unique, significant
-from analysis.figures.legends import legend, mark_handle
+from analysis.figures.legends import legend, legend_height, mark_handle
 from analysis.figures.level_look import Line, LineLooks
 from analysis.figures.lines import draw_line
 from analysis.figures.titles import title
-from analysis.style import ONE_COLUMN, TWO_COLUMNS, label, styled
+from analysis.style import INK, ONE_COLUMN, TWO_COLUMNS, label, styled
 
 EVERY = 5_000_000
 """Steps between two stars (paper, figures of Parkour)."""
@@ -74,7 +74,8 @@ def curves_with_stars(panels: Sequence[CurvePanel], every: int = EVERY, columns:
     stars = [_stars(panel, every) for panel in panels]
     looks = LineLooks(line for table in tables for line in _lines(table))
     starred = [line for line in looks.lines if any(line in set(found["line"]) for found in stars)]
-    figure, grid = _grid(len(panels), min(columns, len(panels)), len(starred))
+    handles = [*map(looks.handle, looks.lines), *_star_handles(panels, stars)]
+    figure, grid = _grid(len(panels), min(columns, len(panels)), len(starred), handles)
     last = max(table["step"].max() for table in tables if len(table))
     for axes, panel, table, found in zip(grid, panels, tables, stars, strict=True):
         _draw_panel(axes, panel, table, looks)
@@ -82,15 +83,14 @@ def curves_with_stars(panels: Sequence[CurvePanel], every: int = EVERY, columns:
         axes.set_title(panel.title, fontsize=8, pad=4 + STAR_ROW * len(starred))
         step_axis(axes, last, ticks=5)
     share_step_label(figure, np.array(grid))
-    handles = [looks.handle(line) for line in looks.lines]
-    legend(figure, [*handles, *_star_handles(panels, bool(starred))], "outside upper center")
+    legend(figure, handles, "outside upper center")
     return figure
 
 
-def _grid(count: int, columns: int, starred: int) -> tuple[Figure, list[Axes]]:
+def _grid(count: int, columns: int, starred: int, handles: Sequence[Line2D]) -> tuple[Figure, list[Axes]]:
     lines = -(-count // columns)
     width = TWO_COLUMNS if columns > 1 else ONE_COLUMN
-    height = 0.6 + lines * (1.9 + STAR_ROW * starred / 72)
+    height = 0.45 + legend_height(handles, width) + lines * (1.9 + STAR_ROW * starred / 72)
     figure = Figure(figsize=(width, height), layout="constrained")
     grid = figure.subplots(lines, columns, squeeze=False).ravel().tolist()
     for spare in grid[count:]:
@@ -167,7 +167,7 @@ def _draw_stars(axes: Axes, stars: pd.DataFrame, rows: Sequence[Line], looks: Li
                 gid=f"{'above' if above else 'below'}-{'-'.join(line)}",
                 **marks,
             )
-        end = axes.transAxes + rise + ScaledTranslation(5 / 72, 0, axes.figure.dpi_scale_trans)
+        end = axes.transAxes + rise + ScaledTranslation(9 / 72, 0, axes.figure.dpi_scale_trans)
         marks |= {
             "marker": style.marker,
             "markersize": 3.5,
@@ -177,17 +177,22 @@ def _draw_stars(axes: Axes, stars: pd.DataFrame, rows: Sequence[Line], looks: Li
         axes.plot([1], [1], transform=end, **marks)
 
 
-def _star_handles(panels: Sequence[CurvePanel], starred: bool) -> list[Line2D]:
-    if not starred:
-        return []
+def _star_handles(panels: Sequence[CurvePanel], stars: Sequence[pd.DataFrame]) -> list[Line2D]:
+    """Returns what full and hollow stars mean, of those that there are."""
     tests = [panel.tests for panel in panels if panel.tests is not None and len(panel.tests)]
     references = sorted({str(name) for table in tests for name in table["second"]})
     levels = any("teacher" in table for table in tests)
-    what = " or ".join(
-        title("expert_knowledge", name).lower() if levels else label(name) for name in references
-    )
-    hollow = {"markerfacecolor": "white", "markersize": 6, "markeredgewidth": 0.6}
+    names = [title("expert_knowledge", name).lower() if levels else label(name) for name in references]
+    differences = np.concatenate([found["difference"].to_numpy(float) for found in stars])
+    kinds = (("above", differences > 0, INK), ("below", differences < 0, "white"))
     return [
-        mark_handle("*", f"above {what} (p < 0.05)", markersize=6),
-        mark_handle("*", f"below {what}", **hollow),
+        mark_handle(
+            "*",
+            f"{word} {' or '.join(names)} (p < 0.05)",
+            markersize=6,
+            markerfacecolor=inside,
+            markeredgewidth=0.6,
+        )
+        for word, these, inside in kinds
+        if these.any()
     ]
