@@ -156,9 +156,16 @@ def gaussians_of(update: pd.Series) -> list[dict[str, Any]]:
 
 
 def boxes_of(update: pd.Series) -> list[dict[str, Any]]:
-    """Returns the boxes of an update, the largest first, so that those within others lie above them."""
+    """Returns the boxes of an update, the largest first, so that those within others lie above them.
+
+    Projections of boxes say themselves which lies above.
+    """
     found = update["boxes"] if update["boxes"] is not None else ()
-    return sorted(found, key=lambda box: -float(np.prod(np.subtract(box["high"], box["low"]))))
+
+    def height(box: dict[str, Any]) -> tuple[float, float]:
+        return box.get("above", 0.0), -float(np.prod(np.subtract(box["high"], box["low"])))
+
+    return sorted(found, key=height)
 
 
 def _draw_boxes(

@@ -36,8 +36,8 @@ COLOURS = 128
 def projected(curriculum: Curriculum, dimensions: tuple[int, int]) -> Curriculum:
     """Returns a curriculum as it looks along two of its task dimensions.
 
-    Tasks and boxes are projected; of Gaussians the marginals are taken. Boxes that lie apart in another
-    dimension may overlap.
+    Tasks and boxes are projected; of Gaussians the marginals are taken. Where boxes lie behind each
+    other, that with the highest score is seen.
 
     Args:
         curriculum: of any number of dimensions.
@@ -78,7 +78,7 @@ def projected(curriculum: Curriculum, dimensions: tuple[int, int]) -> Curriculum
 def animation(
     shots: Sequence[Shot], plane: tuple[Axis, Axis], frames: int = FRAMES, seconds: float = 6.0
 ) -> bytes:
-    """Returns a film strip in motion, as a GIF that repeats: a panel per run, drawn as `film_strip` draws it.
+    """Returns a film strip in motion, as a GIF that repeats: a panel per run, drawn as in `film_strip`.
 
     Args:
         shots: as of `film_strip`; at most `MOST_SHOTS`.
@@ -146,7 +146,10 @@ def _palette(images: Sequence[Image.Image]) -> Image.Image:
     sheet = Image.new("RGB", (width, height * len(few)))
     for place, image in enumerate(few):
         sheet.paste(image, (0, place * height))
-    return sheet.quantize(COLOURS, dither=Image.Dither.NONE)
+    colours = sheet.quantize(COLOURS - 1, dither=Image.Dither.NONE).getpalette() or []
+    palette = Image.new("P", (1, 1))
+    palette.putpalette([255, 255, 255, *colours[: 3 * (COLOURS - 1)]])  # paper stays white
+    return palette
 
 
 def _some(found: Any) -> Any:
@@ -161,4 +164,4 @@ def _marginal(gaussian: dict[str, Any], chosen: list[int]) -> dict[str, Any]:
 
 def _side(box: dict[str, Any], chosen: list[int]) -> dict[str, Any]:
     ends = {name: np.asarray(box[name], dtype=np.float64)[chosen] for name in ("low", "high")}
-    return {**box, **ends}
+    return {**box, **ends, "above": float(box["score"])}
