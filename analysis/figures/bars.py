@@ -104,7 +104,7 @@ def _grid(rows: Sequence[Sequence[BarPanel | None]], teachers: int) -> tuple[Fig
     """Returns a figure with headed panels that share their axes."""
     lines, columns = len(rows), len(rows[0])
     width = TWO_COLUMNS if columns > 1 else ONE_COLUMN
-    figure = Figure(figsize=(width, 0.7 + (0.3 + 0.135 * teachers) * lines), layout="constrained")
+    figure = Figure(figsize=(width, max(1.7, 0.7 + (0.3 + 0.135 * teachers) * lines)), layout="constrained")
     grid = figure.subplots(lines, columns, sharex=True, sharey=True, squeeze=False)
     headings = {panel.titles[1] for row in rows for panel in row if panel}
     for line, row in enumerate(rows):

@@ -97,7 +97,7 @@ def animation(
     steps = moments({str(place): shot.curriculum for place, shot in enumerate(shots)}, frames)
     images = list(_images(shots, plane, steps))
     palette = _palette(images)
-    pictures = [image.quantize(palette=palette, dither=Image.Dither.NONE) for image in images]
+    pictures = [_quantized(image, palette) for image in images]
     # GIF counts hundredths of a second, and viewers slow down what is faster than two of them.
     pause = max(20, round(1000 * seconds / len(pictures) / 10) * 10)
     buffer = io.BytesIO()
@@ -148,8 +148,18 @@ def _palette(images: Sequence[Image.Image]) -> Image.Image:
         sheet.paste(image, (0, place * height))
     colours = sheet.quantize(COLOURS - 1, dither=Image.Dither.NONE).getpalette() or []
     palette = Image.new("P", (1, 1))
-    palette.putpalette([255, 255, 255, *colours[: 3 * (COLOURS - 1)]])  # paper stays white
+    palette.putpalette([255, 255, 255, *colours[: 3 * (COLOURS - 1)]])
     return palette
+
+
+def _quantized(image: Image.Image, palette: Image.Image) -> Image.Image:
+    """Returns `image` in the colours of `palette`, with paper exactly white: Pillow only comes near."""
+    found = image.quantize(palette=palette, dither=Image.Dither.NONE)
+    places = np.array(found)
+    places[(np.asarray(image) == 255).all(axis=2)] = 0
+    exact = Image.fromarray(places, "P")
+    exact.putpalette(found.getpalette() or [])
+    return exact
 
 
 def _some(found: Any) -> Any:
