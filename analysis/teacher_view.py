@@ -80,7 +80,7 @@ def film_strip(
         ValueError: there are no runs, no probes, or tasks that are not two-dimensional.
     """
     steps = checked_steps(shots, steps)
-    small = {"font.size": 6.5, "axes.titlesize": 7, "axes.labelsize": 7} if width < REPORT_WIDTH else {}
+    small: Any = {"font.size": 6.5, "axes.titlesize": 7, "axes.labelsize": 7} if width < REPORT_WIDTH else {}
     with mpl.rc_context(small):
         side = 1.6 * width / REPORT_WIDTH
         figure = Figure(figsize=(width, 0.9 + side * len(shots)), layout="constrained")

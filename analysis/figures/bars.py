@@ -146,7 +146,7 @@ def _draw_bars(axes: Axes, panel: BarPanel, teachers: Sequence[str]) -> None:
                 0.01, place, "\N{EN DASH}", transform=axes.get_yaxis_transform(), color=MUTED, va="center"
             )
             continue
-        mean, whisker = panel.rows.loc[teacher]
+        mean, whisker = (float(panel.rows[name][teacher]) for name in ("mean", "whisker"))
         axes.barh(place, mean, height=0.7, color=look(teacher).colour, alpha=0.75)
         if whisker > 0:
             axes.errorbar(mean, place, xerr=whisker, color=INK, capsize=1.5, linewidth=0.7, capthick=0.7)
@@ -187,10 +187,10 @@ def _notes(panels: Sequence[BarPanel], brackets: bool) -> list[str]:
     test = f"(Welch, p\N{NO-BREAK SPACE}{sign}\N{NO-BREAK SPACE}0.05)."
     text = "Brackets join teachers that" if brackets else "Teachers that share a letter do not"
     notes = [f"{text} differ significantly {test}"]
-    untested = [(panel, *map(label, pair)) for panel in panels for pair in panel.untested]
+    untested = [(panel, pair) for panel in panels for pair in panel.untested]
     if untested:
-        panel, first, second = untested[0]
+        panel, (first, second) = untested[0]
         more = f" and {len(untested) - 1} more" if len(untested) > 1 else ""
         where = ", ".join(panel.titles).lower()
-        notes.append(f"Pairs without a test: {first} and {second} ({where}){more}.")
+        notes.append(f"Pairs without a test: {label(first)} and {label(second)} ({where}){more}.")
     return notes

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -129,8 +130,8 @@ def _stars(panel: CurvePanel, every: int) -> pd.DataFrame:
     between_levels = "teacher" in panel.tests
     rows = significant(due)
     teachers, levels = ("teacher", "first") if between_levels else ("first", "expert_knowledge")
-    found = rows.assign(line=list(zip(rows[teachers], rows[levels], strict=True)))
-    return found[["line", "step", "difference"]] if len(found) else empty
+    lines = pd.Series(list(zip(rows[teachers], rows[levels], strict=True)), index=rows.index, dtype=object)
+    return rows[["step", "difference"]].assign(line=lines)
 
 
 def _draw_panel(axes: Axes, panel: CurvePanel, table: pd.DataFrame, looks: LineLooks) -> None:
@@ -151,7 +152,7 @@ def _draw_stars(axes: Axes, stars: pd.DataFrame, rows: Sequence[Line], looks: Li
         rise = ScaledTranslation(0, (5 + STAR_ROW * place) / 72, axes.figure.dpi_scale_trans)
         mine = stars[stars["line"] == line]
         style = looks.look(line)
-        marks = {"linestyle": "none", "color": style.colour, "clip_on": False}
+        marks: dict[str, Any] = {"linestyle": "none", "color": style.colour, "clip_on": False}
         for above in (True, False):
             steps = mine.loc[(mine["difference"] > 0) == above, "step"].to_numpy(float)
             if not len(steps):  # an empty line would count as one at the corner of the figure

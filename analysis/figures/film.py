@@ -134,9 +134,10 @@ def _images(shots: Sequence[Shot], plane: tuple[Axis, Axis], steps: Sequence[int
             axes.set_title(shot.name)
         label_plane(figure, grid[0], plane)
         figure.suptitle(moment_name(step), fontsize=9)
-        canvas.draw()
+        canvas.draw()  # type: ignore[no-untyped-call]
         figure.set_layout_engine("none")  # panels stay where the first frame has them
-        yield Image.fromarray(np.asarray(canvas.buffer_rgba())[..., :3])
+        pixels = np.asarray(canvas.buffer_rgba())  # type: ignore[no-untyped-call]
+        yield Image.fromarray(pixels[..., :3])
 
 
 def _palette(images: Sequence[Image.Image]) -> Image.Image:

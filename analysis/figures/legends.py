@@ -36,7 +36,7 @@ def mark_handle(marker: str, label: str, **changes: Any) -> Line2D:
     return Line2D([], [], **(shown | {"label": label, "markeredgewidth": 0.7} | changes))
 
 
-def legend(figure: Figure, handles: Sequence[Line2D], loc: str, size: float = 7, **place: Any) -> Legend:
+def legend(figure: Figure, handles: Sequence[Line2D], loc: Any, size: float = 7, **place: Any) -> Legend:
     """Draws one legend for the whole figure, in as many columns as its width has room for.
 
     Args:

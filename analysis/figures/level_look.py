@@ -52,7 +52,8 @@ class LineLooks:
     def fill(self, line: Line) -> str:
         """Returns the colour inside its markers, paler for less knowledge."""
         pale = _PALE.get(line[1], 0.0) if self._several_levels else 0.0
-        return to_hex([part + (1 - part) * pale for part in to_rgb(look(line[0]).colour)])
+        red, green, blue = (part + (1 - part) * pale for part in to_rgb(look(line[0]).colour))
+        return to_hex((red, green, blue))
 
     def handle(self, line: Line) -> Line2D:
         """Returns a piece of the line for a legend."""

@@ -8,6 +8,7 @@ import numpy as np
 import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.layout_engine import ConstrainedLayoutEngine
 
 from analysis.figures.axes import percent_axis, share_step_label, step_axis
 from analysis.figures.checks import require, require_unique, significant
@@ -88,8 +89,7 @@ def pairwise_curves(
 def _grid(size: int) -> tuple[Figure, np.ndarray]:
     width = ONE_COLUMN if size == 1 else TWO_COLUMNS
     height = 0.9 + (1.9 if size == 1 else min(1.5, (width - 0.6) / size * 0.9) * size)
-    figure = Figure(figsize=(width, height), layout="constrained")
-    figure.get_layout_engine().set(hspace=0, wspace=0)
+    figure = Figure(figsize=(width, height), layout=ConstrainedLayoutEngine(hspace=0, wspace=0))
     grid = figure.subplots(size, size, sharex=True, sharey=True, squeeze=False)
     for axes in grid.ravel():
         axes.tick_params(labelsize=6, length=2)
