@@ -8,6 +8,7 @@ from analysis.figures.final_bars import final_bars
 from analysis.figures.learning_curve import learning_curve
 from analysis.figures.mastery import mastery_map
 from analysis.figures.pairs import pairwise_curves
+from analysis.figures.panels import body_panels, knowledge_panels
 from analysis.figures.radar import radar
 from analysis.teacher_view import Shot, film_strip
 
@@ -17,9 +18,11 @@ __all__ = [
     "Whisker",
     "animation",
     "bars_with_pairs",
+    "body_panels",
     "curves_with_stars",
     "film_strip",
     "final_bars",
+    "knowledge_panels",
     "learning_curve",
     "mastery_map",
     "pairwise_curves",

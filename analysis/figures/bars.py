@@ -11,6 +11,7 @@ import numpy as np
 import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.ticker import MaxNLocator
 
 from analysis.curriculum import remark
 from analysis.figures.axes import LEAST_PERCENT
@@ -72,13 +73,7 @@ def bars_with_pairs(
     Raises:
         ValueError: nothing to draw, or several results of a teacher in one panel.
     """
-    mean, std = f"{measure}_mean", f"{measure}_std"
-    require(table, [*by, "teacher", "n", mean, std], "results")
-    table = table[table[mean].notna()]
-    require(table, [], f"results with {mean}")
-    require_unique(table, [*by, "teacher"], "results")
-    error = table[std] / (np.sqrt(table["n"]) if whisker is Whisker.ERROR else 1.0)
-    table = table.assign(mean=table[mean].astype(float), whisker=error.fillna(0.0))
+    table = _table(table, measure, whisker, by)
     teachers = sorted(table["teacher"].unique(), key=teacher_order)
     rows = bar_panels(table, tests, by)
     figure, grid = _grid(rows, len(teachers))
@@ -91,13 +86,24 @@ def bars_with_pairs(
         used = max(used, (_draw_brackets if brackets else _draw_letters)(axes, panel, teachers, end, lane))
     axes = grid[0, 0]
     axes.set_xlim(start, end + lane * (used + 0.5 if used else 0))
-    axes.set_xticks([tick for tick in axes.get_xticks() if start <= tick <= end])
+    axes.set_xticks([tick for tick in MaxNLocator(4).tick_values(start, end) if start <= tick <= end])
     axes.set_ylim(len(teachers) - 0.4, -0.6)
     axes.set_yticks(range(len(teachers)), [short_label(teacher, 14) for teacher in teachers])
     notes = [f"{name}; whiskers: one {whisker.value}", *_notes([panel for _, panel in shown], brackets)]
     wide = int(figure.get_figwidth() * 17)
     figure.supxlabel("\n".join(line for note in notes for line in textwrap.wrap(note, wide)), fontsize=7)
     return figure
+
+
+def _table(table: pd.DataFrame, measure: str, whisker: Whisker, by: tuple[str, str]) -> pd.DataFrame:
+    """Returns `by`, teacher, mean and whisker, 0 where there is none."""
+    mean, std = f"{measure}_mean", f"{measure}_std"
+    require(table, [*by, "teacher", "n", mean, std], "results")
+    table = table[table[mean].notna()]
+    require(table, [], f"results with {mean}")
+    require_unique(table, [*by, "teacher"], "results")
+    error = table[std] / (np.sqrt(table["n"]) if whisker is Whisker.ERROR else 1.0)
+    return table[[*by, "teacher"]].assign(mean=table[mean].astype(float), whisker=error.fillna(0.0))
 
 
 def _grid(rows: Sequence[Sequence[BarPanel | None]], teachers: int) -> tuple[Figure, np.ndarray]:

@@ -42,40 +42,27 @@ def pairwise_curves(
     Raises:
         ValueError: under two teachers, or several values of a teacher at a step.
     """
-    mean, std = f"{measure}_mean", f"{measure}_std"
-    require(curves, ["teacher", "step", "n", mean, std], "curves")
-    require_unique(curves, ["teacher", "step"], "curves")
-    table = curves.rename(columns={mean: "mean", std: "std"}).sort_values("step")
-    table = table[table["mean"].notna()]
-    table = table.assign(standard_error=table["std"] / np.sqrt(table["n"].astype(float)))
+    table = _table(curves, measure)
     teachers = sorted(table["teacher"].unique(), key=teacher_order)
     if len(teachers) < 2:
         raise ValueError(f"curves of {len(teachers)} teachers: expected at least two, to compare them")
-    size = len(teachers) - 1
+    size, tests = len(teachers) - 1, significant(tests)
     figure, grid = _grid(size)
-    high = (table["mean"] + table["standard_error"].fillna(0.0)).max()
-    low = min(0.0, (table["mean"] - table["standard_error"].fillna(0.0)).min())
-    tests = significant(tests)
+    drawn = []
     for row, column in itertools.product(range(size), repeat=2):
         axes = grid[row, column]
         if column > row:
             axes.remove()
             continue
+        drawn.append(axes)
         pair = teachers[column], teachers[row + 1]
-        for teacher in pair:
-            mine = table[table["teacher"] == teacher]
-            draw_line(axes, mine, look(teacher), short_label(teacher), width=0.9)
-        axes.set_ylim(low, high)
-        percent_axis(axes, measure)
-        axes.set_ylim(top=axes.get_ylim()[1] + 0.16 * (axes.get_ylim()[1] - low))
+        _draw_pair(axes, table, pair, measure)
         _draw_stars(axes, tests, pair)
-        step_axis(axes, table["step"].max(), ticks=2)
         if column == 0:
             axes.set_ylabel(short_label(pair[1], 13), fontsize=6.5, fontweight="bold")
         if row == column:
             axes.set_title(short_label(pair[0], 13), fontsize=6.5)
-    drawn = np.array([grid[row, column] for row in range(size) for column in range(row + 1)])
-    share_step_label(figure, drawn)
+    share_step_label(figure, np.array(drawn))
     figure.supylabel(name, fontsize=8.5)
     handles = [teacher_handle(teacher, marker="") for teacher in teachers]
     handles.append(mark_handle("*", "differ at this step (p < 0.05)", color=MUTED))
@@ -84,6 +71,29 @@ def pairwise_curves(
     else:
         figure.legend(handles=handles, loc="upper right", fontsize=7, labelspacing=0.35)
     return figure
+
+
+def _table(curves: pd.DataFrame, measure: str) -> pd.DataFrame:
+    """Returns teacher, step, n, mean and standard_error, sorted by step."""
+    mean, std = f"{measure}_mean", f"{measure}_std"
+    require(curves, ["teacher", "step", "n", mean, std], "curves")
+    require_unique(curves, ["teacher", "step"], "curves")
+    table = curves[["teacher", "step", "n"]].assign(mean=curves[mean].astype(float))
+    table["standard_error"] = curves[std] / np.sqrt(curves["n"].astype(float))
+    return table[table["mean"].notna()].sort_values("step")
+
+
+def _draw_pair(axes: Axes, table: pd.DataFrame, pair: tuple[str, str], measure: str) -> None:
+    """Draws two curves on axes that suit the whole table, with room for stars above."""
+    for teacher in pair:
+        rows = table[table["teacher"] == teacher]
+        draw_line(axes, rows, look(teacher), short_label(teacher), width=0.9)
+    error = table["standard_error"].fillna(0.0)
+    axes.set_ylim(min(0.0, (table["mean"] - error).min()), (table["mean"] + error).max())
+    percent_axis(axes, measure)
+    low, high = axes.get_ylim()
+    axes.set_ylim(top=high + 0.16 * (high - low))
+    step_axis(axes, table["step"].max(), ticks=2)
 
 
 def _grid(size: int) -> tuple[Figure, np.ndarray]:
