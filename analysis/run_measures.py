@@ -9,7 +9,7 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from analysis.load import Frames
-from analysis.measures import evaluation_measures
+from analysis.measures import evaluation_measures, training_curves
 
 SHARES = (0.5, 0.9)
 """Shares of what a run masters in the end, of which it is measured when they are reached."""
@@ -89,6 +89,28 @@ def evaluations_at(frames: Frames, steps: Iterable[int]) -> pd.DataFrame:
     return rows[["step", "run_id", "evaluated_at", "mastered_percent", "evaluation_return"]].reset_index(
         drop=True
     )
+
+
+def training_returns_at(frames: Frames, steps: Iterable[int]) -> pd.DataFrame:
+    """Returns the mean return of recent training episodes of every run at each of `steps`.
+
+    Of runs that got there and did not fail: the last value of `measures.training_curves` at or before it.
+
+    Returns:
+        step (the one asked for), run_id, training_return.
+    """
+    curves = training_curves(frames)[["run_id", "step", "training_return"]].drop_duplicates(
+        ["run_id", "step"]
+    )
+    curves = curves.sort_values("step", kind="stable").rename(columns={"step": "measured_at"})
+    found = []
+    for step in steps:
+        standing = _standing(frames, step)
+        there = standing.index[standing["reason"] == ""]
+        before = curves[(curves["measured_at"] <= step) & curves["run_id"].isin(there)]
+        found.append(before.drop_duplicates("run_id", keep="last").assign(step=step))
+    rows = pd.concat([curves.head(0).assign(step=0), *found], ignore_index=True)
+    return rows[["step", "run_id", "training_return"]]
 
 
 def every(frames: Frames, interval: int) -> list[int]:

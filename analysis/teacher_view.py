@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import Any
+from typing import Any, NamedTuple
 
+import matplotlib as mpl
 import numpy as np
 import pandas as pd
 from matplotlib.axes import Axes
@@ -16,11 +17,14 @@ from numpy.typing import NDArray
 
 from analysis.curriculum import Curriculum, frame, label_plane, remark
 from analysis.formatting import amount
-from analysis.style import INK, look, short_label, styled, teacher_order
+from analysis.style import INK, TWO_COLUMNS, look, short_label, styled, teacher_order
 from analysis.task_axes import Axis
 
 MOMENTS = 6
 """Moments of a run, from its start to its end."""
+
+REPORT_WIDTH = 10.2
+"""Of a figure over the full width of the report, inches."""
 
 SCORE_COLOURS = "YlGnBu"
 """From pale for no score to dark for the highest; readable with any colour vision."""
@@ -33,37 +37,96 @@ def moments(curricula: Mapping[str, Curriculum], count: int = MOMENTS) -> list[i
     return [steps[index] for index in chosen] if steps else []
 
 
-@styled
-def teacher_view(curricula: Mapping[str, Curriculum], plane: tuple[Axis, Axis]) -> Figure:
-    """Draws probed tasks, Gaussians and boxes: a row per teacher, a column per moment.
+class Shot(NamedTuple):
+    """One row of a film strip: a run, under the name of its teacher or of its seed."""
 
-    Gaussians are drawn at two standard deviations, fuller for more weight; a single box as an outline;
-    several boxes as regions coloured by score, with a scale for each teacher.
+    name: str
+    teacher: str
+    curriculum: Curriculum
+
+
+def teacher_view(curricula: Mapping[str, Curriculum], plane: tuple[Axis, Axis]) -> Figure:
+    """Draws the film strip of one run for each teacher, as wide as the report.
 
     Args:
         curricula: one run for each teacher.
         plane: the two task dimensions.
     """
-    teachers, steps = sorted(curricula, key=teacher_order), moments(curricula)
-    figure = Figure(figsize=(10.2, 0.9 + 1.6 * len(teachers)), layout="constrained")
-    grid = figure.subplots(len(teachers), len(steps), sharex=True, sharey=True, squeeze=False)
-    for row, teacher in zip(grid, teachers, strict=True):
-        curriculum, colour = curricula[teacher], look(teacher).colour
-        scores = _score_scale(curriculum, steps)
-        for step, axes in zip(steps, row, strict=True):
-            _panel(axes, curriculum, step, colour, scores)
-        row[0].set_ylabel(short_label(teacher, 16), fontweight="bold")
-        if scores is not None:
-            bar = figure.colorbar(scores, ax=row.tolist(), fraction=0.02, pad=0.01, aspect=14)
-            bar.set_label("Score of a region")
-            bar.outline.set_visible(False)
-    for step, axes in zip(steps, grid[0], strict=True):
-        axes.set_title(f"{amount(step)} steps" if step else "start", fontweight="normal")
-    label_plane(figure, grid[0, 0], plane)
+    teachers = sorted(curricula, key=teacher_order)
+    shots = [Shot(short_label(teacher, 16), teacher, curricula[teacher]) for teacher in teachers]
+    return film_strip(shots, plane, width=REPORT_WIDTH)
+
+
+@styled
+def film_strip(
+    shots: Sequence[Shot],
+    plane: tuple[Axis, Axis],
+    steps: Sequence[int] | None = None,
+    width: float = TWO_COLUMNS,
+) -> Figure:
+    """Draws probed tasks, Gaussians and boxes: a row per run, a column per moment.
+
+    Gaussians are drawn at two standard deviations, fuller for more weight; a single box as an outline;
+    several boxes as regions coloured by score, with a scale for each row.
+
+    Args:
+        shots: runs of several teachers, or of several seeds of one; of two task dimensions, else first
+            `analysis.figures.film.projected`.
+        plane: the two task dimensions.
+        steps: the moments; `MOMENTS` of them over the run if None.
+        width: of the figure, inches.
+
+    Raises:
+        ValueError: there are no runs, no probes, or tasks that are not two-dimensional.
+    """
+    steps = checked_steps(shots, steps)
+    small: Any = {"font.size": 6.5, "axes.titlesize": 7, "axes.labelsize": 7} if width < REPORT_WIDTH else {}
+    with mpl.rc_context(small):
+        side = 1.6 * width / REPORT_WIDTH
+        figure = Figure(figsize=(width, 0.9 + side * len(shots)), layout="constrained")
+        grid = figure.subplots(len(shots), len(steps), sharex=True, sharey=True, squeeze=False)
+        for row, shot in zip(grid, shots, strict=True):
+            scores = score_scale(shot.curriculum, steps)
+            for step, axes in zip(steps, row, strict=True):
+                draw_state(axes, shot, step, scores)
+            row[0].set_ylabel(shot.name, fontweight="bold")
+            if scores is not None:
+                bar = figure.colorbar(scores, ax=row.tolist(), fraction=0.02, pad=0.01, aspect=14)
+                bar.set_label("Score of a region")
+                bar.outline.set_visible(False)
+        for step, axes in zip(steps, grid[0], strict=True):
+            axes.set_title(moment_name(step), fontweight="normal")
+        label_plane(figure, grid[0, 0], plane)
     return figure
 
 
-def _score_scale(curriculum: Curriculum, steps: Sequence[int]) -> ScalarMappable | None:
+def checked_steps(shots: Sequence[Shot], steps: Sequence[int] | None) -> list[int]:
+    """Returns the moments to draw, `MOMENTS` over the runs if none are given.
+
+    Raises:
+        ValueError: there are no runs, no probes, or tasks that are not two-dimensional.
+    """
+    if not shots:
+        raise ValueError("no runs: expected at least one, to draw its curriculum")
+    for shot in shots:
+        tasks = shot.curriculum.probes["task"]
+        if len(tasks) and len(tasks.iloc[0]) != 2:
+            raise ValueError(
+                f"tasks of {shot.name} have {len(tasks.iloc[0])} dimensions: expected 2; choose two with "
+                f"analysis.figures.film.projected"
+            )
+    found = moments({str(i): shot.curriculum for i, shot in enumerate(shots)}) if steps is None else steps
+    if not len(found):
+        raise ValueError("no moments: expected runs whose teachers were probed, or steps")
+    return list(found)
+
+
+def moment_name(step: int) -> str:
+    """Returns how a moment is headed: ``4 million steps``."""
+    return f"{amount(step)} steps" if step else "start"
+
+
+def score_scale(curriculum: Curriculum, steps: Sequence[int]) -> ScalarMappable | None:
     """Returns the colours of a teacher's regions over all moments; None if it has at most one at a time."""
     updates = [curriculum.update_at(step) for step in steps]
     boxes = [boxes_of(update) for update in updates if update is not None]
@@ -71,8 +134,10 @@ def _score_scale(curriculum: Curriculum, steps: Sequence[int]) -> ScalarMappable
     return ScalarMappable(Normalize(min(0.0, *scores), max(scores)), SCORE_COLOURS) if scores else None
 
 
-def _panel(axes: Axes, curriculum: Curriculum, step: int, colour: str, scores: ScalarMappable | None) -> None:
+def draw_state(axes: Axes, shot: Shot, step: int, scores: ScalarMappable | None) -> None:
+    """Draws what a teacher had come to at `step`: its boxes, its Gaussians, and its probed tasks."""
     frame(axes)
+    curriculum, colour = shot.curriculum, look(shot.teacher).colour
     probes = curriculum.probed_at(step)
     if not len(probes):
         remark(axes, "not reached")
@@ -91,9 +156,16 @@ def gaussians_of(update: pd.Series) -> list[dict[str, Any]]:
 
 
 def boxes_of(update: pd.Series) -> list[dict[str, Any]]:
-    """Returns the boxes of an update, the largest first, so that those within others lie above them."""
+    """Returns the boxes of an update, the largest first, so that those within others lie above them.
+
+    Projections of boxes say themselves which lies above.
+    """
     found = update["boxes"] if update["boxes"] is not None else ()
-    return sorted(found, key=lambda box: -float(np.prod(np.subtract(box["high"], box["low"]))))
+
+    def height(box: dict[str, Any]) -> tuple[float, float]:
+        return box.get("above", 0.0), -float(np.prod(np.subtract(box["high"], box["low"])))
+
+    return sorted(found, key=height)
 
 
 def _draw_boxes(

@@ -30,6 +30,13 @@ def step_axis(axes: Axes, high: float | None = None, ticks: int = 6) -> None:
     axes.set_xlabel(f"Training steps ({word})" if word else "Training steps")
 
 
+def percent_axis(axes: Axes, measure: str) -> None:
+    """Lets the vertical axis of a percentage start at 0 and reach `LEAST_PERCENT`; leaves others alone."""
+    if measure.endswith("percent"):
+        axes.set_ylim(bottom=0)
+        axes.set_ylim(top=max(axes.get_ylim()[1], LEAST_PERCENT))
+
+
 def share_step_label(figure: Figure, grid: np.ndarray) -> None:
     """Names the steps once below a grid of panels that all have a `step_axis`."""
     labels = [axes.get_xlabel() for axes in grid.ravel()]

@@ -11,6 +11,7 @@ import numpy as np
 import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.ticker import MaxNLocator
 
 from analysis.curriculum import remark
 from analysis.figures.axes import LEAST_PERCENT
@@ -72,13 +73,7 @@ def bars_with_pairs(
     Raises:
         ValueError: nothing to draw, or several results of a teacher in one panel.
     """
-    mean, std = f"{measure}_mean", f"{measure}_std"
-    require(table, [*by, "teacher", "n", mean, std], "results")
-    table = table[table[mean].notna()]
-    require(table, [], f"results with {mean}")
-    require_unique(table, [*by, "teacher"], "results")
-    error = table[std] / (np.sqrt(table["n"]) if whisker is Whisker.ERROR else 1.0)
-    table = table.assign(mean=table[mean].astype(float), whisker=error.fillna(0.0))
+    table = _table(table, measure, whisker, by)
     teachers = sorted(table["teacher"].unique(), key=teacher_order)
     rows = bar_panels(table, tests, by)
     figure, grid = _grid(rows, len(teachers))
@@ -91,7 +86,7 @@ def bars_with_pairs(
         used = max(used, (_draw_brackets if brackets else _draw_letters)(axes, panel, teachers, end, lane))
     axes = grid[0, 0]
     axes.set_xlim(start, end + lane * (used + 0.5 if used else 0))
-    axes.set_xticks([tick for tick in axes.get_xticks() if start <= tick <= end])
+    axes.set_xticks([tick for tick in MaxNLocator(4).tick_values(start, end) if start <= tick <= end])
     axes.set_ylim(len(teachers) - 0.4, -0.6)
     axes.set_yticks(range(len(teachers)), [short_label(teacher, 14) for teacher in teachers])
     notes = [f"{name}; whiskers: one {whisker.value}", *_notes([panel for _, panel in shown], brackets)]
@@ -100,11 +95,22 @@ def bars_with_pairs(
     return figure
 
 
+def _table(table: pd.DataFrame, measure: str, whisker: Whisker, by: tuple[str, str]) -> pd.DataFrame:
+    """Returns `by`, teacher, mean and whisker, 0 where there is none."""
+    mean, std = f"{measure}_mean", f"{measure}_std"
+    require(table, [*by, "teacher", "n", mean, std], "results")
+    table = table[table[mean].notna()]
+    require(table, [], f"results with {mean}")
+    require_unique(table, [*by, "teacher"], "results")
+    error = table[std] / (np.sqrt(table["n"]) if whisker is Whisker.ERROR else 1.0)
+    return table[[*by, "teacher"]].assign(mean=table[mean].astype(float), whisker=error.fillna(0.0))
+
+
 def _grid(rows: Sequence[Sequence[BarPanel | None]], teachers: int) -> tuple[Figure, np.ndarray]:
     """Returns a figure with headed panels that share their axes."""
     lines, columns = len(rows), len(rows[0])
     width = TWO_COLUMNS if columns > 1 else ONE_COLUMN
-    figure = Figure(figsize=(width, 0.7 + (0.3 + 0.135 * teachers) * lines), layout="constrained")
+    figure = Figure(figsize=(width, max(1.7, 0.7 + (0.3 + 0.135 * teachers) * lines)), layout="constrained")
     grid = figure.subplots(lines, columns, sharex=True, sharey=True, squeeze=False)
     headings = {panel.titles[1] for row in rows for panel in row if panel}
     for line, row in enumerate(rows):
@@ -146,7 +152,7 @@ def _draw_bars(axes: Axes, panel: BarPanel, teachers: Sequence[str]) -> None:
                 0.01, place, "\N{EN DASH}", transform=axes.get_yaxis_transform(), color=MUTED, va="center"
             )
             continue
-        mean, whisker = panel.rows.loc[teacher]
+        mean, whisker = (float(panel.rows[name][teacher]) for name in ("mean", "whisker"))
         axes.barh(place, mean, height=0.7, color=look(teacher).colour, alpha=0.75)
         if whisker > 0:
             axes.errorbar(mean, place, xerr=whisker, color=INK, capsize=1.5, linewidth=0.7, capthick=0.7)
@@ -187,10 +193,10 @@ def _notes(panels: Sequence[BarPanel], brackets: bool) -> list[str]:
     test = f"(Welch, p\N{NO-BREAK SPACE}{sign}\N{NO-BREAK SPACE}0.05)."
     text = "Brackets join teachers that" if brackets else "Teachers that share a letter do not"
     notes = [f"{text} differ significantly {test}"]
-    untested = [(panel, *map(label, pair)) for panel in panels for pair in panel.untested]
+    untested = [(panel, pair) for panel in panels for pair in panel.untested]
     if untested:
-        panel, first, second = untested[0]
+        panel, (first, second) = untested[0]
         more = f" and {len(untested) - 1} more" if len(untested) > 1 else ""
         where = ", ".join(panel.titles).lower()
-        notes.append(f"Pairs without a test: {first} and {second} ({where}){more}.")
+        notes.append(f"Pairs without a test: {label(first)} and {label(second)} ({where}){more}.")
     return notes

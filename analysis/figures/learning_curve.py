@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import numpy as np
 import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from analysis.figures.axes import LEAST_PERCENT, step_axis
+from analysis.figures.axes import percent_axis, step_axis
+from analysis.figures.lines import draw_line
 from analysis.measures import aggregate
 from analysis.style import look, short_label, styled, teacher_order
 
@@ -28,38 +28,12 @@ def learning_curve(curves: pd.DataFrame, value: str, ylabel: str) -> Figure:
     axes.grid(axis="y")
     table = aggregate(curves, value)
     for teacher in sorted(table["teacher"].unique(), key=teacher_order):
-        _curve(axes, teacher, table[table["teacher"] == teacher])
+        draw_line(axes, table[table["teacher"] == teacher], look(teacher), short_label(teacher))
     step_axis(axes)
     axes.set_ylabel(ylabel)
-    if value == "mastered_percent":
-        axes.set_ylim(bottom=0)
-        axes.set_ylim(top=max(axes.get_ylim()[1], LEAST_PERCENT))
+    percent_axis(axes, value)
     _legend(figure, axes)
     return figure
-
-
-def _curve(axes: Axes, teacher: str, rows: pd.DataFrame) -> None:
-    style = look(teacher)
-    complete = (rows["n"] == rows["n"].max()).to_numpy()
-    rows, complete = rows[complete.argmax() :], complete[complete.argmax() :]
-    steps, mean = rows["step"].to_numpy(float), rows["mean"].to_numpy(float)
-    error = rows["standard_error"].fillna(0.0).to_numpy(float)
-    end = int(np.flatnonzero(complete)[-1])  # later steps were reached by some of the runs only
-    axes.fill_between(steps, mean - error, mean + error, color=style.colour, alpha=0.18, linewidth=0)
-    axes.plot(steps[end:], mean[end:], color=style.colour, linewidth=0.7)
-    axes.plot(
-        steps[: end + 1],
-        mean[: end + 1],
-        color=style.colour,
-        linestyle=style.dashes,
-        marker=style.marker,
-        markevery=max(1, (end + 1) // 8),
-        markeredgecolor="white",
-        markeredgewidth=0.5,
-        clip_on=False,
-        zorder=3,
-        label=short_label(teacher),
-    )
 
 
 def _legend(figure: Figure, axes: Axes) -> None:

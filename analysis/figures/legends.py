@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
+import numpy as np
 from matplotlib.figure import Figure
 from matplotlib.legend import Legend
 from matplotlib.lines import Line2D
@@ -13,6 +14,9 @@ from analysis.style import INK, look, short_label
 
 CHARACTER = 0.6
 """Width of a letter over its size."""
+
+HANDLE, COLUMN_GAP = 2.6, 1.2
+"""Length of the pieces of line, and space between columns, in sizes of the letters."""
 
 POINTS = 72
 """Points in an inch."""
@@ -32,7 +36,7 @@ def mark_handle(marker: str, label: str, **changes: Any) -> Line2D:
     return Line2D([], [], **(shown | {"label": label, "markeredgewidth": 0.7} | changes))
 
 
-def legend(figure: Figure, handles: Sequence[Line2D], loc: str, size: float = 7, **place: Any) -> Legend:
+def legend(figure: Figure, handles: Sequence[Line2D], loc: Any, size: float = 7, **place: Any) -> Legend:
     """Draws one legend for the whole figure, in as many columns as its width has room for.
 
     Args:
@@ -47,8 +51,8 @@ def legend(figure: Figure, handles: Sequence[Line2D], loc: str, size: float = 7,
         loc=loc,
         ncols=_columns(handles, figure.get_figwidth(), size),
         fontsize=size,
-        handlelength=2.2,
-        columnspacing=1.2,
+        handlelength=HANDLE,
+        columnspacing=COLUMN_GAP,
         handletextpad=0.5,
         labelspacing=0.35,
         borderpad=0.2,
@@ -64,10 +68,12 @@ def legend_height(handles: Sequence[Line2D], width: float, size: float = 7) -> f
 
 
 def _columns(handles: Sequence[Line2D], width: float, size: float) -> int:
-    """Returns the largest number of columns that fits; columns are filled one after the other."""
-    widths = [(len(str(handle.get_label())) * CHARACTER + 3.9) * size / POINTS for handle in handles]
+    """Returns the largest number of columns that fits."""
+    em = size / POINTS
+    widths = [(len(str(handle.get_label())) * CHARACTER + 0.5) * em for handle in handles]
+    gaps = (HANDLE + COLUMN_GAP) * em
     for columns in range(len(widths), 1, -1):
-        rows = -(-len(widths) // columns)
-        if sum(max(widths[start : start + rows]) for start in range(0, len(widths), rows)) <= width - 0.1:
+        # Matplotlib fills columns one after the other, the first ones with one more.
+        if sum(max(part) + gaps for part in np.array_split(widths, columns)) <= width - 0.1:
             return columns
     return 1

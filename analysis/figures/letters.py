@@ -8,11 +8,11 @@ Pair = tuple[str, str]
 
 
 def shared_letters(names: Sequence[str], different: Iterable[Pair]) -> dict[str, list[int]]:
-    """Returns the letters of each name, as numbers from 0: two names share one if they do not differ.
+    """Returns the letters of each name, as numbers from 0: two names share one exactly if they are alike.
 
-    And only then. Piepho's insert-and-absorb algorithm (Journal of Computational and Graphical Statistics 13, 2004). It
-    asks for no order among the names, and so is exact for tests with unequal variances, which are not
-    transitive. Letters are numbered by the first of `names` that has them.
+    Alike are those that do not differ. Piepho's insert-and-absorb algorithm (Journal of Computational and
+    Graphical Statistics 13, 2004) asks for no order among names, and so is exact for tests with unequal
+    variances, which are not transitive. Letters are numbered by the first of `names` that has them.
 
     Args:
         names: what was compared.

@@ -5,16 +5,15 @@ from __future__ import annotations
 import math
 import textwrap
 from collections.abc import Sequence
-from typing import NamedTuple
 
-import numpy as np
 import pandas as pd
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
 from analysis.figures.checks import require, require_unique, significant
 from analysis.figures.legends import legend, legend_height, mark_handle, teacher_handle
-from analysis.figures.spokes import LABEL, Spokes, Star
+from analysis.figures.ratios import Ratios, ratios_of_random
+from analysis.figures.spokes import LABEL, Spokes
 from analysis.measures import BASELINE, is_baseline
 from analysis.style import ONE_COLUMN, TWO_COLUMNS, label, styled, teacher_order
 from tma_ray.benchmark import ORIGINAL_SPACE, STUMP_TRACKS_CHALLENGES, Matrix, find_challenge
@@ -22,24 +21,6 @@ from tma_ray.tasks import KnowledgeLevel
 
 PANEL_HEIGHT, CENTRE = 2.98, 1.32
 """Height of a panel without notes, and of its centre above them, inches."""
-
-
-class Reading(NamedTuple):
-    """One level of expert knowledge, as ratios of Random.
-
-    Attributes:
-        ratios: by teacher, one for each spoke; NaN where there is none.
-        upper: best result on the original space, for each spoke; NaN where it says nothing.
-        stars: who is significantly better than Random, and where.
-        differ: teachers and spokes with a significant difference from Random, either way.
-        missing: what is not drawn, in words.
-    """
-
-    ratios: dict[str, list[float]]
-    upper: list[float]
-    stars: list[Star]
-    differ: set[tuple[str, int]]
-    missing: list[str]
 
 
 @styled
@@ -81,88 +62,17 @@ def radar(
     levels = [level.value for level in KnowledgeLevel if level.value in set(spokes["expert_knowledge"])]
     tests = significant(tests[(tests["environment"] == environment) & (tests["second"].map(is_baseline))])
     teachers = sorted(spokes["teacher"].unique(), key=teacher_order)
-    readings = {
-        level: _reading(
-            table[table["expert_knowledge"] == level].pivot_table(
-                index="teacher", columns="challenge", values=mean
-            ),
-            tests[tests["expert_knowledge"] == level],
-            teachers,
-            challenges,
-            original,
-        )
-        for level in levels
-    }
+    readings = {}
+    for level in levels:
+        here = table[table["expert_knowledge"] == level]
+        places = zip(here["teacher"].astype(str), here["challenge"].astype(str), strict=True)
+        means = dict(zip(places, here[mean].astype(float), strict=True))
+        mine = tests[tests["expert_knowledge"] == level]
+        readings[level] = ratios_of_random(means, mine, teachers, challenges, original)
     return _drawn(readings, teachers, [find_challenge(environment, name).title for name in names])
 
 
-def _reading(
-    means: pd.DataFrame,
-    tests: pd.DataFrame,
-    teachers: Sequence[str],
-    challenges: Sequence[Matrix],
-    original: Matrix,
-) -> Reading:
-    """Returns the ratios of one level.
-
-    Args:
-        means: by teacher and challenge.
-        tests: significant ones of this level.
-        teachers: all of the figure.
-        challenges: spokes.
-        original: where the upper baseline comes from.
-    """
-    names = [matrix.challenge for matrix in challenges]
-    baselines = [teacher for teacher in means.index if is_baseline(teacher)]
-    own = means.reindex(columns=names)
-    lower = own.loc[baselines[0]] if baselines else pd.Series(np.nan, index=names)
-    ratios = own.div(lower.where(lower > 0))
-    best = means[original.challenge].max() if original.challenge in means else math.nan
-    upper = [
-        best / lower[matrix.challenge]
-        if _same_students(matrix, original) and lower[matrix.challenge] > 0
-        else math.nan
-        for matrix in challenges
-    ]
-    differ = {
-        (row.first, names.index(row.challenge)): row.difference
-        for row in tests.itertuples()
-        if row.challenge in names and row.first in ratios.index
-    }
-    differ = {key: gap for key, gap in differ.items() if math.isfinite(ratios.iloc[:, key[1]][key[0]])}
-    stars = [Star(teacher, spoke) for (teacher, spoke), gap in differ.items() if gap > 0]
-    return Reading(
-        {teacher: ratios.loc[teacher].tolist() for teacher in teachers if teacher in ratios.index},
-        upper,
-        sorted(stars, key=lambda star: (star.spoke, teacher_order(star.teacher))),
-        set(differ),
-        _missing(own, lower, teachers),
-    )
-
-
-def _same_students(matrix: Matrix, original: Matrix) -> bool:
-    return (matrix.embodiments, matrix.students) == (original.embodiments, original.students)
-
-
-def _missing(own: pd.DataFrame, lower: pd.Series, teachers: Sequence[str]) -> list[str]:
-    """Returns in words which ratios do not exist, and why."""
-    titles = {name: name.replace("_", " ") for name in own.columns}
-    notes = [
-        f"no ratio on {titles[name]}: Random {'has no result' if math.isnan(lower[name]) else 'is at 0'}"
-        for name in own.columns
-        if not lower[name] > 0
-    ]
-    gaps: dict[str, list[str]] = {}
-    for teacher in teachers:
-        row = own.loc[teacher] if teacher in own.index else pd.Series(np.nan, index=own.columns)
-        absent = [titles[name] for name in own.columns if math.isnan(row[name])]
-        if absent and not is_baseline(teacher):
-            where = "" if len(absent) == own.shape[1] else f" on {', '.join(absent)}"
-            gaps.setdefault(where, []).append(label(teacher))
-    return notes + [f"no results of {', '.join(who)}{where}" for where, who in sorted(gaps.items())]
-
-
-def _drawn(readings: dict[str, Reading], teachers: Sequence[str], titles: Sequence[str]) -> Figure:
+def _drawn(readings: dict[str, Ratios], teachers: Sequence[str], titles: Sequence[str]) -> Figure:
     lines = [value for reading in readings.values() for line in reading.ratios.values() for value in line]
     uppers = [value for reading in readings.values() for value in reading.upper if math.isfinite(value)]
     high = max([*uppers, *(value for value in lines if math.isfinite(value))], default=1.0)

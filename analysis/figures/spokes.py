@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import textwrap
 from collections.abc import Sequence
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from matplotlib.figure import Figure
@@ -160,7 +160,7 @@ class Spokes:
             linestyle="none",
         )
 
-    def _ring(self, radius: float, **style: object) -> None:
+    def _ring(self, radius: float, **style: Any) -> None:
         around: NDArray[np.float64] = np.append(self.angles, 2 * np.pi)
         self.axes.plot(around, np.full(len(around), radius), **style)
 
@@ -197,7 +197,7 @@ class Spokes:
     def _lines(title: str) -> list[str]:
         return textwrap.wrap(title, 11) or [title]
 
-    def _write(self, x: float, y: float, text: str, **style: object) -> None:
+    def _write(self, x: float, y: float, text: str, **style: Any) -> None:
         """Writes at a distance from the centre, in inches."""
         self._figure.text(
             self._centre[0] + x, self._centre[1] + y, text, transform=self._figure.dpi_scale_trans, **style

@@ -1,0 +1,154 @@
+"""Learning curves with stars, against Random, between levels, and for all pairs."""
+
+from __future__ import annotations
+
+import functools
+from dataclasses import replace
+
+import numpy as np
+import pandas as pd
+import pytest
+from matplotlib.axes import Axes
+from matplotlib.colors import to_hex
+from synthetic_curves import MILLION, curve_runs
+
+from analysis.figures import CurvePanel, curves_with_stars, pairwise_curves
+from analysis.pairwise import pairwise
+from analysis.pooling import COMPARED, pooled
+from analysis.style import look, png
+
+TEACHERS = ("random", "adr", "alp_gmm", "spdl")
+
+
+@functools.cache
+def panel() -> CurvePanel:
+    runs = curve_runs(TEACHERS, every=5 * MILLION // 2)
+    tests = pairwise(runs, "mastered_percent", "random", [*COMPARED, "step"])
+    return CurvePanel("Overall", pooled(runs, by=["step"]), tests)
+
+
+@functools.cache
+def levels() -> CurvePanel:
+    runs = curve_runs(["alp_gmm"], every=5 * MILLION, head_start={"none": 0.0, "low": 0.02, "high": 0.3})
+    within = [*(column for column in COMPARED if column != "expert_knowledge"), "teacher", "step"]
+    tests = pairwise(runs, "mastered_percent", "high", within, "expert_knowledge")
+    return CurvePanel("Mostly unfeasible", pooled(runs, by=["step"]), tests)
+
+
+def stars(axes: Axes) -> dict[str, list[float]]:
+    """Returns the steps of the stars by what they say."""
+    return {str(line.get_gid()): list(line.get_xdata()) for line in axes.lines if line.get_gid()}
+
+
+def expected(tests: pd.DataFrame, first: str, every: int) -> list[float]:
+    due = tests[(tests["first"] == first) & (tests["p"] < 0.05)]
+    return [step for step in due["step"] if step and step % every == 0]
+
+
+def test_stars_stand_at_the_steps_where_a_teacher_differs() -> None:
+    shown = panel()
+    found = stars(curves_with_stars([shown]).axes[0])
+    assert shown.tests is not None
+    assert found["above-alp_gmm-low"] == expected(shown.tests, "alp_gmm", 5 * MILLION)
+    assert found["below-adr-low"] == expected(shown.tests, "adr", 5 * MILLION)
+    assert found["above-alp_gmm-low"][-1] == 20 * MILLION
+    assert not any("random" in name for name in found)
+    finer = stars(curves_with_stars([shown], every=5 * MILLION // 2).axes[0])
+    assert len(finer["above-alp_gmm-low"]) > len(found["above-alp_gmm-low"])
+
+
+def test_stars_lie_above_the_data_in_the_teachers_colours() -> None:
+    figure = curves_with_stars([panel()])
+    png(figure)
+    axes = figure.axes[0]
+    top = axes.get_window_extent().y1
+    for line in axes.lines:
+        if line.get_gid():
+            teacher = str(line.get_gid()).split("-")[1]
+            assert to_hex(line.get_color()) == look(teacher).colour
+            assert line.get_window_extent().y0 > top
+
+
+def test_lines_are_means_with_standard_errors() -> None:
+    shown = panel()
+    axes = curves_with_stars([shown]).axes[0]
+    line = next(line for line in axes.lines if line.get_label() == "ADR")
+    rows = shown.curves[shown.curves["teacher"] == "adr"].sort_values("step")
+    np.testing.assert_allclose(line.get_ydata(), rows["mastered_percent_mean"])
+    band = axes.collections[0].get_paths()[0].vertices
+    random = shown.curves[shown.curves["teacher"] == "random"].set_index("step").loc[20 * MILLION]
+    error = random["mastered_percent_std"] / np.sqrt(random["n"])
+    at_end = band[band[:, 0] == 20 * MILLION, 1]
+    assert at_end.max() == pytest.approx(random["mastered_percent_mean"] + error)
+
+
+def test_levels_of_one_teacher_are_told_apart_by_their_lines() -> None:
+    shown = levels()
+    returns = replace(shown, tests=None, name="Training return", title="Training")
+    figure = curves_with_stars([shown, returns])
+    left, right = figure.axes
+    names = ["No expert knowledge", "Low expert knowledge", "High expert knowledge"]
+    lines = {str(line.get_label()): line for line in left.lines if line.get_label() in names}
+    assert [lines[name].get_linestyle() for name in names] == ["--", "--", "-"]
+    assert len({str(line.get_markerfacecolor()) for line in lines.values()}) == 3
+    assert {to_hex(line.get_color()) for line in lines.values()} == {look("alp_gmm").colour}
+    assert shown.tests is not None
+    assert stars(left)["below-alp_gmm-none"] == expected(shown.tests, "none", 5 * MILLION)
+    assert set(stars(left)) == {"below-alp_gmm-none", "below-alp_gmm-low"}
+    assert not stars(right)
+
+
+def test_an_empty_panel_says_so_and_an_empty_figure_is_refused() -> None:
+    empty = CurvePanel("Fish", panel().curves.head(0))
+    figure = curves_with_stars([panel(), empty, panel()])
+    assert [text.get_text() for text in figure.axes[1].texts] == ["no results"]
+    assert len(figure.axes) == 3
+    with pytest.raises(ValueError, match="no panel has results"):
+        curves_with_stars([empty])
+    with pytest.raises(ValueError, match="no panels"):
+        curves_with_stars([])
+
+
+def test_one_seed_has_neither_band_nor_stars() -> None:
+    runs = curve_runs(["random", "adr"], seeds=1, every=5 * MILLION)
+    tests = pairwise(runs, "mastered_percent", "random", [*COMPARED, "step"])
+    figure = curves_with_stars([CurvePanel("Overall", pooled(runs, by=["step"]), tests)])
+    assert not stars(figure.axes[0])
+    png(figure)
+
+
+def test_what_does_not_fit_is_refused() -> None:
+    shown = panel()
+    with pytest.raises(ValueError, match="none at a multiple of 7,000,000 steps"):
+        curves_with_stars([shown], every=7 * MILLION)
+    with pytest.raises(ValueError, match="several of adr, low, 0"):
+        curves_with_stars([replace(shown, curves=pd.concat([shown.curves, shown.curves]))])
+    with pytest.raises(ValueError, match="step not there"):
+        curves_with_stars([replace(shown, curves=shown.curves.drop(columns="step"))])
+
+
+def test_every_pair_has_a_panel_with_its_two_curves_and_stars() -> None:
+    runs = curve_runs(TEACHERS[:3], every=5 * MILLION)
+    tests = pairwise(runs, "mastered_percent", None, [*COMPARED, "step"])
+    figure = pairwise_curves(pooled(runs, by=["step"]), tests)
+    pairs = [
+        {str(line.get_label()) for line in axes.lines if not str(line.get_label()).startswith("_")}
+        for axes in figure.axes
+    ]
+    assert pairs == [{"Random", "ADR"}, {"Random", "ALP-GMM"}, {"ADR", "ALP-GMM"}]
+    found = stars(figure.axes[2])
+    differ = tests[(tests["first"] == "adr") & (tests["second"] == "alp_gmm") & (tests["p"] < 0.05)]
+    assert found == {"alp_gmm-above-adr": differ["step"].tolist()}
+
+
+def test_pairs_need_two_teachers() -> None:
+    shown = panel()
+    two = shown.curves[shown.curves["teacher"].isin(["random", "adr"])]
+    assert shown.tests is not None
+    figure = pairwise_curves(two, shown.tests)
+    assert len(figure.axes) == 1
+    assert png(figure) == png(pairwise_curves(two, shown.tests))
+    with pytest.raises(ValueError, match="at least two"):
+        pairwise_curves(two[two["teacher"] == "adr"], shown.tests)
+    with pytest.raises(ValueError, match="at least one row"):
+        pairwise_curves(two.head(0), shown.tests)

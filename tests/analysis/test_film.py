@@ -1,0 +1,94 @@
+"""Film strips of runs, projections of large task spaces, and animations."""
+
+from __future__ import annotations
+
+import io
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from matplotlib.patches import Ellipse, Rectangle
+from PIL import Image
+from synthetic_logs import STEPS, axes, curriculum
+
+from analysis.figures import Shot, animation, film_strip, projected
+from analysis.figures.film import MOST_FRAMES, MOST_SHOTS
+from analysis.style import png
+from analysis.teacher_view import MOMENTS, teacher_view
+
+PLANE = axes(2)
+
+
+def test_rows_are_runs_and_columns_moments() -> None:
+    shots = [Shot(f"Seed {seed}", "adr", curriculum("adr")) for seed in (3, 4)]
+    figure = film_strip(shots, PLANE, steps=[0, STEPS // 2])
+    assert len(figure.axes) == 4
+    assert [figure.axes[0].get_ylabel(), figure.axes[2].get_ylabel()] == ["Seed 3", "Seed 4"]
+    dots = figure.axes[1].collections[0].get_offsets()
+    np.testing.assert_array_equal(dots, shots[0].curriculum.probed_at(STEPS // 2))
+    assert isinstance(figure.axes[1].patches[0], Rectangle)
+    assert len(film_strip(shots, PLANE).axes) == 2 * MOMENTS
+
+
+def test_a_strip_for_a_paper_is_narrower_than_that_of_the_report() -> None:
+    assert film_strip([Shot("ADR", "adr", curriculum("adr"))], PLANE).get_figwidth() == 6.9
+    assert teacher_view({"adr": curriculum("adr")}, PLANE).get_figwidth() == 10.2
+
+
+def test_a_projection_keeps_two_dimensions_of_tasks_boxes_and_gaussians() -> None:
+    whole = {teacher: curriculum(teacher, 6) for teacher in ("adr", "spdl")}
+    shown = {teacher: projected(each, (4, 1)) for teacher, each in whole.items()}
+    np.testing.assert_array_equal(shown["adr"].probed_at(STEPS), whole["adr"].probed_at(STEPS)[:, [4, 1]])
+    np.testing.assert_array_equal(shown["adr"].tasks, whole["adr"].tasks[:, [4, 1]])
+    full, flat = (each["spdl"].updates["gaussians"].iloc[-1][0] for each in (whole, shown))
+    np.testing.assert_allclose(flat["mean"], np.asarray(full["mean"])[[4, 1]])
+    np.testing.assert_allclose(flat["covariance"], np.asarray(full["covariance"])[np.ix_([4, 1], [4, 1])])
+    strip = film_strip([Shot(name, name, each) for name, each in shown.items()], PLANE, [STEPS])
+    (box,), (gaussian,) = (panel.patches for panel in strip.axes)
+    last = whole["adr"].updates["boxes"].iloc[-1][0]
+    assert box.get_xy() == pytest.approx((last["low"][4], last["low"][1]))
+    assert isinstance(gaussian, Ellipse)
+
+
+def test_of_regions_behind_each_other_the_highest_score_is_seen() -> None:
+    shown = projected(curriculum("riac", 6), (0, 1))
+    figure = film_strip([Shot("RIAC", "riac", shown)], PLANE, [STEPS])
+    scores = sorted(box["score"] for box in shown.updates["boxes"].iloc[-1])
+    brightness = [sum(patch.get_facecolor()[:3]) for patch in figure.axes[0].patches]
+    assert len(brightness) == len(scores)
+    assert brightness == sorted(brightness, reverse=True)  # dark is high, and drawn last
+
+
+def test_what_cannot_be_drawn_is_refused() -> None:
+    six = Shot("ADR", "adr", curriculum("adr", 6))
+    with pytest.raises(ValueError, match="have 6 dimensions"):
+        film_strip([six], PLANE)
+    for dimensions in ((0, 0), (0, 6), (-1, 0)):
+        with pytest.raises(ValueError, match="two different ones from 0 to 5"):
+            projected(six.curriculum, dimensions)
+    with pytest.raises(ValueError, match="no runs"):
+        film_strip([], PLANE)
+    silent = replace(curriculum("adr"), probes=curriculum("adr").probes.head(0))
+    with pytest.raises(ValueError, match="no moments"):
+        film_strip([Shot("ADR", "adr", silent)], PLANE)
+    shots = [Shot("ADR", "adr", curriculum("adr"))]
+    with pytest.raises(ValueError, match=f"1 to {MOST_FRAMES}"):
+        animation(shots, PLANE, frames=MOST_FRAMES + 1)
+    with pytest.raises(ValueError, match=f"at most {MOST_SHOTS}"):
+        animation(shots * (MOST_SHOTS + 1), PLANE)
+
+
+def test_an_animation_moves_is_small_and_repeats_itself() -> None:
+    shots = [Shot(name, name, curriculum(name)) for name in ("riac", "alp_gmm")]
+    content = animation(shots, PLANE, frames=4, seconds=2)
+    assert content == animation(shots, PLANE, frames=4, seconds=2)
+    assert len(content) < 200_000
+    with Image.open(io.BytesIO(content)) as film:
+        assert film.n_frames == 4
+        assert film.info["duration"] == 500
+        first = np.asarray(film.convert("RGB"))
+        film.seek(3)
+        last = np.asarray(film.convert("RGB"))
+    assert tuple(first[0, 0]) == (255, 255, 255)
+    assert (first != last).any()
+    assert png(film_strip(shots, PLANE)) == png(film_strip(shots, PLANE))

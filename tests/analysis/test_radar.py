@@ -1,0 +1,150 @@
+"""Radar charts: what is drawn where, and what is said to be missing."""
+
+from __future__ import annotations
+
+import math
+import re
+
+import numpy as np
+import pandas as pd
+import pytest
+from matplotlib.colors import to_hex
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+
+from analysis.figures import radar
+from analysis.pairwise_statistics import pairwise_from_statistics
+from analysis.published import paper_frame
+from analysis.style import look, png
+
+CHALLENGES = [
+    "mostly_unfeasible",
+    "mostly_trivial",
+    "forgetting_student",
+    "rugged_difficulty",
+    "diverse_students",
+]
+COLUMNS = ["challenge", "teacher", "mastered_percent_mean", "mastered_percent_std", "n"]
+
+
+def results(rows: list[tuple[str, str, float, float, int]], level: str = "low") -> pd.DataFrame:
+    table = pd.DataFrame(rows, columns=COLUMNS)
+    return table.assign(environment="stump_tracks", expert_knowledge=level)
+
+
+def everywhere(
+    teacher: str, mean: float, std: float = 1.0, n: int = 8
+) -> list[tuple[str, str, float, float, int]]:
+    return [(challenge, teacher, mean, std, n) for challenge in CHALLENGES]
+
+
+def drawn(table: pd.DataFrame) -> Figure:
+    return radar(table, pairwise_from_statistics(table, reference="random"))
+
+
+def lines_of(figure: Figure, panel: int = 0) -> dict[str, list[float]]:
+    """Returns the values on the spokes by teacher."""
+    lines = [line for line in figure.axes[panel].lines if not str(line.get_label()).startswith("_")]
+    return {str(line.get_label()): list(np.asarray(line.get_ydata(), float)[:-1]) for line in lines}
+
+
+def stars_of(figure: Figure) -> list[Line2D]:
+    return [star for star in figure.artists if isinstance(star, Line2D)]
+
+
+def notes_of(figure: Figure) -> str:
+    return re.sub(r"\s+", " ", " | ".join(text.get_text() for text in figure.texts))
+
+
+def uppers_of(figure: Figure, panel: int = 0) -> list[tuple[float, float]]:
+    """Returns spoke and height of each upper baseline."""
+    marks = [line for line in figure.axes[panel].lines if line.get_gid() == "upper"]
+    return [
+        (round(angle / (2 * math.pi) * len(CHALLENGES)), height)
+        for line in marks
+        for angle, height in zip(line.get_xdata(), line.get_ydata(), strict=True)
+    ]
+
+
+def test_the_papers_numbers_are_ratios_of_its_random() -> None:
+    figure = drawn(paper_frame())
+    none, low, high = (lines_of(figure, panel) for panel in range(3))
+    assert none["alp_gmm"] == pytest.approx([42.8 / 18, 43.7 / 22.2, 42.1 / 27.8, 42.5 / 30.3, 31.5 / 22.3])
+    assert low["goal_gan"][2] == pytest.approx(9.3 / 27.8)
+    assert high["adr"][3] == pytest.approx(17 / 30.3)
+    assert high["random"] == [1.0] * 5
+    assert "adr" not in none
+    assert "no results of ADR, GoalGAN, Setter-Solver" in notes_of(figure)
+
+
+def test_the_upper_baseline_is_the_best_on_the_original_space_and_not_for_diverse_students() -> None:
+    marks = uppers_of(drawn(paper_frame()), panel=2)
+    assert [spoke for spoke, _ in marks] == [0, 1, 2, 3]
+    assert [height for _, height in marks] == pytest.approx([51.9 / 18, 51.9 / 18, 51.9 / 27.8, 51.9 / 30.3])
+
+
+def test_stars_are_of_those_significantly_better_in_their_colours() -> None:
+    rows = [*everywhere("random", 20.0), *everywhere("adr", 40.0), *everywhere("spdl", 5.0)]
+    rows += [(c, "riac", 30.0 if c == "mostly_trivial" else 20.5, 1.0, 8) for c in CHALLENGES]
+    figure = drawn(results(rows))
+    colours = [to_hex(star.get_color()) for star in stars_of(figure)]
+    assert colours.count(look("adr").colour) == 5
+    assert colours.count(look("riac").colour) == 1
+    assert look("spdl").colour not in colours
+
+
+def test_marks_are_full_where_a_teacher_differs_either_way() -> None:
+    rows = [*everywhere("random", 20.0), *everywhere("spdl", 5.0), *everywhere("riac", 20.5)]
+    marks = [line for line in drawn(results(rows)).axes[0].lines if len(line.get_xdata()) == 1]
+
+    def fills(teacher: str) -> set[str]:
+        mine = [mark for mark in marks if mark.get_marker() == look(teacher).marker]
+        return {to_hex(mark.get_markerfacecolor()) for mark in mine}
+
+    assert fills("spdl") == {look("spdl").colour}
+    assert fills("riac") == {"#ffffff"}
+
+
+def test_what_is_missing_is_a_gap_and_named() -> None:
+    rows = [*everywhere("random", 20.0), *everywhere("adr", 40.0)[:3]]
+    figure = drawn(results(rows))
+    assert lines_of(figure)["adr"] == pytest.approx([2, 2, 2, math.nan, math.nan], nan_ok=True)
+    assert "no results of ADR on rugged difficulty, diverse students" in notes_of(figure)
+
+
+def test_without_random_or_with_a_random_of_zero_there_is_no_ratio() -> None:
+    rows = [*everywhere("random", 20.0)[1:], *everywhere("adr", 40.0)]
+    rows[0] = ("mostly_trivial", "random", 0.0, 0.0, 8)
+    figure = drawn(results(rows))
+    assert lines_of(figure)["adr"] == pytest.approx([math.nan, math.nan, 2, 2, 2], nan_ok=True)
+    text = notes_of(figure)
+    assert "no ratio on mostly unfeasible: Random has no result" in text
+    assert "no ratio on mostly trivial: Random is at 0" in text
+    alone = drawn(results(everywhere("adr", 40.0)))
+    assert np.isnan(lines_of(alone)["adr"]).all()
+    assert not stars_of(alone)
+
+
+def test_one_seed_is_drawn_without_stars() -> None:
+    rows = [*everywhere("random", 20.0, math.nan, 1), *everywhere("adr", 40.0, math.nan, 1)]
+    figure = drawn(results(rows))
+    assert lines_of(figure)["adr"] == [2.0] * 5
+    assert not stars_of(figure)
+    png(figure)
+
+
+def test_what_cannot_be_drawn_is_refused() -> None:
+    table = results([*everywhere("random", 20.0), *everywhere("adr", 40.0)])
+    tests = pairwise_from_statistics(table, reference="random")
+    with pytest.raises(ValueError, match="expected at least one row"):
+        radar(table.head(0), tests)
+    with pytest.raises(ValueError, match="several of mostly_unfeasible, low, random"):
+        radar(pd.concat([table, table.head(1)]), tests)
+    with pytest.raises(ValueError, match="teacher not there"):
+        radar(table.drop(columns="teacher"), tests)
+
+
+def test_a_radar_repeats_itself() -> None:
+    table = results([*everywhere("random", 20.0), *everywhere("adr", 40.0), *everywhere("a_" * 30, 30.0)])
+    first, second = (png(drawn(table)) for _ in range(2))
+    assert first == second
