@@ -10,9 +10,10 @@ import pandas as pd
 from analysis.claims import Sample
 from analysis.load import Frames
 from analysis.measures import is_baseline
-from analysis.pooling import lend_baseline, pool_runs, pooled
+from analysis.pooling import pooled
 from analysis.run_measures import run_measures
 from analysis.statistics import Description, describe
+from analysis.student_pools import result_runs
 from tma_ray.benchmark import PaperResult, paper_results
 from tma_ray.benchmark.claims import Reading
 
@@ -69,7 +70,7 @@ class RootSource:
         """Returns results over bodies, results of each body, and runs, after a share of the budget."""
         frames, budget = self._frames, self._frames.cells["steps"].max()
         at = int(share * budget) if share < 1 and budget > 0 else None
-        runs = lend_baseline(pool_runs(frames.cells, run_measures(frames, at)))
+        runs = result_runs(frames, run_measures(frames, at))
         return (pooled(runs, [MEASURE]), pooled(runs, [MEASURE], by=["embodiment"])), runs
 
 

@@ -4,19 +4,21 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
+from analysis.baselines import BaselineKind, as_baseline
 from analysis.formatting import amount
-from analysis.load import Frames
+from analysis.load import Frames, load
 from analysis.measures import is_baseline
 from analysis.pairwise import pairwise
-from analysis.pooling import COMPARED, POOLED, lend_baseline, pool_runs, pooled
-from analysis.published import PAPER, paper_frame
+from analysis.pooling import COMPARED, POOLED, pooled
 from analysis.run_measures import run_measures
 from analysis.statistics import SIGNIFICANCE, holm
+from analysis.student_pools import result_runs
 from analysis.style import label
 from tma_ray.benchmark import MATRICES, TEACHERS
 
@@ -57,18 +59,31 @@ class Side:
 
 def side_of(frames: Frames, name: str) -> Side:
     """Returns the results of a root or a release at the end of its runs."""
-    runs = pool_runs(frames.cells, run_measures(frames))
-    runs = lend_baseline(runs) if len(runs) else runs
+    runs = result_runs(frames, run_measures(frames))
     versions = sorted(runs["physics_version"].dropna().unique())
     physics = ", ".join(f"{version:g}" for version in versions)
     return Side(name, f"Chipmunk, physics version {physics}", pooled(runs, [MEASURE]), runs)
 
 
-def paper_side() -> Side:
-    """Returns the paper's tables."""
-    frame = paper_frame()
-    whole = frame.groupby(PLACE)["n"].transform("max") == frame["n"]  # not the single bodies of Parkour
-    return Side(PAPER, str(frame["engine"].iloc[0]), frame[whole].reset_index(drop=True))
+def baseline_side(place: str) -> Side:
+    """Returns the results of a baseline by name, or at a folder or address of a baseline or a root.
+
+    Raises:
+        BaselineError: a damaged baseline.
+        ResultsRootError: nothing of that name or at that place.
+    """
+    baseline = as_baseline(place)
+    if baseline is None:
+        return side_of(load(place), Path(place).name)
+    if baseline.manifest.kind is BaselineKind.PUBLISHED:
+        return published_side(baseline.manifest.name, baseline.published())
+    return side_of(baseline.frames(), baseline.manifest.name)
+
+
+def published_side(name: str, frame: pd.DataFrame) -> Side:
+    """Returns published tables (columns of `published.paper_frame`) without parts of what they pool."""
+    whole = frame.groupby(PLACE)["n"].transform("max") == frame["n"]
+    return Side(name, ", ".join(sorted(frame["engine"].unique())), frame[whole].reset_index(drop=True))
 
 
 def together(mine: Side, baselines: Sequence[Side]) -> pd.DataFrame:

@@ -15,11 +15,11 @@ from analysis.compare import (
     MEASURE,
     PLACE,
     Side,
+    baseline_side,
     beside,
     duels,
     missing,
     new_teachers,
-    paper_side,
     sentences,
     side_of,
     together,
@@ -59,7 +59,7 @@ def write_comparison(root: str | Path, baselines: Sequence[str], output: Path | 
         raise ValueError(f"{root} is no local folder: say in which folder to write the page")
     frames = load(root)
     mine = side_of(frames, "yours")
-    others = [paper_side() if name == PAPER else side_of(load(name), Path(name).name) for name in baselines]
+    others = [baseline_side(name) for name in baselines]
     runs = together(mine, others)
     teachers = new_teachers(mine)
     tests = duels(runs, teachers)

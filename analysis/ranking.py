@@ -13,9 +13,10 @@ from analysis.formatting import number, p_value, plus_minus
 from analysis.load import Frames, load
 from analysis.measures import NO_BASELINE, is_baseline
 from analysis.pairwise import pairwise
-from analysis.pooling import COMPARED, POOLED, lend_baseline, pool_runs, pooled
+from analysis.pooling import COMPARED, POOLED, pooled
 from analysis.run_measures import run_measures
 from analysis.statistics import SIGNIFICANCE, holm
+from analysis.student_pools import result_runs
 from analysis.style import label
 from tma_ray.benchmark import challenges_of
 
@@ -39,7 +40,7 @@ def ranking(frames: Frames, share: float = 1.0) -> pd.DataFrame:
     """
     budget = frames.cells["steps"].max()
     at = int(share * budget) if share < 1 and budget > 0 else None
-    runs = lend_baseline(pool_runs(frames.cells, run_measures(frames, at)))
+    runs = result_runs(frames, run_measures(frames, at))
     table = pooled(runs, [MEASURE])
     tests = pairwise(runs, MEASURE, "random").rename(columns={"first": "teacher"})
     columns = ["difference", "low", "high", "p", "reason"]

@@ -103,9 +103,9 @@ def training_returns_at(frames: Frames, steps: Iterable[int]) -> pd.DataFrame:
         ["run_id", "step"]
     )
     curves = curves.sort_values("step", kind="stable").rename(columns={"step": "measured_at"})
-    found = []
+    found, reached = [], _reached(frames)
     for step in steps:
-        standing = _standing(frames, step)
+        standing = _standing(frames, step, reached)
         there = standing.index[standing["reason"] == ""]
         before = curves[(curves["measured_at"] <= step) & curves["run_id"].isin(there)]
         found.append(before.drop_duplicates("run_id", keep="last").assign(step=step))

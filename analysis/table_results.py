@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 import pandas as pd
@@ -13,7 +13,8 @@ from analysis.load import Frames
 from analysis.pooling import PLUS, lend_baseline, pool_runs, pooled
 from analysis.published import paper_frame
 from analysis.run_measures import run_measures
-from tma_ray.benchmark import EXPERIMENTS, MATRICES, Matrix, challenges_of
+from analysis.student_pools import by_students, without_searches
+from tma_ray.benchmark import MATRICES, Matrix, challenges_of
 from tma_ray.tasks import MASTERY_RETURN
 
 RESULTS = [
@@ -67,9 +68,9 @@ def table_results(frames: Frames, step: int | None = None) -> list[TableResults]
         frames: of `load`.
         step: at which runs are read; None for their ends.
     """
-    cells, values = _without_searches(frames.cells), run_measures(frames, step)
+    cells, values = without_searches(frames.cells), run_measures(frames, step)
     found: list[TableResults] = []
-    for name, matrices, chosen in _by_students(cells):
+    for name, matrices, chosen in by_students(cells):
         pools = pool_runs(chosen, values, matrices)
         runs = lend_baseline(pools) if len(pools) else pools
         both = pd.concat([pooled(runs), pooled(runs, by=["embodiment"])], ignore_index=True)
@@ -108,30 +109,6 @@ def results_of(frame: pd.DataFrame) -> pd.DataFrame:
 
 def _tuples(sets: Sequence[set[str]], index: pd.Index[Any]) -> pd.Series:
     return pd.Series([tuple(sorted(members)) for members in sets], index=index, dtype=object)
-
-
-def _without_searches(cells: pd.DataFrame) -> pd.DataFrame:
-    matrices = [matrix for experiment in EXPERIMENTS for matrix in experiment.matrices]
-    names = [matrix.name for matrix in matrices if matrix.teacher_grid or matrix.student_grid]
-    return cells[~cells["experiment"].str.fullmatch(rf"({'|'.join(names)})(_\d+)?").astype(bool)]
-
-
-def _by_students(cells: pd.DataFrame) -> Iterator[tuple[str, tuple[Matrix, ...], pd.DataFrame]]:
-    """Yields the paper's students together, then each other one alone, with the matrices to pool by."""
-    theirs = {(m.environment, m.challenge): m.students for m in MATRICES}
-    places = zip(cells["environment"], cells["challenge"], cells["student"], strict=True)
-    other = {
-        student for *place, student in places if student not in theirs.get((place[0], place[1]), (student,))
-    }
-    if not set(cells["student"]) or set(cells["student"]) - other:
-        yield "", MATRICES, cells
-    for student in sorted(other):
-        alone = tuple(replace(matrix, students=(student,)) for matrix in MATRICES)
-        yield _file_name(student), alone, cells[cells["student"] == student]
-
-
-def _file_name(text: str) -> str:
-    return "".join(character if character.isalnum() else "-" for character in text.lower()).strip("-")
 
 
 def _apart(frame: pd.DataFrame, step: int | None) -> Iterator[tuple[str, pd.DataFrame]]:

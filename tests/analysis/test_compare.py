@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 from synthetic_results import SyntheticCampaign
 
-from analysis.compare import beside, duels, missing, new_teachers, paper_side, sentences, side_of, together
+from analysis.compare import baseline_side, beside, duels, missing, new_teachers, sentences, side_of, together
 from analysis.compare_page import write_comparison
 from analysis.load import load
 from tma_ray.cli import main
@@ -42,7 +42,7 @@ def roots(tmp_path: Path) -> tuple[Path, Path]:
 
 def test_a_new_teacher_is_tested_against_comparable_baselines_only(roots: tuple[Path, Path]) -> None:
     mine, theirs = (side_of(load(root), root.name) for root in roots)
-    runs = together(mine, [theirs, paper_side()])
+    runs = together(mine, [theirs, baseline_side("paper-2021")])
     assert set(runs["teacher"]) == {"frontier", "random", "riac"}
     assert new_teachers(mine) == ["frontier"]
     assert sentences(duels(runs, ["frontier"])) == [
@@ -59,7 +59,7 @@ def test_other_budgets_and_engines_are_set_beside_and_named(roots: tuple[Path, P
     assert (apart.teacher, apart.challenge, apart.differs) == (
         "alp_gmm", "mostly_unfeasible", "training steps: 4 million",
     )  # fmt: skip
-    paper = beside(mine, paper_side())
+    paper = beside(mine, baseline_side("paper-2021"))
     assert set(paper["challenge"]) == set(CHALLENGES)
     assert set(paper["differs"]) == {"engine Box2D; 20 million steps"}
 

@@ -84,8 +84,8 @@ def joined_plan(name: str, campaigns: Sequence[Campaign]) -> Plan:
     """
     if not campaigns:
         raise ValueError(
-            f"nothing of {name!r} is left to run: it has no such level or teacher, or no teacher knows enough "
-            f"at the levels chosen"
+            f"nothing of {name!r} is left to run: it has no such level or teacher, or no teacher knows "
+            f"enough at the levels chosen"
         )
     runs: dict[str, tuple[int, RunSpec]] = {}
     rows: list[dict[str, Any]] = []

@@ -13,7 +13,6 @@ def add_commands(commands: Any) -> None:
     _add_status(commands.add_parser("status", help="how far the campaigns of a results root are"))
     _add_logs(commands.add_parser("logs", help="what a run went through, and why it failed"))
     _add_report(commands.add_parser("report", help="write the report of a results root"))
-    _add_compare(commands.add_parser("compare", help="put results among released baselines, on one page"))
     _add_ranking(commands.add_parser("ranking", help="who masters most on each challenge"))
     _add_claims(commands.add_parser("claims", help="which of the paper's claims hold in a results root"))
     _add_search(commands.add_parser("search", help="what a search for hyper-parameters found"))
@@ -38,20 +37,6 @@ def _add_report(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("root", metavar="ROOT")
     parser.add_argument("-o", "--output", type=Path, metavar="FOLDER", help="default: ROOT/report")
     parser.set_defaults(command=_report)
-
-
-def _add_compare(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("root", metavar="ROOT", help="your results")
-    parser.add_argument(
-        "--baseline",
-        dest="baselines",
-        action="append",
-        default=[],
-        metavar="NAME|ROOT",
-        help="paper-2021, or a folder or address of results; several times for several",
-    )
-    parser.add_argument("-o", "--output", type=Path, metavar="FOLDER", help="default: ROOT/compare")
-    parser.set_defaults(command=_compare)
 
 
 def _add_ranking(parser: argparse.ArgumentParser) -> None:
@@ -130,13 +115,6 @@ def _report(options: argparse.Namespace) -> int:
     from analysis.report import write_report
 
     print(write_report(options.root, options.output))
-    return 0
-
-
-def _compare(options: argparse.Namespace) -> int:
-    from analysis.compare_page import write_comparison
-
-    print(write_comparison(options.root, options.baselines, options.output))
     return 0
 
 

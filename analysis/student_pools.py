@@ -1,0 +1,55 @@
+"""Which runs are pooled together where students stand in for the paper's."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import replace
+
+import pandas as pd
+
+from analysis.load import Frames
+from analysis.pooling import POOLED, lend_baseline, pool_runs
+from tma_ray.benchmark import EXPERIMENTS, MATRICES, Matrix
+
+
+def result_runs(frames: Frames, values: pd.DataFrame) -> pd.DataFrame:
+    """Returns all runs that count as results, in the pools they belong to, Random lent to all levels.
+
+    Where only students run that the paper does not have there, such as PPO everywhere, these are the pool.
+
+    Args:
+        frames: what was run.
+        values: measures by run_id, as from `run_measures`.
+
+    Returns:
+        Of `pooling.pool_runs`.
+    """
+    groups = by_students(without_searches(frames.cells))
+    parts = [pool_runs(chosen, values, matrices) for _, matrices, chosen in groups]
+    runs = pd.concat(parts, ignore_index=True).drop_duplicates([*POOLED, "run_id"])
+    return lend_baseline(runs) if len(runs) else runs
+
+
+def without_searches(cells: pd.DataFrame) -> pd.DataFrame:
+    """Returns `cells` without points of searches for hyper-parameters, which are no results of a teacher."""
+    matrices = [matrix for experiment in EXPERIMENTS for matrix in experiment.matrices]
+    names = [matrix.name for matrix in matrices if matrix.teacher_grid or matrix.student_grid]
+    return cells[~cells["experiment"].str.fullmatch(rf"({'|'.join(names)})(_\d+)?").astype(bool)]
+
+
+def by_students(cells: pd.DataFrame) -> Iterator[tuple[str, tuple[Matrix, ...], pd.DataFrame]]:
+    """Yields the paper's students together, then each other one alone, with the matrices to pool by."""
+    theirs = {(m.environment, m.challenge): m.students for m in MATRICES}
+    places = zip(cells["environment"], cells["challenge"], cells["student"], strict=True)
+    other = {
+        student for *place, student in places if student not in theirs.get((place[0], place[1]), (student,))
+    }
+    if not set(cells["student"]) or set(cells["student"]) - other:
+        yield "", MATRICES, cells
+    for student in sorted(other):
+        alone = tuple(replace(matrix, students=(student,)) for matrix in MATRICES)
+        yield _file_name(student), alone, cells[cells["student"] == student]
+
+
+def _file_name(text: str) -> str:
+    return "".join(character if character.isalnum() else "-" for character in text.lower()).strip("-")
