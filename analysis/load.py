@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+import re
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -22,6 +23,9 @@ GROUP = [*COMPARISON, "teacher"]
 
 SETTINGS = ["mastery_threshold", "plugins", "settings"]
 """Columns of cells that come from the spec; settings is a short hash of all of it but the seed."""
+
+SEED = re.compile(r'"seed": \d+, "student":')
+"""The seed in a spec, whose keys are sorted, with the key that follows it."""
 
 STATUSES = ("done", "running", "failed", "waiting")
 """What a run of a cell may be; waiting is a cell whose run has not started."""
@@ -123,14 +127,15 @@ def _frame(
 def _with_settings(runs: pd.DataFrame) -> pd.DataFrame:
     """Adds what comparisons need of each run's spec: mastery_threshold, plugins and settings.
 
-    A spec is long, and there are thousands: each is parsed once.
+    A spec is long, and there are thousands: those that differ in their seed alone are parsed once.
     """
-    found = [_settings(parsed(spec)) for spec in runs["spec"]]
-    return runs.assign(**{name: [each[name] for each in found] for name in SETTINGS})
+    texts = [SEED.sub('"student":', spec, count=1) for spec in runs["spec"]]
+    known = {text: _settings(text) for text in set(texts)}
+    return runs.assign(**{name: [known[text][name] for text in texts] for name in SETTINGS})
 
 
-def _settings(spec: dict[str, Any]) -> dict[str, Any]:
-    text = json.dumps({name: value for name, value in spec.items() if name != "seed"}, sort_keys=True)
+def _settings(text: str) -> dict[str, Any]:
+    spec = parsed(text)
     return {
         "mastery_threshold": float(spec.get("mastery_threshold", MASTERY_RETURN)),
         "plugins": json.dumps(spec.get("plugins", {}), sort_keys=True),

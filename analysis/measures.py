@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
+from numpy.typing import NDArray
 
 from analysis.load import COMPARISON, GROUP, STATUSES, Frames
 from analysis.statistics import Comparison, describe, holm, welch
@@ -35,14 +36,32 @@ def is_baseline(teacher: str) -> bool:
 
 
 def evaluation_measures(evaluations: pd.DataFrame) -> pd.DataFrame:
-    """Returns one row per run and evaluation: run_id, step, mastered_percent, evaluation_return, tasks."""
-    table = evaluations[["run_id", "step"]].assign(
-        mastered_percent=100.0 * evaluations["mastered"],
-        evaluation_return=evaluations["episodic_return"].astype(float),
+    """Returns one row per run and evaluation: run_id, step, mastered_percent, evaluation_return, tasks.
+
+    Rows of one evaluation mostly follow each other: they are added up before they are grouped, since a full
+    benchmark has tens of millions.
+    """
+    run_ids, steps = evaluations["run_id"].astype("category"), evaluations["step"].to_numpy()
+    codes = run_ids.cat.codes.to_numpy()
+    change = (codes[1:] != codes[:-1]) | (steps[1:] != steps[:-1])
+    starts = np.concatenate([[0], np.flatnonzero(change) + 1])[: len(steps)]
+    table = pd.DataFrame(
+        {
+            "run_id": np.asarray(run_ids.cat.categories, dtype=object)[codes[starts]],
+            "step": steps[starts],
+            "mastered_percent": _sums(100.0 * evaluations["mastered"].to_numpy(), starts),
+            "evaluation_return": _sums(evaluations["episodic_return"].to_numpy(float), starts),
+            "tasks": np.diff(starts, append=len(steps)),
+        }
     )
-    grouped = table.groupby(["run_id", "step"], observed=True, sort=True)
-    means = grouped.mean().assign(tasks=grouped.size()).reset_index()
-    return means.astype({"run_id": object})
+    sums = table.groupby(["run_id", "step"], sort=True).sum().reset_index()
+    for measure in ("mastered_percent", "evaluation_return"):
+        sums[measure] /= sums["tasks"]
+    return sums.astype({"run_id": object})
+
+
+def _sums(values: NDArray[np.float64], starts: NDArray[np.int64]) -> NDArray[np.float64]:
+    return np.add.reduceat(values, starts) if len(starts) else np.zeros(0)
 
 
 def readings(frames: Frames) -> pd.DataFrame:

@@ -58,7 +58,8 @@ def run_measures(frames: Frames, at: int | None = None, shares: Sequence[float] 
     rows = _standing(frames, at, _reached(frames))
     evaluations = frames.evaluations
     limits = evaluations["run_id"].map(rows["steps"]).astype(float)
-    evaluations = evaluations[evaluations["step"] <= limits]
+    within = evaluations["step"] <= limits
+    evaluations = evaluations if within.all() else evaluations[within]
     curves = evaluation_measures(evaluations)
     ends = curves.drop_duplicates("run_id", keep="last").set_index("run_id")
     rows["step"] = ends["step"]

@@ -28,7 +28,10 @@ def search_results(frames: Frames) -> pd.DataFrame:
         hyper-parameters of the grid, a dict), chosen (whether it is the paper's), n, mean and std of
         mastered tasks in per cent, the best first.
     """
-    rows = []
+    rows: list[list[Any]] = []
+    searches = "|".join(matrix.name for matrix in _searches())
+    if not frames.cells["experiment"].str.fullmatch(rf"({searches})(_\d+)?").astype(bool).any():
+        return pd.DataFrame(rows, columns=POINTS)
     reading = readings(frames)
     reading = reading[~reading["provisional"]]
     specs = frames.cells.drop_duplicates("run_id").set_index("run_id")["spec"]

@@ -65,13 +65,9 @@ def knowledge_panels(
         mine = runs[runs["challenge"] == challenge]
         _one(mine, within)
         for measure, name in measures.items():
-            tests = (
-                None
-                if reference is None
-                else pairwise(
-                    mine, measure, reference.value, [*within, "teacher", "step"], "expert_knowledge"
-                )
-            )
+            tests, same = None, [*within, "teacher", "step"]
+            if reference is not None:
+                tests = pairwise(mine, measure, reference.value, same, "expert_knowledge")
             curves = pooled(mine, [measure], ["step"])
             panels.append(CurvePanel(title("challenge", challenge), curves, tests, measure, name))
     return panels

@@ -11,9 +11,12 @@ import pytest
 from matplotlib.colors import to_hex
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
+from synthetic_pools import cell, pool
 
 from analysis.figures import radar
+from analysis.pairwise import pairwise
 from analysis.pairwise_statistics import pairwise_from_statistics
+from analysis.pooling import lend_baseline, pooled
 from analysis.published import paper_frame
 from analysis.style import look, png
 
@@ -142,6 +145,21 @@ def test_what_cannot_be_drawn_is_refused() -> None:
         radar(pd.concat([table, table.head(1)]), tests)
     with pytest.raises(ValueError, match="teacher not there"):
         radar(table.drop(columns="teacher"), tests)
+
+
+def test_a_radar_of_our_own_runs_lends_random_to_the_other_levels() -> None:
+    cells = [
+        cell(teacher, seed, mean + seed, challenge=challenge, expert_knowledge=level)
+        for challenge in CHALLENGES
+        for teacher, level, mean in (("random", "none", 10), ("adr", "high", 40), ("riac", "none", 10))
+        for seed in range(4)
+    ]
+    runs = lend_baseline(pool(*cells))
+    figure = radar(pooled(runs), pairwise(runs, "mastered_percent", "random"))
+    none, high = lines_of(figure, 0), lines_of(figure, 1)
+    assert none == {"random": [1.0] * 5, "riac": [1.0] * 5}
+    assert high["adr"] == pytest.approx([41.5 / 11.5] * 5)
+    assert [to_hex(star.get_color()) for star in stars_of(figure)] == [look("adr").colour] * 5
 
 
 def test_a_radar_repeats_itself() -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Final
 
+import numpy as np
 import pyarrow as pa
 import pyarrow.compute as pc
 
@@ -70,7 +71,15 @@ def by_appearance(rows: pa.Table) -> pa.Table:
         if pa.types.is_dictionary(field.type):
             column = rows.column(place).combine_chunks()
             used = pc.drop_null(pc.unique(column.indices))
-            places = pc.index_in(column.indices, used).cast(field.type.index_type)
-            ordered = pa.DictionaryArray.from_arrays(places, column.dictionary.take(used))
+            ordered = pa.DictionaryArray.from_arrays(_renumbered(column, used), column.dictionary.take(used))
             rows = rows.set_column(place, field, ordered.cast(field.type))
     return rows
+
+
+def _renumbered(column: pa.DictionaryArray, used: pa.Array) -> pa.Array:
+    """Returns the indices of `column` as places in `used`; a look-up, since there are tens of millions."""
+    if column.null_count:
+        return pc.index_in(column.indices, used).cast(column.indices.type)
+    places = np.zeros(len(column.dictionary), dtype=column.indices.type.to_pandas_dtype())
+    places[used.to_numpy()] = np.arange(len(used))
+    return pa.array(places[column.indices.to_numpy()])
