@@ -129,9 +129,15 @@ def _with_settings(runs: pd.DataFrame) -> pd.DataFrame:
 
     A spec is long, and there are thousands: those that differ in their seed alone are parsed once.
     """
-    texts = [SEED.sub('"student":', spec, count=1) for spec in runs["spec"]]
+    texts = [_without_seed(spec) for spec in runs["spec"]]
     known = {text: _settings(text) for text in set(texts)}
     return runs.assign(**{name: [known[text][name] for text in texts] for name in SETTINGS})
+
+
+def _without_seed(spec: str) -> str:
+    text, found = SEED.subn('"student":', spec, count=1)
+    content = {} if found else parsed(spec)
+    return text if found else json.dumps({name: content[name] for name in content if name != "seed"})
 
 
 def _settings(text: str) -> dict[str, Any]:

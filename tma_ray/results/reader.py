@@ -57,7 +57,10 @@ class Results:
         check_root(store)
         self.store = store
         self.problems: list[str] = []
-        found = self._map(self._load, [PurePosixPath(path).stem for path in store.files(MANIFESTS)])
+        # Threads wait for object stores; for small local files they would wait for each other.
+        threads = _THREADS if store.is_object_store else 1
+        run_ids = [PurePosixPath(path).stem for path in store.files(MANIFESTS)]
+        found = self._map(self._load, run_ids, threads)
         self._manifests = tuple(manifest for manifest in found if manifest is not None)
 
     @classmethod
@@ -181,11 +184,14 @@ class Results:
         if problem not in self.problems:
             self.problems.append(problem)
 
-    def _map(self, function: Callable[[S], T], items: Iterable[S]) -> list[T]:
+    def _map(self, function: Callable[[S], T], items: Iterable[S], threads: int = _THREADS) -> list[T]:
         """Returns the results in the order of `items`, computed in threads; warns of new problems."""
         known = len(self.problems)
-        with ThreadPoolExecutor(_THREADS) as executor:
-            found = list(executor.map(function, items))
+        if threads == 1:
+            found = list(map(function, items))
+        else:
+            with ThreadPoolExecutor(threads) as executor:
+                found = list(executor.map(function, items))
         for problem in self.problems[known:]:
             warnings.warn(problem, DamagedFileWarning, stacklevel=4)
         return found

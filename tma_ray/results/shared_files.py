@@ -70,10 +70,19 @@ def by_appearance(rows: pa.Table) -> pa.Table:
     for place, field in enumerate(rows.schema):
         if pa.types.is_dictionary(field.type):
             column = rows.column(place).combine_chunks()
-            used = pc.drop_null(pc.unique(column.indices))
+            used = _used(column)
             ordered = pa.DictionaryArray.from_arrays(_renumbered(column, used), column.dictionary.take(used))
             rows = rows.set_column(place, field, ordered.cast(field.type))
     return rows
+
+
+def _used(column: pa.DictionaryArray) -> pa.Array:
+    """Returns the indices of `column` in order of appearance, each once; most follow their like."""
+    if column.null_count or not len(column):
+        return pc.drop_null(pc.unique(column.indices))
+    indices = column.indices.to_numpy()
+    starts = np.flatnonzero(indices[1:] != indices[:-1]) + 1
+    return pc.unique(pa.array(indices[np.concatenate([[0], starts])]))
 
 
 def _renumbered(column: pa.DictionaryArray, used: pa.Array) -> pa.Array:
