@@ -22,8 +22,8 @@ LARGEST = 20
 
 def curriculum_pictures(frames: Frames, mine: Measured) -> Iterator[Picture]:
     """Yields what there is to draw of curricula: on the task plane, or dimension by dimension."""
-    axes, examples = task_axes(mine.cells), _examples(mine)
-    curricula = {teacher: _curriculum(frames, run) for teacher, run in examples.items()}
+    axes, examples = task_axes(mine.cells), examples_of(mine)
+    curricula = {teacher: curriculum_of(frames, run) for teacher, run in examples.items()}
     curricula = {
         teacher: curriculum
         for teacher, curriculum in curricula.items()
@@ -48,7 +48,8 @@ def curriculum_pictures(frames: Frames, mine: Measured) -> Iterator[Picture]:
         yield Picture.of("teacher-scalars", figure, "What teachers log", _scalars_caption(curricula, which))
 
 
-def _curriculum(frames: Frames, run: pd.Series) -> Curriculum:
+def curriculum_of(frames: Frames, run: pd.Series) -> Curriculum:
+    """Returns what there is of the curriculum of one run, a row of `Frames.cells`."""
     run_id = run["run_id"]
     tables = frames.episodes(run_id), frames.curriculum(run_id), frames.teacher_log(run_id)
     return Curriculum(*tables, steps=int(run["steps"]), mastery=float(run["mastery_threshold"]))
@@ -118,7 +119,7 @@ def _in_whose_space(curricula: Mapping[str, Curriculum]) -> str:
     )
 
 
-def _examples(mine: Measured) -> dict[str, pd.Series]:
+def examples_of(mine: Measured) -> dict[str, pd.Series]:
     """Returns the run of each teacher that stands for it: the median reading, else its first that runs."""
     cells = mine.cells[mine.cells["status"].isin(["done", "running"])]
     chosen = {}

@@ -108,7 +108,7 @@ def test_joined_plans_share_runs() -> None:
 def test_a_matrix_that_nobody_knows_enough_for_is_left_out() -> None:
     original = find_experiment("stump_tracks_challenges").matrices[0]
     assert matrix_campaigns([original], ("adr",))[0].cells[0].expert_knowledge == "low"
-    with pytest.raises(ValueError, match="nothing of .stump_tracks_challenges. is left"):
+    with pytest.raises(ValueError, match=r"nothing of .stump_tracks_challenges. is left"):
         planned("stump_tracks_challenges", "--teachers", "adr", "--expert-knowledge", "none")
 
 

@@ -13,6 +13,7 @@ NOT_WHOLE = 1
 def add_commands(commands: Any) -> None:
     """Adds them to the subparsers `commands`."""
     _add_tables(commands.add_parser("tables", help="the paper's tables, of any results"))
+    _add_figures(commands.add_parser("figures", help="the paper's figures, of any results"))
     _add_compare(commands.add_parser("compare", help="put results among released baselines, on one page"))
     _add_baselines(commands.add_parser("baselines", help="released results to compare with"))
     _add_release(commands.add_parser("release", help="pack a finished campaign as a baseline for others"))
@@ -29,6 +30,14 @@ def _add_tables(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--format", default="markdown", choices=("markdown", "latex", "csv"))
     parser.add_argument("-o", "--output", type=Path, metavar="FOLDER", help="a file for each table")
     parser.set_defaults(command=_tables)
+
+
+def _add_figures(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("root", metavar="ROOT|NAME", help="results, or a baseline such as paper-2021")
+    parser.add_argument("-o", "--output", type=Path, required=True, metavar="FOLDER")
+    parser.add_argument("--format", default="pdf", choices=("pdf", "svg"), help="beside PNG (%(default)s)")
+    parser.add_argument("--only", default="", metavar="NAME", help="beginning of the names wanted, as radar")
+    parser.set_defaults(command=_figures)
 
 
 def _add_compare(parser: argparse.ArgumentParser) -> None:
@@ -72,6 +81,16 @@ def _tables(options: argparse.Namespace) -> int:
     for warning in written.warnings:
         sys.stderr.write(f"tma-ray: warning: {warning}\n")
     print("\n".join(map(str, written.files)) if written.files else written.text)
+    return 0
+
+
+def _figures(options: argparse.Namespace) -> int:
+    from analysis.figures_command import write_figures
+
+    written = write_figures(options.root, options.output, options.format, options.only)
+    for warning in (*written.warnings, *(f"left out: {text}" for text in written.left_out)):
+        sys.stderr.write(f"tma-ray: warning: {warning}\n")
+    print("\n".join(map(str, written.files)))
     return 0
 
 
