@@ -84,12 +84,11 @@ def load(root: str | Path) -> Frames:
         ResultsRootError: there is no such root.
     """
     results = Results.open(root)
-    runs = _with_settings(_plain(_frame(results, Table.RUNS)))
+    runs = _with_settings(_plain(results.table(Table.RUNS).to_pandas()))
     cells = _join(_plain(_frame(results, Table.CELLS)), runs)
     columns = ["run_id", "step", "test_set", "task_index", "episodic_return"]
     evaluations = _frame(results, Table.EVALUATIONS, columns)
-    thresholds = evaluations["run_id"].map(runs.set_index("run_id")["mastery_threshold"]).astype(float)
-    evaluations["mastered"] = evaluations["episodic_return"] > thresholds
+    evaluations["mastered"] = evaluations["episodic_return"] > _thresholds(evaluations, runs)
     return Frames(
         cells=cells,
         attempts=_frame(results, Table.ATTEMPTS),
@@ -132,6 +131,14 @@ def _with_settings(runs: pd.DataFrame) -> pd.DataFrame:
     texts = [_without_seed(spec) for spec in runs["spec"]]
     known = {text: _settings(text) for text in set(texts)}
     return runs.assign(**{name: [known[text][name] for text in texts] for name in SETTINGS})
+
+
+def _thresholds(evaluations: pd.DataFrame, runs: pd.DataFrame) -> pd.Series | float:
+    """Returns the threshold of each evaluation's run; one number where all have the same."""
+    known = runs["mastery_threshold"].unique()
+    if len(known) == 1:
+        return float(known[0])
+    return evaluations["run_id"].map(runs.set_index("run_id")["mastery_threshold"]).astype(float)
 
 
 def _without_seed(spec: str) -> str:

@@ -55,12 +55,13 @@ def run_measures(frames: Frames, at: int | None = None, shares: Sequence[float] 
         - reason, why a run has no measures, all of which are NaN then: "waiting", "failed",
           "still running", "not evaluated", "ends before"; else empty.
     """
-    rows = _standing(frames, at, _reached(frames))
+    everything = evaluation_measures(frames.evaluations)
+    rows = _standing(frames, at, _reached(frames, everything))
+    curves = everything[everything["step"] <= everything["run_id"].map(rows["steps"]).astype(float)]
     evaluations = frames.evaluations
-    limits = evaluations["run_id"].map(rows["steps"]).astype(float)
-    within = evaluations["step"] <= limits
-    evaluations = evaluations if within.all() else evaluations[within]
-    curves = evaluation_measures(evaluations)
+    if len(curves) < len(everything):
+        limits = evaluations["run_id"].map(rows["steps"]).astype(float)
+        evaluations = evaluations[evaluations["step"] <= limits]
     ends = curves.drop_duplicates("run_id", keep="last").set_index("run_id")
     rows["step"] = ends["step"]
     rows.loc[(rows["reason"] == "") & rows["step"].isna(), "reason"] = "not evaluated"
@@ -81,7 +82,7 @@ def evaluations_at(frames: Frames, steps: Iterable[int]) -> pd.DataFrame:
     """
     curves = evaluation_measures(frames.evaluations)
     curves = curves.rename(columns={"step": "evaluated_at"}).sort_values("evaluated_at", kind="stable")
-    reached = _reached(frames)
+    reached = _reached(frames, curves.rename(columns={"evaluated_at": "step"}))
     standing = [_standing(frames, step, reached).assign(step=step) for step in sorted(steps)]
     asked = pd.concat([_standing(frames, 0, reached).head(0).assign(step=0), *standing]).reset_index()
     asked = asked.loc[asked["reason"] == "", ["step", "run_id"]].astype({"step": "int64", "run_id": object})
@@ -104,7 +105,7 @@ def training_returns_at(frames: Frames, steps: Iterable[int]) -> pd.DataFrame:
         ["run_id", "step"]
     )
     curves = curves.sort_values("step", kind="stable").rename(columns={"step": "measured_at"})
-    found, reached = [], _reached(frames)
+    found, reached = [], _reached(frames, evaluation_measures(frames.evaluations))
     for step in steps:
         standing = _standing(frames, step, reached)
         there = standing.index[standing["reason"] == ""]
@@ -138,11 +139,10 @@ def best_seeds(runs: pd.DataFrame, measure: str, within: Sequence[str]) -> pd.Da
     return ranked.drop_duplicates(list(within)).sort_values(list(within), ignore_index=True)
 
 
-def _reached(frames: Frames) -> pd.Series:
+def _reached(frames: Frames, curves: pd.DataFrame) -> pd.Series:
     """Returns the step of the last evaluation of each run, by run_id; NaN for a run without."""
-    last = frames.evaluations.groupby("run_id", observed=True)["step"].max()
     runs = sorted(frames.cells["run_id"].unique())
-    return last.set_axis(last.index.astype(object)).reindex(runs).astype(float)
+    return curves.groupby("run_id")["step"].max().reindex(runs).astype(float)
 
 
 def _standing(frames: Frames, at: int | None, reached: pd.Series) -> pd.DataFrame:
@@ -162,11 +162,15 @@ def _standing(frames: Frames, at: int | None, reached: pd.Series) -> pd.DataFram
 def _of_curves(curves: pd.DataFrame, budgets: pd.Series, shares: Sequence[float]) -> pd.DataFrame:
     """Returns mastered_area and `steps_to` of each share, by run_id."""
     found: dict[str, list[float]] = {}
-    for run_id, curve in curves.groupby("run_id"):
-        steps = curve["step"].to_numpy(float)
-        mastered = curve["mastered_percent"].to_numpy(float)
+    run_ids, all_steps = curves["run_id"].to_numpy(object), curves["step"].to_numpy(float)
+    all_mastered = curves["mastered_percent"].to_numpy(float)
+    starts = np.flatnonzero(np.append(True, run_ids[1:] != run_ids[:-1])) if len(curves) else np.zeros(0, int)
+    pieces = zip(starts, [*starts[1:], len(curves)], strict=True) if len(starts) else ()
+    for first, end in pieces:  # thousands of runs: slices of arrays, not frames
+        run_id, steps = str(run_ids[first]), all_steps[first:end]
+        mastered = all_mastered[first:end]
         reached = [_first_reaching(steps, mastered, share) for share in shares]
-        found[str(run_id)] = [_area(steps, mastered, float(budgets[str(run_id)])), *reached]
+        found[run_id] = [_area(steps, mastered, float(budgets[run_id])), *reached]
     columns = ["mastered_area", *map(steps_to, shares)]
     return pd.DataFrame.from_dict(found, orient="index", columns=columns, dtype=float)
 

@@ -1,6 +1,6 @@
 """All feasible cells of eight teachers, invented and merged: how long until every table is there.
 
-    python benchmarks/analysis_scale.py --root /tmp/full --output analysis_scale.json
+    python benchmarks/analysis_scale.py --output analysis_scale.json
 
 Writes a results root as large as the full benchmark of the paper (6,432 runs of 41 evaluations of 100 test
 tasks, with training windows and curricula), merged by experiment, unless `--root` is there already; then
@@ -180,7 +180,7 @@ def measure(root: Path) -> dict[str, Any]:
 def main() -> None:
     """Prints what was measured, and writes it as JSON."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else None)
-    parser.add_argument("--root", type=Path, required=True)
+    parser.add_argument("--root", type=Path, default=Path("build/full_benchmark"), help="(%(default)s)")
     parser.add_argument("--seeds", type=int, help="of each cell (all)")
     parser.add_argument("--output", type=Path, default=Path("analysis_scale.json"))
     parser.add_argument("--measure", action="store_true", help="only measure, in this process")

@@ -19,6 +19,7 @@ SCRIPTS = (
     "actor_overhead",
     "checkpoints",
     "scheduler",
+    "analysis_scale",
 )
 
 

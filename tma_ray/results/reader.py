@@ -8,6 +8,7 @@ from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path, PurePosixPath
 from typing import Final, Self, TypeAlias, TypeVar
 
+import numpy as np
 import pyarrow as pa
 import pyarrow.compute as pc
 
@@ -29,6 +30,9 @@ _UNREADABLE: Final = (OSError, pa.ArrowException, DamagedFileError)
 
 SHOWN_RUNS: Final = 5
 """How many runs a message names."""
+
+RUN_ID: Final = "run_id"
+"""The column that all tables of runs have."""
 
 _THREADS: Final = 16  # more than cores: they wait for disks and object stores
 
@@ -110,10 +114,17 @@ class Results:
             return self._about_runs(table, run_ids).select(names)
         wanted = None if run_ids is None else set(run_ids)
         chosen = [manifest for manifest in self.runs() if wanted is None or manifest.run.run_id in wanted]
-        shared = self._shared(chosen, table, names)
-        per_run = self._map(lambda manifest: self._run_rows(manifest, table, names, shared), chosen)
-        rows = _joined(table, names, [rows for found in per_run for rows in found])
-        return by_appearance(rows) if shared else rows
+        # Ids are known without reading them, and there are tens of millions.
+        read = [name for name in names if name != RUN_ID] or names
+        shared = self._shared(chosen, table, read)
+        per_run = self._map(lambda manifest: self._run_rows(manifest, table, read, shared), chosen)
+        rows = _joined(table, read, [rows for found in per_run for rows in found])
+        rows = by_appearance(rows) if shared else rows
+        if read == names:
+            return rows
+        counts = [sum(map(len, found)) for found in per_run]
+        ids = _repeated([manifest.run.run_id for manifest in chosen], counts)
+        return rows.add_column(names.index(RUN_ID), SCHEMAS[table].field(RUN_ID), ids)
 
     def _about_runs(self, table: Table, run_ids: Collection[str] | None) -> pa.Table:
         if table is Table.RUNS:
@@ -195,6 +206,13 @@ class Results:
         for problem in self.problems[known:]:
             warnings.warn(problem, DamagedFileWarning, stacklevel=4)
         return found
+
+
+def _repeated(run_ids: Sequence[str], counts: Sequence[int]) -> pa.Array:
+    """Returns each id as often as its count says, as a dictionary of those that appear."""
+    present = [(run_id, count) for run_id, count in zip(run_ids, counts, strict=True) if count]
+    places = np.repeat(np.arange(len(present), dtype=np.int32), [count for _, count in present])
+    return pa.DictionaryArray.from_arrays(pa.array(places), pa.array([i for i, _ in present], pa.string()))
 
 
 def _each_once(attempts: pa.Table) -> pa.Table:
