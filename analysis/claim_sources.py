@@ -15,7 +15,7 @@ from analysis.run_measures import run_measures
 from analysis.statistics import Description, describe
 from analysis.student_pools import result_runs
 from tma_ray.benchmark import PaperResult, paper_results
-from tma_ray.benchmark.claims import Reading
+from tma_ray.benchmark.statements import Reading
 
 MEASURE = "mastered_percent"
 

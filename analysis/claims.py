@@ -14,8 +14,8 @@ import pandas as pd
 from analysis.formatting import number, p_value
 from analysis.statistics import SIGNIFICANCE, Comparison, Description, welch, welch_from_statistics
 from analysis.style import label
-from tma_ray.benchmark.claims import (
-    CLAIMS,
+from tma_ray.benchmark.claims import CLAIMS
+from tma_ray.benchmark.statements import (
     Bounded,
     Claim,
     Compared,

@@ -15,7 +15,8 @@ from analysis.formatting import number
 from analysis.load import load
 from analysis.report import write_report
 from tma_ray.benchmark import MATRICES, TEACHERS, challenges_of, find_challenge
-from tma_ray.benchmark.claims import CLAIMS, Bounded, Claim, Compared, Ranked, Reading, Relation, Scaled
+from tma_ray.benchmark.claims import CLAIMS
+from tma_ray.benchmark.statements import Bounded, Claim, Compared, Ranked, Reading, Relation, Scaled
 from tma_ray.tasks import KnowledgeLevel
 
 LOW, HIGH = KnowledgeLevel.LOW, KnowledgeLevel.HIGH
