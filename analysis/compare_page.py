@@ -31,10 +31,14 @@ from analysis.pages import page
 from analysis.pairwise import pairwise
 from analysis.pairwise_statistics import pairwise_from_statistics
 from analysis.picture import Picture
-from analysis.pooling import COMPARED, pooled
+from analysis.pooling import COMPARED, SETTINGS, pooled
 from analysis.published import PAPER
 from analysis.statistics import SIGNIFICANCE
+from analysis.student_pools import by_students
 from analysis.style import label, look, teacher_order
+from analysis.table import Table
+from analysis.table_results import TableResults, results_of
+from analysis.tables import result_tables
 from tma_ray.benchmark import find_challenge
 
 
@@ -74,6 +78,7 @@ def write_comparison(root: str | Path, baselines: Sequence[str], output: Path | 
         places=_places(runs, tests, mine),
         beside=[(side, _beside_rows(beside(mine, side))) for side in others],
         pictures=pictures,
+        tables=list(_tables(runs)),
         warnings=[*frames.warnings, *frames.results.problems],
         verdicts=decided(root_verdicts(frames)),
         significance=SIGNIFICANCE,
@@ -107,6 +112,27 @@ def _radars(runs: pd.DataFrame, others: Sequence[Side]) -> Iterator[Picture]:
             tests = pairwise_from_statistics(side.table, MEASURE, "random")
             caption = f"The tables of {side.name} ({side.engine}), set beside: ratios of its own Random."
             yield from _radar(f"radar-{side.name}", side.table, tests, side.name, caption)
+
+
+def _tables(runs: pd.DataFrame) -> Iterator[dict[str, Any]]:
+    """Yields the paper's tables of what may be compared, as text by row and column."""
+    for _, alike in runs.groupby(SETTINGS, dropna=False):
+        for _, matrices, chosen in by_students(alike):
+            both = pd.concat([pooled(chosen), pooled(chosen, by=["embodiment"])], ignore_index=True)
+            for table in result_tables(TableResults(results_of(both), matrices)):
+                rows = [
+                    (named, [_cell(table, row, column) for column in table.columns])
+                    for row, named in table.rows.items()
+                ]
+                notes = [f"{mark}: {text}" for text, mark in table.notes().items()]
+                columns = list(table.columns.values())
+                yield {"title": table.title, "columns": columns, "rows": rows, "notes": notes}
+
+
+def _cell(table: Table, row: str, column: str) -> dict[str, Any]:
+    cell, marks = table.cell(row, column), table.notes()
+    text = plus_minus(cell.mean, cell.std, cell.digits) if cell.has_number else "\N{EN DASH}"
+    return {"text": text, "best": cell.best, "marks": ", ".join(marks[note] for note in cell.notes)}
 
 
 def _radar(

@@ -27,10 +27,9 @@ from analysis.figures import (
     projected,
     radar,
 )
-from analysis.figures.panels import MEASURES
 from analysis.figures.titles import title
 from analysis.load import Frames
-from analysis.measures import BASELINE, mastered_tasks
+from analysis.measures import BASELINE, is_baseline, mastered_tasks
 from analysis.pairwise import pairwise
 from analysis.pairwise_statistics import pairwise_from_statistics
 from analysis.pooling import COMPARED, PLUS, lend_baseline, pool_runs, pooled
@@ -112,8 +111,8 @@ def _of_students(
         yield Drawing(f"curves-{number:02}-{place}", partial(_curves, draw, panels))
         yield Drawing(f"pairs-{number:02}-{place}", partial(_pairs, mine))
     for teacher, mine in curves[curves["environment"] == "stump_tracks"].groupby("teacher"):
-        if mine["expert_knowledge"].nunique() > 1:
-            panels = partial(knowledge_panels, mine, MEASURES, None)
+        if mine["expert_knowledge"].nunique() > 1 and not is_baseline(str(teacher)):
+            panels = partial(knowledge_panels, mine)
             yield Drawing(f"knowledge-{teacher}", partial(_curves, draw, panels))
 
 
