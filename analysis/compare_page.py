@@ -27,6 +27,7 @@ from analysis.compare import (
 from analysis.figures.radar import radar
 from analysis.formatting import number, p_value, plus_minus
 from analysis.load import load
+from analysis.overall import overall_rows
 from analysis.pages import page
 from analysis.pairwise import pairwise
 from analysis.pairwise_statistics import pairwise_from_statistics
@@ -79,6 +80,7 @@ def write_comparison(root: str | Path, baselines: Sequence[str], output: Path | 
         beside=[(side, _beside_rows(beside(mine, side))) for side in others],
         pictures=pictures,
         tables=list(_tables(runs)),
+        overall=overall_rows(runs),
         warnings=[*frames.warnings, *frames.results.problems],
         verdicts=decided(root_verdicts(frames)),
         significance=SIGNIFICANCE,

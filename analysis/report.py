@@ -18,6 +18,7 @@ from analysis.load import GROUP, STATUSES, Frames, load, parsed
 from analysis.pages import page
 from analysis.picture import Picture
 from analysis.pictures import thresholds
+from analysis.run_measures import run_measures
 from analysis.sections import Section, sections
 from analysis.statistics import SIGNIFICANCE
 from analysis.style import label, teacher_order
@@ -86,6 +87,7 @@ def _downloads(frames: Frames, measured: Measured) -> list[Download]:
         "tests": ("one Welch's t-test against Random, with Holm's adjustment of p", measured.tests),
         "learning_curves": ("one measure of one teacher at one step", pd.concat(curves, ignore_index=True)),
         "mastered_tasks": ("one test task and the share of seeds that master it", tasks),
+        "measures": ("one run: area under its curve, steps to a share, forgetting", run_measures(frames)),
         "runs": ("one run of one cell and its state", frames.cells.drop(columns="spec")),
     }
     return [

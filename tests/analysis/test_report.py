@@ -112,7 +112,7 @@ def test_tables_are_embedded_and_lie_beside_the_page(full: Page, full_root: Path
     beside = {path.read_bytes() for path in (full_root / "report").glob("*.csv")}
     links = [address for address in full.loads if address.startswith("data:text/csv")]
     assert {base64.b64decode(link.partition("base64,")[2]) for link in links} == beside
-    assert len(beside) == 6
+    assert len(beside) == 7
 
 
 def read_csv(root: Path, name: str) -> list[dict[str, str]]:
