@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import itertools
 import re
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import partial
 
@@ -37,6 +37,7 @@ from analysis.run_measures import evaluations_at, run_measures, training_returns
 from analysis.student_pools import by_students, without_searches
 from analysis.style import label
 from analysis.task_axes import task_axes
+from tma_ray.benchmark import Matrix
 
 MEASURE = "mastered_percent"
 
@@ -73,9 +74,10 @@ def drawings(frames: Frames, measured: Measured) -> Iterator[Drawing]:
     """Yields the figures of a root: a set for the paper's students, and for each that stands in for them."""
     for name, matrices, cells in by_students(without_searches(frames.cells)):
         prefix = f"{name}-" if name else ""
-        for budget, mine in cells.dropna(subset=["steps"]).groupby("steps"):
-            tag = prefix if cells["steps"].nunique() == 1 else f"{prefix}{int(float(str(budget)))}-"
-            found = _of_students(frames, partial(_runs, mine, matrices), int(float(str(budget))))
+        for _, mine in cells.dropna(subset=["steps"]).groupby("steps"):
+            budget = int(mine["steps"].iloc[0])
+            tag = prefix if cells["steps"].nunique() == 1 else f"{prefix}{budget}-"
+            found = _of_students(frames, partial(_runs, mine, matrices), budget)
             yield from (Drawing(tag + drawing.name, drawing.draw) for drawing in found)
     for comparison in measured.comparisons():
         first = comparison.cells.iloc[0]
@@ -84,8 +86,8 @@ def drawings(frames: Frames, measured: Measured) -> Iterator[Drawing]:
         yield from _of_comparison(frames, comparison, name)
 
 
-def _runs(cells: pd.DataFrame, matrices: object, values: pd.DataFrame) -> pd.DataFrame:
-    runs = pool_runs(cells, values, matrices)  # type: ignore[arg-type]
+def _runs(cells: pd.DataFrame, matrices: Sequence[Matrix], values: pd.DataFrame) -> pd.DataFrame:
+    runs = pool_runs(cells, values, matrices)
     return lend_baseline(runs) if len(runs) else runs
 
 
