@@ -10,7 +10,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.layout_engine import ConstrainedLayoutEngine
 
-from analysis.figures.axes import percent_axis, share_step_label, step_axis
+from analysis.figures.axes import LEAST_PERCENT, percent_axis, share_step_label, step_axis
 from analysis.figures.checks import require, require_unique, significant
 from analysis.figures.legends import legend, mark_handle, teacher_handle
 from analysis.figures.lines import draw_line
@@ -89,7 +89,8 @@ def _draw_pair(axes: Axes, table: pd.DataFrame, pair: tuple[str, str], measure: 
         rows = table[table["teacher"] == teacher]
         draw_line(axes, rows, look(teacher), short_label(teacher), width=0.9)
     error = table["standard_error"].fillna(0.0)
-    axes.set_ylim(min(0.0, (table["mean"] - error).min()), (table["mean"] + error).max())
+    low, high = min(0.0, (table["mean"] - error).min()), (table["mean"] + error).max()
+    axes.set_ylim(low, max(high, low + LEAST_PERCENT))
     percent_axis(axes, measure)
     low, high = axes.get_ylim()
     axes.set_ylim(top=high + 0.16 * (high - low))
