@@ -11,9 +11,8 @@ from analysis.claims import Sample
 from analysis.load import Frames
 from analysis.measures import is_baseline
 from analysis.pooling import pooled
-from analysis.run_measures import run_measures
 from analysis.statistics import Description, describe
-from analysis.student_pools import result_runs
+from analysis.student_pools import runs_after
 from tma_ray.benchmark import PaperResult, paper_results
 from tma_ray.benchmark.statements import Reading
 
@@ -68,9 +67,7 @@ class RootSource:
 
     def _read_after(self, share: float) -> tuple[tuple[pd.DataFrame, pd.DataFrame], pd.DataFrame]:
         """Returns results over bodies, results of each body, and runs, after a share of the budget."""
-        frames, budget = self._frames, self._frames.cells["steps"].max()
-        at = int(share * budget) if share < 1 and budget > 0 else None
-        runs = result_runs(frames, run_measures(frames, at))
+        runs = runs_after(self._frames, share)
         return (pooled(runs, [MEASURE]), pooled(runs, [MEASURE], by=["embodiment"])), runs
 
 

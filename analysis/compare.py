@@ -15,7 +15,7 @@ from analysis.formatting import amount
 from analysis.load import Frames, load
 from analysis.measures import is_baseline
 from analysis.pairwise import pairwise
-from analysis.pooling import COMPARED, POOLED, pooled
+from analysis.pooling import COMPARED, POOLED, parts_of, pooled
 from analysis.run_measures import run_measures
 from analysis.statistics import SIGNIFICANCE, holm
 from analysis.student_pools import result_runs
@@ -188,7 +188,7 @@ def _differences(row: pd.Series, mine: Side, baseline: Side) -> str:
         found = [f"engine {baseline.engine}"]
         if set(here["steps"]) != {row["steps"]}:
             found.append(f"{amount(row['steps'])} steps")
-        students = {part.rsplit("/", 1)[-1] for pool in here["pool"] for part in pool.split(" + ")}
+        students = {student for pool in here["pool"] for _, student in parts_of(pool)}
         if students != set(row["students"]):
             found.append(f"students {', '.join(row['students'])}")
         return "; ".join(found)

@@ -32,7 +32,7 @@ from analysis.pages import page
 from analysis.pairwise import pairwise
 from analysis.pairwise_statistics import pairwise_from_statistics
 from analysis.picture import Picture
-from analysis.pooling import COMPARED, SETTINGS, pooled
+from analysis.pooling import COMPARED, SETTINGS, parts_of, pooled
 from analysis.published import PAPER
 from analysis.statistics import SIGNIFICANCE
 from analysis.student_pools import by_students
@@ -102,9 +102,7 @@ def _write(text: str, pictures: Sequence[Picture], folder: Path) -> Path:
 def _radars(runs: pd.DataFrame, others: Sequence[Side]) -> Iterator[Picture]:
     """Yields the radar of what may be compared, and one of each published table."""
     kinds = [*COMPARED[4:], "students"]
-    students = runs["pool"].map(
-        lambda pool: ", ".join(sorted({part.rsplit("/", 1)[-1] for part in pool.split(" + ")}))
-    )
+    students = runs["pool"].map(lambda pool: ", ".join(sorted({student for _, student in parts_of(pool)})))
     for place, (_, group) in enumerate(runs.assign(students=students).groupby(kinds, dropna=False), start=1):
         table, tests = pooled(group, [MEASURE]), pairwise(group, MEASURE, "random")
         caption = "Your results and what may be compared with them, as ratios of Random."
@@ -169,7 +167,7 @@ def _title(place: dict[str, Any]) -> str:
         challenge = find_challenge(place["environment"], place["challenge"]).title
     except ValueError:  # somebody else's environment
         challenge = f"{place['environment']} {place['challenge']}"
-    students = sorted({part.rsplit("/", 1)[-1].upper() for part in place["pool"].split(" + ")})
+    students = sorted({student.upper() for _, student in parts_of(place["pool"])})
     return f"{challenge}, {' and '.join(students)}, expert knowledge {place['expert_knowledge']}"
 
 

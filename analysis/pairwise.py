@@ -61,9 +61,8 @@ def pairwise(
             str(name): _sample(part, measure, parts) for name, part in group.groupby(between, sort=True)
         }
         for first, second in pairs_of(list(samples), reference):
-            names = {"first": first, "second": second}
             other = samples.get(second) or _sample(group.head(0), measure, parts)
-            row = shared | names | _compared(samples[first], other)
+            row = shared | {"first": first, "second": second} | _compared(samples[first], other)
             rows.append(row if second in samples else row | {"reason": nobody(second)})
     own = ["measure", "first", "second", *Comparison.__dataclass_fields__, "uncounted", "detectable"]
     table = pd.DataFrame(rows, columns=[*within, *own])

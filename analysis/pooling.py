@@ -121,6 +121,11 @@ def lend_baseline(runs: pd.DataFrame) -> pd.DataFrame:
     return pd.concat(lent, ignore_index=True) if len(lent) > 1 else runs
 
 
+def parts_of(pool: str) -> list[tuple[str, str]]:
+    """Returns body and student of each part of a pool, as its label names them."""
+    return [(body, student) for body, _, student in (part.rpartition("/") for part in pool.split(PLUS))]
+
+
 def _label(embodiment: object, student: object) -> str:
     return f"{embodiment}/{student}"
 

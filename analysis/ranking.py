@@ -14,9 +14,8 @@ from analysis.load import Frames, load
 from analysis.measures import NO_BASELINE, is_baseline
 from analysis.pairwise import pairwise
 from analysis.pooling import COMPARED, POOLED, pooled
-from analysis.run_measures import run_measures
 from analysis.statistics import SIGNIFICANCE, holm
-from analysis.student_pools import result_runs
+from analysis.student_pools import runs_after
 from analysis.style import label
 from tma_ray.benchmark import challenges_of
 
@@ -38,9 +37,7 @@ def ranking(frames: Frames, share: float = 1.0) -> pd.DataFrame:
         a comparison), and of Welch's test against Random: difference, low, high, p, reason, and holm: p
         adjusted for all tests of that teacher at that level. Best first.
     """
-    budget = frames.cells["steps"].max()
-    at = int(share * budget) if share < 1 and budget > 0 else None
-    runs = result_runs(frames, run_measures(frames, at))
+    runs = runs_after(frames, share)
     table = pooled(runs, [MEASURE])
     tests = pairwise(runs, MEASURE, "random").rename(columns={"first": "teacher"})
     columns = ["difference", "low", "high", "p", "reason"]

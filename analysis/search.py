@@ -14,8 +14,9 @@ from analysis.formatting import p_value, plus_minus
 from analysis.load import Frames, load, parsed
 from analysis.measures import readings
 from analysis.statistics import describe, welch
+from analysis.student_pools import of_searches, searches
 from analysis.style import label
-from tma_ray.benchmark import EXPERIMENTS, Grid, Matrix
+from tma_ray.benchmark import Grid, Matrix
 
 POINTS = ["searched", "experiment", "point", "chosen", "n", "mean", "std"]
 
@@ -29,13 +30,12 @@ def search_results(frames: Frames) -> pd.DataFrame:
         mastered tasks in per cent, the best first.
     """
     rows: list[list[Any]] = []
-    searches = "|".join(matrix.name for matrix in _searches())
-    if not frames.cells["experiment"].str.fullmatch(rf"({searches})(_\d+)?").astype(bool).any():
+    if not of_searches(frames.cells["experiment"]).any():
         return pd.DataFrame(rows, columns=POINTS)
     reading = readings(frames)
     reading = reading[~reading["provisional"]]
     specs = frames.cells.drop_duplicates("run_id").set_index("run_id")["spec"]
-    for matrix in _searches():
+    for matrix in searches():
         grid, side = _grid(matrix)
         mine = reading[reading["experiment"].str.fullmatch(rf"{matrix.name}(_\d+)?")]
         for experiment, runs in mine.groupby("experiment"):
@@ -62,8 +62,9 @@ def show_search(root: str | Path, console: Console | None = None) -> None:
     table = Table("searched", "points", "best by mean", "mastered %", box=None, pad_edge=False)
     for heading in ("the paper's choice", "mastered %", "Welch"):
         table.add_column(heading)
+    reading = readings(frames)
     for name, points in found.groupby("searched", sort=True):
-        table.add_row(label(str(name)), str(len(points)), *_beside(points, readings(frames)))
+        table.add_row(label(str(name)), str(len(points)), *_beside(points, reading))
     console.print(table)
 
 
@@ -81,11 +82,6 @@ def _beside(points: pd.DataFrame, reading: pd.DataFrame) -> list[str]:
     test = welch(*samples)
     cells += [_text(theirs["point"]), plus_minus(theirs["mean"], theirs["std"])]
     return [*cells, test.reason or p_value(test.p)]
-
-
-def _searches() -> list[Matrix]:
-    matrices = (matrix for experiment in EXPERIMENTS for matrix in experiment.matrices)
-    return [matrix for matrix in matrices if matrix.teacher_grid or matrix.student_grid]
 
 
 def _grid(matrix: Matrix) -> tuple[Grid, str]:

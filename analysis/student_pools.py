@@ -9,7 +9,15 @@ import pandas as pd
 
 from analysis.load import Frames
 from analysis.pooling import POOLED, lend_baseline, pool_runs
+from analysis.run_measures import run_measures
 from tma_ray.benchmark import EXPERIMENTS, MATRICES, Matrix
+
+
+def runs_after(frames: Frames, share: float) -> pd.DataFrame:
+    """Returns `result_runs` after a share of the largest budget of the root; 1 for the ends of runs."""
+    budget = frames.cells["steps"].max()
+    at = int(share * budget) if share < 1 and budget > 0 else None
+    return result_runs(frames, run_measures(frames, at))
 
 
 def result_runs(frames: Frames, values: pd.DataFrame) -> pd.DataFrame:
@@ -30,11 +38,21 @@ def result_runs(frames: Frames, values: pd.DataFrame) -> pd.DataFrame:
     return lend_baseline(runs) if len(runs) else runs
 
 
+def searches() -> list[Matrix]:
+    """Returns the matrices that search for hyper-parameters."""
+    matrices = (matrix for experiment in EXPERIMENTS for matrix in experiment.matrices)
+    return [matrix for matrix in matrices if matrix.teacher_grid or matrix.student_grid]
+
+
+def of_searches(experiments: pd.Series) -> pd.Series:
+    """Returns which of `experiments` are points of a search, by their names."""
+    names = "|".join(matrix.name for matrix in searches())
+    return experiments.str.fullmatch(rf"({names})(_\d+)?").astype(bool)
+
+
 def without_searches(cells: pd.DataFrame) -> pd.DataFrame:
     """Returns `cells` without points of searches for hyper-parameters, which are no results of a teacher."""
-    matrices = [matrix for experiment in EXPERIMENTS for matrix in experiment.matrices]
-    names = [matrix.name for matrix in matrices if matrix.teacher_grid or matrix.student_grid]
-    return cells[~cells["experiment"].str.fullmatch(rf"({'|'.join(names)})(_\d+)?").astype(bool)]
+    return cells[~of_searches(cells["experiment"])]
 
 
 def by_students(cells: pd.DataFrame) -> Iterator[tuple[str, tuple[Matrix, ...], pd.DataFrame]]:

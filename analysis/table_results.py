@@ -10,7 +10,7 @@ import pandas as pd
 
 from analysis.formatting import amount
 from analysis.load import Frames
-from analysis.pooling import PLUS, lend_baseline, pool_runs, pooled
+from analysis.pooling import PLUS, lend_baseline, parts_of, pool_runs, pooled
 from analysis.published import paper_frame
 from analysis.run_measures import run_measures
 from analysis.student_pools import by_students, without_searches
@@ -88,7 +88,7 @@ def results_of(frame: pd.DataFrame) -> pd.DataFrame:
     """
     found = frame.rename(columns={"mastered_percent_mean": "mean", "mastered_percent_std": "std"})
     if "pool" in found:
-        parts = [[label.rsplit("/", 1) for label in pool.split(PLUS)] for pool in found["pool"]]
+        parts = [parts_of(pool) for pool in found["pool"]]
         bodies = [{body for body, _ in part} for part in parts]
         alone = found["embodiment"] if "embodiment" in found else [None] * len(found)
         bodies = [
