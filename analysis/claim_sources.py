@@ -8,7 +8,7 @@ from functools import cache
 import pandas as pd
 
 from analysis.claims import Sample
-from analysis.load import Frames
+from analysis.frames import Frames
 from analysis.measures import is_baseline
 from analysis.pooling import pooled
 from analysis.statistics import Description, describe

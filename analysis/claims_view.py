@@ -9,7 +9,7 @@ from rich.console import Console
 
 from analysis.claim_sources import RootSource
 from analysis.claims import Standing, Verdict, judge
-from analysis.load import Frames, load
+from analysis.frames import Frames, load
 
 STYLES = {Standing.HOLDS: "green", Standing.FAILS: "red", Standing.OPEN: "dim"}
 

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from analysis.baselines import BaselineKind, as_baseline
 from analysis.formatting import amount
-from analysis.load import Frames, load
+from analysis.frames import Frames, load
 from analysis.measures import is_baseline
 from analysis.pairwise import pairwise
 from analysis.pooling import COMPARED, POOLED, parts_of, pooled

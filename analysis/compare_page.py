@@ -26,7 +26,7 @@ from analysis.compare import (
 )
 from analysis.figures.radar import radar
 from analysis.formatting import number, p_value, plus_minus
-from analysis.load import load
+from analysis.frames import load
 from analysis.overall import overall_rows
 from analysis.pages import page
 from analysis.pairwise import pairwise

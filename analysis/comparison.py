@@ -8,7 +8,7 @@ from dataclasses import dataclass, fields
 import pandas as pd
 
 from analysis import measures
-from analysis.load import COMPARISON, Frames
+from analysis.frames import COMPARISON, Frames
 
 
 @dataclass(frozen=True, eq=False)

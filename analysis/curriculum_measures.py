@@ -9,7 +9,7 @@ import pandas as pd
 from numpy.typing import NDArray
 from scipy import stats
 
-from analysis.load import Frames, parsed
+from analysis.frames import Frames, parsed
 from tma_ray.tasks import Dimension, Task, TaskSpace
 
 BINS = 10

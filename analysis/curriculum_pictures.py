@@ -9,7 +9,7 @@ import pandas as pd
 from analysis.comparison import Measured
 from analysis.curriculum import PANELS, POINTS, Curriculum, curriculum_strip, stack
 from analysis.dimensions import dimension_bands
-from analysis.load import Frames
+from analysis.frames import Frames
 from analysis.picture import Picture
 from analysis.scalars import MOST_PER_TEACHER, scalar_curves, scalars_of
 from analysis.style import label, teacher_order

@@ -7,7 +7,7 @@ from pathlib import Path
 
 from analysis.baselines import BaselineKind, as_baseline
 from analysis.comparison import measure
-from analysis.load import load
+from analysis.frames import load
 from analysis.paper_figures import Drawing, drawings, published_drawings
 from analysis.style import Vector, save
 

@@ -8,7 +8,7 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from analysis.load import COMPARISON, GROUP, STATUSES, Frames
+from analysis.frames import COMPARISON, GROUP, STATUSES, Frames
 from analysis.statistics import Comparison, describe, holm, welch
 
 BASELINE = "random"

@@ -28,7 +28,7 @@ from analysis.figures import (
     radar,
 )
 from analysis.figures.titles import title
-from analysis.load import Frames
+from analysis.frames import Frames
 from analysis.measures import BASELINE, is_baseline, mastered_tasks
 from analysis.pairwise import pairwise
 from analysis.pairwise_statistics import pairwise_from_statistics

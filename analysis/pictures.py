@@ -10,7 +10,7 @@ from analysis.comparison import Measured
 from analysis.curriculum_pictures import curriculum_pictures
 from analysis.figures import final_bars, learning_curve, mastery_map
 from analysis.formatting import number
-from analysis.load import Frames
+from analysis.frames import Frames
 from analysis.measures import RECENT, mastered_tasks
 from analysis.picture import Picture
 from analysis.style import label, teacher_order

@@ -8,7 +8,7 @@ from collections.abc import Iterator, Sequence
 
 import pandas as pd
 
-from analysis.load import STATUSES
+from analysis.frames import STATUSES
 from analysis.measures import is_baseline
 from analysis.statistics import describe
 from tma_ray.benchmark import MATRICES, Matrix, challenges_of

@@ -10,7 +10,7 @@ from rich.table import Table
 
 from analysis.findings import FEW_SEEDS
 from analysis.formatting import number, p_value, plus_minus
-from analysis.load import Frames, load
+from analysis.frames import Frames, load
 from analysis.measures import NO_BASELINE, is_baseline
 from analysis.pairwise import pairwise
 from analysis.pooling import COMPARED, POOLED, pooled

@@ -14,7 +14,7 @@ from analysis import measures
 from analysis.claims_view import decided, root_verdicts
 from analysis.comparison import Measured, measure
 from analysis.formatting import amount, duration, number
-from analysis.load import GROUP, STATUSES, Frames, load, parsed
+from analysis.frames import GROUP, STATUSES, Frames, load, parsed
 from analysis.pages import page
 from analysis.picture import Picture
 from analysis.pictures import thresholds

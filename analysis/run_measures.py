@@ -8,7 +8,7 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from analysis.load import Frames
+from analysis.frames import Frames
 from analysis.measures import evaluation_measures, training_curves
 
 SHARES = (0.5, 0.9)

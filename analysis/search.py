@@ -11,7 +11,7 @@ from rich.console import Console
 from rich.table import Table
 
 from analysis.formatting import p_value, plus_minus
-from analysis.load import Frames, load, parsed
+from analysis.frames import Frames, load, parsed
 from analysis.measures import readings
 from analysis.statistics import describe, welch
 from analysis.student_pools import of_searches, searches

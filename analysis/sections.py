@@ -11,7 +11,7 @@ import pandas as pd
 from analysis.comparison import Measured
 from analysis.findings import Measure, compared_by, findings, verdict
 from analysis.formatting import amount, number, p_value, plus_minus
-from analysis.load import Frames
+from analysis.frames import Frames
 from analysis.measures import is_baseline
 from analysis.picture import Picture
 from analysis.pictures import pictures

@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import pandas as pd
 
-from analysis.load import Frames
+from analysis.frames import Frames
 from analysis.pooling import POOLED, lend_baseline, pool_runs
 from analysis.run_measures import run_measures
 from tma_ray.benchmark import EXPERIMENTS, MATRICES, Matrix

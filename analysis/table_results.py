@@ -9,7 +9,7 @@ from typing import Any
 import pandas as pd
 
 from analysis.formatting import amount
-from analysis.load import Frames
+from analysis.frames import Frames
 from analysis.pooling import PLUS, lend_baseline, parts_of, pool_runs, pooled
 from analysis.published import paper_frame
 from analysis.run_measures import run_measures

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from analysis.baselines import BaselineKind, as_baseline
-from analysis.load import Frames, load
+from analysis.frames import Frames, load
 from analysis.search import search_results
 from analysis.table import Table
 from analysis.table_rendering import ENDINGS, TableFormat, render

@@ -6,7 +6,7 @@ from typing import Any, NamedTuple
 
 import pandas as pd
 
-from analysis.load import parsed
+from analysis.frames import parsed
 
 
 class Axis(NamedTuple):

@@ -14,7 +14,7 @@ import numpy as np
 import pandas as pd
 
 from analysis.event_file import EventFile, check_installed, event_files, read_scalars
-from analysis.load import mastery_threshold
+from analysis.frames import mastery_threshold
 from analysis.measures import evaluation_measures
 from tma_ray.results import Manifest, Results, RunRecord, RunStatus, Table
 

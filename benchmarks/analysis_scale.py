@@ -158,7 +158,7 @@ def _vectors(tasks: np.ndarray) -> pa.Array:
 
 def measure(root: Path) -> dict[str, Any]:
     """Loads `root` and makes every table, in this process; returns seconds and memory."""
-    from analysis.load import load
+    from analysis.frames import load
     from analysis.table_rendering import TableFormat, render
     from analysis.tables_command import tables_of
 

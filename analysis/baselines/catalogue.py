@@ -12,7 +12,7 @@ from typing import Final
 import pandas as pd
 
 from analysis.baselines.manifest import BASELINE_FILE, BaselineError, BaselineKind, BaselineManifest
-from analysis.load import Frames, load
+from analysis.frames import Frames, load
 from analysis.published import published_frame
 from tma_ray.results import Store
 

@@ -21,7 +21,7 @@ from analysis.baselines.manifest import (
 )
 from analysis.baselines.verification import verify
 from analysis.formatting import duration
-from analysis.load import STATUSES, Frames, load
+from analysis.frames import STATUSES, Frames, load
 from analysis.table import Table
 from analysis.table_results import table_results
 from analysis.tables import result_tables
@@ -50,7 +50,7 @@ def release(
 ) -> Path:
     """Packs the campaigns of a root that are done into a folder of files that need nothing else.
 
-    It is a results root of its own: `analysis.load.load` reads it as it reads `root`, from a disk or an
+    It is a results root of its own: `analysis.load` reads it as it reads `root`, from a disk or an
     object store, without ray or torch. Checkpoints and logs stay behind, and so does what is neither JSON
     nor safetensors of a policy.
 

@@ -12,7 +12,7 @@ from analysis.claim_sources import PaperSource, RootSource
 from analysis.claims import Standing, Verdict, judge
 from analysis.claims_view import show_claims
 from analysis.formatting import number
-from analysis.load import load
+from analysis.frames import load
 from analysis.report import write_report
 from tma_ray.benchmark import MATRICES, TEACHERS, challenges_of, find_challenge
 from tma_ray.benchmark.claims import CLAIMS

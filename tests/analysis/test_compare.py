@@ -10,7 +10,7 @@ from synthetic_results import SyntheticCampaign
 
 from analysis.compare import baseline_side, beside, duels, missing, new_teachers, sentences, side_of, together
 from analysis.compare_page import write_comparison
-from analysis.load import load
+from analysis.frames import load
 from tma_ray.cli import main
 
 CHALLENGES = ("mostly_unfeasible", "mostly_trivial", "rugged_difficulty")

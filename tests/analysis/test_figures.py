@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 
 from analysis.figures import final_bars, learning_curve, mastery_map
 from analysis.formatting import amount, duration, number, plus_minus
-from analysis.load import GROUP
+from analysis.frames import GROUP
 from analysis.style import label, look, png, teacher_order
 from analysis.task_axes import Axis
 

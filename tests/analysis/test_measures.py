@@ -7,7 +7,7 @@ from synthetic_results import SyntheticCampaign
 
 from analysis import measures
 from analysis.comparison import measure
-from analysis.load import load
+from analysis.frames import load
 
 
 @pytest.fixture

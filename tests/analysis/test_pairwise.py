@@ -8,7 +8,7 @@ from scipy import stats
 from synthetic_pools import cell, parkour, pool
 from synthetic_results import SyntheticCampaign
 
-from analysis.load import load
+from analysis.frames import load
 from analysis.measures import NO_BASELINE
 from analysis.pairwise import OTHER_PARTS, pairwise
 from analysis.pooling import COMPARED, lend_baseline, pool_runs

@@ -11,7 +11,7 @@ from synthetic_pools import parkour
 from synthetic_results import SyntheticCampaign
 
 from analysis.figures import body_panels, curves_with_stars, knowledge_panels
-from analysis.load import load
+from analysis.frames import load
 from analysis.pooling import pool_runs
 from analysis.run_measures import evaluations_at, training_returns_at
 from analysis.style import png

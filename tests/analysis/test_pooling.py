@@ -7,7 +7,7 @@ import pytest
 from synthetic_pools import PARKOUR_POOL, cell, parkour, pool
 from synthetic_results import SyntheticCampaign
 
-from analysis.load import load
+from analysis.frames import load
 from analysis.pooling import POOLED, lend_baseline, pool_runs, pooled
 from analysis.run_measures import evaluations_at, every, run_measures
 

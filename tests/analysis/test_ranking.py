@@ -7,7 +7,7 @@ from pathlib import Path
 from rich.console import Console
 from synthetic_results import SyntheticCampaign
 
-from analysis.load import load
+from analysis.frames import load
 from analysis.ranking import ranking, sentences, show_ranking
 
 

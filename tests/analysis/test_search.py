@@ -8,7 +8,7 @@ from pathlib import Path
 from rich.console import Console
 from synthetic_results import SyntheticCampaign
 
-from analysis.load import load
+from analysis.frames import load
 from analysis.search import search_results, show_search
 from tma_ray.benchmark import PPO_GRID, TEACHER_GRIDS
 

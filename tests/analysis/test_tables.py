@@ -14,7 +14,7 @@ import pytest
 from synthetic_pools import cell, parkour, pool
 from synthetic_results import SyntheticCampaign
 
-from analysis.load import load
+from analysis.frames import load
 from analysis.pooling import lend_baseline, pooled
 from analysis.table import Cell, Table, with_best
 from analysis.table_rendering import DASH, TableFormat, render
