@@ -98,7 +98,7 @@ def curriculum_strip(curricula: Mapping[str, Curriculum], plane: tuple[Axis, Axi
     figure = Figure(figsize=(10.2, 0.9 + 1.75 * len(teachers)), layout="constrained")
     grid = figure.subplots(len(teachers), PANELS, sharex=True, sharey=True, squeeze=False)
     mastery = curricula[teachers[0]].mastery
-    colours = ScalarMappable(Normalize(*_range(curricula, mastery)), RETURN_COLOURS)
+    colours = ScalarMappable(Normalize(*return_range(curricula, mastery)), RETURN_COLOURS)
     for row, teacher in zip(grid, teachers, strict=True):
         for part, axes in enumerate(row):
             _panel(axes, curricula[teacher].during(part), colours)
@@ -149,7 +149,8 @@ def _panel(axes: Axes, part: Curriculum, colours: ScalarMappable) -> None:
     axes.scatter(tasks[:, 0], tasks[:, 1], c=colours.to_rgba(returns), s=10, linewidth=0.25, edgecolor=INK)
 
 
-def _range(curricula: Mapping[str, Curriculum], mastery: float) -> tuple[float, float]:
+def return_range(curricula: Mapping[str, Curriculum], mastery: float) -> tuple[float, float]:
+    """Returns the ends of the colours of returns: `RETURNS` in the benchmark's worlds."""
     if mastery == MASTERY_RETURN:
         return RETURNS
     returns = np.concatenate(

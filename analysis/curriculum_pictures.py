@@ -7,45 +7,45 @@ from collections.abc import Iterator, Mapping
 import pandas as pd
 
 from analysis.comparison import Measured
-from analysis.curriculum import PANELS, POINTS, Curriculum, curriculum_strip, stack
+from analysis.curriculum import Curriculum, stack
 from analysis.dimensions import dimension_bands
 from analysis.frames import Frames
 from analysis.picture import Picture
 from analysis.scalars import MOST_PER_TEACHER, scalar_curves, scalars_of
 from analysis.style import label, teacher_order
 from analysis.task_axes import Axis, task_axes
-from analysis.teacher_view import boxes_of, gaussians_of, moments, teacher_view
+from analysis.teacher_view import moments
 
 LARGEST = 20
 """Spaces with more varied dimensions are not drawn."""
 
 
 def curriculum_pictures(frames: Frames, mine: Measured) -> Iterator[Picture]:
-    """Yields what there is to draw of curricula: on the task plane, or dimension by dimension."""
-    axes, examples = task_axes(mine.cells), examples_of(mine)
-    curricula = {teacher: curriculum_of(frames, run) for teacher, run in examples.items()}
-    curricula = {
-        teacher: curriculum
-        for teacher, curriculum in curricula.items()
-        if len(curriculum.episodes) and stack(curriculum.episodes["task"]).shape[1] == len(axes)
-    }
+    """Yields the figures of curricula over the whole run: dimension by dimension, and what teachers log."""
+    axes, examples, curricula = task_axes(mine.cells), examples_of(mine), curricula_of(frames, mine)
     if not curricula:
         return
     seeds = ", ".join(f"{label(teacher)}: seed {examples[teacher]['seed']}" for teacher in curricula)
     which = f"One run of each teacher, the median one by mastered tasks ({seeds})"
     varied = sum(axis.low < axis.high for axis in axes)
-    plane = (axes[0], axes[1]) if len(axes) == varied == 2 else None
-    if plane is not None:
-        yield _taught(curricula, plane, which)
     probed = {teacher: each for teacher, each in curricula.items() if len(each.probes)}
-    if len(moments(probed)) > 1:
-        if plane is not None:
-            yield _view(probed, plane, which)
-        elif 0 < varied <= LARGEST:
-            yield _dimensions(probed, axes, which)
+    whole_plane = len(axes) == varied == 2  # which charts show step by step
+    if 0 < varied <= LARGEST and not whole_plane and len(moments(probed)) > 1:
+        yield _dimensions(probed, axes, which)
     figure = scalar_curves(curricula)
     if figure is not None:
         yield Picture.of("teacher-scalars", figure, "What teachers log", _scalars_caption(curricula, which))
+
+
+def curricula_of(frames: Frames, mine: Measured) -> dict[str, Curriculum]:
+    """Returns the curriculum of the run that stands for each teacher, if it has played any episode."""
+    size = len(task_axes(mine.cells))
+    found = {teacher: curriculum_of(frames, run) for teacher, run in examples_of(mine).items()}
+    return {
+        teacher: curriculum
+        for teacher, curriculum in found.items()
+        if len(curriculum.episodes) and stack(curriculum.episodes["task"]).shape[1] == size
+    }
 
 
 def curriculum_of(frames: Frames, run: pd.Series) -> Curriculum:
@@ -53,33 +53,6 @@ def curriculum_of(frames: Frames, run: pd.Series) -> Curriculum:
     run_id = run["run_id"]
     tables = frames.episodes(run_id), frames.curriculum(run_id), frames.teacher_log(run_id)
     return Curriculum(*tables, steps=int(run["steps"]), mastery=float(run["mastery_threshold"]))
-
-
-def _taught(curricula: Mapping[str, Curriculum], plane: tuple[Axis, Axis], which: str) -> Picture:
-    caption = (
-        f"{which}, in {PANELS} equal parts. Dots: training episodes, at most {POINTS} a panel, coloured by "
-        f"return; the white line in the scale is mastery."
-    )
-    if _shuffled(curricula):
-        caption += " The task space is shuffled: dots show the tasks as they were built."
-    return Picture.of("curriculum", curriculum_strip(curricula, plane), "Curriculum over training", caption)
-
-
-def _view(curricula: Mapping[str, Curriculum], plane: tuple[Axis, Axis], which: str) -> Picture:
-    caption = f"{which}. Dots: tasks probed without exploration at that step."
-    updates = [update for each in curricula.values() for _, update in each.updates.iterrows()]
-    if any(gaussians_of(update) for update in updates):
-        caption += (
-            " Ellipses: the teacher's latest Gaussians at two standard deviations, fuller for more weight."
-        )
-    if any(boxes_of(update) for update in updates):
-        caption += " Rectangles: its latest boxes; where it has several, they are coloured by score."
-    return Picture.of(
-        "teacher-view",
-        teacher_view(curricula, plane),
-        "What teachers would teach",
-        caption + _in_whose_space(curricula),
-    )
 
 
 def _dimensions(curricula: Mapping[str, Curriculum], axes: tuple[Axis, ...], which: str) -> Picture:
@@ -95,7 +68,7 @@ def _dimensions(curricula: Mapping[str, Curriculum], axes: tuple[Axis, ...], whi
         "curriculum-dimensions",
         dimension_bands(curricula, axes),
         "Curriculum over training, dimension by dimension",
-        caption + _in_whose_space(curricula),
+        caption + in_whose_space(curricula),
     )
 
 
@@ -107,16 +80,11 @@ def _scalars_caption(curricula: Mapping[str, Curriculum], which: str) -> str:
     return text + (f" {hidden} more are in the table teacher_log." if hidden else "")
 
 
-def _shuffled(curricula: Mapping[str, Curriculum]) -> bool:
-    return any(curriculum.shuffled for curriculum in curricula.values())
-
-
-def _in_whose_space(curricula: Mapping[str, Curriculum]) -> str:
-    return (
-        " The task space is shuffled: axes are the teacher's, not the world's."
-        if _shuffled(curricula)
-        else ""
-    )
+def in_whose_space(curricula: Mapping[str, Curriculum]) -> str:
+    """Returns a sentence on whose tasks are shown where the task space is shuffled, else nothing."""
+    if not any(curriculum.shuffled for curriculum in curricula.values()):
+        return ""
+    return " The task space is shuffled: axes are the teacher's, not the world's."
 
 
 def examples_of(mine: Measured) -> dict[str, pd.Series]:

@@ -7,6 +7,8 @@ from typing import Any
 
 from jinja2 import Environment, PackageLoader, StrictUndefined
 
+from analysis.charts import plotly_library
+
 
 def page(template: str, **content: Any) -> str:
     """Returns the page that `template`, of the folder of templates, makes of `content`."""
@@ -18,6 +20,7 @@ def page(template: str, **content: Any) -> str:
         lstrip_blocks=True,
     )
     environment.filters["data_uri"] = _data_uri
+    environment.globals["plotly_library"] = plotly_library
     return environment.get_template(template).render(**content)
 
 

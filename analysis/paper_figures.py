@@ -12,7 +12,8 @@ import pandas as pd
 from matplotlib.figure import Figure
 
 from analysis.comparison import Measured
-from analysis.curriculum_pictures import curriculum_of, examples_of
+from analysis.curriculum import curriculum_strip
+from analysis.curriculum_pictures import curricula_of, curriculum_of, examples_of
 from analysis.figures import (
     CurvePanel,
     Shot,
@@ -36,7 +37,7 @@ from analysis.pooling import COMPARED, PLUS, lend_baseline, pool_runs, pooled
 from analysis.run_measures import evaluations_at, run_measures, training_returns_at
 from analysis.student_pools import by_students, without_searches
 from analysis.style import label
-from analysis.task_axes import task_axes
+from analysis.task_axes import Axis, task_axes
 from tma_ray.benchmark import Matrix
 
 MEASURE = "mastered_percent"
@@ -158,6 +159,15 @@ def _of_comparison(frames: Frames, mine: Measured, name: str) -> Iterator[Drawin
         shots = partial(_shots, frames, mine, (first, second) if len(axes) > 2 else None)
         yield Drawing(f"{name}-film{suffix}", partial(_film, film_strip, shots, plane))
         yield Drawing(f"{name}-motion{suffix}", partial(_film, animation, shots, plane))
+    if len(axes) == len(varied) == 2:
+        yield Drawing(f"{name}-taught", partial(_taught, frames, mine, (axes[0], axes[1])))
+
+
+def _taught(frames: Frames, mine: Measured, plane: tuple[Axis, Axis]) -> Figure:
+    curricula = curricula_of(frames, mine)
+    if not curricula:
+        raise ValueError("no run has played an episode")
+    return curriculum_strip(curricula, plane)
 
 
 def _shots(frames: Frames, mine: Measured, dimensions: tuple[int, int] | None) -> list[Shot]:

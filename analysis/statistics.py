@@ -45,6 +45,14 @@ def describe(values: ArrayLike) -> Description:
     return Description(sample.size, mean, std)
 
 
+def mean_interval(sample: Description) -> tuple[float, float]:
+    """Returns the 95 % confidence interval of the mean, by Student's t; NaN under two values."""
+    if sample.n < 2:
+        return math.nan, math.nan
+    margin = float(stats.t.ppf((1 + CONFIDENCE) / 2, sample.n - 1)) * sample.standard_error
+    return sample.mean - margin, sample.mean + margin
+
+
 @dataclass(frozen=True)
 class Comparison:
     """Welch's t-test of a sample against a reference; NaN where there is no test.

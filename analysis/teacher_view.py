@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from analysis.curriculum import Curriculum, frame, label_plane, remark
 from analysis.formatting import amount
-from analysis.style import INK, TWO_COLUMNS, look, short_label, styled, teacher_order
+from analysis.style import INK, TWO_COLUMNS, look, styled
 from analysis.task_axes import Axis
 
 MOMENTS = 6
@@ -43,18 +43,6 @@ class Shot(NamedTuple):
     name: str
     teacher: str
     curriculum: Curriculum
-
-
-def teacher_view(curricula: Mapping[str, Curriculum], plane: tuple[Axis, Axis]) -> Figure:
-    """Draws the film strip of one run for each teacher, as wide as the report.
-
-    Args:
-        curricula: one run for each teacher.
-        plane: the two task dimensions.
-    """
-    teachers = sorted(curricula, key=teacher_order)
-    shots = [Shot(short_label(teacher, 16), teacher, curricula[teacher]) for teacher in teachers]
-    return film_strip(shots, plane, width=REPORT_WIDTH)
 
 
 @styled

@@ -1,0 +1,196 @@
+"use strict";
+// What the reader has chosen, and what follows from it for tables and charts.
+(() => {
+  const state = { step: null, hidden: new Set(), out: new Set() };
+  const config = { responsive: true, displaylogo: false, modeBarButtonsToRemove: ["lasso2d", "select2d", "autoScale2d"] };
+  const all = (selector, within = document) => [...within.querySelectorAll(selector)];
+  const steps = all("#steps option").map((option) => Number(option.dataset.step));
+  const sections = new Map(all("section[data-comparison]").map((section) => [section.dataset.comparison, section]));
+  const charts = all(".chart").map((element) => ({
+    element,
+    plot: element.querySelector(".plot"),
+    source: element.querySelector("script"),
+    figure: null,
+    stale: false,
+    near: false,
+  }));
+
+  /** The last of `names` that is a step up to the chosen one; the first if all lie after it. */
+  function frameName(names) {
+    if (state.step === null) return names.includes("end") ? "end" : names[names.length - 1];
+    const numbers = names.filter((name) => name !== "end").map(Number);
+    const before = numbers.filter((number) => number <= state.step);
+    return String(before.length ? Math.max(...before) : Math.min(...numbers));
+  }
+
+  /** A trace with what a frame changes of it. */
+  function patched(trace, patch) {
+    const marker = { ...trace.marker, ...patch.marker };
+    const error = trace.error_x && { ...trace.error_x, ...patch.error_x };
+    return { ...trace, ...patch, marker, ...(error && { error_x: error }) };
+  }
+
+  /** Traces and layout of a figure as the reader has chosen them. */
+  function chosen(figure) {
+    const frames = figure.frames || [];
+    const name = frames.length ? frameName(frames.map((frame) => frame.name)) : null;
+    const frame = frames.find((each) => each.name === name);
+    const data = figure.data.map((trace, index) => {
+      const place = frame && frame.traces ? frame.traces.indexOf(index) : -1;
+      const whose = trace.meta || {};
+      const shown = !state.hidden.has(whose.teacher) && !state.out.has(whose.comparison);
+      return { ...(place < 0 ? trace : patched(trace, frame.data[place])), visible: shown };
+    });
+    const layout = { ...figure.layout };
+    if (frame && frame.layout && frame.layout.title) layout.title = { ...layout.title, ...frame.layout.title };
+    const meta = layout.meta || {};
+    if (meta.marks_step && state.step !== null) layout.shapes = [stepMark()];
+    if (meta.rows) closeRows(data, layout, meta);
+    return { data, layout };
+  }
+
+  function stepMark() {
+    const line = { color: "#6a717b", width: 1, dash: "dot" };
+    return { type: "line", x0: state.step, x1: state.step, y0: 0, y1: 1, yref: "paper", line };
+  }
+
+  /** Moves the rows of an overview together where comparisons are left out, and legend entries with them. */
+  function closeRows(data, layout, meta) {
+    const kept = meta.rows.map((_, place) => place).filter((place) => !state.out.has(meta.rows[place]));
+    const moved = new Map(kept.map((place, index) => [meta.rows[place], index - place]));
+    const named = new Set();
+    for (const trace of data) {
+      trace.y = trace.y.map((value) => value + (moved.get(trace.meta.comparison) || 0));
+      trace.showlegend = trace.visible && !named.has(trace.meta.teacher);
+      if (trace.showlegend) named.add(trace.meta.teacher);
+    }
+    const ticktext = kept.map((place) => layout.yaxis.ticktext[place]);
+    const range = [kept.length - 0.5, -0.5];
+    layout.yaxis = { ...layout.yaxis, ticktext, tickvals: kept.map((_, index) => index), range };
+    layout.shapes = (layout.shapes || []).slice(0, Math.max(0, kept.length - 1));
+    layout.height = meta.frame_height + meta.row_height * Math.max(1, kept.length);
+    layout.uirevision = kept.join();
+  }
+
+  function draw(chart) {
+    if (!chart.plot.offsetParent) return; // hidden: drawn when it is shown
+    const first = chart.figure === null;
+    if (first) chart.figure = JSON.parse(chart.source.textContent);
+    const { data, layout } = chosen(chart.figure);
+    chart.plot.style.height = `${layout.height}px`;
+    Plotly.react(chart.plot, data, layout, { ...config, toImageButtonOptions: { filename: chart.element.dataset.chart, scale: 2 } });
+    chart.stale = false;
+    if (first) listen(chart);
+  }
+
+  /** A click on a legend chooses the teacher on the whole page. */
+  function listen(chart) {
+    chart.plot.on("plotly_legendclick", (event) => {
+      const box = all("#controls [data-teacher]").find((each) => each.dataset.teacher === event.data[event.curveNumber].legendgroup);
+      if (box) box.click();
+      return false;
+    });
+    chart.plot.on("plotly_legenddoubleclick", () => false);
+  }
+
+  function refresh() {
+    for (const chart of charts) chart.stale = true;
+    for (const chart of charts) if (chart.near) draw(chart);
+  }
+
+  function showTeachers() {
+    state.hidden = new Set(all("#controls [data-teacher]").filter((box) => !box.checked).map((box) => box.dataset.teacher));
+    for (const element of all("[data-of]")) element.hidden = state.hidden.has(element.dataset.of);
+  }
+
+  function showComparisons() {
+    const wanted = all("#controls [data-filter]").filter((select) => select.value !== "");
+    state.out = new Set();
+    for (const [anchor, section] of sections) {
+      const fits = wanted.every((select) => {
+        const name = select.dataset.filter.replace(/_(.)/g, (_, letter) => letter.toUpperCase());
+        return section.dataset[name] === select.selectedOptions[0].dataset.value;
+      });
+      if (!fits) state.out.add(anchor);
+    }
+    for (const element of all("[data-comparison]")) element.hidden = state.out.has(element.dataset.comparison);
+    const nothing = document.getElementById("nothing");
+    if (nothing) nothing.hidden = sections.size === 0 || state.out.size < sections.size;
+  }
+
+  function showStep() {
+    const slider = document.getElementById("step");
+    if (!slider) return;
+    const place = Number(slider.value);
+    state.step = place < steps.length ? steps[place] : null;
+    const name = document.getElementById("step-name");
+    const text = state.step === null ? name.dataset.end : all("#steps option")[place].label;
+    name.textContent = text;
+    slider.setAttribute("aria-valuetext", text);
+    const notice = document.getElementById("at-step");
+    notice.hidden = state.step === null;
+    notice.querySelector("b").textContent = text;
+    for (const section of sections.values()) fillTables(section);
+  }
+
+  /** Fills the tables of a section for the chosen step; what they said at the end is kept in the cells. */
+  function fillTables(section) {
+    for (const source of all("script.step-rows", section)) {
+      source.rows = source.rows || JSON.parse(source.textContent);
+      const names = Object.keys(source.rows);
+      const rows = state.step === null || !names.length ? null : source.rows[frameName(names)];
+      for (const row of all("tr[data-of]", source.previousElementSibling)) fillRow(row, rows && (rows[row.dataset.of] || {}));
+    }
+  }
+
+  function fillRow(row, texts) {
+    for (const cell of all("td[data-field]", row)) {
+      if (cell.dataset.end === undefined) cell.dataset.end = cell.textContent;
+      cell.textContent = texts === null ? cell.dataset.end : texts[cell.dataset.field] ?? "–";
+      if (cell.dataset.field === "verdict") {
+        for (const word of ["better", "worse"]) cell.classList.toggle(word, cell.textContent === word);
+      }
+    }
+  }
+
+  const controls = document.getElementById("controls");
+  if (controls) {
+    let waiting = false;
+    controls.addEventListener("submit", (event) => event.preventDefault());
+    controls.addEventListener("input", () => {
+      if (waiting) return;
+      waiting = true;
+      requestAnimationFrame(() => {
+        waiting = false;
+        showTeachers();
+        showComparisons();
+        showStep();
+        refresh();
+      });
+    });
+    controls.reset(); // browsers remember choices over a reload, the page does not
+  }
+
+  const observer = new IntersectionObserver(
+    (entries) => {
+      for (const entry of entries) {
+        const chart = charts.find((each) => each.element === entry.target);
+        chart.near = entry.isIntersecting;
+        if (chart.near && (chart.figure === null || chart.stale)) draw(chart);
+      }
+    },
+    { rootMargin: "800px" },
+  );
+  for (const chart of charts) observer.observe(chart.element);
+
+  // Paper shows everything that is chosen, at the width of the paper.
+  addEventListener("beforeprint", () => {
+    for (const chart of charts) {
+      draw(chart);
+      if (chart.figure) Plotly.relayout(chart.plot, { width: Math.min(chart.plot.clientWidth, 660) });
+    }
+  });
+  addEventListener("afterprint", () => {
+    for (const chart of charts) if (chart.figure) Plotly.relayout(chart.plot, { width: null, autosize: true });
+  });
+})();
