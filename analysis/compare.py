@@ -16,7 +16,7 @@ from analysis.frames import Frames, load
 from analysis.measures import is_baseline
 from analysis.pairwise import pairwise
 from analysis.pooling import COMPARED, POOLED, parts_of, pooled
-from analysis.run_measures import run_measures
+from analysis.run_measures import evaluations_at, run_measures
 from analysis.statistics import SIGNIFICANCE, holm
 from analysis.student_pools import result_runs
 from analysis.style import label
@@ -49,12 +49,14 @@ class Side:
         engine: what simulated their worlds.
         table: of `pooling.pooled`, or of `published.paper_frame`.
         runs: of `pooling.pool_runs`, Random lent to all levels; None where only tables are known.
+        curves: the same runs at every evaluation, with step; None where `runs` is.
     """
 
     name: str
     engine: str
     table: pd.DataFrame
     runs: pd.DataFrame | None = None
+    curves: pd.DataFrame | None = None
 
 
 def side_of(frames: Frames, name: str) -> Side:
@@ -62,7 +64,8 @@ def side_of(frames: Frames, name: str) -> Side:
     runs = result_runs(frames, run_measures(frames))
     versions = sorted(runs["physics_version"].dropna().unique())
     physics = ", ".join(f"{version:g}" for version in versions)
-    return Side(name, f"Chipmunk, physics version {physics}", pooled(runs, [MEASURE]), runs)
+    curves = result_runs(frames, evaluations_at(frames, sorted(frames.evaluations["step"].unique())))
+    return Side(name, f"Chipmunk, physics version {physics}", pooled(runs, [MEASURE]), runs, curves)
 
 
 def baseline_side(place: str) -> Side:
@@ -86,21 +89,29 @@ def published_side(name: str, frame: pd.DataFrame) -> Side:
     return Side(name, ", ".join(sorted(frame["engine"].unique())), frame[whole].reset_index(drop=True))
 
 
-def together(mine: Side, baselines: Sequence[Side]) -> pd.DataFrame:
+def together(mine: Side, baselines: Sequence[Side], *, along: bool = False) -> pd.DataFrame:
     """Returns the runs that may be compared with each other: mine, and those of baselines of the same kind.
 
     A baseline's teacher that I have run under the same conditions is left out: mine stands for it.
 
+    Args:
+        mine: results of one's own.
+        baselines: others.
+        along: at every evaluation, instead of at their ends.
+
     Returns:
         Of `pooling.pool_runs`, with source: the name of the side.
     """
+    own = mine.curves if along else mine.runs
+    assert own is not None
     assert mine.runs is not None
-    parts = [mine.runs.assign(source=mine.name)]
+    parts = [own.assign(source=mine.name)]
     for side in baselines:
-        if side.runs is None:
+        theirs = side.curves if along else side.runs
+        if theirs is None:
             continue
-        wanted = _among(side.runs, mine.runs, COMPARED) & ~_among(side.runs, mine.runs, POOLED)
-        parts.append(side.runs[wanted].assign(source=side.name))
+        wanted = _among(theirs, mine.runs, COMPARED) & ~_among(theirs, mine.runs, POOLED)
+        parts.append(theirs[wanted].assign(source=side.name))
     return pd.concat(parts, ignore_index=True)
 
 

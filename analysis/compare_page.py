@@ -24,8 +24,9 @@ from analysis.compare import (
     side_of,
     together,
 )
+from analysis.compare_places import places, places_chart
 from analysis.figures.radar import radar
-from analysis.formatting import number, p_value, plus_minus
+from analysis.formatting import plus_minus
 from analysis.frames import load
 from analysis.overall import overall_rows
 from analysis.pages import page
@@ -34,13 +35,13 @@ from analysis.pairwise_statistics import pairwise_from_statistics
 from analysis.picture import Picture
 from analysis.pooling import COMPARED, SETTINGS, parts_of, pooled
 from analysis.published import PAPER
+from analysis.report.controls import controls
 from analysis.statistics import SIGNIFICANCE
 from analysis.student_pools import by_students
-from analysis.style import label, look, teacher_order
+from analysis.style import label, teacher_order
 from analysis.table import Table
 from analysis.table_results import TableResults, results_of
 from analysis.tables import result_tables
-from tma_ray.benchmark import find_challenge
 
 
 def write_comparison(root: str | Path, baselines: Sequence[str], output: Path | None = None) -> Path:
@@ -65,9 +66,10 @@ def write_comparison(root: str | Path, baselines: Sequence[str], output: Path | 
     frames = load(root)
     mine = side_of(frames, "yours")
     others = [baseline_side(name) for name in baselines]
-    runs = together(mine, others)
+    runs, curves = together(mine, others), together(mine, others, along=True)
     teachers = new_teachers(mine)
     tests = duels(runs, teachers)
+    found = list(places(runs, curves, tests, mine))
     pictures = list(_radars(runs, others))
     text = page(
         "compare.html.j2",
@@ -76,7 +78,11 @@ def write_comparison(root: str | Path, baselines: Sequence[str], output: Path | 
         others=others,
         sentences=sentences(tests),
         missing=missing(mine, teachers),
-        places=_places(runs, tests, mine),
+        places=found,
+        overview=list(places_chart(found)),
+        controls=controls(
+            pd.DataFrame([place.chosen_by for place in found]), runs["teacher"], curves["step"].dropna()
+        ),
         beside=[(side, _beside_rows(beside(mine, side))) for side in others],
         pictures=pictures,
         tables=list(_tables(runs)),
@@ -143,54 +149,6 @@ def _radar(
     except ValueError:  # no challenge of Stump Tracks, or no results yet
         return
     yield Picture.of(name, figure, title, caption)
-
-
-def _places(runs: pd.DataFrame, tests: pd.DataFrame, mine: Side) -> list[dict[str, Any]]:
-    """Returns a ranking for each place where a teacher of mine has results, and the tests behind it."""
-    if runs.empty:
-        return []
-    sources = runs.groupby([*COMPARED, "teacher"], dropna=False)["source"].agg("first").reset_index()
-    table = pooled(runs, [MEASURE]).merge(sources, on=[*COMPARED, "teacher"])
-    found = []
-    for key, rows in table.groupby(COMPARED, dropna=False, sort=True):
-        place = dict(zip(COMPARED, key, strict=True))
-        here = tests[(tests[COMPARED] == list(key)).all(axis=1)]
-        ranked = rows.sort_values(f"{MEASURE}_mean", ascending=False, na_position="last")
-        found.append(
-            {"title": _title(place), "rows": [_ranked(row, here, mine) for _, row in ranked.iterrows()]}
-        )
-    return found
-
-
-def _title(place: dict[str, Any]) -> str:
-    try:
-        challenge = find_challenge(place["environment"], place["challenge"]).title
-    except ValueError:  # somebody else's environment
-        challenge = f"{place['environment']} {place['challenge']}"
-    students = sorted({student.upper() for _, student in parts_of(place["pool"])})
-    return f"{challenge}, {' and '.join(students)}, expert knowledge {place['expert_knowledge']}"
-
-
-def _ranked(row: pd.Series, tests: pd.DataFrame, mine: Side) -> dict[str, Any]:
-    against = tests[tests["second"] == row["teacher"]]
-    return {
-        "teacher": label(row["teacher"]),
-        "colour": look(row["teacher"]).colour,
-        "source": row["source"],
-        "own": row["source"] == mine.name,
-        "n": row["n"],
-        "mastered": plus_minus(row[f"{MEASURE}_mean"], row[f"{MEASURE}_std"]),
-        "missing": row["missing"],
-        "tests": [_test(test) for _, test in against.iterrows()],
-    }
-
-
-def _test(test: pd.Series) -> str:
-    first = label(test["first"])
-    if test["reason"]:
-        return f"{first}: not tested ({test['reason']})"
-    interval = f"{number(test['difference'])} [{number(test['low'])}, {number(test['high'])}]"
-    return f"{first} {interval}, {p_value(test['p'])}, {p_value(test['holm']).replace('p', 'Holm', 1)}"
 
 
 def _beside_rows(table: pd.DataFrame) -> list[dict[str, Any]]:

@@ -70,13 +70,13 @@ def mastery_charts(
         yield Chart(f"{prefix}-{teacher}", "Which test tasks are mastered", caption, figure, teacher)
 
 
-def _percent(rows: pd.DataFrame, tasks: pd.DataFrame) -> list[float | None]:
+def _percent(rows: pd.DataFrame, tasks: pd.DataFrame) -> list[float]:
     values = 100 * rows.set_index("task_index")["share"].reindex(tasks["task_index"]).to_numpy(float)
-    return [round(value, 1) if np.isfinite(value) else None for value in values]
+    return [round(float(value), 1) for value in values]
 
 
-def _title(teacher: str, percent: list[float | None]) -> str:
-    known = [value for value in percent if value is not None]
+def _title(teacher: str, percent: list[float]) -> str:
+    known = [value for value in percent if np.isfinite(value)]
     return f"{named(teacher)}   {np.mean(known):.1f} %" if known else named(teacher)
 
 

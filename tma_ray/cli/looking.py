@@ -7,12 +7,14 @@ from contextlib import closing, suppress
 from pathlib import Path
 from typing import Any
 
+from tma_ray.cli import reporting
+
 
 def add_commands(commands: Any) -> None:
     """Adds them to the subparsers `commands`."""
     _add_status(commands.add_parser("status", help="how far the campaigns of a results root are"))
     _add_logs(commands.add_parser("logs", help="what a run went through, and why it failed"))
-    _add_report(commands.add_parser("report", help="write the report of a results root"))
+    reporting.add_command(commands)
     _add_ranking(commands.add_parser("ranking", help="who masters most on each challenge"))
     _add_claims(commands.add_parser("claims", help="which of the paper's claims hold in a results root"))
     _add_search(commands.add_parser("search", help="what a search for hyper-parameters found"))
@@ -31,12 +33,6 @@ def _add_logs(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("run", metavar="RUN", help="its id, or an unambiguous beginning of it")
     parser.add_argument("--results", default="results", metavar="ROOT", help="(%(default)s)")
     parser.set_defaults(command=_logs)
-
-
-def _add_report(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("root", metavar="ROOT")
-    parser.add_argument("-o", "--output", type=Path, metavar="FOLDER", help="default: ROOT/report")
-    parser.set_defaults(command=_report)
 
 
 def _add_ranking(parser: argparse.ArgumentParser) -> None:
@@ -108,13 +104,6 @@ def _logs(options: argparse.Namespace) -> int:
     from tma_ray.campaign.history import show
 
     show(options.run, options.results)
-    return 0
-
-
-def _report(options: argparse.Namespace) -> int:
-    from analysis.report import write_report
-
-    print(write_report(options.root, options.output))
     return 0
 
 

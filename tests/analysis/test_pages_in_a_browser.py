@@ -1,0 +1,267 @@
+"""Reports and comparisons as a reader meets them: in headless Chromium, on a desk and on a phone."""
+
+from __future__ import annotations
+
+import os
+import shutil
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+from playwright.sync_api import Browser, Page, sync_playwright
+from synthetic_results import SyntheticCampaign
+
+from analysis.compare_page import write_comparison
+from analysis.report import write_report
+
+DESK, PHONE = {"width": 1280, "height": 900}, {"width": 390, "height": 844}
+
+NAMES = ("chromium", "chromium-browser", "google-chrome", "chrome")
+
+HOSTILE = "<img src=x onerror=console.error('hostile')>"
+
+STEPS = 40_000
+
+
+@pytest.fixture(scope="module")
+def browser() -> Iterator[Browser]:
+    found = os.environ.get("TMA_CHROMIUM") or next(filter(None, map(shutil.which, NAMES)), None)
+    if found is None:
+        pytest.skip("no Chromium: install it, or name it in TMA_CHROMIUM")
+    with sync_playwright() as playwright:
+        launched = playwright.chromium.launch(executable_path=found, args=["--no-sandbox"])
+        yield launched
+        launched.close()
+
+
+@pytest.fixture(scope="module")
+def root(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Two challenges, two levels on one of them, three teachers, one of which has a failed run."""
+    root = tmp_path_factory.mktemp("pages")
+    for challenge in ("original", "mostly_trivial"):
+        campaign = SyntheticCampaign(
+            root,
+            experiment=challenge,
+            steps=STEPS,
+            evaluation_every=10_000,
+            episode_steps=500,
+            grid=4,
+            updates=4,
+        )
+        for teacher in ("random", "alp_gmm", HOSTILE):
+            for level in ("none", "low") if challenge == "original" else ("none",):
+                for seed in range(2):
+                    status = "failed" if (challenge, teacher, seed) == ("original", HOSTILE, 1) else "done"
+                    campaign.run(teacher, seed, status, level=level, challenge=challenge)
+    return root
+
+
+@pytest.fixture(scope="module")
+def report(root: Path) -> Path:
+    return write_report(root)
+
+
+class Reader:
+    """A page, and all that it complained of or asked the network for."""
+
+    def __init__(self, page: Page) -> None:
+        self.page = page
+        self.complaints: list[str] = []
+        self.requests: list[str] = []
+        page.on("console", lambda message: self.complaints.append(f"{message.type}: {message.text}"))
+        page.on("pageerror", lambda error: self.complaints.append(str(error)))
+        page.on("request", lambda request: self.requests.append(request.url))
+
+    def open(self, path: Path) -> None:
+        self.page.goto(path.as_uri())
+        self.page.wait_for_selector(".plot .main-svg")
+
+    def read_through(self) -> None:
+        """Scrolls to the end, so that every chart is drawn."""
+        for chart in self.page.locator(".chart").all():
+            if chart.is_visible():
+                chart.scroll_into_view_if_needed()
+                chart.locator(".main-svg").first.wait_for()
+
+    def choose_step(self, place: int) -> None:
+        self.page.locator("#step").fill(str(place))
+        self.page.wait_for_timeout(100)
+
+    def choose(self, column: str, name: str) -> None:
+        self.page.locator(f"[data-filter={column}]").select_option(label=name)
+        self.page.wait_for_timeout(100)
+
+    def traces(self, chart: str) -> list[dict[str, object]]:
+        """What a chart shows: whose, and the numbers, of visible traces."""
+        return self.page.evaluate(
+            """name => [...document.getElementById(name).data].filter(trace => trace.visible)
+                .map(trace => ({teacher: (trace.meta || {}).teacher, x: [...trace.x], y: [...trace.y]}))""",
+            chart,
+        )
+
+
+@pytest.fixture(params=[DESK, PHONE], ids=["desk", "phone"])
+def anywhere(request: pytest.FixtureRequest, browser: Browser) -> Iterator[Reader]:
+    page = browser.new_page(viewport=request.param)
+    yield Reader(page)
+    page.close()
+
+
+@pytest.fixture
+def reader(browser: Browser) -> Iterator[Reader]:
+    page = browser.new_page(viewport=DESK)
+    yield Reader(page)
+    page.close()
+
+
+def assert_nothing_overflows(page: Page) -> None:
+    beyond = page.evaluate(
+        """() => [...document.querySelectorAll("main *")].filter(element => {
+            const box = element.getBoundingClientRect();
+            const inside = element.closest(".main-svg, .modebar-container, .sheet, pre, thead");
+            return box.width > 0 && !inside && box.right > document.documentElement.clientWidth + 1;
+        }).map(element => element.outerHTML.slice(0, 80))"""
+    )
+    assert beyond == []
+    assert page.evaluate("document.documentElement.scrollWidth <= innerWidth")
+
+
+def test_a_report_opens_without_complaint_and_nothing_overflows(anywhere: Reader, report: Path) -> None:
+    anywhere.open(report)
+    anywhere.read_through()
+    assert anywhere.complaints == []
+    assert [url for url in anywhere.requests if not url.startswith(("file:", "data:", "blob:"))] == []
+    assert_nothing_overflows(anywhere.page)
+    assert anywhere.page.locator(".chart .main-svg").count() >= 3 * (4 + 3 * 3)
+
+
+def test_a_comparison_opens_without_complaint_and_nothing_overflows(
+    anywhere: Reader, root: Path, tmp_path: Path
+) -> None:
+    anywhere.open(write_comparison(root, ["paper-2021"], tmp_path / "page"))
+    anywhere.read_through()
+    assert anywhere.complaints == []
+    assert_nothing_overflows(anywhere.page)
+    anywhere.choose("challenge", "Mostly trivial")
+    assert anywhere.page.locator("section[data-comparison]:visible").count() == 1
+    anywhere.choose_step(0)
+    mastered = anywhere.page.locator("section[data-comparison]:visible td[data-field=mastered]")
+    assert mastered.first.inner_text().startswith("0.0")
+
+
+def test_a_teacher_left_out_leaves_charts_and_tables(reader: Reader, report: Path) -> None:
+    reader.open(report)
+    reader.read_through()
+    assert {trace["teacher"] for trace in reader.traces("comparison-1-seeds")} >= {"random", "alp_gmm"}
+    reader.page.locator(".chip", has_text="ALP-GMM").click()
+    reader.page.wait_for_timeout(200)
+    reader.read_through()
+    for chart in ("overview", "comparison-1-mastered-percent", "comparison-1-seeds"):
+        assert "alp_gmm" not in {trace["teacher"] for trace in reader.traces(chart)}
+    assert reader.page.locator("[data-of=alp_gmm]:visible").count() == 0
+    reader.page.locator(".chip", has_text="ALP-GMM").click()
+    assert reader.page.locator("tr[data-of=alp_gmm]:visible").count() == 3
+
+
+def test_a_click_on_a_legend_leaves_a_teacher_out_everywhere(reader: Reader, report: Path) -> None:
+    reader.open(report)
+    reader.page.locator("#overview .legendtoggle").first.click()
+    reader.page.wait_for_timeout(600)
+    assert not reader.page.locator("#controls [data-teacher=random]").is_checked()
+    assert reader.page.locator("tr[data-of=random]:visible").count() == 0
+
+
+def test_the_chosen_step_fills_tables_and_charts(reader: Reader, report: Path) -> None:
+    reader.open(report)
+    reader.read_through()
+    cell = reader.page.locator("#comparison-1 tr[data-of=alp_gmm] td[data-field=mastered]")
+    at_end, drawn = cell.inner_text(), reader.traces("comparison-1-seeds")
+    reader.choose_step(0)
+    assert reader.page.locator("#at-step").is_visible()
+    assert reader.page.locator("#step-name").inner_text() == "0 steps"
+    assert cell.inner_text() != at_end
+    reader.read_through()
+    assert reader.traces("comparison-1-seeds") != drawn
+    reader.choose_step(5)
+    assert cell.inner_text() == at_end
+    assert reader.page.locator("#at-step").is_hidden()
+    reader.read_through()
+    assert reader.traces("comparison-1-seeds") == drawn
+
+
+def test_charts_and_tables_agree_at_every_step(reader: Reader, report: Path) -> None:
+    reader.open(report)
+    reader.read_through()
+    for place in range(6):
+        reader.choose_step(place)
+        reader.read_through()
+        text = reader.page.locator("#comparison-1 tr[data-of=alp_gmm] td[data-field=mastered]").inner_text()
+        means = [trace for trace in reader.traces("comparison-1-seeds") if trace["teacher"] == "alp_gmm"]
+        assert float(text.partition(" ")[0]) == pytest.approx(means[1]["x"][0], abs=0.06)
+
+
+def test_challenges_and_levels_are_chosen(reader: Reader, report: Path) -> None:
+    reader.open(report)
+    assert reader.page.locator("section[data-comparison]:visible").count() == 3
+    reader.choose("expert_knowledge", "Low")
+    assert reader.page.locator("section[data-comparison]:visible").count() == 1
+    places = {value for trace in reader.traces("overview") for value in trace["y"]}
+    assert places
+    assert all(-0.5 < value < 0.5 for value in places)  # the one row that is left lies first
+    reader.choose("challenge", "Mostly trivial")
+    assert reader.page.locator("section[data-comparison]:visible").count() == 0
+    assert reader.page.locator("#nothing").is_visible()
+    reader.choose("expert_knowledge", "all")
+    reader.choose("challenge", "all")
+    assert reader.page.locator("section[data-comparison]:visible").count() == 3
+    assert reader.complaints == []
+
+
+def test_zooming_changes_the_axis_and_survives_a_change_of_step(reader: Reader, report: Path) -> None:
+    reader.open(report)
+    reader.read_through()
+    plot = reader.page.locator("#comparison-1-mastered-percent")
+    plot.scroll_into_view_if_needed()
+    box = plot.locator(".nsewdrag").first.bounding_box()
+    assert box is not None
+    reader.page.mouse.move(box["x"] + 0.2 * box["width"], box["y"] + 0.5 * box["height"])
+    reader.page.mouse.down()
+    reader.page.mouse.move(box["x"] + 0.6 * box["width"], box["y"] + 0.5 * box["height"], steps=5)
+    reader.page.mouse.up()
+    reader.page.wait_for_timeout(300)
+    axis = "document.getElementById('comparison-1-mastered-percent').layout.xaxis.range"
+    zoomed = reader.page.evaluate(axis)
+    assert 0 < zoomed[0] < zoomed[1] < STEPS
+    reader.choose_step(1)
+    assert reader.page.evaluate(axis) == zoomed
+
+
+def test_hovering_tells_numbers(reader: Reader, report: Path) -> None:
+    reader.open(report)
+    plot = reader.page.locator("#comparison-1-mastered-percent")
+    plot.scroll_into_view_if_needed()
+    plot.locator(".main-svg").first.wait_for()
+    plot.locator(".nsewdrag").first.hover()
+    reader.page.wait_for_selector("#comparison-1-mastered-percent .hoverlayer text")
+    told = plot.locator(".hoverlayer").inner_text()
+    assert "ALP-GMM" in told
+    assert "n = 2" in told
+
+
+def test_print_shows_every_chart_and_no_controls_of_the_screen(reader: Reader, report: Path) -> None:
+    reader.open(report)
+    reader.page.emulate_media(media="print")
+    pdf = reader.page.pdf(format="A4")
+    assert pdf.startswith(b"%PDF")
+    hidden = "[...document.querySelectorAll('.plot')].filter(plot => !plot.querySelector('.main-svg')).length"
+    assert reader.page.evaluate(hidden) == 0
+    assert reader.page.locator("#step").is_hidden()
+
+
+def test_without_scripts_tables_still_say_everything(browser: Browser, report: Path) -> None:
+    context = browser.new_context(java_script_enabled=False)
+    page = context.new_page()
+    page.goto(report.as_uri())
+    assert "need JavaScript" in page.locator("noscript").inner_text()
+    assert page.locator("#comparison-1 td[data-field=mastered]").first.inner_text() != ""
+    context.close()

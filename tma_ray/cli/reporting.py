@@ -1,0 +1,78 @@
+"""The command that writes the report of a results root, with the videos and the LaTeX that it may have."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from analysis.report.videos import Video, WantedVideo
+
+LONGEST = 2000
+"""Steps after which a video ends, if its episode has not: the limit of the benchmark's worlds."""
+
+EVERY = {".mp4": 3, ".gif": 8}
+"""Steps from one frame to the next; a .gif takes far more room."""
+
+
+def add_command(commands: Any) -> None:
+    """Adds ``report`` to the subparsers `commands`."""
+    parser = commands.add_parser("report", help="write the report of a results root")
+    parser.add_argument("root", metavar="ROOT")
+    parser.add_argument("-o", "--output", type=Path, metavar="FOLDER", help="default: ROOT/report")
+    parser.add_argument(
+        "--videos", action="store_true", help="embed the best and the worst seed of every teacher at work"
+    )
+    parser.add_argument("--latex", action="store_true", help="also FOLDER/latex, with all tables and figures")
+    parser.set_defaults(command=_report)
+
+
+def _report(options: argparse.Namespace) -> int:
+    from analysis.report import write_report
+    from analysis.report.latex import write_latex
+    from analysis.report.writing import report_folder
+
+    folder = report_folder(options.root, options.output)
+    videos = list(_videos(options.root, folder / "videos")) if options.videos else []
+    print(write_report(options.root, folder, videos))
+    if options.latex:
+        latex = write_latex(options.root, folder / "latex")
+        for warning in latex.warnings:
+            sys.stderr.write(f"tma-ray: warning: {warning}\n")
+        print(latex.document)
+    return 0
+
+
+def _videos(root: str, folder: Path) -> Iterator[Video]:
+    """Renders what the report wants to show; what cannot be rendered is named and left out."""
+    from analysis import load
+    from analysis.comparison import measure
+    from analysis.report.videos import wanted_videos
+
+    frames = load(root)
+    for wanted in wanted_videos(frames, measure(frames)):
+        folder.mkdir(parents=True, exist_ok=True)
+        try:
+            yield _video(root, wanted, folder)
+        except ValueError as error:  # no policy was saved, or its world cannot be drawn
+            sys.stderr.write(f"tma-ray: warning: no video of {wanted.run_id}: {error}\n")
+
+
+def _video(root: str, wanted: WantedVideo, folder: Path) -> Video:
+    from importlib.util import find_spec
+
+    from analysis.report.videos import Video
+    from tma_ray.runs.players import find_policy
+    from tma_ray.runs.rendering import Scenario, render
+    from tma_ray.runs.streams import evaluation_seeds
+
+    ending = ".mp4" if find_spec("av") else ".gif"
+    file = folder / f"{wanted.name}{ending}"
+    world = evaluation_seeds(find_policy(wanted.run_id, root).spec.test_set)[wanted.task_index]
+    scenario = Scenario(
+        policy=wanted.run_id, results=root, task=wanted.task, seed=world, steps=LONGEST, every=EVERY[ending]
+    )
+    return Video(wanted, file, render(scenario, file).episodic_return)
