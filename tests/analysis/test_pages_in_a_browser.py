@@ -22,6 +22,9 @@ HOSTILE = "<img src=x onerror=console.error('hostile')>"
 
 STEPS = 40_000
 
+PATIENCE = 120_000
+"""Milliseconds: a page of plotly takes its time on a busy machine."""
+
 
 @pytest.fixture(scope="module")
 def browser() -> Iterator[Browser]:
@@ -66,6 +69,7 @@ class Reader:
 
     def __init__(self, page: Page) -> None:
         self.page = page
+        page.set_default_timeout(PATIENCE)
         self.complaints: list[str] = []
         self.requests: list[str] = []
         page.on("console", lambda message: self.complaints.append(f"{message.type}: {message.text}"))
