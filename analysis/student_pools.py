@@ -13,7 +13,7 @@ from analysis.run_measures import run_measures
 from tma_ray.benchmark import EXPERIMENTS, MATRICES, Matrix
 
 
-def runs_after(frames: Frames, share: float) -> pd.DataFrame:
+def runs_after(frames: Frames, share: float = 1.0) -> pd.DataFrame:
     """Returns `result_runs` after a share of the largest budget of the root; 1 for the ends of runs."""
     budget = frames.cells["steps"].max()
     at = int(share * budget) if share < 1 and budget > 0 else None
