@@ -10,8 +10,8 @@ Where to begin::
     analysis.pooled(runs)  # a row a teacher
     analysis.pairwise(runs, "mastered_percent")  # Welch's test between all pairs
 
-``docs/analysis.md`` has the columns and more of this. What is listed here is for everyday work. `analysis.figures`,
-`analysis.style`, `analysis.baselines` and what else needs matplotlib are imported when they are first asked for.
+``docs/analysis.md`` has the columns and more of this. What is listed here is for everyday work. What needs
+matplotlib, scipy or jinja2, as `analysis.figures` does, is imported when it is first asked for.
 """
 
 from __future__ import annotations
@@ -27,12 +27,13 @@ from analysis.pairwise_statistics import pairwise_from_statistics
 from analysis.pooling import pooled
 from analysis.published import paper_frame
 from analysis.run_measures import evaluations_at, run_measures
-from analysis.student_pools import runs_after
+from analysis.student_pools import result_runs, runs_after
 from analysis.table_results import table_results
 from analysis.task_axes import task_axes
 
 if TYPE_CHECKING:
     from analysis import baselines, figures, style
+    from analysis.aggregates import interquartile_means
     from analysis.baselines import find_baseline
     from analysis.curriculum_pictures import curriculum_of
     from analysis.tables import result_tables
@@ -48,13 +49,15 @@ __all__ = [
     "evaluations_at",
     "figures",
     "find_baseline",
+    "interquartile_means",
     "load",
     "mastered_tasks",
-    "paper_frame",
     "pairwise",
     "pairwise_from_statistics",
+    "paper_frame",
     "pooled",
     "readings",
+    "result_runs",
     "result_tables",
     "run_measures",
     "runs_after",
@@ -65,10 +68,15 @@ __all__ = [
 ]
 
 _PARTS = ("baselines", "figures", "style")
-"""Modules that take long to import: matplotlib, jinja2."""
+"""Modules that take long to import."""
 
-_LATER = {"curriculum_of": "curriculum_pictures", "find_baseline": "baselines", "result_tables": "tables"}
-"""Functions by the module they are in, which needs one of these."""
+_LATER = {
+    "curriculum_of": "curriculum_pictures",
+    "find_baseline": "baselines",
+    "interquartile_means": "aggregates",
+    "result_tables": "tables",
+}
+"""Functions by the module they are in, which takes long to import."""
 
 
 def __getattr__(name: str) -> Any:
