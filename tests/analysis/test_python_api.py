@@ -68,7 +68,9 @@ def test_every_name_that_it_offers_is_there() -> None:
     for name in analysis.__all__:
         assert getattr(analysis, name) is not None
         assert name in dir(analysis)
-    assert callable(analysis.pairwise) and callable(analysis.task_axes) and callable(analysis.run_measures)
+    assert callable(analysis.pairwise)
+    assert callable(analysis.task_axes)
+    assert callable(analysis.run_measures)
     with pytest.raises(AttributeError, match="no attribute 'radars'"):
         analysis.radars  # noqa: B018
 
@@ -77,7 +79,8 @@ def test_result_runs_keep_every_step() -> None:
     frames = analysis.load(ROOT)
     steps = [500_000, 1_000_000]
     runs = analysis.result_runs(frames, analysis.evaluations_at(frames, steps))
-    assert len(runs) == 32 and set(runs["step"]) == set(steps)
+    assert len(runs) == 32
+    assert set(runs["step"]) == set(steps)
     tests = analysis.pairwise(runs, "mastered_percent", "random", [*COMPARED, "step"])
     assert len(tests) == 8
 
