@@ -6,8 +6,87 @@ Where to begin::
 
     frames = analysis.load("results")
     frames.cells, frames.evaluations  # pandas frames
+    runs = analysis.runs_after(frames)  # a row a run, with all that is measured of it
+    analysis.pooled(runs)  # a row a teacher
+    analysis.pairwise(runs, "mastered_percent")  # Welch's test between all pairs
+
+``docs/analysis.md`` has the columns and more of this. What is listed here is for everyday work. What needs
+matplotlib, scipy or jinja2, as `analysis.figures` does, is imported when it is first asked for.
 """
 
-from analysis.frames import Frames, load
+from __future__ import annotations
 
-__all__ = ["Frames", "load"]
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+from analysis.curriculum_measures import curriculum_curves, curriculum_measures
+from analysis.frames import Frames, load
+from analysis.measures import aggregate, evaluation_curves, mastered_tasks, readings, training_curves
+from analysis.pairwise import pairwise
+from analysis.pairwise_statistics import pairwise_from_statistics
+from analysis.pooling import pooled
+from analysis.published import paper_frame
+from analysis.run_measures import evaluations_at, run_measures
+from analysis.student_pools import result_runs, runs_after
+from analysis.table_results import table_results
+from analysis.task_axes import task_axes
+
+if TYPE_CHECKING:
+    from analysis import baselines, figures, style
+    from analysis.aggregates import interquartile_means
+    from analysis.baselines import find_baseline
+    from analysis.curriculum_pictures import curriculum_of
+    from analysis.tables import result_tables
+
+__all__ = [
+    "Frames",
+    "aggregate",
+    "baselines",
+    "curriculum_curves",
+    "curriculum_measures",
+    "curriculum_of",
+    "evaluation_curves",
+    "evaluations_at",
+    "figures",
+    "find_baseline",
+    "interquartile_means",
+    "load",
+    "mastered_tasks",
+    "pairwise",
+    "pairwise_from_statistics",
+    "paper_frame",
+    "pooled",
+    "readings",
+    "result_runs",
+    "result_tables",
+    "run_measures",
+    "runs_after",
+    "style",
+    "table_results",
+    "task_axes",
+    "training_curves",
+]
+
+_PARTS = ("baselines", "figures", "style")
+"""Modules that take long to import."""
+
+_LATER = {
+    "curriculum_of": "curriculum_pictures",
+    "find_baseline": "baselines",
+    "interquartile_means": "aggregates",
+    "result_tables": "tables",
+}
+"""Functions by the module they are in, which takes long to import."""
+
+
+def __getattr__(name: str) -> Any:
+    """Imports what takes long when it is first asked for."""
+    if name in _PARTS:
+        return import_module(f"{__name__}.{name}")
+    if name in _LATER:
+        return getattr(import_module(f"{__name__}.{_LATER[name]}"), name)
+    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+
+
+def __dir__() -> list[str]:
+    return sorted({*globals(), *__all__})

@@ -7,7 +7,6 @@ from collections.abc import Iterable, Iterator
 import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
-from scipy import stats
 
 from analysis.frames import Frames, parsed
 from tma_ray.tasks import Dimension, Task, TaskSpace
@@ -110,6 +109,8 @@ def _measured(probes: pd.DataFrame, space: TaskSpace | None, bins: int) -> tuple
 
 def _occupation(cells: NDArray[np.intp], count: int) -> tuple[float, float]:
     """Returns coverage and normalised entropy of tasks in `cells` (n,), of `count` there are."""
+    from scipy import stats
+
     _, sizes = np.unique(cells, return_counts=True)
     entropy = float(stats.entropy(sizes)) / np.log(count)
     return sizes.size / count, entropy

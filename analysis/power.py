@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from scipy import optimize, special
 
 from analysis.statistics import SIGNIFICANCE, Description, standard_error_of_difference
 
@@ -60,6 +59,8 @@ def detectable_difference(
         raise ValueError(f"power {wanted}: expected over the significance, {significance}, and under 1")
     if not _testable(first, second):
         return math.nan
+    from scipy import optimize  # as in `statistics`
+
     error, freedom = standard_error_of_difference(first, second)
     high = 1.0
     while _power(high, freedom, significance) < wanted and high < FURTHEST:
@@ -70,6 +71,8 @@ def detectable_difference(
 
 def _power(shift: float, freedom: float, significance: float) -> float:
     """Returns the power for a difference of `shift` standard errors."""
+    from scipy import special
+
     critical = special.stdtrit(freedom, 1 - significance / 2)
     # scipy has no number for tails that are too thin to count.
     missed, wrong_sign = np.nan_to_num(special.nctdtr(freedom, shift, np.array([critical, -critical])))

@@ -8,7 +8,6 @@ from dataclasses import dataclass
 import numpy as np
 import pandas as pd
 from numpy.typing import ArrayLike, NDArray
-from scipy import stats
 
 CONFIDENCE = 0.95
 """Coverage of the confidence intervals."""
@@ -110,6 +109,8 @@ def welch_from_statistics(first: Description, second: Description) -> Comparison
     reason = _obstacle(first, second)
     if reason:
         return Comparison(first.n, second.n, difference, reason=reason)
+    from scipy import stats  # half of the time that `import analysis` takes otherwise
+
     error, freedom = standard_error_of_difference(first, second)
     t = difference / error
     margin = float(stats.t.ppf((1 + CONFIDENCE) / 2, freedom)) * error

@@ -13,7 +13,7 @@ from analysis.run_measures import run_measures
 from tma_ray.benchmark import EXPERIMENTS, MATRICES, Matrix
 
 
-def runs_after(frames: Frames, share: float) -> pd.DataFrame:
+def runs_after(frames: Frames, share: float = 1.0) -> pd.DataFrame:
     """Returns `result_runs` after a share of the largest budget of the root; 1 for the ends of runs."""
     budget = frames.cells["steps"].max()
     at = int(share * budget) if share < 1 and budget > 0 else None
@@ -27,14 +27,15 @@ def result_runs(frames: Frames, values: pd.DataFrame) -> pd.DataFrame:
 
     Args:
         frames: what was run.
-        values: measures by run_id, as from `run_measures`.
+        values: measures by run_id, as from `run_measures` or `evaluations_at`.
 
     Returns:
         Of `pooling.pool_runs`.
     """
     groups = by_students(without_searches(frames.cells))
     parts = [pool_runs(chosen, values, matrices) for _, matrices, chosen in groups]
-    runs = pd.concat(parts, ignore_index=True).drop_duplicates([*POOLED, "run_id"])
+    keys = [*POOLED, "run_id", *(["step"] if "step" in values else [])]
+    runs = pd.concat(parts, ignore_index=True).drop_duplicates(keys)
     return lend_baseline(runs) if len(runs) else runs
 
 

@@ -73,7 +73,10 @@ def check_root(store: Store) -> None:
         known, version = content["format"], content["schema_version"]
     except FileNotFoundError:
         store.check_bucket()
-        raise ResultsRootError(f"{store} is no results root: it has no {ROOT_FILE}") from None
+        raise ResultsRootError(
+            f"{store} is no results root: it has no {ROOT_FILE}; name the folder or address that was given "
+            f"to tma-ray as --results"
+        ) from None
     except (ValueError, KeyError, TypeError) as error:
         raise ResultsRootError(f"{store.where(ROOT_FILE)} is damaged: {error}") from error
     if known != FORMAT:

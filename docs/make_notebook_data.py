@@ -1,0 +1,73 @@
+"""Makes the small dataset of the notebooks: a few runs of a finished campaign, as a release.
+
+python experiments/stump_tracks_challenges.py --tier lite --teachers random,alp_gmm --expert-knowledge none \
+    --results lite
+python docs/make_notebook_data.py lite --output notebooks/data
+
+It takes the first seeds of every cell, and of the saved policies that of the run that masters most.
+"""
+
+from __future__ import annotations
+
+import argparse
+import shutil
+import tempfile
+from pathlib import Path
+
+import pandas as pd
+
+from analysis.baselines import release
+from analysis.frames import Frames, load
+from analysis.run_measures import run_measures
+from tma_ray.results import Store, Table
+from tma_ray.results.layout import POLICIES, TABLES, manifest_path
+from tma_ray.results.parquet import decode, encode
+
+NAME = "ppo-lite"
+
+LEFT_BEHIND = ("checkpoints", "staging", "logs", "tmp", "lease.json", "heartbeat.json")
+
+
+def main() -> None:
+    """Writes the folder `NAME`, a results root of its own."""
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("root", type=Path, help="results root of the campaign, in a folder")
+    parser.add_argument("--output", type=Path, required=True, metavar="FOLDER", help=f"{NAME} is made in it")
+    parser.add_argument("--seeds", type=int, default=2, metavar="N", help="of each cell (%(default)s)")
+    parser.add_argument("--embodiment", default="classic_bipedal", metavar="NAME", help="%(default)s")
+    options = parser.parse_args()
+    frames = load(options.root)
+    cells = frames.cells[frames.cells["status"] == "done"]
+    cells = cells[(cells["seed"] < options.seeds) & (cells["embodiment"] == options.embodiment)]
+    with tempfile.TemporaryDirectory() as folder:
+        aside = Path(folder) / "root"
+        shutil.copytree(options.root, aside, ignore=shutil.ignore_patterns(*LEFT_BEHIND))
+        _keep(Store.open(aside), frames, set(cells["run_id"]), best_run(frames, cells))
+        print(release(aside, NAME, options.output, licence="MIT"))
+
+
+def best_run(frames: Frames, cells: pd.DataFrame) -> str:
+    """Returns the run of `cells` that masters most, by mean return where several do."""
+    measured = run_measures(frames)
+    measured = measured[measured["run_id"].isin(cells["run_id"])]
+    return str(measured.sort_values(["mastered_percent", "evaluation_return"])["run_id"].iloc[-1])
+
+
+def _keep(store: Store, frames: Frames, runs: set[str], best: str) -> None:
+    """Deletes all but `runs` from a root, and all saved policies but that of the `best`."""
+    for run_id in set(frames.cells["run_id"]) - runs:
+        if store.exists(manifest_path(run_id)):
+            store.delete(manifest_path(run_id))
+    for path in store.files(POLICIES):
+        if Path(path).parts[1] != best:
+            store.delete(path)
+    for path in store.files(f"{TABLES}/{Table.CELLS}"):
+        rows = decode(store.read_bytes(path))
+        kept = rows.filter([run_id in runs for run_id in rows["run_id"].to_pylist()])
+        store.write_bytes(path, encode(Table.CELLS, kept))
+
+
+if __name__ == "__main__":
+    main()
