@@ -39,9 +39,10 @@ class Canvas:
         """Returns the frame, smoothed."""
         return pygame.transform.smoothscale(self.surface, (WIDTH, HEIGHT))
 
-    def pixels(self) -> NDArray[np.uint8]:
-        """Returns the frame (height, width, 3)."""
-        return np.ascontiguousarray(pygame.surfarray.array3d(self.frame()).transpose(1, 0, 2))
+    def pixels(self, smooth: bool = True) -> NDArray[np.uint8]:
+        """Returns the frame (height, width, 3), or larger and rough, as it was drawn."""
+        frame = self.frame() if smooth else self.surface
+        return np.ascontiguousarray(pygame.surfarray.array3d(frame).transpose(1, 0, 2))
 
     def line(self, ends: Floats, colour: Colour, width: int) -> None:
         """Draws a line between two points (2, 2)."""
