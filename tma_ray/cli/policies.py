@@ -14,7 +14,9 @@ def add_commands(commands: Any) -> None:
 
 
 def _add_export(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("policy", metavar="RUN|FOLDER", help="id of a run or its beginning, or a saved policy")
+    parser.add_argument(
+        "policy", metavar="RUN|FOLDER", help="id of a run or its beginning, or a saved policy"
+    )
     parser.add_argument("--results", default="results", metavar="ROOT", help="where RUN is (%(default)s)")
     parser.add_argument("-o", "--output", type=Path, required=True, metavar="FOLDER", help="new or empty")
     parser.add_argument("--licence", default="", metavar="ID", help="as in CC-BY-4.0")

@@ -49,7 +49,11 @@ def action_signals(body: Embodiment) -> tuple[Signal, ...]:
 
 
 def _head() -> Iterator[Signal]:
-    from tma_ray.physics.kernels import ANGULAR_VELOCITY_SCALE, VELOCITY_X_SCALE, VELOCITY_Y_SCALE  # with numba
+    from tma_ray.physics.kernels import (
+        ANGULAR_VELOCITY_SCALE,
+        VELOCITY_X_SCALE,
+        VELOCITY_Y_SCALE,
+    )  # with numba
 
     yield Signal("head", "angle", "rad")
     yield Signal("head", "angular velocity", f"{1 / ANGULAR_VELOCITY_SCALE:g} rad/s")

@@ -127,9 +127,7 @@ def _rows(
     first = 0
     for signal in signals:
         end = first + signal.size
-        yield ValueRow(
-            first, end - 1, signal, float(low[first:end].min()), float(high[first:end].max())
-        )
+        yield ValueRow(first, end - 1, signal, float(low[first:end].min()), float(high[first:end].max()))
         first = end
 
 

@@ -47,7 +47,9 @@ def require_onnx() -> None:
         ) from error
 
 
-def onnx_model(layers: nn.Sequential, sizes: tuple[int, int], properties: Mapping[str, str]) -> onnx.ModelProto:
+def onnx_model(
+    layers: nn.Sequential, sizes: tuple[int, int], properties: Mapping[str, str]
+) -> onnx.ModelProto:
     """Returns `layers` as a model; the same ones give the same bytes.
 
     Args:
@@ -169,9 +171,7 @@ def _writers() -> dict[type, Callable[[_Graph, Any, str], str]]:
         Affine: lambda g, layer, x: g.node(
             "Add", g.node("Mul", x, g.tensor(layer.weight)), g.tensor(layer.bias)
         ),
-        Clamp: lambda g, layer, x: g.node(
-            "Min", g.node("Max", x, g.tensor(layer.low)), g.tensor(layer.high)
-        ),
+        Clamp: lambda g, layer, x: g.node("Min", g.node("Max", x, g.tensor(layer.low)), g.tensor(layer.high)),
         nn.Linear: _linear,
         nn.Identity: lambda _, __, x: x,
         nn.Dropout: lambda _, __, x: x,  # at rest in a policy that does not learn

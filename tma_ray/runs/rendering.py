@@ -119,9 +119,7 @@ def parse_task(text: str | None, space: TaskSpace, domain: TaskSpace, rng: np.ra
     return check_task(list(values.values()), domain)
 
 
-def _play(
-    stage: Stage, player: Player, scenario: Scenario, outcome: Outcome, every: int
-) -> Iterator[Frame]:
+def _play(stage: Stage, player: Player, scenario: Scenario, outcome: Outcome, every: int) -> Iterator[Frame]:
     """Yields a frame every `every` steps, the first and the last included; for 0 the last alone."""
     environment = stage.environment
     observation, _ = environment.reset(seed=scenario.seed, options={"task": outcome.task})

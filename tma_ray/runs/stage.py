@@ -87,7 +87,9 @@ def open_stage(
         if space.names != domain.names:  # the policy of one environment in another
             space = made.get_wrapper_attr("task_space")
         trained = None if saved is None else saved.load(observations, actions)
-        return Stage(made, saved.spec.run_id if saved else policy, trained, space, domain, mastery_return(made))
+        return Stage(
+            made, saved.spec.run_id if saved else policy, trained, space, domain, mastery_return(made)
+        )
     except ValueError:
         made.close()
         raise

@@ -142,7 +142,9 @@ class Student(ABC):
             PolicyFileError: as in `load_policy`.
             ValueError: the policy is no row of layers.
         """
-        raise ValueError(f"student {cls.__name__} does not define policy_layers, which tells what it computes")
+        raise ValueError(
+            f"student {cls.__name__} does not define policy_layers, which tells what it computes"
+        )
 
     def scalars(self) -> dict[str, float]:
         """Returns figures about the last update for logging (losses, ...), by name."""

@@ -12,7 +12,13 @@ from torch import nn
 
 from tma_ray.students.base import Actions, Observations, Policy, Transition
 from tma_ray.students.hyperparameters import PPOHyperparameters
-from tma_ray.students.mean_network import check_rows, layer_kinds, layer_tensors, stored_layers, stored_network
+from tma_ray.students.mean_network import (
+    check_rows,
+    layer_kinds,
+    layer_tensors,
+    stored_layers,
+    stored_network,
+)
 from tma_ray.students.networks import Pass, Trunk, as_batch
 from tma_ray.students.normaliser import MEAN_TENSOR, VARIANCE_TENSOR, Normaliser, scaled
 from tma_ray.students.policy_files import StoredPolicy, read_policy

@@ -15,7 +15,13 @@ from torch import nn
 
 from tma_ray.students.base import Actions, Observations, Policy, Transition
 from tma_ray.students.hyperparameters import SACHyperparameters
-from tma_ray.students.mean_network import check_rows, layer_kinds, layer_tensors, stored_layers, stored_network
+from tma_ray.students.mean_network import (
+    check_rows,
+    layer_kinds,
+    layer_tensors,
+    stored_layers,
+    stored_network,
+)
 from tma_ray.students.mirror import Mirror
 from tma_ray.students.networks import Pass, as_batch
 from tma_ray.students.perceptron import blocks_of

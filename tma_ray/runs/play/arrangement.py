@@ -15,8 +15,11 @@ MARGIN: Final = 14
 LINE: Final = 19
 """Height of a line of text, in pixels."""
 
-COLUMN: Final = 210
-"""Least width of a slider where there are several in a row, in pixels."""
+COLUMN, NARROW_COLUMN = 210, 110
+"""Least width of a slider where there are several in a row, and where the window is low, in pixels."""
+
+PANEL_SHARE: Final = 0.6
+"""Share of the window's height from which a panel beneath the world has narrow columns."""
 
 BESIDE: Final = 300
 """Width of a panel beside the world, in pixels."""
@@ -52,14 +55,18 @@ def arrange(size: tuple[int, int], frame: tuple[int, int], sliders: int, lines: 
         lines: of text.
     """
     width, height = size
-    tall = panel_height(width, sliders, lines)
-    beneath = _whole(
-        pygame.Rect(0, 0, width, height - tall), pygame.Rect(0, height - tall, width, tall), frame, sliders
-    )
+    tall, grid = panel_height(width, sliders, lines), _grid(width, sliders)
+    if tall > PANEL_SHARE * height:
+        tall -= grid[0] * SLIDER_HEIGHT
+        grid = _grid(width, sliders, NARROW_COLUMN)
+        tall += grid[0] * SLIDER_HEIGHT
+    top = max(height - tall, 0)
+    beneath = _whole(pygame.Rect(0, 0, width, top), pygame.Rect(0, top, width, tall), frame, sliders, grid)
     if width < 2 * BESIDE or height < panel_height(BESIDE, sliders, lines):
         return beneath
     world = pygame.Rect(0, 0, width - BESIDE, height)
-    beside = _whole(world, pygame.Rect(width - BESIDE, 0, BESIDE, height), frame, sliders)
+    panel = pygame.Rect(width - BESIDE, 0, BESIDE, height)
+    beside = _whole(world, panel, frame, sliders, _grid(BESIDE, sliders))
     return beside if beside.world.width > beneath.world.width else beneath
 
 
@@ -69,15 +76,17 @@ def panel_height(width: int, sliders: int, lines: Lines) -> int:
     return rows * SLIDER_HEIGHT + lines(width - 2 * MARGIN) * LINE + 2 * MARGIN
 
 
-def _grid(width: int, sliders: int) -> tuple[int, int]:
-    """Returns rows and columns of sliders, as even as possible."""
-    most = max((width - MARGIN) // (COLUMN + MARGIN), 1)
+def _grid(width: int, sliders: int, column: int = COLUMN) -> tuple[int, int]:
+    """Returns rows and columns of sliders, as even as possible, in columns of at least that width."""
+    most = max((width - MARGIN) // (column + MARGIN), 1)
     rows = math.ceil(sliders / most)
     return rows, math.ceil(sliders / rows) if rows else 1
 
 
-def _whole(room: pygame.Rect, panel: pygame.Rect, frame: tuple[int, int], sliders: int) -> Arrangement:
-    rows, columns = _grid(panel.width, sliders)
+def _whole(
+    room: pygame.Rect, panel: pygame.Rect, frame: tuple[int, int], sliders: int, grid: tuple[int, int]
+) -> Arrangement:
+    rows, columns = grid
     share = (panel.width - MARGIN) / columns
     areas = tuple(
         pygame.Rect(
@@ -89,7 +98,9 @@ def _whole(room: pygame.Rect, panel: pygame.Rect, frame: tuple[int, int], slider
         for index in range(sliders)
     )
     top = panel.top + MARGIN + rows * SLIDER_HEIGHT
-    text = pygame.Rect(panel.left + MARGIN, top, panel.width - 2 * MARGIN, max(panel.bottom - MARGIN - top, 0))
+    text = pygame.Rect(
+        panel.left + MARGIN, top, panel.width - 2 * MARGIN, max(panel.bottom - MARGIN - top, 0)
+    )
     return Arrangement(_fitting(room, frame), panel, areas, text)
 
 

@@ -10,10 +10,11 @@ import numpy as np
 import pygame
 
 from tma_ray.envs import Look
+from tma_ray.envs.drawing.canvas import pixels_of
 from tma_ray.envs.drawing.palette import GRIP_HOLDING, Colour
 from tma_ray.runs.pictures import Frame
 from tma_ray.runs.play.arrangement import LINE, Arrangement, arrange, panel_height
-from tma_ray.runs.play.lettering import FAINT, INK, TEXT_SIZE, broken, font, write
+from tma_ray.runs.play.lettering import FAINT, INK, TEXT_SIZE, broken, font, signed, write
 from tma_ray.runs.play.session import Session
 from tma_ray.runs.play.slider import Slider
 
@@ -108,12 +109,12 @@ class Board:
         """Returns everything as a frame of some size (height, width, 3)."""
         surface = pygame.Surface(size)
         self.draw(surface)
-        return np.ascontiguousarray(pygame.surfarray.array3d(surface).transpose(1, 0, 2))
+        return pixels_of(surface)
 
     def status(self, frames_per_second: float | None = None) -> list[str]:
         """Returns what is going on, in a few words each."""
         session = self.session
-        parts = [f"return {session.episodic_return:.1f}", f"step {session.steps:,}"]
+        parts = [signed(f"return {session.episodic_return:.1f}"), f"step {session.steps:,}"]
         parts.append("mastered" if session.mastered else "not mastered")
         parts.append(f"episode {session.episode + 1}")
         if session.over:

@@ -26,6 +26,11 @@ def font(size: int, bold: bool = False) -> pygame.font.Font:
     return pygame.font.Font(Path(get_data_path()) / "fonts" / "ttf" / name, size)
 
 
+def signed(number: str) -> str:
+    """Returns a number as text with a minus sign instead of a hyphen."""
+    return number.replace("-", "−")
+
+
 def fitted(text: str, width: int, letters: pygame.font.Font) -> str:
     """Returns `text`, or its beginning and an ellipsis, not wider than `width` pixels."""
     if letters.size(text)[0] <= width:
@@ -35,7 +40,7 @@ def fitted(text: str, width: int, letters: pygame.font.Font) -> str:
     return f"{text}…" if text else ""
 
 
-def broken(parts: list[str], width: int, letters: pygame.font.Font, gap: str = "   ") -> list[str]:
+def broken(parts: list[str], width: int, letters: pygame.font.Font, gap: str = "  ·  ") -> list[str]:
     """Returns lines not wider than `width` pixels, each with as many of the `parts` as fit."""
     lines: list[str] = []
     for part in parts:

@@ -53,7 +53,8 @@ class Played:
                     f"{name} = {getattr(self, name)}: expected a whole number of at least {least}"
                 )
         if self.size is not None and (self.size[0] < SMALLEST[0] or self.size[1] < SMALLEST[1]):
-            raise ValueError(f"size {self.size[0]}x{self.size[1]}: expected at least 320x240 pixels")
+            least = "x".join(map(str, SMALLEST))
+            raise ValueError(f"size {self.size[0]}x{self.size[1]}: expected at least {least} pixels")
 
 
 @dataclass

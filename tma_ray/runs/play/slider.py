@@ -7,17 +7,17 @@ from typing import Final
 import pygame
 
 from tma_ray.envs.drawing.palette import HEAD, LIMB, Colour
-from tma_ray.runs.play.lettering import FAINT, INK, SMALL_SIZE, TEXT_SIZE, fitted, font, write
+from tma_ray.runs.play.lettering import FAINT, INK, SMALL_SIZE, TEXT_SIZE, fitted, font, signed, write
 from tma_ray.tasks import Dimension
 
-HEIGHT: Final = 54
+HEIGHT: Final = 62
 """Of a slider with its text, in pixels."""
 
 KNOB: Final = 8
 """Radius of what is dragged, in pixels."""
 
 TRACK: Final[Colour] = (206, 211, 220)
-_TRACK_Y: Final = 26
+_TRACK_Y: Final = 27
 _GAP: Final = 8
 
 
@@ -83,7 +83,7 @@ class Slider:
 
     def _draw_text(self, surface: pygame.Surface) -> None:
         area, small = self.area, font(SMALL_SIZE)
-        value = f"{self.value:.3g}"
+        value = signed(f"{self.value:.3g}")
         bold = font(TEXT_SIZE, bold=True)
         write(surface, value, area.topright, bold, right=True)
         name = fitted(
@@ -91,7 +91,7 @@ class Slider:
         )
         write(surface, name, area.topleft, font(TEXT_SIZE), INK)
         below = area.top + _TRACK_Y + KNOB + 3
-        low, high = f"{self.domain.low:g}", f"{self.domain.high:g}"
+        low, high = signed(f"{self.domain.low:g}"), signed(f"{self.domain.high:g}")
         write(surface, low, (area.left, below), small, FAINT)
         write(surface, high, (area.right, below), small, FAINT, right=True)
         room = area.width - 2 * max(small.size(low)[0], small.size(high)[0]) - 2 * _GAP

@@ -13,7 +13,8 @@ from tma_ray.runs.play.board import Board
 FRAMES_PER_SECOND: Final = 60
 """At most."""
 
-SMALLEST: Final = (320, 240)
+SMALLEST: Final = (400, 320)
+"""Width and height that may be asked for, in pixels; whoever makes a window smaller sees less."""
 
 NO_DISPLAY: Final = "no display: use -o FILE.mp4 or -o FILE.gif to make a video without one"
 
@@ -44,7 +45,6 @@ class Window:
         except pygame.error as error:
             pygame.display.quit()
             raise ValueError(f"{NO_DISPLAY} ({error})") from error
-        pygame.key.set_repeat()
         self._clock = pygame.time.Clock()
 
     @property
