@@ -348,7 +348,7 @@ def test_a_task_is_refused_before_a_window_opens(monkeypatch: pytest.MonkeyPatch
 
 def test_the_command_says_how_it_went(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     path = tmp_path / "a.png"
-    arguments = "--embodiment spider --steps 3 --task random --task 0,6".split()
+    arguments = ["--embodiment", "spider", "--steps", "3", "--task", "random", "--task", "0,6"]
     assert main(["play", *arguments, "-o", str(path)]) == 0
     assert path.read_bytes().startswith(b"\x89PNG")
     said = capsys.readouterr().out

@@ -7,8 +7,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 import torch
-from test_policy_files import OBSERVATIONS, OURS, trained
 from test_algorithms import VALUES
+from test_policy_files import OBSERVATIONS, OURS, trained
 from torch import nn
 
 from tma_ray.students import PolicyFileError, Student, load_policy, policy_layers

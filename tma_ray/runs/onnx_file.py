@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
+from functools import partial
 from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
@@ -123,7 +124,12 @@ def _runtimes(model: onnx.ModelProto) -> list[Callable[[NDArray[np.float32]], ND
     else:
         content = model.SerializeToString()
         sessions.append(onnxruntime.InferenceSession(content, providers=["CPUExecutionProvider"]))
-    return [lambda batch, session=session: session.run([OUTPUT], {INPUT: batch})[0] for session in sessions]
+    return [partial(_run, session) for session in sessions]
+
+
+def _run(session: Any, batch: NDArray[np.float32]) -> NDArray[np.float32]:
+    actions: NDArray[np.float32] = session.run([OUTPUT], {INPUT: batch})[0]
+    return actions
 
 
 @dataclass
@@ -155,7 +161,8 @@ class _Graph:
         write = _writers().get(type(layer))
         if write is None:
             raise NotExpressibleError(
-                f"a layer {type(layer).__name__} of the policy is not known in ONNX; leave it out with --no-onnx"
+                f"a layer {type(layer).__name__} of the policy is not known in ONNX; "
+                f"leave it out with --no-onnx"
             )
         return write(self, layer, value)
 

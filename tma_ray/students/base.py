@@ -131,7 +131,7 @@ class Student(ABC):
         """
 
     @classmethod
-    def policy_layers(cls, folder: Path) -> nn.Sequential:
+    def policy_layers(cls, folder: Path) -> nn.Sequential:  # noqa: ARG003
         """Returns what the greedy policy in `folder` computes: observations (n, o) to actions (n, a).
 
         Files in other formats are made of it. What is not a layer of torch, nor one of

@@ -106,7 +106,8 @@ def acting_layers(model: BaseAlgorithm) -> nn.Sequential:
         ValueError: its policy is not built as those of stable-baselines3 and sb3-contrib are.
     """
     policy: Any = model.policy
-    actor = policy if isinstance(policy, ActorCriticPolicy) else getattr(policy, "actor", None)
+    actor: Any = getattr(policy, "actor", None)
+    parts: list[Any]
     if isinstance(policy, ActorCriticPolicy):
         parts = [policy.pi_features_extractor, policy.mlp_extractor.policy_net, policy.action_net]
     elif hasattr(actor, "latent_pi"):

@@ -12,6 +12,7 @@ from torch import nn
 
 from tma_ray.students.base import Actions, Observations, Policy, Transition
 from tma_ray.students.hyperparameters import PPOHyperparameters
+from tma_ray.students.layers import Clamp, Standardise, in_a_row, with_relus
 from tma_ray.students.mean_network import (
     check_rows,
     layer_kinds,
@@ -22,7 +23,6 @@ from tma_ray.students.mean_network import (
 from tma_ray.students.networks import Pass, Trunk, as_batch
 from tma_ray.students.normaliser import MEAN_TENSOR, VARIANCE_TENSOR, Normaliser, scaled
 from tma_ray.students.policy_files import StoredPolicy, read_policy
-from tma_ray.students.layers import Clamp, Standardise, in_a_row, with_relus
 from tma_ray.students.ppo_acting import Actor
 from tma_ray.students.ppo_update import PPOUpdate
 from tma_ray.students.rollout import Rollout

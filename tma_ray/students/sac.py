@@ -15,6 +15,7 @@ from torch import nn
 
 from tma_ray.students.base import Actions, Observations, Policy, Transition
 from tma_ray.students.hyperparameters import SACHyperparameters
+from tma_ray.students.layers import in_a_row, unscale, with_relus
 from tma_ray.students.mean_network import (
     check_rows,
     layer_kinds,
@@ -26,7 +27,6 @@ from tma_ray.students.mirror import Mirror
 from tma_ray.students.networks import Pass, as_batch
 from tma_ray.students.perceptron import blocks_of
 from tma_ray.students.policy_files import read_policy
-from tma_ray.students.layers import in_a_row, unscale, with_relus
 from tma_ray.students.replay import ReplayBuffer
 from tma_ray.students.sac_update import SQUASH_EPSILON, SACUpdate
 from tma_ray.students.stable_baselines import Experience, StableBaselinesStudent

@@ -6,7 +6,6 @@ from collections.abc import Callable, Mapping
 from dataclasses import replace
 from typing import Final
 
-import numpy as np
 import pygame
 
 from tma_ray.envs import Look
@@ -22,7 +21,7 @@ PAPER: Final[Colour] = (247, 248, 250)
 DARK: Final[Colour] = (226, 230, 236)
 MASTERED: Final[Colour] = (34, 120, 44)
 
-HELP: Final = ("Space pause", "S one step", "R again", "N other task", "+ − speed", "Q quit")
+HELP: Final = ("Space pause", "S one step", "R again", "N other task", "+ \N{MINUS SIGN} speed", "Q quit")
 LIDARS_HELP: Final = "L lidars"
 
 WIDTH: Final = 840
@@ -122,7 +121,7 @@ class Board:
         if session.paused:
             parts.append("paused")
         if session.speed != 1:
-            parts.append(f"{session.speed:g} × speed")
+            parts.append(f"speed {session.speed:g}")
         if frames_per_second is not None:
             parts.append(f"{frames_per_second:.0f} fps")
         return parts
@@ -170,7 +169,7 @@ class Board:
         if min(place.size) < 1:
             return
         frame = self.session.stage.frame()
-        drawn = pygame.image.frombuffer(np.ascontiguousarray(frame), (frame.shape[1], frame.shape[0]), "RGB")
+        drawn = pygame.image.frombuffer(frame.tobytes(), (frame.shape[1], frame.shape[0]), "RGB")
         surface.blit(pygame.transform.smoothscale(drawn, place.size), place)
 
     def _line_count(self, width: int) -> int:

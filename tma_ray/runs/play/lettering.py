@@ -28,7 +28,7 @@ def font(size: int, bold: bool = False) -> pygame.font.Font:
 
 def signed(number: str) -> str:
     """Returns a number as text with a minus sign instead of a hyphen."""
-    return number.replace("-", "−")
+    return number.replace("-", "\N{MINUS SIGN}")
 
 
 def fitted(text: str, width: int, letters: pygame.font.Font) -> str:

@@ -53,8 +53,8 @@ class Played:
                     f"{name} = {getattr(self, name)}: expected a whole number of at least {least}"
                 )
         if self.size is not None and (self.size[0] < SMALLEST[0] or self.size[1] < SMALLEST[1]):
-            least = "x".join(map(str, SMALLEST))
-            raise ValueError(f"size {self.size[0]}x{self.size[1]}: expected at least {least} pixels")
+            smallest = "x".join(map(str, SMALLEST))
+            raise ValueError(f"size {self.size[0]}x{self.size[1]}: expected at least {smallest} pixels")
 
 
 @dataclass
@@ -107,7 +107,7 @@ def parse_size(text: str) -> tuple[int, int]:
     Raises:
         ValueError: it names none.
     """
-    found = re.fullmatch(r"(\d{1,5})[x×](\d{1,5})", text)
+    found = re.fullmatch(r"(\d{1,5})x(\d{1,5})", text)
     if found is None:
         raise ValueError(f"size {text!r}: expected width and height in pixels, as in 840x680")
     return int(found[1]), int(found[2])

@@ -45,12 +45,21 @@ class Session:
 
     def __init__(self, stage: Stage, tasks: Sequence[Task], seed: int = 0) -> None:
         self.stage = stage
+        self.over = False
         self.tasks = [check_task(task, stage.domain) for task in tasks]
         self.seed = seed
         self._random_tasks = np.random.default_rng([seed, 2])
         self.paused, self.speed = False, 1.0
         self._turn, self.episode = 0, 0
         self._begin()
+
+    def _begin(self) -> None:
+        self.task = self.tasks[self._turn]
+        self._due, self._rested = 0.0, 0.0
+        self.steps, self.episodic_return, self.over = 0, 0.0, False
+        seed = self.seed + self.episode
+        self._player = self.stage.player(np.random.default_rng([seed, 1]))
+        self._observation, _ = self.stage.environment.reset(seed=seed, options={"task": self.task})
 
     @property
     def mastered(self) -> bool:
@@ -109,11 +118,3 @@ class Session:
         for _ in itertools.repeat(None, int(self._due)):
             self.step()
         self._due -= int(self._due)
-
-    def _begin(self) -> None:
-        self.task = self.tasks[self._turn]
-        self._due, self._rested = 0.0, 0.0
-        self.steps, self.episodic_return, self.over = 0, 0.0, False
-        seed = self.seed + self.episode
-        self._player = self.stage.player(np.random.default_rng([seed, 1]))
-        self._observation, _ = self.stage.environment.reset(seed=seed, options={"task": self.task})

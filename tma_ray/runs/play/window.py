@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import sys
+from contextlib import suppress
 from typing import Final
 
 import pygame
@@ -53,10 +54,11 @@ class Window:
         return self._surface
 
     def run(self) -> None:
-        """Shows frames until somebody leaves."""
+        """Shows frames until somebody leaves, also with Ctrl-C."""
         self._clock.tick()
-        while self.turn(self._clock.tick(FRAMES_PER_SECOND) / 1000):
-            pass
+        with suppress(KeyboardInterrupt):
+            while self.turn(self._clock.tick(FRAMES_PER_SECOND) / 1000):
+                pass
 
     def turn(self, seconds: float) -> bool:
         """Takes up what was asked for, goes on for `seconds` and shows that; returns whether to go on."""
@@ -64,7 +66,7 @@ class Window:
             self._board.handle(event)
         if self._board.open:
             self._board.session.advance(seconds)
-            self._surface = pygame.display.get_surface()
+            self._surface = pygame.display.get_surface() or self._surface
             if min(self._surface.get_size()) > 0:
                 self._board.draw(self._surface, self._clock.get_fps())
             pygame.display.flip()
