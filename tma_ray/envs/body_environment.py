@@ -12,7 +12,18 @@ from gymnasium import spaces
 from numpy.typing import ArrayLike, NDArray
 
 from tma_ray.embodiments import Embodiment, load_embodiment
-from tma_ray.physics import LIDARS, TIME_STEP, Engine, Rules, make_engine, observation_size
+from tma_ray.envs.drawing.look import Look
+from tma_ray.physics import (
+    LIDARS,
+    TIME_STEP,
+    Engine,
+    Rules,
+    Signal,
+    action_signals,
+    make_engine,
+    observation_signals,
+    observation_size,
+)
 from tma_ray.tasks import MASTERY_RETURN, Task, TaskSpace, check_task
 from tma_ray.terrain import Terrain
 
@@ -49,6 +60,7 @@ class BodyEnvironment(gymnasium.Env[Observation, NDArray[np.float32]]):
         max_episode_steps: steps after which an episode is truncated.
         embodiment: the body.
         rules: of the environment for it.
+        look: how frames are drawn; may be changed between two.
     """
 
     metadata = {"render_modes": ["human", "rgb_array"], "render_fps": round(1 / TIME_STEP)}
@@ -64,8 +76,19 @@ class BodyEnvironment(gymnasium.Env[Observation, NDArray[np.float32]]):
         self._engine = make_engine(embodiment, rules)
         self.observation_space = _observation_space(observation_size(self._engine.arrays), rules)
         self.action_space = spaces.Box(-1.0, 1.0, (embodiment.action_size,), dtype=np.float32)
+        self.look = Look()
         self._renderer: Renderer | None = None
         self._running = False
+
+    @property
+    def observation_signals(self) -> tuple[Signal, ...]:
+        """What an observation consists of, in order."""
+        return observation_signals(self.embodiment, self.rules)
+
+    @property
+    def action_signals(self) -> tuple[Signal, ...]:
+        """What an action consists of, in order."""
+        return action_signals(self.embodiment)
 
     @abstractmethod
     def build(self, task: Task, rng: np.random.Generator) -> Terrain:
@@ -137,7 +160,7 @@ class BodyEnvironment(gymnasium.Env[Observation, NDArray[np.float32]]):
         if self._renderer is None:
             window = self.render_mode == "human"
             self._renderer = Renderer(self.embodiment, window, self.metadata["render_fps"])
-        return self._renderer.draw(scene_of(self._engine, self._terrain, self._observation))
+        return self._renderer.draw(scene_of(self._engine, self._terrain, self._observation), self.look)
 
     def close(self) -> None:
         """Closes the window, if there is one."""

@@ -14,7 +14,8 @@ from tma_ray.tasks import MASTERY_RETURN, TaskSpace
 Environment = gymnasium.Env[Any, Any]
 """Any Gymnasium environment with the attributes `task_space` and `valid_domain` (TaskSpace) whose `reset`
 takes ``options={"task": …}``. It may have an attribute `mastery_return`, the episodic return over which a
-task counts as mastered."""
+task counts as mastered, and `observation_signals` and `action_signals`, which tell what the values mean
+(sequences of `Signal`)."""
 
 ENVIRONMENTS: Registry[type[Environment]] = Registry(
     "environment",

@@ -9,11 +9,14 @@ from tma_ray.embodiments import Embodiment
 from tma_ray.envs.drawing.body import BodyPainter, draw_lidars
 from tma_ray.envs.drawing.camera import view_of
 from tma_ray.envs.drawing.canvas import Canvas
+from tma_ray.envs.drawing.look import Look
 from tma_ray.envs.drawing.scene import Scene
 from tma_ray.envs.drawing.window import Window
 from tma_ray.envs.drawing.world import draw_goal, draw_progress, draw_world, flood
 
 __all__ = ["Renderer", "Scene"]
+
+DEFAULT_LOOK = Look()
 
 
 class Renderer:
@@ -31,18 +34,19 @@ class Renderer:
         self._canvas = Canvas()
         self._window = Window(frames_per_second) if window else None
 
-    def draw(self, scene: Scene) -> NDArray[np.uint8] | None:
+    def draw(self, scene: Scene, look: Look = DEFAULT_LOOK) -> NDArray[np.uint8] | None:
         """Returns the frame (400, 600, 3), or shows it and returns None if there is a window."""
         head, canvas = scene.poses[self._head, :2], self._canvas
         canvas.start(view_of(head, scene.terrain))
         draw_goal(canvas, scene.terrain)
         draw_world(canvas, scene)
-        draw_lidars(canvas, head, scene)
+        if look.lidars:
+            draw_lidars(canvas, head, scene)
         self._body.draw(canvas, scene)
         flood(canvas, scene.terrain.water_y)
         draw_progress(canvas, float(head[0]), scene.terrain)
         if self._window is None:
-            return canvas.pixels()
+            return canvas.pixels(look.smooth)
         self._window.show(canvas.frame())
         return None
 

@@ -6,6 +6,7 @@ Importing this package loads neither numba nor pymunk; making an engine does.
 from tma_ray.physics.engine import PHYSICS_VERSION, TIME_STEP, Engine, SolverSettings
 from tma_ray.physics.rules import LIDAR_RANGE, LIDARS, Rules, observation_size
 from tma_ray.physics.selection import EngineChoice, engine_in_use, make_engine
+from tma_ray.physics.signals import Signal, action_signals, observation_signals
 from tma_ray.physics.together import Worlds, together
 
 __all__ = [
@@ -16,10 +17,13 @@ __all__ = [
     "Engine",
     "EngineChoice",
     "Rules",
+    "Signal",
     "SolverSettings",
     "Worlds",
+    "action_signals",
     "engine_in_use",
     "make_engine",
+    "observation_signals",
     "observation_size",
     "together",
 ]

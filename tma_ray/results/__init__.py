@@ -6,6 +6,7 @@ from tma_ray.results.heartbeat import Heartbeat, Pulse, RunPace
 from tma_ray.results.layout import (
     CHECKPOINTS,
     LOGS,
+    POLICIES,
     ResultsRootError,
     check_id,
     check_path,
@@ -33,6 +34,7 @@ __all__ = [
     "DATA_TABLES",
     "DISK_FULL",
     "LOGS",
+    "POLICIES",
     "PUBLISHED_FILE",
     "PUBLISHED_SCHEMA",
     "SCHEMAS",

@@ -7,6 +7,7 @@ import tempfile
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
+from typing import TypeVar
 
 import numpy as np
 from gymnasium import spaces
@@ -15,6 +16,8 @@ from numpy.typing import NDArray
 from tma_ray.results import Results, Store, policy_folder
 from tma_ray.runs.spec import RunSpec
 from tma_ray.students import PolicyFileError, load_policy
+
+T = TypeVar("T")
 
 Player = Callable[[NDArray[np.float32]], NDArray[np.float32]]
 """Takes an observation (o,) and returns an action (a,)."""
@@ -40,6 +43,24 @@ class SavedPolicy:
     folder: str
     spec: RunSpec
 
+    def copy(self, place: Path) -> None:
+        """Copies its files, not those of folders among them, into the existing folder `place`."""
+        for path in map(PurePosixPath, self.store.files(self.folder)):
+            if path.parent == PurePosixPath(self.folder):
+                (place / path.name).write_bytes(self.store.read_bytes(str(path)))
+
+    def read(self, place: Path, reader: Callable[[str, Path], T]) -> T:
+        """Returns what `reader` makes of the student's name and the copy in `place`.
+
+        Raises:
+            PolicyFileError: as the reader does, naming the original.
+        """
+        try:
+            return reader(self.spec.student, place)
+        except PolicyFileError as error:  # which names the copy
+            where = self.store.where(f"{self.folder}/{error.file.name}")
+            raise PolicyFileError(where, error.problem) from error
+
     def load(self, observations: spaces.Box, actions: spaces.Box) -> Player:
         """Returns it as a player that acts without exploration.
 
@@ -48,14 +69,8 @@ class SavedPolicy:
             ValueError: it was trained with another body, or in another environment, than has these spaces.
         """
         with tempfile.TemporaryDirectory() as place:
-            for path in map(PurePosixPath, self.store.files(self.folder)):
-                if path.parent == PurePosixPath(self.folder):
-                    (Path(place) / path.name).write_bytes(self.store.read_bytes(str(path)))
-            try:
-                policy = load_policy(self.spec.student, Path(place))
-            except PolicyFileError as error:  # which names the copy
-                where = self.store.where(f"{self.folder}/{error.file.name}")
-                raise PolicyFileError(where, error.problem) from error
+            self.copy(Path(place))
+            policy = self.read(Path(place), load_policy)
         try:
             shape = policy(np.zeros((1, *observations.shape), np.float32)).shape
         except (ValueError, RuntimeError):  # a matrix product of numpy, of torch

@@ -4,20 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from fractions import Fraction
 from pathlib import Path
 
 import numpy as np
-from gymnasium import spaces
 
-from tma_ray.envs import ENVIRONMENTS, Environment, make_environment
 from tma_ray.runs.pictures import Frame, check_picture, write_frames
-from tma_ray.runs.players import RANDOM, ZERO, Player, SavedPolicy, find_policy, random_player, zero_player
+from tma_ray.runs.players import RANDOM, Player
+from tma_ray.runs.stage import Stage, open_stage
 from tma_ray.tasks import Task, TaskSpace, check_task
-
-DEFAULT_ENVIRONMENT, DEFAULT_EMBODIMENT = "stump_tracks", "classic_bipedal"
-FRAME_RATE = 50
-"""Frames per second of an environment that does not say."""
 
 
 @dataclass(frozen=True)
@@ -80,23 +74,15 @@ def render(scenario: Scenario, output: Path) -> Outcome:
             that cannot be drawn, or a task outside its valid domain; all before anything is played.
     """
     check_picture(output)
-    untrained = scenario.policy in (RANDOM, ZERO)
-    saved = None if untrained else find_policy(scenario.policy, scenario.results)
-    environment = _make(scenario, saved)
+    stage = open_stage(scenario.policy, scenario.results, scenario.environment, scenario.embodiment)
     try:
-        domain: TaskSpace = environment.get_wrapper_attr("valid_domain")
-        space = environment.get_wrapper_attr("task_space") if saved is None else saved.spec.task_space
-        if space.names != domain.names:  # the policy of one environment in another
-            space = environment.get_wrapper_attr("task_space")
         tasks, actions = (np.random.default_rng([scenario.seed, stream]) for stream in range(2))
-        outcome = Outcome(parse_task(scenario.task, space, domain, tasks))
-        player = _player(scenario.policy, saved, environment, actions)
-        still = output.suffix == ".png"
-        frames = _play(environment, player, scenario, outcome, 0 if still else scenario.every)
-        rate = Fraction(environment.metadata.get("render_fps", FRAME_RATE)) / scenario.every
-        write_frames(output, frames, rate)
+        outcome = Outcome(parse_task(scenario.task, stage.space, stage.domain, tasks))
+        every = 0 if output.suffix == ".png" else scenario.every
+        frames = _play(stage, stage.player(actions), scenario, outcome, every)
+        write_frames(output, frames, stage.frame_rate / scenario.every)
     finally:
-        environment.close()
+        stage.close()
     return outcome
 
 
@@ -133,49 +119,16 @@ def parse_task(text: str | None, space: TaskSpace, domain: TaskSpace, rng: np.ra
     return check_task(list(values.values()), domain)
 
 
-def _make(scenario: Scenario, saved: SavedPolicy | None) -> Environment:
-    """Returns the environment, which draws frames."""
-    spec = saved.spec if saved else None
-    name = scenario.environment or (spec.environment if spec else DEFAULT_ENVIRONMENT)
-    options = dict(spec.environment_options) if spec and spec.environment == name else {}
-    body = scenario.embodiment
-    if body is None and "embodiment" not in options:
-        body = spec.embodiment if spec else DEFAULT_EMBODIMENT
-    if body:
-        options["embodiment"] = body
-    elif body is not None:
-        options.pop("embodiment", None)
-    if "rgb_array" not in ENVIRONMENTS.get(name).metadata.get("render_modes", ()):
-        raise ValueError(f"environment {name!r} cannot be drawn: it has no render mode 'rgb_array'")
-    return make_environment(name, render_mode="rgb_array", **options)
-
-
-def _player(
-    policy: str, saved: SavedPolicy | None, environment: Environment, rng: np.random.Generator
-) -> Player:
-    observations, actions = environment.observation_space, environment.action_space
-    if not (isinstance(observations, spaces.Box) and isinstance(actions, spaces.Box)):
-        raise ValueError(f"{environment} has spaces {observations}, {actions}; expected boxes")
-    if saved is not None:
-        return saved.load(observations, actions)
-    return zero_player(actions) if policy == ZERO else random_player(actions, rng)
-
-
-def _frame(environment: Environment) -> Frame:
-    return np.asarray(environment.render(), dtype=np.uint8)
-
-
-def _play(
-    environment: Environment, player: Player, scenario: Scenario, outcome: Outcome, every: int
-) -> Iterator[Frame]:
+def _play(stage: Stage, player: Player, scenario: Scenario, outcome: Outcome, every: int) -> Iterator[Frame]:
     """Yields a frame every `every` steps, the first and the last included; for 0 the last alone."""
+    environment = stage.environment
     observation, _ = environment.reset(seed=scenario.seed, options={"task": outcome.task})
     while outcome.steps < scenario.steps and not outcome.ended:
         if every and outcome.steps % every == 0:
-            yield _frame(environment)
+            yield stage.frame()
         observation, reward, terminated, truncated, info = environment.step(player(observation))
         outcome.steps += 1
         outcome.episodic_return += float(reward)
         outcome.ended = bool(terminated or truncated)
         outcome.success = bool(info.get("success", False))
-    yield _frame(environment)
+    yield stage.frame()

@@ -7,6 +7,7 @@ from tma_ray.students.catalogue import (
     default_hyperparameters,
     load_policy,
     make_student,
+    policy_layers,
 )
 from tma_ray.students.hyperparameters import PPOHyperparameters, SACHyperparameters
 from tma_ray.students.policy_files import PolicyFileError, StoredPolicy, read_policy, write_policy
@@ -24,6 +25,7 @@ __all__ = [
     "default_hyperparameters",
     "load_policy",
     "make_student",
+    "policy_layers",
     "read_policy",
     "write_policy",
 ]

@@ -16,6 +16,7 @@ import torch
 from numpy.typing import NDArray
 from stable_baselines3.common.base_class import BaseAlgorithm
 from stable_baselines3.common.on_policy_algorithm import OnPolicyAlgorithm
+from torch import nn
 
 from tma_ray.registry import UnknownNameError
 from tma_ray.students.algorithm_hyperparameters import hyperparameters_of
@@ -23,6 +24,7 @@ from tma_ray.students.algorithm_models import acting_tensors, make_model, stored
 from tma_ray.students.algorithm_names import ALGORITHMS, PACKAGES
 from tma_ray.students.base import Actions, Observations, Policy, Student, Transition
 from tma_ray.students.hyperparameters import as_plain_values
+from tma_ray.students.layers import acting_layers
 from tma_ray.students.networks import as_batch
 from tma_ray.students.policy_files import read_policy
 from tma_ray.students.replay import ReplayBuffer
@@ -103,9 +105,17 @@ class AlgorithmStudent(StableBaselinesStudent[Any, Any]):
 
     @classmethod
     def load_policy(cls, folder: Path, device: str = "cpu") -> Policy:  # noqa: D102
-        stored = read_policy(folder, cls.algorithm.__name__)
-        model = stored_model(cls.algorithm, cls.hyperparameters_type, stored, device)
+        model = cls._stored_model(folder, device)
         return lambda observations: model.predict(observations, deterministic=True)[0]
+
+    @classmethod
+    def policy_layers(cls, folder: Path) -> nn.Sequential:  # noqa: D102
+        return acting_layers(cls._stored_model(folder, "cpu"))
+
+    @classmethod
+    def _stored_model(cls, folder: Path, device: str) -> BaseAlgorithm:
+        stored = read_policy(folder, cls.algorithm.__name__)
+        return stored_model(cls.algorithm, cls.hyperparameters_type, stored, device)
 
 
 class OnPolicyStudent(AlgorithmStudent):

@@ -5,10 +5,13 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Callable
 from pathlib import Path
-from typing import NamedTuple, TypeAlias
+from typing import TYPE_CHECKING, NamedTuple, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
+
+if TYPE_CHECKING:
+    from torch import nn
 
 Observations: TypeAlias = NDArray[np.float32]
 """One observation (o,) or several (n, o), as the environment gave them: never normalised."""
@@ -126,6 +129,22 @@ class Student(ABC):
         Raises:
             PolicyFileError: a file that `save_policy` did not write.
         """
+
+    @classmethod
+    def policy_layers(cls, folder: Path) -> nn.Sequential:  # noqa: ARG003
+        """Returns what the greedy policy in `folder` computes: observations (n, o) to actions (n, a).
+
+        Files in other formats are made of it. What is not a layer of torch, nor one of
+        `tma_ray.students.layers`, cannot be expected to be known there. A student that says nothing
+        is exported without them.
+
+        Raises:
+            PolicyFileError: as in `load_policy`.
+            ValueError: the policy is no row of layers.
+        """
+        raise ValueError(
+            f"student {cls.__name__} does not define policy_layers, which tells what it computes"
+        )
 
     def scalars(self) -> dict[str, float]:
         """Returns figures about the last update for logging (losses, ...), by name."""

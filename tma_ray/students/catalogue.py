@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from gymnasium import Space
@@ -18,6 +18,9 @@ from tma_ray.students.hyperparameters import (
     as_plain_values,
     parse_hyperparameters,
 )
+
+if TYPE_CHECKING:
+    from torch import nn
 
 STOCK = "stock:"
 """Before a name: updated by stable-baselines3 itself, not by our equal but leaner code."""
@@ -122,3 +125,17 @@ def load_policy(name: str, folder: Path, device: str = "cpu") -> Policy:
         PolicyFileError: a file that no such student wrote.
     """
     return STUDENTS.get(name).load_policy(folder, device)
+
+
+def policy_layers(name: str, folder: Path) -> nn.Sequential:
+    """Returns what the greedy policy computes that a student called `name` saved in `folder`.
+
+    That is a row of torch's layers and those of `tma_ray.students.layers`, which takes raw
+    observations (n, o) and returns actions (n, a): normalisation and bounds are among them.
+
+    Raises:
+        UnknownNameError: no student answers to `name`.
+        PolicyFileError: a file that no such student wrote.
+        ValueError: the policy is no row of layers, or its student does not tell.
+    """
+    return STUDENTS.get(name).policy_layers(folder)

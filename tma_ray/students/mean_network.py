@@ -85,6 +85,11 @@ def layer_kinds(stored: StoredPolicy) -> dict[str, tuple[tuple[int, ...], str]]:
 
 def stored_network(stored: StoredPolicy, squash: bool, device: str) -> MeanNetwork:
     """Returns the network whose layers `stored` holds, checked before, on `device`."""
+    return MeanNetwork(stored_layers(stored, device), squash)
+
+
+def stored_layers(stored: StoredPolicy, device: str) -> list[nn.Linear]:
+    """Returns the layers that `stored` holds, checked before, in order, on `device`."""
     count = len(stored.hyperparameters["hidden_units"])
     names = [*(f"hidden.{index}" for index in range(count)), MEAN]
     layers = []
@@ -95,4 +100,4 @@ def stored_network(stored: StoredPolicy, squash: bool, device: str) -> MeanNetwo
             nn.Parameter(part.to(device), requires_grad=False) for part in (weight, bias)
         )
         layers.append(layer)
-    return MeanNetwork(layers, squash)
+    return layers

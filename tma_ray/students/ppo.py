@@ -12,10 +12,17 @@ from torch import nn
 
 from tma_ray.students.base import Actions, Observations, Policy, Transition
 from tma_ray.students.hyperparameters import PPOHyperparameters
-from tma_ray.students.mean_network import check_rows, layer_kinds, layer_tensors, stored_network
+from tma_ray.students.layers import Clamp, Standardise, in_a_row, with_relus
+from tma_ray.students.mean_network import (
+    check_rows,
+    layer_kinds,
+    layer_tensors,
+    stored_layers,
+    stored_network,
+)
 from tma_ray.students.networks import Pass, Trunk, as_batch
 from tma_ray.students.normaliser import MEAN_TENSOR, VARIANCE_TENSOR, Normaliser, scaled
-from tma_ray.students.policy_files import read_policy
+from tma_ray.students.policy_files import StoredPolicy, read_policy
 from tma_ray.students.ppo_acting import Actor
 from tma_ray.students.ppo_update import PPOUpdate
 from tma_ray.students.rollout import Rollout
@@ -147,11 +154,8 @@ class PPO(StableBaselinesStudent[PPOHyperparameters, stable_baselines3.PPO]):
 
     @classmethod
     def load_policy(cls, folder: Path, device: str = "cpu") -> Policy:  # noqa: D102
-        stored = read_policy(folder, POLICY)
-        stored.check({**layer_kinds(stored), **Normaliser.tensor_kinds(*stored.observation_space.shape)})
-        clip = stored.hyperparameters.get("observation_clip")
-        if not isinstance(clip, float) or not clip > 0:
-            stored.refuse(f"observation_clip = {clip!r:.80}: expected a number over 0")
+        stored = _stored(folder)
+        clip = stored.hyperparameters["observation_clip"]
         means = stored_network(stored, squash=False, device=device)
         mean, variance = (stored.tensors[name] for name in (MEAN_TENSOR, VARIANCE_TENSOR))
         low, high = stored.action_space.low, stored.action_space.high
@@ -163,6 +167,14 @@ class PPO(StableBaselinesStudent[PPOHyperparameters, stable_baselines3.PPO]):
             return actions
 
         return act
+
+    @classmethod
+    def policy_layers(cls, folder: Path) -> nn.Sequential:  # noqa: D102
+        stored = _stored(folder)
+        statistics = stored.tensors[MEAN_TENSOR], stored.tensors[VARIANCE_TENSOR]
+        first = Standardise(*statistics, stored.hyperparameters["observation_clip"])
+        last = Clamp(stored.action_space.low, stored.action_space.high)
+        return in_a_row([first, *with_relus(stored_layers(stored, "cpu")), last])
 
     def _save_experience(self, folder: Path, _incremental: bool) -> Experience:
         self.normaliser.save(folder / NORMALISER_FILE)
@@ -203,3 +215,13 @@ class StockPPO(PPO):
 
     def _train(self) -> None:
         self.model.train()
+
+
+def _stored(folder: Path) -> StoredPolicy:
+    """Returns the saved policy in `folder`, whose tensors and clip are sound."""
+    stored = read_policy(folder, POLICY)
+    stored.check({**layer_kinds(stored), **Normaliser.tensor_kinds(*stored.observation_space.shape)})
+    clip = stored.hyperparameters.get("observation_clip")
+    if not isinstance(clip, float) or not clip > 0:
+        stored.refuse(f"observation_clip = {clip!r:.80}: expected a number over 0")
+    return stored

@@ -15,7 +15,14 @@ from torch import nn
 
 from tma_ray.students.base import Actions, Observations, Policy, Transition
 from tma_ray.students.hyperparameters import SACHyperparameters
-from tma_ray.students.mean_network import check_rows, layer_kinds, layer_tensors, stored_network
+from tma_ray.students.layers import in_a_row, unscale, with_relus
+from tma_ray.students.mean_network import (
+    check_rows,
+    layer_kinds,
+    layer_tensors,
+    stored_layers,
+    stored_network,
+)
 from tma_ray.students.mirror import Mirror
 from tma_ray.students.networks import Pass, as_batch
 from tma_ray.students.perceptron import blocks_of
@@ -147,6 +154,13 @@ class SAC(StableBaselinesStudent[SACHyperparameters, stable_baselines3.SAC]):
             return _between(low, high, means(observations))
 
         return act
+
+    @classmethod
+    def policy_layers(cls, folder: Path) -> nn.Sequential:  # noqa: D102
+        stored = read_policy(folder, POLICY)
+        stored.check(layer_kinds(stored))
+        layers = with_relus(stored_layers(stored, "cpu"))
+        return in_a_row([*layers, nn.Tanh(), unscale(stored.action_space)])
 
     def _save_experience(self, folder: Path, incremental: bool) -> Experience:
         return Experience({"steps": self._steps}, self._replay.save(folder, incremental))

@@ -39,9 +39,10 @@ class Canvas:
         """Returns the frame, smoothed."""
         return pygame.transform.smoothscale(self.surface, (WIDTH, HEIGHT))
 
-    def pixels(self) -> NDArray[np.uint8]:
-        """Returns the frame (height, width, 3)."""
-        return np.ascontiguousarray(pygame.surfarray.array3d(self.frame()).transpose(1, 0, 2))
+    def pixels(self, smooth: bool = True) -> NDArray[np.uint8]:
+        """Returns the frame (height, width, 3), or larger and rough, as it was drawn."""
+        frame = self.frame() if smooth else self.surface
+        return pixels_of(frame)
 
     def line(self, ends: Floats, colour: Colour, width: int) -> None:
         """Draws a line between two points (2, 2)."""
@@ -96,6 +97,13 @@ class Canvas:
     def _cropped(self, points: Floats) -> Floats:
         low = np.array([self.view.left - CROP, self.view.bottom - CROP])
         return np.clip(points, low, np.array([self.view.right + CROP, self.view.top + CROP]))
+
+
+def pixels_of(surface: pygame.Surface) -> NDArray[np.uint8]:
+    """Returns what is on `surface` (height, width, 3), writable."""
+    width, height = surface.get_size()
+    content = bytearray(pygame.image.tobytes(surface, "RGB"))  # several times faster than pygame.surfarray
+    return np.frombuffer(content, np.uint8).reshape(height, width, 3)
 
 
 def _gradient(size: tuple[int, int], top: Colour, bottom: Colour) -> pygame.Surface:
