@@ -68,9 +68,10 @@ def side_of(frames: Frames, name: str) -> Side:
 def _engine_of(runs: pd.DataFrame) -> str:
     """Returns what simulated the worlds of `runs`, and which version of our physics it was."""
     found = []
-    for engine, rows in runs.groupby("engine"):
+    for engine in sorted(map(str, runs["engine"].unique())):
+        rows = runs[runs["engine"] == engine]
         versions = ", ".join(f"{version:g}" for version in sorted(rows["physics_version"].dropna().unique()))
-        found.append(f"{engine}, physics version {versions}" if engine == CHIPMUNK else str(engine))
+        found.append(f"{engine}, physics version {versions}" if engine == CHIPMUNK else engine)
     return "; ".join(found)
 
 

@@ -182,7 +182,7 @@ class RunSpec:
         """
         if "engine" in content:
             raise ValueError(
-                f"this run was imported: {content['engine']} simulated its worlds, and it cannot be run again here"
+                f"this run was imported: {content['engine']} simulated its worlds, and it cannot be run here"
             )
         tests = content["test_set"]
         return cls(

@@ -1,4 +1,4 @@
-"""What the teacher of a seed recorded: ``env_params_save.pkl``, read by the restricted unpickler and checked."""
+"""What the teacher of a seed recorded: ``env_params_save.pkl``, read by the restricted unpickler."""
 
 from __future__ import annotations
 
@@ -125,7 +125,7 @@ def vectors(content: Mapping[str, Any], name: str, size: int) -> Floats:
 
 def matrix(value: Any, size: int) -> Floats | None:
     """Returns a list or array of vectors (n, size); None if it is something else."""
-    if isinstance(value, np.ndarray) and value.size == 0 or isinstance(value, list | tuple) and not value:
+    if isinstance(value, list | tuple | np.ndarray) and np.size(value) == 0 and len(value) == 0:
         return np.zeros((0, size))
     try:
         if isinstance(value, np.ndarray):

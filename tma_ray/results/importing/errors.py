@@ -12,4 +12,4 @@ class DamagedSeedError(ValueError):
 
 
 class RefusedPickleError(DamagedSeedError):
-    """A pickle that asks for more than arrays and containers, or is no whole pickle; nothing of it was run."""
+    """A pickle that asks for more than arrays and containers, or is cut off; nothing of it was run."""

@@ -78,7 +78,9 @@ def find_seeds(source: Path) -> Found:
     """
     if not source.is_dir():
         raise ImportRefusedError(f"{source} is no folder: give the one that holds the experiments")
-    seeds, ignored, problems = [], [], {}
+    seeds: list[SeedFolder] = []
+    ignored: list[str] = []
+    problems: dict[str, str] = {}
     for folder, files in _folders(source, ignored):
         name = folder.relative_to(source).as_posix()
         try:

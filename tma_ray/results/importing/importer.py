@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from collections import defaultdict
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Final, TypeVar
+from typing import Final, TypeAlias
 
 from tma_ray.results.importing.errors import ImportRefusedError
 from tma_ray.results.importing.folders import SeedFolder, find_seeds
@@ -15,7 +15,7 @@ from tma_ray.results.importing.seeds import read_seed
 from tma_ray.results.importing.unpickling import LARGEST_MEBIBYTES
 from tma_ray.results.importing.writing import ImportWriter, open_empty, write_account
 
-T = TypeVar("T")
+Seeds: TypeAlias = Sequence[tuple[SeedFolder, Progress]]
 
 _DAMAGE: Final = (OSError, ValueError, TypeError, LookupError, ArithmeticError, MemoryError)
 """What files that are not what they should be may lead to."""
@@ -46,12 +46,12 @@ def import_results(
     source: Path,
     root: str | Path,
     largest_mebibytes: int = LARGEST_MEBIBYTES,
-    track: Callable[[Iterable[T]], Iterable[T]] = iter,
+    track: Callable[[Seeds], Iterable[tuple[SeedFolder, Progress]]] = iter,
 ) -> Imported:
     """Writes the seeds of a folder as the runs of a new results root, marked as Box2D's.
 
-    The budget of a run is that of its configuration, or else the most steps of any seed of the same environment
-    and challenge.
+    The budget of a run is that of its configuration, or else the most steps of any seed of the same
+    environment and challenge.
 
     Args:
         source: folder with any number of experiments.
@@ -60,7 +60,7 @@ def import_results(
         track: shows how far a loop is.
 
     Raises:
-        ImportRefusedError: there is nothing that can be imported, or `root` is not empty; nothing was written.
+        ImportRefusedError: nothing can be imported, or `root` is not empty; nothing was written.
     """
     found = find_seeds(source)
     store = open_empty(root)
@@ -70,7 +70,7 @@ def import_results(
     writer = ImportWriter(store)
     unfinished: dict[str, str] = {}
     copies: dict[str, str] = {}
-    for folder, progress in track(known):  # type: ignore[arg-type] # an iterable of anything goes through
+    for folder, progress in track(known):
         budget = progress.budget or budgets[folder.setting.place]
         try:
             run = writer.prepare(read_seed(folder, progress, budget, largest_mebibytes))

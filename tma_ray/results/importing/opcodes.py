@@ -1,7 +1,7 @@
 """What a pickle would do, found out before it is loaded: nothing in here runs or builds anything of it.
 
-`pickle.Unpickler` asks `find_class` for names, and for nothing else: cached extension codes pass it by, a huge
-memo index or a declared length takes gigabytes, and a deep tuple as a key overflows the stack.
+`pickle.Unpickler` asks `find_class` for names, and for nothing else: cached extension codes pass it by, a
+huge memo index or a declared length takes gigabytes, and a deep tuple as a key overflows the stack.
 """
 
 from __future__ import annotations
@@ -47,6 +47,8 @@ _SIZES: Final = [0] * 256
 for _opcode in pickletools.opcodes:
     _SIZES[ord(_opcode.code)] = 0 if _opcode.arg is None else _opcode.arg.n
 _STOP: Final = ord(".")
+_TWO_LINES: Final = b"ci"
+"""Opcodes of names: module and name each have a line."""
 
 
 class PickleRefusal(ValueError):  # noqa: N818 - a reason, which its catcher makes an error about a file
@@ -62,7 +64,7 @@ class _Walk:
         self.memo: dict[int, int] = {}
 
     def handlers(self) -> list[Callable[[bytes], None] | None]:
-        """Returns by opcode what it does to the stack, given its argument; None for what only pushes an atom."""
+        """Returns by opcode what it does to the stack, given its argument; None if it pushes an atom."""
         named: dict[str, Callable[[bytes], None] | None] = dict.fromkeys(_ATOMS)
         for number, name in enumerate(("TUPLE1", "TUPLE2", "TUPLE3"), start=1):
             named[name] = partial(self._tuple_of, number)
@@ -219,10 +221,10 @@ def check_opcodes(data: bytes) -> None:
 
 def _end(data: bytes, start: int, code: int) -> int:
     """Returns the position after an argument of no fixed size, which begins at `start`."""
-    size, name = _SIZES[code], pickletools.code2op[chr(code)].name
+    size = _SIZES[code]
     if size == pickletools.UP_TO_NEWLINE:
         end = start
-        for _ in range(2 if name in ("GLOBAL", "INST") else 1):
+        for _ in range(2 if code in _TWO_LINES else 1):
             end = data.find(b"\n", end) + 1
             if not end:
                 raise IndexError

@@ -53,8 +53,8 @@ class ImportedSeed:
 def read_seed(folder: SeedFolder, progress: Progress, budget: int, largest_mebibytes: int) -> ImportedSeed:
     """Returns what can be imported of a seed.
 
-    A seed that ended early, or whose files end at different evaluations, is imported up to the last one that
-    all have whole, with its `problem`.
+    A seed that ended early, or whose files end at different evaluations, is imported up to the last one
+    that all have whole, with its `problem`.
 
     Raises:
         DamagedSeedError: its files do not fit together, or there is no whole evaluation.
@@ -72,8 +72,8 @@ def read_seed(folder: SeedFolder, progress: Progress, budget: int, largest_mebib
     most = LONGEST_EPISODE + TOLERANCE * last
     if short > most or (kept == asked and -short > most and not progress.cut):
         raise DamagedSeedError(
-            f"{folder.books_file} has episodes of {last - short:,} steps, and {folder.progress_file.name} goes "
-            f"to {last:,}: they are not of one training; copy both again"
+            f"{folder.books_file} has episodes of {last - short:,} steps, and {folder.progress_file.name} "
+            f"goes to {last:,}: they are not of one training; copy both again"
         )
     problem = _problem(progress, asked, len(books.test_returns) // tests, last, budget)
     return ImportedSeed(
@@ -105,9 +105,9 @@ def _tests(books: Books, evaluations: int, folder: SeedFolder) -> int:
 
 
 def _period(books: Books) -> int:
-    """Returns after how many test tasks they begin again; 0 if they and the returns are no whole evaluations."""
+    """Returns after how many test tasks they begin again; 0 if the returns are no whole evaluations."""
     tasks, count = books.test_tasks, len(books.test_returns)
-    if not len(tasks) or count % len(tasks) and count != len(tasks):
+    if not len(tasks) or count % len(tasks):
         return 0
     if count != len(tasks):
         return len(tasks)  # one evaluation's are listed

@@ -37,8 +37,8 @@ class FoundTestSet:
 def read_test_sets(source: Path, *, by_position: bool = False) -> tuple[list[FoundTestSet], dict[str, str]]:
     """Returns the test sets of a file, or of all files of a folder, and why others are none, by name.
 
-    A CSV file has a header of our names of the dimensions, in any order, or none; arrays, and pickles of arrays
-    or lists, have a row for each task. Numbers without names are in our order, which is the original's.
+    A CSV file has a header of our names of the dimensions, in any order, or none; arrays, and pickles of
+    arrays or lists, have a row for each task. Numbers without names are in our order, which is the original's.
 
     Args:
         source: file or folder.
@@ -98,8 +98,8 @@ def _read(path: Path, by_position: bool) -> FoundTestSet:
     if names and not by_position:
         if sorted(names) != sorted(dimensions):
             raise DamagedSeedError(
-                f"{path} calls its columns {', '.join(names)[:200]}: rename them to {', '.join(dimensions)}, or "
-                f"say --by-position if they are in this order"
+                f"{path} calls its columns {', '.join(names)[:200]}: rename them to "
+                f"{', '.join(dimensions)}, or say --by-position if they are in this order"
             )
         tasks = tasks[:, [names.index(name) for name in dimensions]]
     tests = TestSet(path.stem, dimensions, tasks.astype(np.float32))

@@ -1,8 +1,8 @@
 """Reads pickles that hold numpy arrays and builtin containers, and refuses all others.
 
 A pickle is a program: loading one with `pickle.load` runs whatever its author wanted. Here the only names
-that it can reach are stand-ins of ours, each of which makes one kind of array or container and checks what it is
-given. No module is imported on its behalf, and no function of numpy gets unchecked arguments.
+that it can reach are stand-ins of ours, each of which makes one kind of array or container and checks what
+it is given. No module is imported on its behalf, and no function of numpy gets unchecked arguments.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from tma_ray.results.importing.errors import RefusedPickleError
 from tma_ray.results.importing.opcodes import PickleRefusal, check_opcodes
 
 LARGEST_MEBIBYTES: Final = 512
-"""Size over which a pickle is refused unless somebody asks for it, MiB; books of 20 million steps have tens."""
+"""Size over which a pickle is refused unless somebody asks for it, MiB; that of 20 million steps has tens."""
 
 _NUMBERS: Final = re.compile(r"([<>|=]?)(b1|[iu][1248]|f[248])")
 _DAMAGE: Final = (
@@ -41,15 +41,15 @@ def load_pickle(path: Path, largest_mebibytes: int = LARGEST_MEBIBYTES) -> Any:
         largest_mebibytes: size over which it is refused, MiB.
 
     Raises:
-        RefusedPickleError: there is no such file, it is too large, no whole pickle, or asks for anything else;
-            nothing that it asked for was imported, called or changed.
+        RefusedPickleError: there is no such file, it is too large, no whole pickle, or asks for anything
+            else; nothing that it asked for was imported, called or changed.
     """
     try:
         size = path.stat().st_size
         if size > largest_mebibytes << 20:
             raise RefusedPickleError(
-                f"{path} has {size / (1 << 20):,.0f} MiB, more than the {largest_mebibytes:,} MiB that are read: "
-                f"if that is right, allow more with --largest-pickle"
+                f"{path} has {size / (1 << 20):,.0f} MiB, more than the {largest_mebibytes:,} MiB that are "
+                f"read: if that is right, allow more with --largest-pickle"
             )
         data = path.read_bytes()
     except OSError as error:
@@ -77,7 +77,8 @@ class _Unpickler(pickle.Unpickler):
         granted = _GRANTED.get((module, name))
         if granted is None:
             raise PickleRefusal(
-                f"it asks for {f'{module}.{name}'[:80]!r}, and may have numpy arrays and builtin containers only"
+                f"it asks for {f'{module}.{name}'[:80]!r}, and may have numpy arrays and builtin containers "
+                f"only"
             )
         return granted
 
@@ -89,6 +90,7 @@ class _StandIn:
     """What a name of a pickle stands for: nothing that a pickle could change or make a subclass of."""
 
     __slots__ = ("_make",)
+    _make: Callable[..., Any] | None
 
     def __init__(self, make: Callable[..., Any] | None = None) -> None:
         object.__setattr__(self, "_make", make)
@@ -134,7 +136,8 @@ class _Array(np.ndarray[Any, Any]):
         shape, kind, by_columns, data = state[-4:]
         data = data.encode("latin1") if isinstance(data, str) else data
         _check_array(shape, kind, data)
-        super().__setstate__((1, shape, kind.real, bool(by_columns), data))
+        checked: Any = (1, shape, kind.real, bool(by_columns), data)
+        super().__setstate__(checked)
 
 
 def _check_array(shape: Any, kind: Any, data: Any) -> None:

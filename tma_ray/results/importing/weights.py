@@ -17,6 +17,11 @@ from tma_ray.results.importing.unpickling import load_pickle
 from tma_ray.terrain.cppn import CPPN, SHAPES
 
 _CHECKPOINT: Final = (".index", ".meta", ".pb")
+_EXPORT: Final = """which only TensorFlow reads. Where that is installed, run
+  reader = tf.train.load_checkpoint(PATH)
+  names = reader.get_variable_to_shape_map()
+  numpy.savez("exported.npz", **{name.replace("/", "_"): reader.get_tensor(name) for name in names})
+and import exported.npz"""
 
 
 def read_weights(path: Path) -> tuple[CPPN, dict[str, str]]:
@@ -30,11 +35,7 @@ def read_weights(path: Path) -> tuple[CPPN, dict[str, str]]:
         RefusedPickleError: a pickle that may not be read.
     """
     if path.is_dir() or path.suffix in _CHECKPOINT or ".data-" in path.name:
-        raise ImportRefusedError(
-            f"{path} is a checkpoint of TensorFlow, which only TensorFlow reads. Where it is installed: "
-            f"reader = tf.train.load_checkpoint(PATH); numpy.savez('weights.npz', **{{name.replace('/', '_'): "
-            f"reader.get_tensor(name) for name in reader.get_variable_to_shape_map()}}); then import weights.npz"
-        )
+        raise ImportRefusedError(f"{path} is a checkpoint of TensorFlow, {_EXPORT}")
     if not path.is_file():
         raise ImportRefusedError(f"no file {path}: give a .npz file or a pickle of the weights")
     arrays = _arrays(path)

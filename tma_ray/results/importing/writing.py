@@ -211,7 +211,7 @@ def _comparison(row: Mapping[str, Any]) -> tuple[str, ...]:
 
 
 def _spec(seed: ImportedSeed, level: str, test_set: str) -> dict[str, Any]:
-    """Returns what is known of a run, in the form of the specs of ours, and the engine, which those have not."""
+    """Returns what is known of a run, as specs of ours have it, and the engine, which those have not."""
     setting, books = seed.folder.setting, seed.books
     names = DIMENSIONS[setting.environment]
     steps = seed.evaluated
