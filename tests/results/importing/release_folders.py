@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 EPOCH = 500_000
-EPISODE = 1_000
+EPISODE = 2_000
 TESTS = 100
 
 SAC_COLUMNS = (
@@ -66,7 +66,7 @@ class Release:
     written: dict[str, Path] = field(default_factory=dict)
 
     def sac(self, experiment: str, seed: int = 0, mastered: Sequence[int] = (), **changes: Any) -> Path:
-        """Writes a seed of SAC that masters so many of 100 test tasks at each evaluation; returns its folder."""
+        """Writes a seed of SAC that masters so many of 100 tasks at each evaluation; returns its folder."""
         steps = [EPOCH * (number + 1) for number in range(self.evaluations)]
         books = self.books(experiment, seed, steps, mastered or [10 * (i + 1) for i in range(len(steps))])
         rows = [self._sac_row(number, books, steps) for number in range(len(steps))]

@@ -64,18 +64,18 @@ def read_seed(folder: SeedFolder, progress: Progress, budget: int, largest_mebib
     if not asked:
         raise DamagedSeedError(f"{folder.progress_file} has no evaluation in it: nothing to import")
     tests = _tests(books, asked, folder)
-    kept = min(asked, len(books.test_returns) // tests)
-    windows = _first(progress.windows, kept)
+    recorded = len(books.test_returns) // tests
+    windows = _first(progress.windows, min(asked, recorded))
     ends = np.cumsum(books.lengths)
     last = windows[-1].step
     short = last - (int(ends[-1]) if len(ends) else 0)
     most = LONGEST_EPISODE + TOLERANCE * last
-    if short > most or (kept == asked and -short > most and not progress.cut):
+    if short > most or (recorded == asked and -short > most):
         raise DamagedSeedError(
             f"{folder.books_file} has episodes of {last - short:,} steps, and {folder.progress_file.name} "
             f"goes to {last:,}: they are not of one training; copy both again"
         )
-    problem = _problem(progress, asked, len(books.test_returns) // tests, last, budget)
+    problem = _problem(progress, asked, recorded, last, budget)
     return ImportedSeed(
         folder, progress, windows, _until(books, ends, last), tests, budget, problem, _digest(folder)
     )

@@ -38,7 +38,7 @@ def read_test_sets(source: Path, *, by_position: bool = False) -> tuple[list[Fou
     """Returns the test sets of a file, or of all files of a folder, and why others are none, by name.
 
     A CSV file has a header of our names of the dimensions, in any order, or none; arrays, and pickles of
-    arrays or lists, have a row for each task. Numbers without names are in our order, which is the original's.
+    arrays or lists, have a row for each task. Without names, numbers are in our order: the original's.
 
     Args:
         source: file or folder.
