@@ -40,7 +40,8 @@ PARKOUR_BOUNDS = [
 def stumps(teacher: str, criteria: int, level: str = "no", rest: str = "", date: str = "05-03") -> str:
     """Returns the name of an experiment on Stump Tracks."""
     body = "_walker_type_" + rest if rest and not rest.startswith("_") else rest
-    return f"{date}_profiling_benchmark_stumps_{teacher}_criteria_{criteria}{body}_allow_expert_knowledge_{level}"
+    start = f"{date}_profiling_benchmark_stumps_{teacher}_criteria_{criteria}{body}"
+    return f"{start}_allow_expert_knowledge_{level}"
 
 
 def parkour(teacher: str, body: str, date: str = "07-03") -> str:
