@@ -154,10 +154,10 @@ def _level(name: str, environment: str, teacher: str) -> str:
     level = _value(name, "allow_expert_knowledge", LEVELS)
     if level:
         return LEVELS[level]
-    if teacher in WITHOUT_KNOWLEDGE:
-        return "none"
     if environment == "parkour":  # the paper has Parkour at this level alone
         return "low"
+    if teacher in WITHOUT_KNOWLEDGE:
+        return "none"
     raise UnknownNameError(
         "no level of expert knowledge in it: expected allow_expert_knowledge_no, _minimal or _maximal"
     )
