@@ -68,17 +68,12 @@ def _results(options: argparse.Namespace) -> int:
 
 
 def _test_sets(options: argparse.Namespace) -> int:
-    from tma_ray.envs import make_environment
+    from tma_ray.envs import ENVIRONMENTS
     from tma_ray.results.importing.test_sets import read_test_sets, write_test_sets
 
     found, left_out = read_test_sets(options.source, by_position=options.by_position)
-    domains = {}
-    for name in {each.environment for each in found}:
-        environment = make_environment(name)
-        domains[name] = environment.get_wrapper_attr("valid_domain")
-        environment.close()
     for each in found:
-        each.tests.check(domains[each.environment])
+        each.tests.check(ENVIRONMENTS.get(each.environment).valid_domain)  # type: ignore[attr-defined]
     _list("left out", left_out)
     for path, each in zip(write_test_sets(found, options.output), found, strict=True):
         print(f"{path}: {len(each.tests)} tasks of {each.environment}")
