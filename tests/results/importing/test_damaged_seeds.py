@@ -84,6 +84,10 @@ LEFT_OUT: dict[str, tuple[Callable[[Path], object], str]] = {
         books(lambda b: b["env_train_len"].__setitem__(0, -3)),
         "no whole number of steps",
     ),
+    "the same long list again and again": (
+        books(lambda b: b.update(env_params_train=[[0.0] * 100_000] * 100_000)),
+        "env_params_train is no list of tasks",
+    ),
     "list for books": (
         lambda f: (f / "env_params_save.pkl").write_bytes(pickle.dumps([1])),
         "holds no books of a teacher",
@@ -198,6 +202,8 @@ def test_a_seed_of_ppo_without_its_number(release: Release, tmp_path: Path) -> N
         (lambda b: b.update(means=[np.zeros(1)] * 3), "teacher's log was left out: weights, means"),
         (lambda b: b.update(weights=None), "teacher's log was left out: weights is not there"),
         (lambda b: b.update(periodical_samples="none"), "its probes were left out"),
+        (lambda b: b.update(periodical_samples=[[[0.0, 0.0]] * 10_000] * 10_000), "its probes were left out"),
+        (lambda b: b.update(weights=[*[[0.5] * 3_000] * 3_000]), "more entries than a training"),
         (lambda b: b.update(env_param_bounds=[("mu_h", "wide")]), "its task space is unknown"),
     ],
 )

@@ -22,6 +22,9 @@ DIMENSIONS = {
 }
 """Names of the task dimensions, in the original's order, which is ours."""
 
+MOST_ENTRIES = 5_000_000
+"""Of lists in one of the books together; RIAC's regions of 20 million steps are a tenth of that."""
+
 Floats = NDArray[np.float64]
 
 
@@ -130,7 +133,7 @@ def matrix(value: Any, size: int) -> Floats | None:
     try:
         if isinstance(value, np.ndarray):
             found = np.asarray(value, dtype=np.float64)
-        elif isinstance(value, list | tuple):
+        elif isinstance(value, list | tuple) and all(entries(each) == size for each in value):
             found = np.stack([vector(each, "") for each in value])
         else:
             return None
@@ -138,6 +141,21 @@ def matrix(value: Any, size: int) -> Floats | None:
         return None
     fits = found.ndim == 2 and found.shape[1] == size and bool(np.all(np.isfinite(found)))
     return found if fits else None
+
+
+def entries(value: Any) -> int:
+    """Returns how many entries a list or array has; 0 for anything else."""
+    if isinstance(value, np.ndarray):
+        return len(value) if value.ndim else 0
+    return len(value) if isinstance(value, list | tuple) else 0
+
+
+def in_proportion(value: Any) -> bool:
+    """Tells whether the lists in a list are together of a size that training can lead to.
+
+    A pickle may name the same long list any number of times, which takes no room until somebody copies it.
+    """
+    return not isinstance(value, list | tuple) or sum(map(entries, value)) <= MOST_ENTRIES
 
 
 def _check(tasks: Floats, test_tasks: Floats, numbers: Mapping[str, Floats]) -> None:
@@ -183,7 +201,7 @@ def _pairs(bounds: Any) -> Floats | None:
 
 
 def _samples(value: Any, size: int) -> tuple[Floats, ...] | None:
-    if not isinstance(value, list | tuple):
+    if not isinstance(value, list | tuple) or not in_proportion(value):
         return None
     found = [matrix(each, size) for each in value]
     return None if any(each is None for each in found) else tuple(each for each in found if each is not None)

@@ -8,7 +8,7 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from tma_ray.results.importing.books import Floats, matrix, vector
+from tma_ray.results.importing.books import Floats, in_proportion, matrix, vector
 from tma_ray.results.importing.rows import episode_ends
 from tma_ray.results.importing.seeds import ImportedSeed
 from tma_ray.results.rows import teacher_log_row
@@ -67,7 +67,7 @@ def _mixtures(books: Mapping[str, Any], size: int) -> tuple[str, Iterator[Update
 def _gaussians(fit: Sequence[Any], size: int) -> tuple[WeightedGaussian, ...]:
     """Returns the part of a mixture in the task space, without what was fitted beside tasks."""
     weights = vector(fit[0], "weights")
-    means, covariances = (np.asarray(part) if _plain(part) else np.zeros(0) for part in fit[1:])
+    means, covariances = (np.asarray(part) if _plain(part, size) else np.zeros(0) for part in fit[1:])
     width = means.shape[-1] if means.ndim == 2 else 0
     if width < size or means.shape[0] != len(weights) or covariances.shape != (len(weights), width, width):
         raise ValueError("weights, means and covariances of a mixture do not fit together")
@@ -77,12 +77,13 @@ def _gaussians(fit: Sequence[Any], size: int) -> tuple[WeightedGaussian, ...]:
     )
 
 
-def _plain(value: Any) -> bool:
-    """Tells whether something is an array, or a list of arrays of one shape."""
+def _plain(value: Any, size: int) -> bool:
+    """Tells whether something is an array, or a list of arrays of one shape, a little over `size` long."""
     if isinstance(value, np.ndarray):
         return True
     arrays = isinstance(value, list | tuple) and all(isinstance(each, np.ndarray) for each in value)
-    return arrays and len({each.shape for each in value}) == 1
+    shapes = {each.shape for each in value} if arrays else set()
+    return len(shapes) == 1 and max(max(shapes), default=0) <= 2 * size + 2
 
 
 def _regions(books: Mapping[str, Any], size: int) -> tuple[str, Iterator[Update]]:
@@ -167,6 +168,8 @@ def _parallel(books: Mapping[str, Any], names: tuple[str, ...], moments: str) ->
     for name in (*names, moments):
         if not isinstance(books.get(name), list | tuple | np.ndarray):
             raise ValueError(f"{name} is not there, or no list")
+        if not in_proportion(books[name]):
+            raise ValueError(f"{name} has more entries than a training leads to")
     lengths = {name: len(books[name]) for name in (*names, moments)}
     if len(set(lengths.values())) > 1:
         told = ", ".join(f"{name} {count:,}" for name, count in lengths.items())

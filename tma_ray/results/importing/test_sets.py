@@ -11,12 +11,14 @@ from typing import Any, Final
 
 import numpy as np
 
-from tma_ray.results.importing.books import DIMENSIONS, Floats, matrix
+from tma_ray.results.importing.books import DIMENSIONS, Floats, entries, matrix
 from tma_ray.results.importing.errors import DamagedSeedError, ImportRefusedError
 from tma_ray.results.importing.unpickling import LARGEST_MEBIBYTES, load_pickle
 from tma_ray.tasks import TestSet
 
 ENDINGS: Final = (".csv", ".npy", ".pkl", ".pickle")
+WIDEST: Final = 100
+"""Numbers over which a row is no task of any environment."""
 
 
 @dataclass(frozen=True)
@@ -128,7 +130,8 @@ def _of_pickle(path: Path) -> tuple[tuple[str, ...], Floats | None]:
 
 def _table(value: Any) -> Floats | None:
     first = value[0] if isinstance(value, list | tuple | np.ndarray) and len(value) else None
-    return matrix(value, len(first)) if isinstance(first, list | tuple | np.ndarray) and len(first) else None
+    width = entries(first)
+    return matrix(value, width) if 0 < width <= WIDEST else None
 
 
 _READERS: Final[dict[str, Callable[[Path], tuple[tuple[str, ...], Floats | None]]]] = {
