@@ -17,7 +17,7 @@ from analysis.resampling import (
     probability_of_improvement,
 )
 
-ACROSS = ["expert_knowledge", "steps", "physics_version", "mastery_threshold"]
+ACROSS = ["expert_knowledge", "steps", "engine", "physics_version", "mastery_threshold"]
 """Columns that runs of several challenges must have in common to be aggregated."""
 
 CHALLENGES = ["environment", "challenge", "pool", "test_sets", *PARTS]

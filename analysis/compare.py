@@ -21,6 +21,7 @@ from analysis.statistics import SIGNIFICANCE, holm
 from analysis.student_pools import result_runs
 from analysis.style import label
 from tma_ray.benchmark import MATRICES, TEACHERS
+from tma_ray.results import CHIPMUNK
 
 MEASURE = "mastered_percent"
 
@@ -31,6 +32,7 @@ CONDITIONS = {
     "steps": "training steps",
     "pool": "bodies or students",
     "test_sets": "test tasks",
+    "engine": "engine",
     "physics_version": "physics version",
     "mastery_threshold": "threshold of mastery",
 }
@@ -62,10 +64,18 @@ class Side:
 def side_of(frames: Frames, name: str) -> Side:
     """Returns the results of a root or a release at the end of its runs."""
     runs = result_runs(frames, run_measures(frames))
-    versions = sorted(runs["physics_version"].dropna().unique())
-    physics = ", ".join(f"{version:g}" for version in versions)
     curves = result_runs(frames, evaluations_at(frames, sorted(frames.evaluations["step"].unique())))
-    return Side(name, f"Chipmunk, physics version {physics}", pooled(runs, [MEASURE]), runs, curves)
+    return Side(name, _engine_of(runs), pooled(runs, [MEASURE]), runs, curves)
+
+
+def _engine_of(runs: pd.DataFrame) -> str:
+    """Returns what simulated the worlds of `runs`, and which version of our physics it was."""
+    found = []
+    for engine in sorted(map(str, runs["engine"].unique())):
+        rows = runs[runs["engine"] == engine]
+        versions = ", ".join(f"{version:g}" for version in sorted(rows["physics_version"].dropna().unique()))
+        found.append(f"{engine}, physics version {versions}" if engine == CHIPMUNK else engine)
+    return "; ".join(found)
 
 
 def baseline_side(place: str) -> Side:

@@ -12,16 +12,18 @@ from typing import Any
 
 import pandas as pd
 
-from tma_ray.results import Results, Table
+from tma_ray.results import CHIPMUNK, Results, Table
 from tma_ray.tasks import MASTERY_RETURN
 
-COMPARISON = ["experiment", "environment", "challenge", "embodiment", "student", "expert_knowledge"]
+COMPARISON = [
+    *("engine", "experiment", "environment", "challenge", "embodiment", "student", "expert_knowledge")
+]
 """Columns that teachers must have in common to be compared."""
 
 GROUP = [*COMPARISON, "teacher"]
 """Columns that seeds must have in common to be averaged."""
 
-SETTINGS = ["mastery_threshold", "plugins", "settings"]
+SETTINGS = ["engine", "mastery_threshold", "plugins", "settings"]
 """Columns of cells that come from the spec; settings is a short hash of all of it but the seed."""
 
 SEED = re.compile(r'"seed": \d+, "student":')
@@ -37,8 +39,8 @@ class Frames:
 
     Attributes:
         cells: one row per cell and run: `GROUP`, campaign, seed, run_id, status, error, spec, steps,
-            test_set, physics_version, and of the spec `SETTINGS`: mastery_threshold, plugins (JSON) and
-            settings.
+            test_set, physics_version, and of the spec `SETTINGS`: engine (what simulated the worlds),
+            mastery_threshold, plugins (JSON) and settings.
         attempts: as stored.
         evaluations: run_id, step, test_set, task_index, episodic_return, and mastered: whether that
             is over the threshold of its run.
@@ -124,7 +126,7 @@ def _frame(
 
 
 def _with_settings(runs: pd.DataFrame) -> pd.DataFrame:
-    """Adds what comparisons need of each run's spec: mastery_threshold, plugins and settings.
+    """Adds what comparisons need of each run's spec: engine, mastery_threshold, plugins and settings.
 
     A spec is long, and there are thousands: those that differ in their seed alone are parsed once.
     """
@@ -150,6 +152,7 @@ def _without_seed(spec: str) -> str:
 def _settings(text: str) -> dict[str, Any]:
     spec = parsed(text)
     return {
+        "engine": str(spec.get("engine", CHIPMUNK)),
         "mastery_threshold": float(spec.get("mastery_threshold", MASTERY_RETURN)),
         "plugins": json.dumps(spec.get("plugins", {}), sort_keys=True),
         "settings": hashlib.sha256(text.encode()).hexdigest()[:12],
@@ -164,6 +167,7 @@ def _join(cells: pd.DataFrame, runs: pd.DataFrame) -> pd.DataFrame:
     names = ("run_id", "status", "error", "spec", "steps", "test_set", "physics_version")
     state = runs[[*names, *SETTINGS]]
     joined = cells.merge(state, on="run_id", how="left")
+    joined["engine"] = joined["engine"].fillna(CHIPMUNK)  # only campaigns of ours have runs that wait
     joined["status"] = joined["status"].fillna("waiting")
     joined["error"] = joined["error"].fillna("")
     # Two campaigns on one root may list the same cell: its runs count once.
@@ -190,7 +194,11 @@ def _warnings(cells: pd.DataFrame, evaluations: pd.DataFrame) -> list[str]:
         found.append("This root holds no runs yet.")
     elif evaluations.empty:
         found.append("No evaluation has finished yet, so there is nothing to compare.")
-    versions = sorted(cells["physics_version"].dropna().unique())
+    engines = sorted(cells["engine"].unique())
+    if len(engines) > 1:
+        found.append(f"Runs of different engines ({', '.join(engines)}) are here; they are never compared.")
+    own = cells[cells["engine"] == CHIPMUNK]
+    versions = sorted(own["physics_version"].dropna().unique())
     if len(versions) > 1:
         listed = ", ".join(
             f"{version:g}" if isinstance(version, float) else str(version) for version in versions

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import itertools
 from collections import Counter
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 
 import pandas as pd
 
@@ -12,9 +12,10 @@ from analysis.frames import STATUSES
 from analysis.measures import is_baseline
 from analysis.statistics import describe
 from tma_ray.benchmark import MATRICES, Matrix, challenges_of
+from tma_ray.results import BOX2D, BOX2D_TEST_SET, CHIPMUNK
 from tma_ray.tasks import KnowledgeLevel
 
-SETTINGS = ["steps", "test_sets", "physics_version", "mastery_threshold"]
+SETTINGS = ["steps", "test_sets", "engine", "physics_version", "mastery_threshold"]
 """What runs must have in common besides, for their numbers to mean the same."""
 
 COMPARED = ["environment", "challenge", "pool", "expert_knowledge", *SETTINGS]
@@ -57,7 +58,7 @@ def pool_runs(
         settings=cells["settings"].fillna(""),
     )
     for column in SETTINGS:
-        known = rows.groupby(["environment", "challenge", "pool"])[column]
+        known = rows.groupby(["engine", "environment", "challenge", "pool"])[column]
         agreed = known.transform("first").where(known.transform("nunique") == 1)
         rows[column] = rows[column].fillna(agreed)
     # Experiments may list the same cell: its runs count once.
@@ -126,6 +127,18 @@ def parts_of(pool: str) -> list[tuple[str, str]]:
     return [(body, student) for body, _, student in (part.rpartition("/") for part in pool.split(PLUS))]
 
 
+def shipped_together(environments: Iterable[str]) -> dict[tuple[str, str, str], tuple[str, ...]]:
+    """Returns by engine, environment and challenge the test sets that count as one, one per type of body."""
+    return {
+        (engine, environment, name): tuple(
+            sorted(f"{before}{each}" for each in {challenge.test_set, *challenge.other_test_sets.values()})
+        )
+        for engine, before in ((CHIPMUNK, ""), (BOX2D, BOX2D_TEST_SET))
+        for environment in environments
+        for name, challenge in challenges_of(environment).items()
+    }
+
+
 def _label(embodiment: object, student: object) -> str:
     return f"{embodiment}/{student}"
 
@@ -149,20 +162,17 @@ def _pools(cells: pd.DataFrame, matrices: Sequence[Matrix]) -> list[str]:
 
 
 def _test_sets(cells: pd.DataFrame) -> pd.Series:
-    """Returns for each cell its test set, or all shipped ones of its challenge if that is one of them."""
-    place = ["environment", "challenge", "embodiment"]
+    """Returns for each cell its test set, or all shipped ones of its challenge if that is one of them.
+
+    Those of Box2D's worlds have names of their own, and belong together as ours do.
+    """
+    place = ["engine", "environment", "challenge", "embodiment"]
     alone = cells.groupby(place)["test_set"].transform("nunique") == 1
-    shipped = {
-        (environment, name): {challenge.test_set, *challenge.other_test_sets.values()}
-        for environment in cells["environment"].unique()
-        for name, challenge in challenges_of(environment).items()
-    }
-    names = zip(cells["environment"], cells["challenge"], cells["test_set"], alone, strict=True)
+    shipped = shipped_together(cells["environment"].unique())
+    places = cells[place[:-1]].itertuples(index=False, name=None)
     together = [
-        PLUS.join(sorted(shipped[environment, challenge]))
-        if single and test_set in shipped.get((environment, challenge), ())
-        else test_set
-        for environment, challenge, test_set, single in names
+        PLUS.join(shipped[where]) if single and test_set in shipped.get(where, ()) else test_set
+        for where, test_set, single in zip(places, cells["test_set"], alone, strict=True)
     ]
     return pd.Series(together, index=cells.index, dtype=object)
 

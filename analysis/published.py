@@ -7,12 +7,12 @@ from dataclasses import asdict
 import pandas as pd
 
 from tma_ray.benchmark import paper_results
-from tma_ray.results import Store, read_published
+from tma_ray.results import BOX2D, Store, read_published
 
 PAPER = "paper-2021"
 """Name of the tables of the paper among the baselines."""
 
-PAPER_ENGINE = "Box2D"
+PAPER_ENGINE = BOX2D
 """What simulated the paper's worlds; ours are Chipmunk's."""
 
 PAPER_STEPS = 20_000_000

@@ -10,11 +10,12 @@ import pandas as pd
 
 from analysis.formatting import amount
 from analysis.frames import Frames
-from analysis.pooling import PLUS, lend_baseline, parts_of, pool_runs, pooled
+from analysis.pooling import PLUS, lend_baseline, parts_of, pool_runs, pooled, shipped_together
 from analysis.published import paper_frame
 from analysis.run_measures import run_measures
 from analysis.student_pools import by_students, without_searches
-from tma_ray.benchmark import MATRICES, Matrix, challenges_of
+from tma_ray.benchmark import MATRICES, Matrix
+from tma_ray.results import CHIPMUNK
 from tma_ray.tasks import MASTERY_RETURN
 
 RESULTS = [
@@ -24,7 +25,7 @@ RESULTS = [
 """Columns of results: embodiments and students are sorted tuples of those pooled, mean and std are of
 mastered tasks in per cent, digits the decimals that count, missing and doubt as in `table.Cell`."""
 
-APART = ["steps", "physics_version", "mastery_threshold", "test_set"]
+APART = ["steps", "engine", "physics_version", "mastery_threshold", "test_set"]
 """Columns of pooled results whose values never share a table; test_set is empty for the shipped ones."""
 
 
@@ -113,28 +114,29 @@ def _tuples(sets: Sequence[set[str]], index: pd.Index[Any]) -> pd.Series:
 
 def _apart(frame: pd.DataFrame, step: int | None) -> Iterator[tuple[str, pd.DataFrame]]:
     """Yields groups of results with the same settings, and what to say of each."""
-    shipped = {
-        (environment, challenge): PLUS.join(sorted({known.test_set, *known.other_test_sets.values()}))
-        for environment in frame["environment"].unique()
-        for challenge, known in challenges_of(environment).items()
-    }
-    sets = zip(frame["environment"], frame["challenge"], frame["test_sets"], strict=True)
-    own = ["" if each == shipped.get((place, name)) or pd.isna(each) else each for place, name, each in sets]
+    shipped = shipped_together(frame["environment"].unique())
+    places = frame[["engine", "environment", "challenge"]].itertuples(index=False, name=None)
+    own = [
+        "" if pd.isna(each) or each == PLUS.join(shipped.get(place, ())) else each
+        for place, each in zip(places, frame["test_sets"], strict=True)
+    ]
     frame = frame.assign(test_set=own)
-    for column in APART[:3]:
+    for column in APART[:-1]:
         known = frame[column].dropna().unique()
         frame[column] = frame[column].fillna(known[0]) if len(known) == 1 else frame[column]
     groups = list(frame.groupby(APART, dropna=False, sort=True))
     key: Any
     for key, rows in sorted(groups, key=lambda group: -len(group[1])):
-        yield _remark(step, *key), rows
+        yield _remark(step, key), rows
 
 
-def _remark(step: int | None, budget: Any, physics: Any, threshold: Any, test_set: str) -> str:
+def _remark(step: int | None, key: tuple[Any, ...]) -> str:
+    budget, engine, physics, threshold, test_set = key
     steps = budget if step is None else step
     if pd.isna(budget):
         return "Nothing has begun."
-    text = f"After {amount(steps)} steps, physics version {physics:g}"
+    worlds = f"physics version {physics:g}" if engine == CHIPMUNK else f"worlds of {engine}"
+    text = f"After {amount(steps)} steps, {worlds}"
     if threshold != MASTERY_RETURN:
         text += f", tasks mastered over a return of {threshold:g}"
     return f"{text}, test set {test_set}." if test_set else f"{text}."

@@ -11,6 +11,8 @@ from pathlib import Path
 from typing import Final
 from uuid import uuid4
 
+import pandas as pd
+
 from analysis.baselines.card import CARD_FILE, card, holdings
 from analysis.baselines.manifest import (
     BASELINE_FILE,
@@ -25,10 +27,7 @@ from analysis.frames import STATUSES, Frames, load
 from analysis.table import Table
 from analysis.table_results import table_results
 from analysis.tables import result_tables
-from tma_ray.results import SCHEMA_VERSION, Store, copy_merged, holder_of
-
-ENGINE: Final = "Chipmunk"
-"""What simulates the worlds of tma_ray."""
+from tma_ray.results import CHIPMUNK, SCHEMA_VERSION, Store, copy_merged, holder_of
 
 HELD: Final = {
     "campaigns": "campaign",
@@ -144,14 +143,16 @@ def _manifest(
         )
     if counts["policies"] < counts["runs"]:
         caveats.append(f"{counts['runs'] - counts['policies']} of {counts['runs']} runs have no policy here.")
-    caveats.append(f"Worlds of other engines than {ENGINE} give other numbers: compare ranks, pool nothing.")
-    caveats.append("The table of attempts names the machines that the runs were made on.")
+    engines = " and ".join(sorted(cells["engine"].unique()))
+    caveats.append(f"Worlds of other engines than {engines} give other numbers: compare ranks, pool nothing.")
+    if len(frames.attempts):
+        caveats.append("The table of attempts names the machines that the runs were made on.")
     return BaselineManifest(
         name=name,
         kind=BaselineKind.RUNS,
         schema_version=SCHEMA_VERSION,
-        engine=ENGINE,
-        physics_versions=tuple(sorted({int(value) for value in cells["physics_version"].dropna()})),
+        engine=engines,
+        physics_versions=_physics_versions(cells),
         licence=licence,
         created=datetime.now(UTC).isoformat(timespec="seconds"),
         software=f"tma_ray {version('tma_ray')}",
@@ -161,15 +162,26 @@ def _manifest(
     )
 
 
+def _physics_versions(cells: pd.DataFrame) -> tuple[int, ...]:
+    """Returns the versions of our physics among runs; none for those of other engines."""
+    own = cells.loc[cells["engine"] == CHIPMUNK, "physics_version"].dropna()
+    return tuple(sorted({int(value) for value in own}))
+
+
 def _made(frames: Frames) -> str:
     """Returns how the runs were made, in words."""
-    versions = ", ".join(f"{value:g}" for value in sorted(frames.cells["physics_version"].dropna().unique()))
-    text = f"By campaigns of tma_ray with its {ENGINE} worlds, physics version {versions or 'unknown'}."
+    others = sorted(set(frames.cells["engine"]) - {CHIPMUNK})
+    text = f"Imported from results that others made in worlds of {', '.join(others)}." if others else ""
+    if (frames.cells["engine"] == CHIPMUNK).any():
+        versions = ", ".join(map(str, _physics_versions(frames.cells)))
+        text += (
+            f" By campaigns of tma_ray with its {CHIPMUNK} worlds, physics version {versions or 'unknown'}."
+        )
     attempts = frames.attempts
     if len(attempts):
         machines, total = attempts["host"].nunique(), duration(float(attempts["wall_seconds"].sum()))
         text += f" Attempts: {len(attempts):,}, on machines: {machines}, for {total} together."
-    return text + " Every run has its whole specification in the column `spec` of the table `runs`."
+    return text.strip() + " Every run has its whole specification in the column `spec` of the table `runs`."
 
 
 def _tables(frames: Frames) -> list[Table]:

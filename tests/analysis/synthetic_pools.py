@@ -30,6 +30,7 @@ def cell(teacher: str, seed: int, value: float, **changes: Any) -> dict[str, Any
         "error": "",
         "steps": 1000.0,
         "test_set": "stump_tracks",
+        "engine": "Chipmunk",
         "physics_version": 1.0,
         "mastery_threshold": 230.0,
         "mastered_percent": value,

@@ -9,7 +9,7 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 
 from tma_ray import __version__
-from tma_ray.cli import looking, naming, policies, publishing, running
+from tma_ray.cli import importing, looking, naming, policies, publishing, running
 
 REFUSED = 2
 
@@ -33,7 +33,7 @@ def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(prog="tma-ray", description="Compare curriculum learning teachers.")
     parser.add_argument("--version", action="version", version=f"tma_ray {__version__}")
     commands = parser.add_subparsers(required=True, metavar="COMMAND")
-    for group in (running, looking, policies, publishing, naming):
+    for group in (running, looking, policies, publishing, importing, naming):
         group.add_commands(commands)
     return parser
 

@@ -2,6 +2,7 @@
 
 from tma_ray.results.committer import Committer, StaleAttemptError, accepted_manifest
 from tma_ray.results.compaction import Compaction, compact, copy_merged
+from tma_ray.results.engines import BOX2D, BOX2D_TEST_SET, CHIPMUNK
 from tma_ray.results.heartbeat import Heartbeat, Pulse, RunPace
 from tma_ray.results.layout import (
     CHECKPOINTS,
@@ -30,7 +31,10 @@ from tma_ray.results.store import Store
 from tma_ray.results.writer import RunWriter
 
 __all__ = [
+    "BOX2D",
+    "BOX2D_TEST_SET",
     "CHECKPOINTS",
+    "CHIPMUNK",
     "DATA_TABLES",
     "DISK_FULL",
     "LOGS",

@@ -31,7 +31,7 @@ class RunRecord:
         test_set: name of the test set of its evaluations.
         steps: budget, environment steps.
         seed: seed of the run.
-        physics_version: version of the physics.
+        physics_version: version of the physics; 0 if the worlds were those of another engine.
     """
 
     run_id: str

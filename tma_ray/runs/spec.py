@@ -175,7 +175,15 @@ class RunSpec:
 
     @classmethod
     def from_dict(cls, content: Mapping[str, Any]) -> Self:
-        """Returns the spec that `to_dict` was called on."""
+        """Returns the spec that `to_dict` was called on.
+
+        Raises:
+            ValueError: it is that of an imported run, which another engine simulated.
+        """
+        if "engine" in content:
+            raise ValueError(
+                f"this run was imported: {content['engine']} simulated its worlds, and it cannot be run here"
+            )
         tests = content["test_set"]
         return cls(
             **{

@@ -1,0 +1,96 @@
+"""Commands that import what the original release published, from the user's own copy."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+NOT_WHOLE = 1
+
+
+def add_commands(commands: Any) -> None:
+    """Adds them to the subparsers `commands`."""
+    parser = commands.add_parser("import", help="results, test sets or weights of the original release")
+    what = parser.add_subparsers(required=True, metavar="WHAT")
+    _add_results(what.add_parser("results", help="its per-seed files as a results root, marked as Box2D's"))
+    _add_test_sets(what.add_parser("test-sets", help="its test sets as CSV files, for --test-set"))
+    _add_weights(what.add_parser("weights", help="its CPPN's weights as a .npz file, for Parkour"))
+
+
+def _add_results(parser: argparse.ArgumentParser) -> None:
+    from tma_ray.campaign.options import whole_number
+
+    parser.add_argument("source", type=Path, metavar="SOURCE", help="folder with any number of experiments")
+    parser.add_argument("-o", "--output", required=True, metavar="ROOT", help="empty folder or address")
+    parser.add_argument(
+        "--largest-pickle", type=whole_number, metavar="MIB", help="refuse larger ones (default: 512 MiB)"
+    )
+    parser.set_defaults(command=_results)
+
+
+def _add_test_sets(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("source", type=Path, metavar="SOURCE", help="folder or file: .csv, .npy or .pkl")
+    parser.add_argument("-o", "--output", type=Path, required=True, metavar="FOLDER")
+    parser.add_argument("--by-position", action="store_true", help="whatever the header calls the columns")
+    parser.set_defaults(command=_test_sets)
+
+
+def _add_weights(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("source", type=Path, metavar="SOURCE", help="a .npz file or a pickle of arrays")
+    parser.add_argument("-o", "--output", type=Path, required=True, metavar="FILE.npz")
+    parser.set_defaults(command=_weights)
+
+
+def _results(options: argparse.Namespace) -> int:
+    from rich.console import Console
+    from rich.progress import track
+
+    from tma_ray.results.importing import LARGEST_MEBIBYTES, import_results
+
+    bar = Console(stderr=True)
+    largest = options.largest_pickle or LARGEST_MEBIBYTES
+    done = import_results(
+        options.source, options.output, largest, lambda seeds: track(seeds, "importing", console=bar)
+    )
+    _list("passed by, as their names ask for", dict.fromkeys(done.ignored, ""))
+    _list("the same files as another seed, and so the same run", done.copies)
+    _list("imported in part", {name: "; ".join(notes) for name, notes in done.notes.items()})
+    _list("imported as unfinished", done.unfinished)
+    _list("left out", done.left_out)
+    print(
+        f"{options.output}: {done.finished:,} runs of Box2D, {len(done.unfinished):,} unfinished, "
+        f"{len(done.left_out):,} seeds left out"
+    )
+    return NOT_WHOLE if done.left_out or done.unfinished or done.notes else 0
+
+
+def _test_sets(options: argparse.Namespace) -> int:
+    from tma_ray.envs import ENVIRONMENTS
+    from tma_ray.results.importing.test_sets import read_test_sets, write_test_sets
+
+    found, left_out = read_test_sets(options.source, by_position=options.by_position)
+    for each in found:
+        each.tests.check(ENVIRONMENTS.get(each.environment).valid_domain)  # type: ignore[attr-defined]
+    _list("left out", left_out)
+    for path, each in zip(write_test_sets(found, options.output), found, strict=True):
+        print(f"{path}: {len(each.tests)} tasks of {each.environment}")
+    return NOT_WHOLE if left_out else 0
+
+
+def _weights(options: argparse.Namespace) -> int:
+    from tma_ray.results.importing.weights import read_weights, write_weights
+
+    network, names = read_weights(options.source)
+    write_weights(network, options.output)
+    print(f"{options.output}: {', '.join(f'{ours} was {theirs}' for ours, theirs in names.items())}")
+    return 0
+
+
+def _list(title: str, reasons: Mapping[str, str]) -> None:
+    if reasons:
+        sys.stderr.write(f"tma-ray: {title}:\n")
+    for name, reason in reasons.items():
+        sys.stderr.write(f"  {name}{': ' if reason else ''}{reason}\n")
