@@ -48,6 +48,8 @@ def mean_interval(sample: Description) -> tuple[float, float]:
     """Returns the 95 % confidence interval of the mean, by Student's t; NaN under two values."""
     if sample.n < 2:
         return math.nan, math.nan
+    from scipy import stats  # as in `welch_from_statistics`
+
     margin = float(stats.t.ppf((1 + CONFIDENCE) / 2, sample.n - 1)) * sample.standard_error
     return sample.mean - margin, sample.mean + margin
 

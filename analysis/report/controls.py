@@ -12,6 +12,7 @@ from analysis.style import label, look, teacher_order
 from tma_ray.benchmark import find_challenge
 
 FILTERS = {
+    "engine": "Engine",
     "experiment": "Experiment",
     "environment": "Environment",
     "challenge": "Challenge",
@@ -101,6 +102,8 @@ def _name(column: str, value: str, environments: Sequence[str]) -> str:
                 return find_challenge(environment, value).title
             except ValueError:  # of another environment, or somebody else's
                 continue
+    if column == "engine":
+        return value
     if column == "student":
         return value.upper()
     words = value.replace("_", " ") if value else "none"

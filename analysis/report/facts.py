@@ -78,16 +78,16 @@ def machines(attempts: pd.DataFrame) -> list[dict[str, Any]]:
 
 def settings(cells: pd.DataFrame) -> list[dict[str, str]]:
     """Returns the settings that runs were made with, one entry for each that differs."""
-    columns = ["environment", "physics_version", "test_set", "mastery_threshold", "steps"]
+    columns = ["engine", "environment", "physics_version", "test_set", "mastery_threshold", "steps"]
     found = []
     for _, rows in cells.dropna(subset=["steps"]).groupby(columns, dropna=False, sort=True):
-        environment, physics, test_set, mastery, steps = rows.iloc[0][columns]
+        engine, environment, physics, test_set, mastery, steps = rows.iloc[0][columns]
         bodies = sorted({str(body) for body in rows["embodiment"] if body})
         found.append(
             {
                 "Environment": str(environment).replace("_", " "),
                 "Bodies": ", ".join(body.replace("_", " ") for body in bodies) or "\N{EN DASH}",
-                "Physics": f"version {physics}" if pd.notna(physics) else "\N{EN DASH}",
+                "Physics": f"{engine}, version {physics}" if physics else str(engine),
                 "Test set": str(test_set),
                 "Mastered over": number(mastery, 0 if mastery == round(mastery) else 2),
                 "Steps": amount(steps),

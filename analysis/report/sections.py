@@ -73,12 +73,12 @@ def sections(frames: Frames, measured: Measured) -> Iterator[Section]:
 
 def titled(measured: Measured) -> Iterator[tuple[str, str, Measured]]:
     """Yields the anchor, title and part of each comparison of the root, in a fixed order."""
-    several = measured.cells["experiment"].nunique() > 1
+    several = {name: measured.cells[name].nunique() > 1 for name in ("experiment", "engine")}
     for count, mine in enumerate(measured.comparisons(), start=1):
         yield f"comparison-{count}", _title(mine.cells.iloc[0], several), mine
 
 
-def _title(comparison: pd.Series, with_experiment: bool) -> str:
+def _title(comparison: pd.Series, several: dict[str, bool]) -> str:
     """Returns what a comparison is about."""
     try:
         challenge = find_challenge(comparison["environment"], comparison["challenge"]).title
@@ -91,6 +91,8 @@ def _title(comparison: pd.Series, with_experiment: bool) -> str:
         comparison["student"].upper(),
         f"expert knowledge {comparison['expert_knowledge']}",
     ]
-    if with_experiment and comparison["experiment"] != comparison["challenge"]:
+    if several["engine"]:
+        parts.append(comparison["engine"])
+    if several["experiment"] and comparison["experiment"] != comparison["challenge"]:
         parts.insert(0, comparison["experiment"])
     return ", ".join(part for part in parts if part)
