@@ -84,19 +84,20 @@ def knowledge_needs() -> str:
 
 def challenges(environment: str) -> str:
     """Returns the challenges of an environment: their task spaces and tests."""
-    head = ("name", "what", "task space", "test set", "the student forgets", "cuts")
+    known = challenges_of(environment)
+    head = ("name", "what", "task space, where it is not the original", "test sets", "the student forgets", "cuts")
     return markdown(
         head,
         [
             (
                 f"`{name}`",
                 each.title,
-                _bounds(each.task_space),
+                _bounds(each.task_space, known["original"].task_space),
                 ", ".join(f"`{test}`" for test in dict.fromkeys([each.test_set, *each.other_test_sets.values()])),
                 " and ".join(f"at {100 * share:g} %" for share in each.resets) or "–",
                 each.cuts or "–",
             )
-            for name, each in challenges_of(environment).items()
+            for name, each in known.items()
         ],
     )
 
@@ -211,8 +212,11 @@ def _range(low: float, high: float) -> str:
     return f"{low:g}" if low == high else f"{low:g} to {high:g}".replace("-", "−")
 
 
-def _bounds(space: TaskSpace) -> str:
-    return "; ".join(f"{one.name} {_range(one.low, one.high)}" for one in space.dimensions)
+def _bounds(space: TaskSpace, original: TaskSpace) -> str:
+    """Returns the bounds of the dimensions that are not as in the original space."""
+    pairs = zip(space.dimensions, original.dimensions, strict=True)
+    others = (f"{one.name} {_range(one.low, one.high)}" for one, first in pairs if one != first)
+    return "; ".join(others) or "–"
 
 
 def _steps(steps: int | None) -> str:
