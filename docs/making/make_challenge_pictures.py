@@ -1,4 +1,4 @@
-"""Draws what the pages on worlds and challenges show: worlds of Stump Tracks, and a picture of each challenge.
+"""Draws worlds of Stump Tracks, and a picture of each challenge.
 
 python docs/making/make_challenge_pictures.py --output docs/images
 """
@@ -85,7 +85,9 @@ def forgetting_student() -> Figure:
     resets = [share * million for share in find_challenge("stump_tracks", "forgetting_student").resets]
     figure, axis = plt.subplots(figsize=(6.4, 1.5), layout="constrained")
     for first, last in zip([0, *resets], [*resets, million], strict=True):
-        axis.add_patch(Rectangle((first, 0), last - first, 1, facecolor=SPACE, edgecolor="white", linewidth=3))
+        axis.add_patch(
+            Rectangle((first, 0), last - first, 1, facecolor=SPACE, edgecolor="white", linewidth=3)
+        )
         axis.text((first + last) / 2, 0.5, "learns", ha="center", va="center")
     for reset in resets:
         axis.annotate(

@@ -20,6 +20,9 @@ from tma_ray.students import PPOHyperparameters, SACHyperparameters
 from tma_ray.tasks import KnowledgeLevel, TaskSpace
 from tma_ray.teachers import TEACHERS
 
+NONE = "\N{EN DASH}"
+"""Of a cell with nothing to say."""
+
 ABOUT: Mapping[Table, str] = {
     Table.RUNS: "One run: what it is, and what has become of it.",
     Table.ATTEMPTS: "One attempt at a run: a process that took it up, where, and how that ended.",
@@ -85,7 +88,14 @@ def knowledge_needs() -> str:
 def challenges(environment: str) -> str:
     """Returns the challenges of an environment: their task spaces and tests."""
     known = challenges_of(environment)
-    head = ("name", "what", "task space, where it is not the original", "test sets", "the student forgets", "cuts")
+    head = (
+        "name",
+        "what",
+        "task space, where it is not the original",
+        "test sets",
+        "the student forgets",
+        "cuts",
+    )
     return markdown(
         head,
         [
@@ -93,9 +103,11 @@ def challenges(environment: str) -> str:
                 f"`{name}`",
                 each.title,
                 _bounds(each.task_space, known["original"].task_space),
-                ", ".join(f"`{test}`" for test in dict.fromkeys([each.test_set, *each.other_test_sets.values()])),
-                " and ".join(f"at {100 * share:g} %" for share in each.resets) or "–",
-                each.cuts or "–",
+                ", ".join(
+                    f"`{test}`" for test in dict.fromkeys([each.test_set, *each.other_test_sets.values()])
+                ),
+                " and ".join(f"at {100 * share:g} %" for share in each.resets) or NONE,
+                each.cuts or NONE,
             )
             for name, each in known.items()
         ],
@@ -111,7 +123,7 @@ def task_space(environment: str) -> str:
     return markdown(
         ("dimension", "task space", "valid domain", "unit"),
         [
-            (f"`{one.name}`", _range(one.low, one.high), _range(wide.low, wide.high), one.unit or "–")
+            (f"`{one.name}`", _range(one.low, one.high), _range(wide.low, wide.high), one.unit or NONE)
             for one, wide in zip(space.dimensions, domain.dimensions, strict=True)
         ],
     )
@@ -128,7 +140,7 @@ def embodiments() -> str:
                 body.body_type,
                 len(body.parts),
                 len(body.motors),
-                len(body.grip_sensors) or "–",
+                len(body.grip_sensors) or NONE,
                 f"{sum(piece.mass for piece in (*body.parts, *body.grip_sensors)):.1f} kg",
                 _steps(body.steps_survivable_under_water),
                 _steps(body.steps_survivable_outside_water),
@@ -156,7 +168,7 @@ def columns(table: Table) -> str:
         (
             f"`{field.name}`" + (" (may be absent)" if field.nullable else ""),
             f"`{_type(field.type)}`",
-            (field.metadata or {}).get(b"unit", b"").decode() or "–",
+            (field.metadata or {}).get(b"unit", b"").decode() or NONE,
         )
         for field in SCHEMAS[table]
     ]
@@ -205,18 +217,20 @@ def _value(value: Any) -> str:
 
 
 def _levels(name: str) -> list[str]:
-    return [level.value for level in KnowledgeLevel if level.rank >= TEACHERS.get(name).knowledge_levels[0].rank]
+    return [
+        level.value for level in KnowledgeLevel if level.rank >= TEACHERS.get(name).knowledge_levels[0].rank
+    ]
 
 
 def _range(low: float, high: float) -> str:
-    return f"{low:g}" if low == high else f"{low:g} to {high:g}".replace("-", "−")
+    return f"{low:g}" if low == high else f"{low:g} to {high:g}".replace("-", "\N{MINUS SIGN}")
 
 
 def _bounds(space: TaskSpace, original: TaskSpace) -> str:
     """Returns the bounds of the dimensions that are not as in the original space."""
     pairs = zip(space.dimensions, original.dimensions, strict=True)
     others = (f"{one.name} {_range(one.low, one.high)}" for one, first in pairs if one != first)
-    return "; ".join(others) or "–"
+    return "; ".join(others) or NONE
 
 
 def _steps(steps: int | None) -> str:

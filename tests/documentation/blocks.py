@@ -15,7 +15,11 @@ PAGES = tuple(
         [
             *(ROOT / name for name in ("README.md", "CONTRIBUTING.md", "CHANGELOG.md")),
             *(ROOT / "docs").rglob("*.md"),
-            *(path for folder in ("examples", "benchmarks", "notebooks") for path in (ROOT / folder).rglob("*.md")),
+            *(
+                path
+                for folder in ("examples", "benchmarks", "notebooks")
+                for path in (ROOT / folder).rglob("*.md")
+            ),
         ]
     )
 )

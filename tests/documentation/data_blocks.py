@@ -15,7 +15,9 @@ from tma_ray.students import STUDENTS
 from tma_ray.tasks import TestSet
 from tma_ray.teachers import TEACHERS
 
-REGISTRIES: dict[str, Registry] = {each.entry_point_group: each for each in (TEACHERS, STUDENTS, ENVIRONMENTS)}
+REGISTRIES: dict[str, Registry] = {
+    each.entry_point_group: each for each in (TEACHERS, STUDENTS, ENVIRONMENTS)
+}
 
 
 def check_toml(text: str, folder: Path) -> None:

@@ -45,7 +45,7 @@ CHANGES = (
     Change("README.md", "sac_alp_gmm-s0", "{run}", "likewise"),
     Change("examples/README.md", "report ../staircase", "report ../results", "its campaign is only planned"),
     Change("README.md", "mine:Teacher", "frontier_teacher:Frontier", "a teacher that there is"),
-    Change("docs/simulated_students.md", "--seeds 10 ", "--teachers random,riac ", "all teachers take minutes"),
+    Change("docs/simulated_students.md", "--seeds 10 ", "--teachers random,riac ", "all take minutes"),
     Change("*", "pytest test_frontier_teacher.py", "pytest -k hyperparameters test_frontier_teacher.py",
            "tests/test_examples.py has all of the kit pass"),
 )  # fmt: skip

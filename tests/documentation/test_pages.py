@@ -122,6 +122,6 @@ def test_what_is_declared_is_of_use() -> None:
     for change in CHANGES:
         assert any(change.found in text for page, text in code.items() if fnmatch(page, change.pages)), change
     for each in (*EXEMPTIONS, *ENDINGS):
-        assert any(
-            fnmatch(page, each.pages) and text.startswith(each.beginning) for page, text in starts
-        ), each
+        assert any(fnmatch(page, each.pages) and text.startswith(each.beginning) for page, text in starts), (
+            each
+        )
