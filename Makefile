@@ -6,7 +6,7 @@ INSTALLED := $(VENV)/.installed
 RESULTS ?= results
 
 .DEFAULT_GOAL := help
-.PHONY: help install quickstart test static check bench lock
+.PHONY: help install quickstart test static docs check bench lock
 
 help: ## show this list
 	@grep -hE '^[a-z]+:.*##' $(MAKEFILE_LIST) | sed 's/:.*##/:/' | column -t -s ':'
@@ -33,7 +33,10 @@ static: $(INSTALLED) ## format, lint, types, layers
 	$(BIN)/mypy
 	$(BIN)/lint-imports
 
-check: static test ## all that a change must pass
+docs: $(INSTALLED) ## build the documentation site into site/, strictly: a warning is an error
+	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict
+
+check: static docs test ## all that a change must pass
 
 bench: $(INSTALLED) ## measure speed, as ratios within one run
 	$(BIN)/python benchmarks/run_all.py

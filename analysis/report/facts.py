@@ -87,7 +87,7 @@ def settings(cells: pd.DataFrame) -> list[dict[str, str]]:
             {
                 "Environment": str(environment).replace("_", " "),
                 "Bodies": ", ".join(body.replace("_", " ") for body in bodies) or "\N{EN DASH}",
-                "Physics": f"{engine}, version {physics}" if physics else str(engine),
+                "Physics": f"{engine}, version {physics:g}" if physics > 0 else str(engine),
                 "Test set": str(test_set),
                 "Mastered over": number(mastery, 0 if mastery == round(mastery) else 2),
                 "Steps": amount(steps),

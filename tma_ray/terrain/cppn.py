@@ -34,7 +34,7 @@ BLOCK = 50
 takes longer, and so the same bits with any number of threads."""
 
 DEFAULT_WEIGHTS = Path(__file__).parent / "data" / "cppn.npz"
-"""Weights shipped with the package, found by docs/search_cppn_weights.py."""
+"""Weights shipped with the package, found by docs/making/search_cppn_weights.py."""
 
 Floats = NDArray[np.float32]
 

@@ -1,6 +1,6 @@
 """Draws the pictures of the README from a finished quickstart.
 
-python docs/make_pictures.py results --output docs/images
+python docs/making/make_pictures.py results --output docs/images
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
 """Searches weights of the CPPN whose terrains are as hard as the original release's.
 
-python docs/search_cppn_weights.py --seeds 1000 --output tma_ray/terrain/data/cppn.npz
+python docs/making/search_cppn_weights.py --seeds 1000 --output tma_ray/terrain/data/cppn.npz
 
 The release's weights are its own, so ours are drawn from the same distribution until the terrains of the
 paper's three boxes resemble the release's in clearance, slope and range. Hidden layers are drawn from a seed

@@ -1,6 +1,6 @@
 """Draws twelve worlds of Parkour, each with a body that it suits, and the README's moving picture.
 
-python docs/make_parkour.py --output docs/images
+python docs/making/make_parkour.py --output docs/images
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
 """Draws how bodies learn in Parkour, and films the best of them, from results of benchmarks/milieus.py.
 
-python docs/make_milieus.py build/milieus --output docs/images
+python docs/making/make_milieus.py build/milieus --output docs/images
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from matplotlib.axes import Axes
 from tma_ray.results import Results, Table
 from tma_ray.runs.rendering import Scenario, render
 
-sys.path.append(str(Path(__file__).parents[1] / "benchmarks"))
+sys.path.append(str(Path(__file__).parents[2] / "benchmarks"))
 from milieus import BODIES, random_return
 
 WANTED = 150.0

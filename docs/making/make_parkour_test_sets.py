@@ -1,6 +1,6 @@
 """Draws Parkour's three test sets: 100 tasks each that the body can master, a third easy, medium, and hard.
 
-python docs/make_parkour_test_sets.py --output tma_ray/benchmark/test_sets
+python docs/making/make_parkour_test_sets.py --output tma_ray/benchmark/test_sets
 
 As in the paper, 60 tasks are from the medium task space and 40 are not: 20 with theta outside it, 20 with
 another delta. Prints the shares of random tasks that are feasible, and where the thirds are cut.

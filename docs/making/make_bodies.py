@@ -1,6 +1,6 @@
 """Draws every body at its start, to one scale, as docs/images/bodies.png.
 
-python docs/make_bodies.py --output docs/images/bodies.png
+python docs/making/make_bodies.py --output docs/images/bodies.png
 """
 
 from __future__ import annotations

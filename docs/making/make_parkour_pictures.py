@@ -1,6 +1,6 @@
 """Draws Parkour's terrain: what the network's inputs do, examples of the test sets, and how hard these are.
 
-python docs/make_parkour_pictures.py --output docs/images
+python docs/making/make_parkour_pictures.py --output docs/images
 """
 
 from __future__ import annotations

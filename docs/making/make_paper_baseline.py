@@ -1,6 +1,6 @@
 """Makes the baseline paper-2021 of the package from the paper's tables (tma_ray/benchmark/paper_results.csv).
 
-python docs/make_paper_baseline.py --output analysis/baselines
+python docs/making/make_paper_baseline.py --output analysis/baselines
 
 Run it again whenever those tables or the schema change. A test compares the shipped Parquet file with them.
 """

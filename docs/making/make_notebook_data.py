@@ -2,7 +2,7 @@
 
 python experiments/stump_tracks_challenges.py --tier lite --teachers random,alp_gmm --expert-knowledge none \
     --results lite
-python docs/make_notebook_data.py lite --output notebooks/data
+python docs/making/make_notebook_data.py lite --output notebooks/data
 
 It takes the first seeds of every cell, and of the saved policies that of the run that masters most.
 """

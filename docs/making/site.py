@@ -1,0 +1,60 @@
+"""What mkdocs does besides: pages from outside of docs/, their links, and tables made from the code.
+
+A line ``<!-- generated: NAME -->`` of a page is replaced by what `tables.GENERATED` has for NAME.
+"""
+
+from __future__ import annotations
+
+import posixpath
+import re
+import sys
+from pathlib import Path
+from typing import Any
+
+from mkdocs.structure.files import File, Files
+
+ROOT = Path(__file__).parents[2]
+DOCS = "docs/"
+
+sys.path.insert(0, str(Path(__file__).parent))
+
+import tables  # noqa: E402 - beside this file, which mkdocs loads by its path
+
+PAGES = {
+    "CONTRIBUTING.md": "contributing.md",
+    "CHANGELOG.md": "changelog.md",
+    "benchmarks/README.md": "benchmarks.md",
+    "examples/README.md": "examples/index.md",
+}
+"""Pages of the site that lie elsewhere in the repository, and where the site has them."""
+
+FILES = ("cluster.yaml", "examples/*.py", "examples/*.toml")
+"""Files that pages link to, at the same place in the site."""
+
+LINK = re.compile(r"(?<=\]\()(?!\w+:|#)([^)\s#]+)(#[^)\s]*)?(?=\))")
+MARK = re.compile(r"^<!-- generated: (.+?) -->$", re.MULTILINE)
+
+
+def on_files(files: Files, *, config: Any) -> Files:
+    """Adds what lies outside of docs/."""
+    for source, place in PAGES.items():
+        files.append(File.generated(config, place, abs_src_path=str(ROOT / source)))
+    for pattern in FILES:
+        for path in sorted(ROOT.glob(pattern)):
+            name = path.relative_to(ROOT).as_posix()
+            files.append(File.generated(config, name, abs_src_path=str(path)))
+    return files
+
+
+def on_page_markdown(markdown: str, *, page: Any, **_: Any) -> str:
+    """Makes links between files of the repository links of the site, and writes the generated tables."""
+    place = page.file.src_uri
+    sources = {there: here for here, there in PAGES.items()}
+    folder = posixpath.dirname(sources.get(place, DOCS + place))
+
+    def linked(match: re.Match[str]) -> str:
+        target = posixpath.normpath(posixpath.join(folder, match[1]))
+        there = PAGES.get(target, target.removeprefix(DOCS))
+        return posixpath.relpath(there, posixpath.dirname(place) or ".") + (match[2] or "")
+
+    return LINK.sub(linked, MARK.sub(lambda mark: tables.GENERATED[mark[1]](), markdown))

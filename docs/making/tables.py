@@ -1,0 +1,265 @@
+"""Tables of the site that are made from the code when it is built, so that they cannot be out of date."""
+
+from __future__ import annotations
+
+import argparse
+import dataclasses
+import os
+import re
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from typing import Any
+
+import pyarrow as pa
+
+from tma_ray import cli
+from tma_ray.benchmark import CHALLENGES, KNOWLEDGE_NEEDS, challenges_of, load_test_set
+from tma_ray.embodiments import embodiment_names, load_embodiment
+from tma_ray.envs import ENVIRONMENTS, make_environment
+from tma_ray.results import SCHEMAS, Table
+from tma_ray.students import PPOHyperparameters, SACHyperparameters
+from tma_ray.tasks import KnowledgeLevel, TaskSpace
+from tma_ray.teachers import TEACHERS
+
+NONE = "\N{EN DASH}"
+"""Of a cell with nothing to say."""
+
+ABOUT: Mapping[Table, str] = {
+    Table.RUNS: "One run: what it is, and what has become of it.",
+    Table.ATTEMPTS: "One attempt at a run: a process that took it up, where, and how that ended.",
+    Table.CELLS: "One cell with one seed of a campaign, and the run that it comes down to.",
+    Table.EVALUATIONS: "One test task at one evaluation.",
+    Table.TRAINING: "One window of training; `step` is its end.",
+    Table.EPISODES: "One training episode; `step` is its end.",
+    Table.CURRICULUM: "One task that the teacher named when its curriculum was probed.",
+    Table.TEACHER_LOG: "One update of a teacher's task distribution, drawable for any teacher.",
+}
+
+
+def markdown(head: Sequence[str], rows: Iterable[Sequence[object]]) -> str:
+    """Returns a table."""
+    lines = [head, ["---"] * len(head), *rows]
+    return "\n".join(f"| {' | '.join(_cell(value) for value in line)} |" for line in lines)
+
+
+def meanings(kind: type) -> dict[str, str]:
+    """Returns what the docstring of a class says of each of its attributes, inherited ones included."""
+    found: dict[str, str] = {}
+    for each in reversed(kind.__mro__):
+        _, _, section = (each.__doc__ or "").partition("Attributes:\n")
+        for name, text in re.findall(r"^ {8}(\w+): (.*(?:\n {12,}.*)*)", section, re.MULTILINE):
+            found[name] = re.sub(r"\s+", " ", text)
+    return found
+
+
+def hyperparameters(kind: type) -> str:
+    """Returns name, default and meaning of each field that the constructor of a dataclass takes."""
+    says = meanings(kind)
+    return markdown(
+        ("hyper-parameter", "default", "meaning"),
+        [
+            (f"`{field.name}`", _value(field.default), says[field.name])
+            for field in dataclasses.fields(kind)
+            if field.init
+        ],
+    )
+
+
+def teacher(name: str) -> str:
+    """Returns the levels of expert knowledge that a teacher tells apart, and its hyper-parameters."""
+    kind = TEACHERS.get(name)
+    needed, levels = kind.knowledge_levels[0], ", ".join(kind.knowledge_levels)
+    line = f"`{name}`, needs at least: {needed}; tells apart: {levels}."
+    has_any = any(field.init for field in dataclasses.fields(kind))
+    return f"{line}\n\n{hyperparameters(kind)}" if has_any else f"{line} It has no hyper-parameters."
+
+
+def knowledge_needs() -> str:
+    """Returns what each teacher makes of each piece of expert knowledge."""
+    head = ("teacher", "initial distribution", "target distribution", "range of returns", "runs at level")
+    return markdown(
+        head,
+        [
+            (f"`{name}`", *dataclasses.astuple(needs), ", ".join(_levels(name)))
+            for name, needs in KNOWLEDGE_NEEDS.items()
+        ],
+    )
+
+
+def challenges(environment: str) -> str:
+    """Returns the challenges of an environment: their task spaces and tests."""
+    known = challenges_of(environment)
+    head = (
+        "name",
+        "what",
+        "task space, where it is not the original",
+        "test sets",
+        "the student forgets",
+        "cuts",
+    )
+    return markdown(
+        head,
+        [
+            (
+                f"`{name}`",
+                each.title,
+                _bounds(each.task_space, known["original"].task_space),
+                ", ".join(
+                    f"`{test}`" for test in dict.fromkeys([each.test_set, *each.other_test_sets.values()])
+                ),
+                " and ".join(f"at {100 * share:g} %" for share in each.resets) or NONE,
+                each.cuts or NONE,
+            )
+            for name, each in known.items()
+        ],
+    )
+
+
+def task_space(environment: str) -> str:
+    """Returns the dimensions of an environment's tasks: what teachers choose from, and what can be built."""
+    made = make_environment(environment)
+    space: TaskSpace = challenges_of(environment)["original"].task_space
+    domain = made.get_wrapper_attr("valid_domain")
+    made.close()
+    return markdown(
+        ("dimension", "task space", "valid domain", "unit"),
+        [
+            (f"`{one.name}`", _range(one.low, one.high), _range(wide.low, wide.high), one.unit or NONE)
+            for one, wide in zip(space.dimensions, domain.dimensions, strict=True)
+        ],
+    )
+
+
+def embodiments() -> str:
+    """Returns the bodies that ship."""
+    bodies = sorted(map(load_embodiment, embodiment_names()), key=lambda body: body.body_type)
+    return markdown(
+        ("name", "kind", "parts", "motors", "grips", "mass", "survives under water", "survives outside"),
+        [
+            (
+                f"`{body.name}`",
+                body.body_type,
+                len(body.parts),
+                len(body.motors),
+                len(body.grip_sensors) or NONE,
+                f"{sum(piece.mass for piece in (*body.parts, *body.grip_sensors)):.1f} kg",
+                _steps(body.steps_survivable_under_water),
+                _steps(body.steps_survivable_outside_water),
+            )
+            for body in bodies
+        ],
+    )
+
+
+def test_sets() -> str:
+    """Returns the test sets that ship with the package, and whose they are."""
+    users: dict[str, list[str]] = {}
+    for each in CHALLENGES:
+        for name in dict.fromkeys([each.test_set, *each.other_test_sets.values()]):
+            users.setdefault(name, []).append(f"{each.name} ({each.environment})")
+    return markdown(
+        ("test set", "tasks", "challenges"),
+        [(f"`{name}`", len(load_test_set(name).tasks), ", ".join(of)) for name, of in sorted(users.items())],
+    )
+
+
+def columns(table: Table) -> str:
+    """Returns what a row of a table is, and its columns."""
+    rows = [
+        (
+            f"`{field.name}`" + (" (may be absent)" if field.nullable else ""),
+            f"`{_type(field.type)}`",
+            (field.metadata or {}).get(b"unit", b"").decode() or NONE,
+        )
+        for field in SCHEMAS[table]
+    ]
+    return f"{ABOUT[table]}\n\n{markdown(('column', 'type', 'unit'), rows)}"
+
+
+def all_columns() -> str:
+    """Returns `columns` of every table under a heading of its own."""
+    return "\n\n".join(f"### {table}\n\n{columns(table)}" for table in Table)
+
+
+def commands() -> str:
+    """Returns the help of every command, as `--help` prints it."""
+    return "\n\n".join(f"## {name}\n\n```text\n{text}```" for name, text in helps())
+
+
+def helps() -> Iterator[tuple[str, str]]:
+    """Yields every command with its help, 80 characters wide."""
+    before = os.environ.get("COLUMNS")
+    os.environ["COLUMNS"] = "82"  # argparse leaves two free
+    try:
+        for parser in _parsers(cli._parser()):
+            yield parser.prog, parser.format_help()
+    finally:
+        os.environ.pop("COLUMNS") if before is None else os.environ.update(COLUMNS=before)
+
+
+def _parsers(parser: argparse.ArgumentParser) -> Iterator[argparse.ArgumentParser]:
+    yield parser
+    for action in parser._actions:
+        if isinstance(action, argparse._SubParsersAction):
+            for below in action.choices.values():
+                yield from _parsers(below)
+
+
+def _cell(value: object) -> str:
+    return str(value).replace("|", "\\|")
+
+
+def _value(value: Any) -> str:
+    if isinstance(value, str):
+        return f'"{value}"'
+    if isinstance(value, bool) or value is None:
+        return str(value)
+    return f"{value:,}" if isinstance(value, int) else str(value)
+
+
+def _levels(name: str) -> list[str]:
+    return [
+        level.value for level in KnowledgeLevel if level.rank >= TEACHERS.get(name).knowledge_levels[0].rank
+    ]
+
+
+def _range(low: float, high: float) -> str:
+    return f"{low:g}" if low == high else f"{low:g} to {high:g}".replace("-", "\N{MINUS SIGN}")
+
+
+def _bounds(space: TaskSpace, original: TaskSpace) -> str:
+    """Returns the bounds of the dimensions that are not as in the original space."""
+    pairs = zip(space.dimensions, original.dimensions, strict=True)
+    others = (f"{one.name} {_range(one.low, one.high)}" for one, first in pairs if one != first)
+    return "; ".join(others) or NONE
+
+
+def _steps(steps: int | None) -> str:
+    return "always" if steps is None else f"{steps} steps"
+
+
+def _type(kind: pa.DataType) -> str:
+    """Returns a short name of a type: how it is read, not how it is packed."""
+    if pa.types.is_dictionary(kind):
+        return str(kind.value_type)
+    if pa.types.is_list(kind):
+        return f"list of {_type(kind.value_type)}"
+    if pa.types.is_struct(kind):
+        return "{" + ", ".join(f"{field.name}: {_type(field.type)}" for field in kind) + "}"
+    if pa.types.is_map(kind):
+        return f"map of {_type(kind.key_type)} to {_type(kind.item_type)}"
+    return str(kind)
+
+
+GENERATED: dict[str, Callable[[], str]] = {
+    **{f"teacher {name}": lambda name=name: teacher(name) for name in TEACHERS.names()},
+    "student ppo": lambda: hyperparameters(PPOHyperparameters),
+    "student sac": lambda: hyperparameters(SACHyperparameters),
+    "knowledge needs": knowledge_needs,
+    **{f"challenges {name}": lambda name=name: challenges(name) for name in ENVIRONMENTS.names()},
+    **{f"task space {name}": lambda name=name: task_space(name) for name in ENVIRONMENTS.names()},
+    "embodiments": embodiments,
+    "test sets": test_sets,
+    "columns": all_columns,
+    "commands": commands,
+}
+"""What pages may ask for, by name."""

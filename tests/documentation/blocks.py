@@ -1,0 +1,81 @@
+"""What the pages of the documentation show: their code blocks, and the commands within sentences."""
+
+from __future__ import annotations
+
+import re
+import textwrap
+from dataclasses import dataclass
+from pathlib import Path
+
+ROOT = Path(__file__).parents[2]
+
+PAGES = tuple(
+    path.relative_to(ROOT).as_posix()
+    for path in sorted(
+        [
+            *(ROOT / name for name in ("README.md", "CONTRIBUTING.md", "CHANGELOG.md")),
+            *(ROOT / "docs").rglob("*.md"),
+            *(
+                path
+                for folder in ("examples", "benchmarks", "notebooks")
+                for path in (ROOT / folder).rglob("*.md")
+            ),
+        ]
+    )
+)
+"""Every page, also those that are added tomorrow."""
+
+FENCE = re.compile(r"^( *)```(\w*)[^\n]*\n(.*?)^\1```$", re.DOTALL | re.MULTILINE)
+INLINE = re.compile(r"`((?:tma-ray|python|pytest|make|ray|sbatch|pip) [^`]+)`")
+SNIPPET = re.compile(r'^--8<-- "(.+)"$')
+IN_A_FILE = re.compile(r"[Ii]n a\s+file\s+`([\w./]+)`[^\n]*\n\s*$")
+
+
+@dataclass(frozen=True)
+class Block:
+    """One fenced block.
+
+    Attributes:
+        page: its page, from the root of the repository.
+        line: of the page at which it begins.
+        language: as the fence says.
+        text: what it holds; of another file if it shows one.
+        file: what the sentence before it calls the file that it is, if it does.
+    """
+
+    page: str
+    line: int
+    language: str
+    text: str
+    file: str = ""
+
+    @property
+    def place(self) -> str:
+        """Where to find it."""
+        return f"{self.page}:{self.line}"
+
+
+def blocks_of(page: str) -> list[Block]:
+    """Returns the blocks of a page, in order."""
+    text = (ROOT / page).read_text()
+    found = []
+    for match in FENCE.finditer(text):
+        before = text[: match.start()]
+        named = IN_A_FILE.search(before)
+        content, file = textwrap.dedent(match[3]), named[1] if named else ""
+        if shown := SNIPPET.match(content.strip()):
+            content, file = (ROOT / shown[1]).read_text(), Path(shown[1]).name
+        found.append(Block(page, before.count("\n") + 1, match[2], content, file))
+    return found
+
+
+def inline_commands(page: str) -> list[str]:
+    """Returns the commands with arguments that stand within the sentences and tables of a page."""
+    prose = FENCE.sub("", (ROOT / page).read_text())
+    return [re.sub(r"\s+", " ", command) for command in INLINE.findall(prose)]
+
+
+def lines_of(block: Block) -> list[str]:
+    """Returns the command lines of a block, without comments and with continued lines joined."""
+    joined = block.text.replace("\\\n", " ").splitlines()
+    return [line.strip() for line in joined if line.strip() and not line.lstrip().startswith("#")]

@@ -1,0 +1,193 @@
+"""Runs the commands of a page: each by the program that it names, at a size that a test can afford."""
+
+from __future__ import annotations
+
+import importlib.util
+import os
+import re
+import runpy
+import shlex
+import subprocess
+import sys
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import suppress
+from importlib.metadata import metadata, version
+from pathlib import Path
+
+import click
+from blocks import ROOT
+from packaging.requirements import Requirement
+
+from tma_ray import cli
+
+TINY = ["--steps", "300", "--evaluation-interval", "300", "--test-set", "one.csv"]
+
+SMALL: dict[str, list[str]] = {
+    "campaign": ["--dry-run"],
+    "rerun": ["--dry-run"],
+    "run": TINY,
+    "simulate": ["--episodes", "20", "--seeds", "1", "--challenges", "original", "--jobs", "1"],
+    "render": ["--steps", "3"],
+    "plan": ["--seeds", "1"],
+    "figures": ["--only", "radar"],
+}
+"""What is added to commands of `tma-ray`: the last of two equal flags counts."""
+
+REDIRECTION = re.compile(r"\s\d?>\s*[^\s;&|)]+")
+
+
+def simple_commands(line: str) -> Iterator[list[str]]:
+    """Yields the words of each command of a line of the shell."""
+    words = shlex.shlex(REDIRECTION.sub("", line), posix=True, punctuation_chars="();&|")
+    words.whitespace_split = True
+    command: list[str] = []
+    for word in words:
+        if set(word) <= set("();&|"):
+            if command:
+                yield command
+            command = []
+        else:
+            command.append(word)
+    if command:
+        yield command
+
+
+def execute(words: Sequence[str]) -> int:
+    """Runs one command in the present folder; returns its exit code.
+
+    Raises:
+        LookupError: no way to run it is known.
+    """
+    words = list(words)
+    while words and re.fullmatch(r"[A-Z_]+=\S*", words[0]):
+        _export([words.pop(0)])
+    program, *arguments = words
+    if program not in PROGRAMS:
+        raise LookupError(f"nobody knows how to run {program!r}: teach PROGRAMS, or list it in EXEMPTIONS")
+    return PROGRAMS[program](arguments)
+
+
+def understood(words: Sequence[str]) -> None:
+    """Checks a command without running it: its program, its flags, its files.
+
+    Raises:
+        Exception: what the program's own parser raises of what it does not know.
+    """
+    words = [word for word in words if not re.fullmatch(r"[A-Z_]+=\S*", word)]
+    program, *arguments = words
+    if program == "tma-ray":
+        if len(arguments) == 1:  # names a command
+            assert any(prog == f"tma-ray {arguments[0]}" for prog in _names()), arguments
+        else:
+            cli._parser().parse_args(arguments)
+    elif program == "python":
+        assert (ROOT / arguments[0]).is_file(), arguments[0]
+    elif program == "make":
+        _make(arguments)
+    elif program == "ray":
+        with suppress(click.MissingParameter):  # a sentence leaves out what does not matter to it
+            _ray(arguments)
+    elif program == "pip":
+        _pip(arguments)
+    else:
+        assert program in PROGRAMS
+
+
+def _tma_ray(arguments: list[str]) -> int:
+    return cli.main([*arguments, *SMALL.get(arguments[0], [])])
+
+
+def _python(arguments: list[str]) -> int:
+    if arguments[0] == "-m":
+        if arguments[1] == "pip":
+            return _pip(arguments[2:])
+        return 0 if importlib.util.find_spec(arguments[1]) else 1
+    script, *rest = arguments
+    before, sys.argv = sys.argv, [script, *rest, "--seeds", "1", "--dry-run"]
+    try:
+        runpy.run_path(script, run_name="__main__")
+    except SystemExit as end:
+        return int(end.code or 0)
+    finally:
+        sys.argv = before
+    return 0
+
+
+def _sbatch(arguments: list[str]) -> int:
+    flags = [word for word in arguments if word.startswith("--") and "=" in word]
+    script, *experiment = [word for word in arguments if word not in flags]
+    known = set(re.findall(r"^#SBATCH (--[\w-]+)", Path(script).read_text(), re.MULTILINE))
+    assert {flag.partition("=")[0] for flag in flags} <= {*known, "--gpus-per-node"}
+    return _python(experiment)
+
+
+def _make(arguments: list[str]) -> int:
+    return subprocess.run(["make", "-n", *arguments], cwd=ROOT, capture_output=True).returncode
+
+
+def _pip(arguments: list[str]) -> int:
+    """Checks what would be installed against what is."""
+    command, *packages = [word for word in arguments if not word.startswith("-")]
+    assert command == "install", command
+    for package in packages:
+        needed = Requirement(package)
+        assert needed.specifier.contains(version(needed.name)), package
+        assert needed.extras <= set(metadata(needed.name).get_all("Provides-Extra") or ()), package
+    return 0
+
+
+def _pytest(arguments: list[str]) -> int:
+    command = [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", *arguments]
+    return subprocess.run(command, capture_output=True).returncode
+
+
+def _ray(arguments: list[str]) -> int:
+    """Parses by Ray's own parser, and goes no further."""
+    from ray.scripts.scripts import cli as commands
+
+    command: click.Command = commands
+    context = click.Context(command)
+    while isinstance(command, click.Group) and arguments:
+        name, *arguments = arguments
+        found = command.get_command(context, name)
+        assert found is not None, f"ray has no command {name!r}"
+        command = found
+    if arguments:
+        command.make_context("ray", arguments)
+    return 0
+
+
+def _cp(arguments: list[str]) -> int:
+    return subprocess.run(["cp", *arguments]).returncode
+
+
+def _cd(arguments: list[str]) -> int:
+    os.chdir(arguments[0])
+    return 0
+
+
+def _export(arguments: list[str]) -> int:
+    for setting in arguments:
+        name, _, value = setting.partition("=")
+        os.environ[name] = value
+    return 0
+
+
+def _names() -> Iterator[str]:
+    for action in cli._parser()._actions:
+        if hasattr(action.choices, "values"):
+            yield from (parser.prog for parser in action.choices.values())
+
+
+PROGRAMS: dict[str, Callable[[list[str]], int]] = {
+    "tma-ray": _tma_ray,
+    "python": _python,
+    "sbatch": _sbatch,
+    "make": _make,
+    "pip": _pip,
+    "pytest": _pytest,
+    "ray": _ray,
+    "cp": _cp,
+    "cd": _cd,
+    "export": _export,
+}

@@ -1,0 +1,48 @@
+"""A folder with what pages assume to be there."""
+
+from __future__ import annotations
+
+import shutil
+import sys
+import warnings
+from pathlib import Path
+
+import pytest
+from blocks import ROOT
+from commands import TINY
+
+from tma_ray.campaign import costs
+from tma_ray.campaign.pace import Pace
+from tma_ray.cli import main
+
+LINKED = ("experiments", "docs", "cluster.yaml")
+"""What of the repository the commands of pages name."""
+
+
+@pytest.fixture(scope="session")
+def root(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A results root with two teachers' runs."""
+    folder = tmp_path_factory.mktemp("documentation")
+    (folder / "one.csv").write_text("stump_height,obstacle_spacing\n0,6\n1.5,3\n")
+    small = [*TINY[:-1], str(folder / "one.csv"), "--probe-interval", "100", "--training-window", "100"]
+    for teacher in ("random", "alp_gmm"):
+        for seed in "01":
+            run = ["run", "--teacher", teacher, "--student", "ppo", "--seed", seed, *small]
+            assert main([*run, "--results", str(folder / "results")]) == 0
+    return folder
+
+
+@pytest.fixture
+def place(root: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A folder with what pages assume: results, a test set, the examples, and the checkout's files."""
+    shutil.copytree(root, tmp_path, dirs_exist_ok=True)
+    for folder in (tmp_path, tmp_path / "examples"):
+        shutil.copytree(ROOT / "examples", folder, dirs_exist_ok=True)
+    for name in LINKED:
+        (tmp_path / name).symlink_to(ROOT / name)
+    (tmp_path / "examples" / "one.csv").symlink_to(tmp_path / "one.csv")
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(sys, "path", [str(tmp_path), *sys.path])
+    monkeypatch.setattr(warnings, "showwarning", warnings.showwarning)
+    monkeypatch.setattr(costs, "measure", lambda spec, settings: Pace("any", 1e4, 1e4, 100))
+    return tmp_path

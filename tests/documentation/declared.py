@@ -1,0 +1,90 @@
+"""What is changed of the pages before it is run, and what is not run at all: each with its reason."""
+
+from __future__ import annotations
+
+from fnmatch import fnmatch
+from typing import NamedTuple
+
+
+class Change(NamedTuple):
+    """Text of the code of some pages, and what stands for it when it is run."""
+
+    pages: str
+    found: str
+    instead: str
+    reason: str
+
+
+class Exemption(NamedTuple):
+    """A command or block that is not run, by its beginning."""
+
+    pages: str
+    beginning: str
+    reason: str
+
+
+class Ending(NamedTuple):
+    """A command, by its beginning, that ends with another exit code than 0."""
+
+    pages: str
+    beginning: str
+    code: int
+    reason: str
+
+
+BUCKET = "a folder stands for the bucket; tests/object_stores runs campaigns in a real one"
+ENDLESS = "it would go on until Ctrl-C"
+
+CHANGES = (
+    Change("*", "s3://bucket/", "", BUCKET),
+    Change("*", "s3://my-bucket/stumps", "results", BUCKET),
+    Change("*", " --watch", "", ENDLESS),
+    Change("*", "/shared/results", "results", "there is no such folder here"),
+    Change("README.md", "sac_alp_gmm-s0-…", "{run}", "the name of a run that there is"),
+    Change("README.md", '"sac"', '"ppo"', "whose student is PPO"),
+    Change("README.md", "sac_alp_gmm-s0", "{run}", "likewise"),
+    Change("examples/README.md", "report ../staircase", "report ../results", "its campaign is only planned"),
+    Change("README.md", "mine:Teacher", "frontier_teacher:Frontier", "a teacher that there is"),
+    Change("docs/simulated_students.md", "--seeds 10 ", "--teachers random,riac ", "all take minutes"),
+    Change("*", "pytest test_frontier_teacher.py", "pytest -k hyperparameters test_frontier_teacher.py",
+           "tests/test_examples.py has all of the kit pass"),
+)  # fmt: skip
+
+INSTALLED = "the tests run in such an environment"
+ACCOUNT = "needs an account of AWS"
+
+EXEMPTIONS = (
+    Exemption("*", "source .venv/bin/activate", INSTALLED),
+    Exemption("*", ". .venv/bin/activate", INSTALLED),
+    Exemption("docs/clusters.md", "umask 077", "of the shell alone"),
+    Exemption("docs/clusters.md", "chmod 600", "the file is in the user's home"),
+    Exemption("docs/clusters.md", "aws ec2 ", ACCOUNT),
+    Exemption("docs/object_stores.md", "polars.scan_parquet", "neither polars nor DuckDB is installed"),
+)
+"""Beside these nothing is left out: what is neither run nor listed fails."""
+
+ENDINGS = (
+    Ending("*", "tma-ray stop", 2, "no campaign is at work on that root"),
+    Ending("*", "tma-ray rerun", 2, "no run of that root has failed"),
+    Ending("*", "tma-ray search", 0, "says that nothing was searched"),
+)
+
+
+def changed(page: str, text: str, **values: str) -> str:
+    """Returns code of `page` as it is run; `values` are names of what there is."""
+    for change in CHANGES:
+        if fnmatch(page, change.pages):
+            text = text.replace(change.found, change.instead.format(**values))
+    return text
+
+
+def exempt(page: str, text: str) -> bool:
+    """Tells whether a command or block is not run."""
+    return any(fnmatch(page, each.pages) and text.startswith(each.beginning) for each in EXEMPTIONS)
+
+
+def exit_code(page: str, command: str) -> int:
+    """Returns the exit code that a command must have."""
+    return next(
+        (each.code for each in ENDINGS if fnmatch(page, each.pages) and command.startswith(each.beginning)), 0
+    )

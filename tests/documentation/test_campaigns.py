@@ -1,0 +1,44 @@
+"""The campaigns that pages start run for real, on Ray, with a seed and some episodes."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+from blocks import PAGES, blocks_of, lines_of
+from commands import simple_commands
+from declared import changed
+
+from tma_ray.cli import main
+from tma_ray.results import Results, RunStatus
+
+SMALL = ["--seeds", "1", "--steps", "300", "--evaluation-interval", "300", "--memory-per-run", "0.5"]
+"""What is added to each: the last of two equal flags counts."""
+
+
+def campaigns_of(page: str) -> list[list[str]]:
+    """Returns the campaigns that a page starts, as they are run."""
+    lines = (line for block in blocks_of(page) if block.language == "bash" for line in lines_of(block))
+    commands = (words for line in lines for words in simple_commands(changed(page, line, run="")))
+    return [words for words in commands if words[:2] == ["tma-ray", "campaign"]]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("page", [page for page in PAGES if campaigns_of(page)])
+def test_the_campaigns_of_the_page_run(page: str, place: Path) -> None:
+    import ray
+
+    for block in blocks_of(page):
+        if block.file:
+            Path(block.file).write_text(block.text)
+    for number, words in enumerate(campaigns_of(page)):
+        if "--address" in words:  # the Ray of this machine stands for the cluster
+            first = words.index("--address")
+            del words[first : first + 2]
+        tests = [] if "--environment" in words else ["--test-set", "one.csv"]
+        root = f"campaign-{number}"
+        try:
+            assert main([*words[1:], *SMALL, *tests, "--results", root]) == 0, words
+        finally:
+            ray.shutdown()
+        assert {run.status for run in Results.open(root).runs()} == {RunStatus.DONE}

@@ -1,0 +1,105 @@
+"""What the site makes from the code when it is built, and that nothing of it is forgotten."""
+
+from __future__ import annotations
+
+import dataclasses
+import re
+import sys
+from pathlib import Path
+
+import pytest
+import yaml
+from blocks import PAGES, ROOT
+
+sys.path.insert(0, str(ROOT / "docs" / "making"))
+
+import tables
+
+from tma_ray import cli
+from tma_ray.embodiments import embodiment_names
+from tma_ray.results import SCHEMAS, Table
+from tma_ray.students import default_hyperparameters
+from tma_ray.teachers import TEACHERS, hyperparameters_of, make_teacher
+
+MARK = re.compile(r"^<!-- generated: (.+?) -->$", re.MULTILINE)
+
+
+def rows_of(text: str) -> dict[str, list[str]]:
+    """Returns the cells of the rows of a table by the name in the first."""
+    lines = (line.strip("| ").split(" | ") for line in text.splitlines() if line.startswith("| `"))
+    return {cells[0].split("`")[1]: cells[1:] for cells in lines}
+
+
+def test_pages_ask_for_every_table_and_for_no_other() -> None:
+    asked = [name for page in PAGES for name in MARK.findall((ROOT / page).read_text())]
+    assert sorted(asked) == sorted(tables.GENERATED)
+
+
+@pytest.mark.parametrize("name", TEACHERS.names())
+def test_the_table_of_a_teacher_has_its_defaults_and_says_what_they_are(name: str) -> None:
+    rows = rows_of(tables.teacher(name))
+    defaults = hyperparameters_of(make_teacher(name))
+    assert {key: cells[0].replace(",", "").strip('"') for key, cells in rows.items()} == {
+        key: str(value) for key, value in defaults.items()
+    }
+    assert all(len(meaning) > 10 for _, meaning in rows.values())
+
+
+@pytest.mark.parametrize("name", ["ppo", "sac"])
+def test_the_table_of_a_student_has_its_hyperparameters(name: str) -> None:
+    assert set(rows_of(tables.GENERATED[f"student {name}"]())) == set(default_hyperparameters(name))
+
+
+@pytest.mark.parametrize("table", Table)
+def test_every_column_is_listed_with_its_unit(table: Table) -> None:
+    rows = rows_of(tables.columns(table))
+    assert list(rows) == SCHEMAS[table].names
+    for field in SCHEMAS[table]:
+        unit = (field.metadata or {}).get(b"unit", tables.NONE.encode()).decode()
+        assert rows[field.name][-1] == unit
+
+
+def test_the_help_is_what_the_command_prints(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    helps = dict(tables.helps())
+    assert {"tma-ray", "tma-ray run", "tma-ray baselines verify"} < set(helps)
+    monkeypatch.setenv("COLUMNS", "82")
+    for command, text in helps.items():
+        with pytest.raises(SystemExit):
+            cli.main([*command.split()[1:], "--help"])
+        assert capsys.readouterr().out == text
+
+
+def test_every_body_is_listed() -> None:
+    assert set(rows_of(tables.embodiments())) == set(embodiment_names())
+
+
+def test_a_class_says_what_each_of_its_fields_is() -> None:
+    for name in TEACHERS.names():
+        kind = TEACHERS.get(name)
+        own = {field.name for field in dataclasses.fields(kind) if field.init}
+        assert own <= set(tables.meanings(kind))
+
+
+def test_every_page_is_in_the_navigation() -> None:
+    text = (ROOT / "mkdocs.yml").read_text()
+    listed = set(re.findall(r"[\w/]+\.md", str(yaml.safe_load(text)["nav"])))
+    pages = {page.removeprefix("docs/") for page in PAGES if page.startswith("docs/")}
+    assert pages <= listed
+    assert not re.search(r"https?://", text), "the site asks nobody for anything"
+
+
+def test_every_public_package_is_in_the_reference() -> None:
+    shown = {
+        name
+        for path in (ROOT / "docs/api").glob("*.md")
+        for name in re.findall(r"::: (\S+)", path.read_text())
+    }
+    packages = {f"tma_ray.{path.parent.name}" for path in (ROOT / "tma_ray").glob("*/__init__.py")}
+    assert packages - {"tma_ray.cli", "tma_ray.physics"} <= shown
+    assert {"analysis", "analysis.figures", "analysis.baselines"} <= shown
+    assert {TEACHERS.get(name).__module__ for name in TEACHERS.names()} <= shown
+    for name in shown:
+        path = ROOT / Path(*name.split("."))
+        assert path.with_suffix(".py").is_file() or (path / "__init__.py").is_file()
