@@ -25,10 +25,11 @@ PAGES = {
     "CHANGELOG.md": "changelog.md",
     "benchmarks/README.md": "benchmarks.md",
     "examples/README.md": "examples/index.md",
+    "notebooks/README.md": "notebooks/index.md",
 }
 """Pages of the site that lie elsewhere in the repository, and where the site has them."""
 
-FILES = ("cluster.yaml", "examples/*.py", "examples/*.toml")
+FILES = ("cluster.yaml", "examples/*.py", "examples/*.toml", "notebooks/*.ipynb")
 """Files that pages link to, at the same place in the site."""
 
 LINK = re.compile(r"(?<=\]\()(?!\w+:|#)([^)\s#]+)(#[^)\s]*)?(?=\))")
