@@ -11,6 +11,7 @@ import yaml
 from tma_ray.embodiments import load_embodiment
 from tma_ray.envs import ENVIRONMENTS
 from tma_ray.registry import Registry
+from tma_ray.results.importing.names import parse
 from tma_ray.students import STUDENTS
 from tma_ray.tasks import TestSet
 from tma_ray.teachers import TEACHERS
@@ -54,4 +55,10 @@ def check_yaml(text: str, folder: Path) -> None:
     validate_config(prepare_config(yaml.safe_load(text)))
 
 
-CHECKS = {"toml": check_toml, "csv": check_csv, "yaml": check_yaml}
+def check_text(text: str, folder: Path) -> None:
+    """Names of folders of the original release, which the importer understands."""
+    for name in text.split():
+        parse(name)
+
+
+CHECKS = {"toml": check_toml, "csv": check_csv, "yaml": check_yaml, "text": check_text}
