@@ -60,6 +60,7 @@ def place(root: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
         shutil.copytree(ROOT / "examples", folder, dirs_exist_ok=True)
     for name in LINKED:
         (tmp_path / name).symlink_to(ROOT / name)
+    (tmp_path / "ppo-lite").symlink_to(ROOT / "notebooks" / "data" / "ppo-lite")
     (tmp_path / "examples" / "one.csv").symlink_to(tmp_path / "one.csv")
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(sys, "path", [str(tmp_path), *sys.path])
