@@ -1,0 +1,155 @@
+"""What charts show: the numbers of the frames they were made from, at every step."""
+
+from __future__ import annotations
+
+import json
+from typing import Any
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from analysis.charts import (
+    END,
+    Chart,
+    curve_chart,
+    mastery_charts,
+    overview_chart,
+    seeds_chart,
+    taught_charts,
+    teaching_charts,
+)
+from analysis.curriculum import Curriculum
+from analysis.task_axes import Axis
+
+PLANE = (Axis("Stump height", 0.0, 3.0), Axis("Obstacle spacing (m)", 0.0, 6.0))
+CUBE = (Axis("a", 0.0, 1.0), Axis("constant", 2.0, 2.0), Axis("b", -1.0, 1.0), Axis("c", 0.0, 10.0))
+
+
+def shown(chart: Chart, step: object) -> list[dict[str, Any]]:
+    """The traces of a chart at a step, as the page puts them together."""
+    figure = json.loads(chart.json)
+    (frame,) = (frame for frame in figure["frames"] if frame["name"] == str(step))
+    traces = figure["data"]
+    for place, patch in zip(frame["traces"], frame["data"], strict=True):
+        traces[place] = traces[place] | patch
+    return traces
+
+
+def points() -> pd.DataFrame:
+    rows = [
+        {"teacher": teacher, "seed": seed, "step": step, "value": 10.0 * seed + bonus}
+        for teacher, bonus in (("random", 0.0), ("alp_gmm", 5.0))
+        for seed in (1, 2, 3)
+        for step in (0, 100, END)
+    ]
+    table = pd.DataFrame(rows)
+    table.loc[(table["step"] == 0), "value"] = 0.0
+    return table
+
+
+def test_a_curve_has_the_means_and_its_band_one_standard_error() -> None:
+    table = pd.DataFrame({"teacher": "random", "step": [0, 5], "n": 4, "mean": [1.0, 3.0]})
+    chart = curve_chart("curve", table.assign(standard_error=0.5), "Return", "title", "caption")
+    band, line = chart.figure.data
+    assert list(line.x) == [0, 5]
+    assert list(line.y) == [1.0, 3.0]
+    assert sorted(band.y) == [0.5, 1.5, 2.5, 3.5]
+    assert {trace.meta["teacher"] for trace in chart.figure.data} == {"random"}
+
+
+def test_seeds_and_their_mean_are_those_of_the_step() -> None:
+    chart = seeds_chart("seeds", points(), "Mastered (%)", "title", "caption")
+    for step, dots, mean in ((100, [15.0, 25.0, 35.0], 25.0), (0, [0.0] * 3, 0.0), (END, [15, 25, 35], 25)):
+        found = [trace for trace in shown(chart, step) if trace["meta"]["teacher"] == "alp_gmm"]
+        assert found[0]["x"] == dots
+        assert found[1]["x"] == [mean]
+    reach = found[1]["error_x"]["array"][0]
+    assert reach == pytest.approx(4.302653 * 10 / np.sqrt(3), abs=0.01)  # Student's t of 2 degrees
+
+
+def test_an_overview_has_a_trace_for_each_comparison_and_teacher() -> None:
+    twice = pd.concat([points().assign(comparison=name) for name in ("one", "two")])
+    only = twice[(twice["comparison"] == "one") | (twice["teacher"] == "random")]
+    chart = overview_chart(only, {"one": "First", "two": "Second"}, "Mastered (%)", "title", "caption")
+    pairs = [(trace.meta["comparison"], trace.meta["teacher"]) for trace in chart.figure.data]
+    assert pairs == [("one", "random"), ("one", "alp_gmm"), ("two", "random")]
+    assert [trace["x"] for trace in shown(chart, END)] == [[20.0], [25.0], [20.0]]
+    places = [trace.y[0] for trace in chart.figure.data]
+    assert all(-0.5 < place < 0.5 for place in places[:2])
+    assert 0.5 < places[2] < 1.5
+    assert [trace.showlegend for trace in chart.figure.data] == [True, True, False]
+
+
+def test_mastered_tasks_are_shares_of_seeds_in_the_order_of_the_tasks() -> None:
+    tasks = pd.DataFrame({"task_index": [1, 0], "task": [np.float32([1, 2]), np.float32([0, 5])]})
+    shares = pd.DataFrame(
+        {
+            "teacher": "adr",
+            "step": [0, 0, END, END],
+            "task_index": [0, 1, 0, 1],
+            "share": [0.0, 0.5, 1.0, 0.5],
+        }
+    )
+    (chart,) = mastery_charts("mastery", shares, tasks, PLANE, "caption")
+    assert list(zip(chart.figure.data[0].x, chart.figure.data[0].y, strict=True)) == [(0, 5), (1, 2)]
+    assert [shown(chart, step)[0]["marker"]["color"] for step in (0, END)] == [[0, 50], [100, 50]]
+    assert chart.teacher == "adr"
+    assert "75.0 %" in chart.figure.layout.title.text
+
+
+def test_tasks_of_many_dimensions_lie_in_a_square_the_easiest_first() -> None:
+    tasks = pd.DataFrame({"task_index": range(4), "task": [np.zeros(3, np.float32)] * 4})
+    shares = pd.DataFrame({"teacher": "adr", "step": END, "task_index": range(4), "share": [0, 1, 0.5, 0.2]})
+    (chart,) = mastery_charts("mastery", shares, tasks, CUBE, "caption")
+    places = dict(
+        zip(zip(chart.figure.data[0].x, chart.figure.data[0].y, strict=True), range(4), strict=True)
+    )
+    assert [places[place] for place in ((0, 0), (1, 0), (0, -1), (1, -1))] == [1, 2, 3, 0]
+
+
+def curriculum(size: int, gaussians: list[dict[str, Any]], boxes: list[dict[str, Any]]) -> Curriculum:
+    tasks = [np.full(size, value, np.float32) for value in (0.5, 1.0)]
+    episodes = pd.DataFrame(
+        {"step": [10, 90], "task": tasks, "world_task": None, "episodic_return": [-50.0, 250]}
+    )
+    probes = pd.DataFrame({"step": [0, 100], "task": tasks})
+    updates = pd.DataFrame({"step": [50], "gaussians": [gaussians], "boxes": [boxes], "scalars": [[]]})
+    return Curriculum(episodes, probes, updates, steps=100)
+
+
+def test_a_gaussian_is_outlined_at_two_standard_deviations() -> None:
+    covariance = np.array([[0.3, 0.1], [0.1, 0.6]])
+    gaussian = {"weight": 1.0, "mean": np.array([1.0, 2.0]), "covariance": covariance}
+    (chart,) = teaching_charts("t", {"alp_gmm": curriculum(2, [gaussian], [])}, PLANE, "caption")
+    _, outline, dots = shown(chart, 100)
+    edge = np.array([outline["x"][:-1], outline["y"][:-1]]).T - [1.0, 2.0]
+    distance = np.sqrt(np.einsum("ni,ij,nj->n", edge, np.linalg.inv(covariance), edge))
+    assert distance == pytest.approx(2.0, abs=0.01)
+    assert (dots["x"], dots["y"]) == ([1.0], [1.0])
+    before = shown(chart, 0)
+    assert before[1]["x"] == []  # the teacher's first update came later
+    assert before[2]["x"] == [0.5]
+
+
+def test_boxes_of_many_dimensions_span_their_share_of_each_column() -> None:
+    box = {"low": np.array([0.25, 2.0, -1.0, 5.0]), "high": np.array([0.5, 2.0, 0.0, 10.0]), "score": 0.0}
+    (chart,) = teaching_charts("t", {"adr": curriculum(4, [], [box])}, CUBE, "caption")
+    heights = np.array([height for height in shown(chart, 100)[0]["y"] if height is not None]).reshape(3, 5)
+    assert heights.min(axis=1) == pytest.approx([0.25, 0.0, 0.5])
+    assert heights.max(axis=1) == pytest.approx([0.5, 0.5, 1.0])
+    assert len(shown(chart, 100)[2]["x"]) == 3  # one task, a dot for each dimension that varies
+
+
+def test_what_was_taught_is_coloured_by_return_part_by_part() -> None:
+    (chart,) = taught_charts("t", {"adr": curriculum(2, [], [])}, PLANE, "caption")
+    assert [frame.name for frame in chart.figure.frames] == ["20", "100"]  # parts without episodes have none
+    assert shown(chart, 20)[0]["marker"]["color"] == [-50.0]
+    assert shown(chart, 100)[0]["x"] == [1.0]
+
+
+def test_a_chart_cannot_end_its_script_element() -> None:
+    hostile = "</script><script>alert(1)</script>"
+    chart = seeds_chart("seeds", points().replace("alp_gmm", hostile), "Mastered (%)", "title", "caption")
+    assert "<" not in chart.json
+    assert hostile in json.loads(chart.json)["data"][2]["meta"]["teacher"]

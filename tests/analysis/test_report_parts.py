@@ -1,0 +1,74 @@
+"""What reports have on request: videos of policies, and everything for LaTeX."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import pytest
+from synthetic_results import SyntheticCampaign
+
+from analysis import load
+from analysis.comparison import measure
+from analysis.report import write_report
+from analysis.report.latex import write_latex
+from analysis.report.overview import distinct
+from analysis.report.videos import Video, wanted_videos
+
+
+@pytest.fixture
+def root(tmp_path: Path) -> Path:
+    """Task 1 tells the runs apart; seed 2 of ADR is the best, seed 0 the worst."""
+    campaign = SyntheticCampaign(tmp_path / "root", steps=1000)
+    campaign.plain_run("random", 0, {1000: [300.0, -100.0, 10.0]})
+    for seed, value in enumerate((0.0, 240.0, 300.0)):
+        campaign.plain_run("adr", seed, {1000: [300.0 - seed, value, 10.0]})
+    return tmp_path / "root"
+
+
+def test_the_best_and_the_worst_seed_play_the_task_that_tells_runs_apart(root: Path) -> None:
+    frames = load(root)
+    wanted = list(wanted_videos(frames, measure(frames)))
+    assert [(each.teacher, each.seed, each.rank) for each in wanted] == [
+        ("random", 0, "only"),
+        ("adr", 2, "best"),
+        ("adr", 0, "worst"),
+    ]
+    assert {(each.test_set, each.task_index, each.task) for each in wanted} == {("line", 1, "1")}
+
+
+@pytest.mark.parametrize(("ending", "element"), [("mp4", "<video"), ("gif", "<img")])
+def test_videos_are_embedded_with_what_came_of_them(
+    root: Path, tmp_path: Path, ending: str, element: str
+) -> None:
+    frames = load(root)
+    file = tmp_path / f"one.{ending}"
+    file.write_bytes(b"moving")
+    videos = [Video(each, file, 123.4) for each in wanted_videos(frames, measure(frames))]
+    text = re.sub(r"\s+", " ", write_report(root, videos=videos).read_text())
+    assert text.count("base64,bW92aW5n") == 3
+    assert f"{element} " in text
+    assert "ADR, seed 2 (its best seed by mastered tasks), on test task 1 (1): return 123.4" in text
+
+
+def test_without_videos_there_is_no_heading_for_them(root: Path) -> None:
+    assert "Policies at work" not in write_report(root).read_text()
+
+
+def test_latex_shows_every_table_and_figure_it_wrote(root: Path, tmp_path: Path) -> None:
+    document = write_latex(root, tmp_path / "latex").document
+    text = document.read_text()
+    inputs = re.findall(r"\\input\{(.+?)\}", text)
+    pictures = re.findall(r"\\includegraphics\[.*?\]\{\{(.+?)\}\.pdf\}", text)
+    assert {(document.parent / name) for name in inputs} == set((document.parent / "tables").glob("*.tex"))
+    assert {f"{document.parent / name}.pdf" for name in pictures} == {
+        str(path) for path in (document.parent / "figures").glob("*.pdf")
+    }
+    assert inputs
+    assert pictures
+
+
+def test_rows_of_an_overview_leave_out_what_all_share() -> None:
+    titles = ["Stump tracks, original, PPO", "Stump tracks, mostly trivial, PPO"]
+    assert distinct(titles) == ["original", "mostly trivial"]
+    assert distinct(["same, parts", "same, parts"]) == ["same, parts", "same, parts"]
