@@ -24,7 +24,7 @@ MOMENTS = 6
 """Moments of a run, from its start to its end."""
 
 REPORT_WIDTH = 10.2
-"""Of a figure over the full width of the report, inches."""
+"""Of a figure over the full width of a page on the screen, inches."""
 
 SCORE_COLOURS = "YlGnBu"
 """From pale for no score to dark for the highest; readable with any colour vision."""

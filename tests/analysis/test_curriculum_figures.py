@@ -8,16 +8,23 @@ import numpy as np
 import pandas as pd
 import pytest
 from matplotlib.colors import to_rgba
+from matplotlib.figure import Figure
 from matplotlib.patches import Ellipse, Rectangle
 from synthetic_logs import KINDS, STEPS, axes, curriculum
 
 from analysis.curriculum import PANELS, RETURNS, Curriculum, curriculum_strip
 from analysis.dimensions import QUANTILES, dimension_bands
 from analysis.scalars import BINS, MOST_PER_TEACHER, scalar_curves, scalars_of
-from analysis.style import look, png
-from analysis.teacher_view import MOMENTS, ellipse, moments, teacher_view
+from analysis.style import look, png, teacher_order
+from analysis.teacher_view import MOMENTS, REPORT_WIDTH, Shot, ellipse, film_strip, moments
 
 PLANE = axes(2)
+
+
+def film_of(curricula: dict[str, Curriculum]) -> Figure:
+    """The film strip of one run of each teacher."""
+    teachers = sorted(curricula, key=teacher_order)
+    return film_strip([Shot(name, name, curricula[name]) for name in teachers], PLANE, width=REPORT_WIDTH)
 
 
 def played(world_task: np.ndarray | None = None) -> Curriculum:
@@ -68,7 +75,7 @@ def test_moments_are_spread_over_the_probes_of_all_teachers() -> None:
 
 
 def test_the_view_shows_probes_at_their_step_and_says_where_there_are_none() -> None:
-    panels = teacher_view({"random": curriculum("random"), "adr": curriculum("adr", upto=0.5)}, PLANE).axes
+    panels = film_of({"random": curriculum("random"), "adr": curriculum("adr", upto=0.5)}).axes
     random, adr = panels[:MOMENTS], panels[MOMENTS : 2 * MOMENTS]
     np.testing.assert_array_equal(
         random[2].collections[0].get_offsets(), curriculum("random").probed_at(8_000_000)
@@ -85,7 +92,7 @@ def test_a_moment_between_two_probes_shows_the_earlier_one() -> None:
 
 def test_the_latest_update_counts_at_each_moment() -> None:
     box = {"low": [0.0, 0.0], "high": [1.0, 2.0], "score": 0.0}
-    before, after = teacher_view({"adr": with_update(15, boxes=[box])}, PLANE).axes
+    before, after = film_of({"adr": with_update(15, boxes=[box])}).axes
     assert not before.patches
     (outline,) = after.patches
     assert isinstance(outline, Rectangle)
@@ -104,7 +111,7 @@ def test_an_ellipse_lies_along_its_covariance() -> None:
 
 def test_heavier_gaussians_are_fuller() -> None:
     parts = [{"weight": w, "mean": [1, 1], "covariance": [[0.1, 0], [0, 0.2]]} for w in (0.1, 0.6, 0.3)]
-    drawn = teacher_view({"alp_gmm": with_update(5, gaussians=parts)}, PLANE).axes[1].patches
+    drawn = film_of({"alp_gmm": with_update(5, gaussians=parts)}).axes[1].patches
     assert all(isinstance(patch, Ellipse) for patch in drawn)
     fill = [patch.get_facecolor()[3] for patch in drawn]
     assert fill == sorted(fill, reverse=True)
@@ -117,7 +124,7 @@ def test_regions_are_coloured_by_score_the_smaller_above() -> None:
         {"low": [0, 0], "high": [3, 4], "score": 0.0},
         {"low": [1, 1], "high": [3, 3], "score": 10.0},
     ]
-    figure = teacher_view({"riac": with_update(5, boxes=boxes)}, PLANE)
+    figure = film_of({"riac": with_update(5, boxes=boxes)})
     drawn, scale = figure.axes[1].patches, figure.axes[-1]
     assert [patch.get_width() for patch in drawn] == [3, 2, 1]
     assert len({patch.get_facecolor() for patch in drawn}) == 3
@@ -196,5 +203,5 @@ def test_what_is_not_finite_or_too_much_is_left_out() -> None:
 
 
 def test_a_figure_repeats_itself() -> None:
-    first, second = (png(teacher_view({"riac": curriculum("riac")}, PLANE)) for _ in range(2))
+    first, second = (png(film_of({"riac": curriculum("riac")})) for _ in range(2))
     assert first == second
