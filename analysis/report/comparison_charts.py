@@ -90,20 +90,21 @@ def _curricula(frames: Frames, mine: Measured, anchor: str) -> Iterator[Panel]:
     axes, curricula, seeds = task_axes(mine.cells), curricula_of(frames, mine), examples_of(mine)
     named = ", ".join(f"{label(teacher)}: seed {seeds[teacher]['seed']}" for teacher in curricula)
     which = f"One run of each teacher, the median one by mastered tasks ({named})"
-    caption = (
+    taught = (
         f"{which}. Dots are training episodes of the latest fifth of it, at most {EPISODES}, coloured by "
         f"return, from dark violet for falling at once to yellow for mastered."
     )
-    charts = tuple(taught_charts(f"{anchor}-taught", curricula, axes, caption))
-    if charts:
-        yield Panel("What was taught", caption, charts)
-    caption = (
+    teaching = (
         f"{which}. Dots are tasks probed without exploration; outlines are the teacher's latest Gaussians, "
         f"at two standard deviations, and its boxes.{in_whose_space(curricula)}"
     )
-    charts = tuple(teaching_charts(f"{anchor}-teaching", curricula, axes, caption))
-    if charts:
-        yield Panel("What teachers would teach", caption, charts)
+    for title, name, charts_for, caption in (
+        ("What was taught", "taught", taught_charts, taught),
+        ("What teachers would teach", "teaching", teaching_charts, teaching),
+    ):
+        charts = tuple(charts_for(f"{anchor}-{name}", curricula, axes, caption))
+        if charts:
+            yield Panel(title, caption, charts)
 
 
 def _shares(frames: Frames, mine: Measured) -> pd.DataFrame:

@@ -68,20 +68,11 @@ def import_results(
     known = _read_all(found.seeds, left_out)
     budgets = _budgets(known)
     writer = ImportWriter(store)
-    unfinished: dict[str, str] = {}
-    copies: dict[str, str] = {}
-    for folder, progress in track(known):
-        budget = progress.budget or budgets[folder.setting.place]
-        try:
-            run = writer.prepare(read_seed(folder, progress, budget, largest_mebibytes))
-        except _DAMAGE as error:
-            left_out[folder.name] = _said(error)
-            continue
-        copy_of = writer.write(run)
-        if copy_of:
-            copies[folder.name] = copy_of
-        elif run.seed.problem:
-            unfinished[folder.name] = run.seed.problem
+    budgeted = (
+        (folder, progress, progress.budget or budgets[folder.setting.place])
+        for folder, progress in track(known)
+    )
+    unfinished, copies = _write_all(budgeted, writer, largest_mebibytes, left_out)
     if not writer.runs:
         raise ImportRefusedError(
             f"no seed of {source} can be imported: "
@@ -97,6 +88,29 @@ def import_results(
         notes={name: notes for name, notes in writer.notes.items() if notes},
         ignored=found.ignored,
     )
+
+
+def _write_all(
+    seeds: Iterable[tuple[SeedFolder, Progress, int]],
+    writer: ImportWriter,
+    largest_mebibytes: int,
+    left_out: dict[str, str],
+) -> tuple[dict[str, str], dict[str, str]]:
+    """Writes seeds with their budgets; returns why some are unfinished, and of what others are copies."""
+    unfinished: dict[str, str] = {}
+    copies: dict[str, str] = {}
+    for folder, progress, budget in seeds:
+        try:
+            run = writer.prepare(read_seed(folder, progress, budget, largest_mebibytes))
+        except _DAMAGE as error:
+            left_out[folder.name] = _said(error)
+            continue
+        copy_of = writer.write(run)
+        if copy_of:
+            copies[folder.name] = copy_of
+        elif run.seed.problem:
+            unfinished[folder.name] = run.seed.problem
+    return unfinished, copies
 
 
 def _read_all(folders: Iterable[SeedFolder], left_out: dict[str, str]) -> list[tuple[SeedFolder, Progress]]:
