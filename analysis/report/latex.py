@@ -15,7 +15,7 @@ PREAMBLE = r"""\documentclass{article}
 \usepackage[T1]{fontenc}
 \usepackage{booktabs}
 \usepackage{graphicx}
-\usepackage[margin=2.5cm]{geometry}
+\usepackage[margin=2cm,landscape]{geometry} % tables of five challenges are wide
 \begin{document}
 """
 

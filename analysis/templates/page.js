@@ -3,6 +3,7 @@
 (() => {
   const state = { step: null, hidden: new Set(), out: new Set() };
   const config = { responsive: true, displaylogo: false, modeBarButtonsToRemove: ["lasso2d", "select2d", "autoScale2d"] };
+  const narrow = 560; // CSS pixels, under which titles of rows take several lines
   const all = (selector, within = document) => [...within.querySelectorAll(selector)];
   const steps = all("#steps option").map((option) => Number(option.dataset.step));
   const sections = new Map(all("section[data-comparison]").map((section) => [section.dataset.comparison, section]));
@@ -31,7 +32,7 @@
   }
 
   /** Traces and layout of a figure as the reader has chosen them. */
-  function chosen(figure) {
+  function chosen(figure, width) {
     const frames = figure.frames || [];
     const name = frames.length ? frameName(frames.map((frame) => frame.name)) : null;
     const frame = frames.find((each) => each.name === name);
@@ -45,7 +46,7 @@
     if (frame && frame.layout && frame.layout.title) layout.title = { ...layout.title, ...frame.layout.title };
     const meta = layout.meta || {};
     if (meta.marks_step && state.step !== null) layout.shapes = [stepMark()];
-    if (meta.rows) closeRows(data, layout, meta);
+    if (meta.rows) closeRows(data, layout, meta, width < narrow);
     return { data, layout };
   }
 
@@ -55,7 +56,7 @@
   }
 
   /** Moves the rows of an overview together where comparisons are left out, and legend entries with them. */
-  function closeRows(data, layout, meta) {
+  function closeRows(data, layout, meta, wrapped) {
     const kept = meta.rows.map((_, place) => place).filter((place) => !state.out.has(meta.rows[place]));
     const moved = new Map(kept.map((place, index) => [meta.rows[place], index - place]));
     const named = new Set();
@@ -64,7 +65,8 @@
       trace.showlegend = trace.visible && !named.has(trace.meta.teacher);
       if (trace.showlegend) named.add(trace.meta.teacher);
     }
-    const ticktext = kept.map((place) => layout.yaxis.ticktext[place]);
+    const titles = kept.map((place) => layout.yaxis.ticktext[place]);
+    const ticktext = wrapped ? titles.map((title) => title.replaceAll(", ", ",<br>")) : titles;
     const range = [kept.length - 0.5, -0.5];
     layout.yaxis = { ...layout.yaxis, ticktext, tickvals: kept.map((_, index) => index), range };
     layout.shapes = (layout.shapes || []).slice(0, Math.max(0, kept.length - 1));
@@ -76,7 +78,7 @@
     if (!chart.plot.offsetParent) return; // hidden: drawn when it is shown
     const first = chart.figure === null;
     if (first) chart.figure = JSON.parse(chart.source.textContent);
-    const { data, layout } = chosen(chart.figure);
+    const { data, layout } = chosen(chart.figure, chart.plot.clientWidth);
     chart.plot.style.height = `${layout.height}px`;
     Plotly.react(chart.plot, data, layout, { ...config, toImageButtonOptions: { filename: chart.element.dataset.chart, scale: 2 } });
     chart.stale = false;
