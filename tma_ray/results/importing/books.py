@@ -128,7 +128,7 @@ def vectors(content: Mapping[str, Any], name: str, size: int) -> Floats:
 
 def matrix(value: Any, size: int) -> Floats | None:
     """Returns a list or array of vectors (n, size); None if it is something else."""
-    if isinstance(value, list | tuple | np.ndarray) and np.size(value) == 0 and len(value) == 0:
+    if _is_empty(value):
         return np.zeros((0, size))
     try:
         if isinstance(value, np.ndarray):
@@ -141,6 +141,13 @@ def matrix(value: Any, size: int) -> Floats | None:
         return None
     fits = found.ndim == 2 and found.shape[1] == size and bool(np.all(np.isfinite(found)))
     return found if fits else None
+
+
+def _is_empty(value: Any) -> bool:
+    # Without numpy's size of a list, which copies what a few bytes of a pickle may name again and again.
+    if isinstance(value, np.ndarray):
+        return value.ndim > 0 and len(value) == 0
+    return isinstance(value, list | tuple) and not value
 
 
 def entries(value: Any) -> int:
