@@ -21,7 +21,7 @@ from tma_ray.runs.play.session import REST, SPEEDS, Session
 from tma_ray.runs.play.slider import Slider
 from tma_ray.runs.play.window import Window
 from tma_ray.runs.rendering import Scenario, render
-from tma_ray.runs.stage import Stage, open_stage
+from tma_ray.runs.stage import Performance, Stage, open_stage
 from tma_ray.tasks import Dimension
 
 SIZE = (500, 460)
@@ -30,7 +30,7 @@ FRAME = 1 / 50
 
 @pytest.fixture(scope="module")
 def stage() -> Iterator[Stage]:
-    opened = open_stage("random", "nowhere")
+    opened = open_stage(Performance(results="nowhere"))
     yield opened
     opened.close()
 
@@ -271,7 +271,7 @@ def test_long_names_stay_inside_their_slider(width: int) -> None:
 
 
 def test_sliders_are_for_what_varies_and_mark_the_task_space() -> None:
-    stage = open_stage("zero", "nowhere", "parkour", "fish")
+    stage = open_stage(Performance("zero", "nowhere", "parkour", "fish"))
     board = Board(Session(stage, [stage.space.centre]))
     names = [slider.domain.name for slider in board.sliders.values()]
     assert names == ["theta_1", "theta_2", "theta_3", "water_level", "creepers_height", "creepers_spacing"]

@@ -9,42 +9,20 @@ from pathlib import Path
 import numpy as np
 
 from tma_ray.runs.pictures import Frame, check_picture, write_frames
-from tma_ray.runs.players import RANDOM, Player
-from tma_ray.runs.stage import Stage, open_stage
+from tma_ray.runs.players import Player
+from tma_ray.runs.stage import Performance, Stage, open_stage
 from tma_ray.tasks import Task, TaskSpace, check_task
 
 
 @dataclass(frozen=True)
-class Scenario:
-    """What to render.
+class Scenario(Performance):
+    """What to render: one episode.
 
     Attributes:
-        policy: "random" (uniform actions), "zero" (none), the folder of a saved policy, or a run of
-            `results`: its id or an unambiguous beginning of it.
-        results: folder or URI of a results root.
-        environment: registered name or ``module:Name``; None for that of the run, else Stump Tracks.
-        embodiment: name of the body, empty for none; None for that of the run, else the classic bipedal.
         task: as `parse_task` takes it.
-        seed: of the world, of a random task and of random actions.
-        steps: after which the episode is left, if it has not ended.
-        every: steps from one frame to the next.
     """
 
-    policy: str = RANDOM
-    results: str | Path = "results"
-    environment: str | None = None
-    embodiment: str | None = None
     task: str | None = None
-    seed: int = 0
-    steps: int = 1000
-    every: int = 2
-
-    def __post_init__(self) -> None:
-        for name, least in (("seed", 0), ("steps", 0), ("every", 1)):
-            if getattr(self, name) < least:
-                raise ValueError(
-                    f"{name} = {getattr(self, name)}: expected a whole number of at least {least}"
-                )
 
 
 @dataclass
@@ -74,7 +52,7 @@ def render(scenario: Scenario, output: Path) -> Outcome:
             that cannot be drawn, or a task outside its valid domain; all before anything is played.
     """
     check_picture(output)
-    stage = open_stage(scenario.policy, scenario.results, scenario.environment, scenario.embodiment)
+    stage = open_stage(scenario)
     try:
         tasks, actions = (np.random.default_rng([scenario.seed, stream]) for stream in range(2))
         outcome = Outcome(parse_task(scenario.task, stage.space, stage.domain, tasks))

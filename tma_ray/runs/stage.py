@@ -19,6 +19,37 @@ FRAME_RATE = 50
 """Frames per second of an environment that does not say."""
 
 
+@dataclass(frozen=True)
+class Performance:
+    """Who plays where, and how much of it is shown.
+
+    Attributes:
+        policy: "random" (uniform actions), "zero" (none), the folder of a saved policy, or a run of
+            `results`: its id or an unambiguous beginning of it.
+        results: folder or URI of a results root.
+        environment: registered name or ``module:Name``; None for that of the run, else Stump Tracks.
+        embodiment: name of the body, empty for none; None for that of the run, else the classic bipedal.
+        seed: of worlds, random tasks and random actions.
+        steps: after which an episode is left, if it has not ended.
+        every: steps from one frame to the next.
+    """
+
+    policy: str = RANDOM
+    results: str | Path = "results"
+    environment: str | None = None
+    embodiment: str | None = None
+    seed: int = 0
+    steps: int = 1000
+    every: int = 2
+
+    def __post_init__(self) -> None:
+        for name, least in (("seed", 0), ("steps", 0), ("every", 1)):
+            if getattr(self, name) < least:
+                raise ValueError(
+                    f"{name} = {getattr(self, name)}: expected a whole number of at least {least}"
+                )
+
+
 @dataclass
 class Stage:
     """An environment that draws frames, and who acts in it.
@@ -61,23 +92,15 @@ class Stage:
         self.environment.close()
 
 
-def open_stage(
-    policy: str, results: str | Path, environment: str | None = None, embodiment: str | None = None
-) -> Stage:
-    """Returns a stage, all of which has been checked.
-
-    Args:
-        policy: "random" (uniform actions), "zero" (none), the folder of a saved policy, or a run of
-            `results`: its id or an unambiguous beginning of it.
-        results: folder or URI of a results root.
-        environment: registered name or ``module:Name``; None for that of the run, else Stump Tracks.
-        embodiment: name of the body, empty for none; None for that of the run, else the classic bipedal.
+def open_stage(performance: Performance) -> Stage:
+    """Returns the stage of a performance, all of which has been checked.
 
     Raises:
         ValueError: no such policy or one that does not fit, or an environment that cannot be drawn.
     """
-    saved = None if policy in (RANDOM, ZERO) else find_policy(policy, results)
-    made = _make(environment, embodiment, saved)
+    policy = performance.policy
+    saved = None if policy in (RANDOM, ZERO) else find_policy(policy, performance.results)
+    made = _make(performance.environment, performance.embodiment, saved)
     try:
         observations, actions = made.observation_space, made.action_space
         if not (isinstance(observations, spaces.Box) and isinstance(actions, spaces.Box)):

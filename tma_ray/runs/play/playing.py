@@ -13,45 +13,25 @@ from tma_ray.runs.pictures import Frame, check_picture, write_frames
 from tma_ray.runs.play.board import Board
 from tma_ray.runs.play.session import Session
 from tma_ray.runs.play.window import SMALLEST, Window, check_display
-from tma_ray.runs.players import RANDOM
 from tma_ray.runs.rendering import parse_task
-from tma_ray.runs.stage import Stage, open_stage
+from tma_ray.runs.stage import Performance, Stage, open_stage
 from tma_ray.tasks import Task
 
 
 @dataclass(frozen=True)
-class Played:
-    """What to play.
+class Played(Performance):
+    """What to play: episode k has the seed plus k; `steps` and `every` are of a video.
 
     Attributes:
-        policy: "random" (uniform actions), "zero" (none), the folder of a saved policy, or a run of
-            `results`: its id or an unambiguous beginning of it.
-        results: folder or URI of a results root.
-        environment: registered name or ``module:Name``; None for that of the run, else Stump Tracks.
-        embodiment: name of the body, empty for none; None for that of the run, else the classic bipedal.
         tasks: each as `parse_task` takes it; played one after the other. None is the middle of the space.
-        seed: of the first episode; each later one has the next.
         size: width and height of window or video, in pixels; None for one that shows all of the world.
-        steps: of a video, after which an episode is left if it has not ended.
-        every: of a video, steps from one frame to the next.
     """
 
-    policy: str = RANDOM
-    results: str | Path = "results"
-    environment: str | None = None
-    embodiment: str | None = None
     tasks: tuple[str | None, ...] = (None,)
-    seed: int = 0
     size: tuple[int, int] | None = None
-    steps: int = 1000
-    every: int = 2
 
     def __post_init__(self) -> None:
-        for name, least in (("seed", 0), ("steps", 0), ("every", 1)):
-            if getattr(self, name) < least:
-                raise ValueError(
-                    f"{name} = {getattr(self, name)}: expected a whole number of at least {least}"
-                )
+        super().__post_init__()
         if self.size is not None and (self.size[0] < SMALLEST[0] or self.size[1] < SMALLEST[1]):
             smallest = "x".join(map(str, SMALLEST))
             raise ValueError(f"size {self.size[0]}x{self.size[1]}: expected at least {smallest} pixels")
@@ -151,7 +131,7 @@ def film(played: Played, output: Path) -> list[PlayedEpisode]:
 
 
 def _open(played: Played) -> tuple[Stage, Sequence[Task]]:
-    stage = open_stage(played.policy, played.results, played.environment, played.embodiment)
+    stage = open_stage(played)
     try:
         rng = np.random.default_rng([played.seed, 0])
         return stage, [parse_task(task, stage.space, stage.domain, rng) for task in played.tasks]
