@@ -13,6 +13,7 @@ import pandas as pd
 from analysis.charts import END, Chart, curve_chart, overview_chart, seeds_chart
 from analysis.compare import MEASURE, Side
 from analysis.formatting import number, p_value, plus_minus
+from analysis.measures import aggregate
 from analysis.pooling import COMPARED, parts_of, pooled
 from analysis.style import label, look
 from tma_ray.benchmark import find_challenge
@@ -103,10 +104,7 @@ def _charts(anchor: str, points: pd.DataFrame) -> Iterator[Chart]:
         return
     along = points[points["step"] != END].astype({"step": "int64"})
     if along["step"].nunique() > 1:
-        table = (
-            along.groupby(["teacher", "step"])["value"].agg(n="count", mean="mean", std="std").reset_index()
-        )
-        table["standard_error"] = table["std"] / np.sqrt(table["n"])
+        table = aggregate(along, "value", ["teacher"])
         caption = "Lines are means over runs, bands ± one standard error of the mean."
         yield curve_chart(f"{anchor}-curves", table, QUANTITY, "Mastered test tasks over training", caption)
     caption = "Rings are runs, marks their means with 95 % intervals."

@@ -20,9 +20,9 @@ LARGEST = 20
 """Spaces with more varied dimensions are not drawn."""
 
 
-def curriculum_pictures(frames: Frames, mine: Measured) -> Iterator[Picture]:
-    """Yields the figures of curricula over the whole run: dimension by dimension, and what teachers log."""
-    axes, examples, curricula = task_axes(mine.cells), examples_of(mine), curricula_of(frames, mine)
+def curriculum_pictures(mine: Measured, curricula: Mapping[str, Curriculum]) -> Iterator[Picture]:
+    """Yields the figures of `curricula_of` over the whole run: by dimension, and what teachers log."""
+    axes, examples = task_axes(mine.cells), examples_of(mine)
     if not curricula:
         return
     seeds = ", ".join(f"{label(teacher)}: seed {examples[teacher]['seed']}" for teacher in curricula)

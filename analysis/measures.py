@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -113,9 +114,9 @@ def training_curves(frames: Frames) -> pd.DataFrame:
     return pd.concat([windows, smooth], ignore_index=True)
 
 
-def aggregate(curves: pd.DataFrame, value: str) -> pd.DataFrame:
-    """Returns `GROUP`, step, n, mean, std and standard_error of `value` over the runs of a group."""
-    grouped = curves.groupby([*GROUP, "step"], sort=True)[value]
+def aggregate(curves: pd.DataFrame, value: str, by: Sequence[str] = GROUP) -> pd.DataFrame:
+    """Returns `by`, step, n, mean, std and standard_error of `value` over the runs of a group."""
+    grouped = curves.groupby([*by, "step"], sort=True)[value]
     table = grouped.agg(n="count", mean="mean", std="std").reset_index()
     return table.assign(standard_error=table["std"] / np.sqrt(table["n"]))
 

@@ -35,4 +35,9 @@ def counts(rows: pd.DataFrame) -> str:
 def thresholds(cells: pd.DataFrame) -> str:
     """Returns the episodic return over which tasks are mastered, or all of them: ``230``."""
     found = sorted(cells["mastery_threshold"].dropna().unique())
-    return " or ".join(number(value, 0 if value == round(value) else 2) for value in found)
+    return " or ".join(map(threshold, found))
+
+
+def threshold(value: float) -> str:
+    """Returns one such return, without decimals where it has none."""
+    return number(value, 0 if value == round(value) else 2)

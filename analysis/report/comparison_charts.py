@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 
 import pandas as pd
@@ -19,7 +19,8 @@ from analysis.charts import (
 )
 from analysis.charts.curricula import EPISODES
 from analysis.comparison import Measured
-from analysis.curriculum_pictures import curricula_of, examples_of, in_whose_space
+from analysis.curriculum import Curriculum
+from analysis.curriculum_pictures import examples_of, in_whose_space
 from analysis.findings import compared_by
 from analysis.frames import Frames
 from analysis.report.captions import counts, curve_caption, thresholds
@@ -68,7 +69,9 @@ def points_of(mine: Measured, column: str) -> pd.DataFrame:
     return pd.concat([along, ends], ignore_index=True).rename(columns={column: "value"})
 
 
-def panels_of(frames: Frames, mine: Measured, anchor: str) -> Iterator[Panel]:
+def panels_of(
+    frames: Frames, mine: Measured, curricula: Mapping[str, Curriculum], anchor: str
+) -> Iterator[Panel]:
     """Yields which test tasks are mastered, and what teachers would teach, at any step."""
     if mine.readings.empty:
         return
@@ -83,11 +86,11 @@ def panels_of(frames: Frames, mine: Measured, anchor: str) -> Iterator[Panel]:
         )
         charts = tuple(mastery_charts(f"{anchor}-mastery-{test_set}", shares, tasks, axes, caption))
         yield Panel("Which test tasks are mastered", caption, charts)
-    yield from _curricula(frames, mine, anchor)
+    yield from _curricula(mine, curricula, anchor)
 
 
-def _curricula(frames: Frames, mine: Measured, anchor: str) -> Iterator[Panel]:
-    axes, curricula, seeds = task_axes(mine.cells), curricula_of(frames, mine), examples_of(mine)
+def _curricula(mine: Measured, curricula: Mapping[str, Curriculum], anchor: str) -> Iterator[Panel]:
+    axes, seeds = task_axes(mine.cells), examples_of(mine)
     named = ", ".join(f"{label(teacher)}: seed {seeds[teacher]['seed']}" for teacher in curricula)
     which = f"One run of each teacher, the median one by mastered tasks ({named})"
     taught = (

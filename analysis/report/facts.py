@@ -8,6 +8,7 @@ import pandas as pd
 
 from analysis.formatting import amount, duration, number
 from analysis.frames import GROUP, STATUSES, Frames, parsed
+from analysis.report.captions import threshold
 from analysis.style import label, teacher_order
 
 
@@ -89,7 +90,7 @@ def settings(cells: pd.DataFrame) -> list[dict[str, str]]:
                 "Bodies": ", ".join(body.replace("_", " ") for body in bodies) or "\N{EN DASH}",
                 "Physics": f"{engine}, version {physics:g}" if physics > 0 else str(engine),
                 "Test set": str(test_set),
-                "Mastered over": number(mastery, 0 if mastery == round(mastery) else 2),
+                "Mastered over": threshold(mastery),
                 "Steps": amount(steps),
                 "Runs": str(rows["run_id"].nunique()),
             }

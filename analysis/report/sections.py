@@ -11,7 +11,7 @@ import pandas as pd
 
 from analysis.charts import Chart
 from analysis.comparison import Measured
-from analysis.curriculum_pictures import curriculum_pictures
+from analysis.curriculum_pictures import curricula_of, curriculum_pictures
 from analysis.findings import Measure, compared_by, findings
 from analysis.frames import Frames
 from analysis.picture import Picture
@@ -53,8 +53,10 @@ class Section:
 def sections(frames: Frames, measured: Measured) -> Iterator[Section]:
     """Yields a section for each comparison of the root, in a fixed order."""
     for anchor, title, mine in titled(measured):
+        curricula = curricula_of(frames, mine)  # read once, for charts and figures
         drawn = [
-            replace(picture, name=f"{anchor}-{picture.name}") for picture in curriculum_pictures(frames, mine)
+            replace(picture, name=f"{anchor}-{picture.name}")
+            for picture in curriculum_pictures(mine, curricula)
         ]
         first = mine.cells.iloc[0]
         yield Section(
@@ -66,7 +68,7 @@ def sections(frames: Frames, measured: Measured) -> Iterator[Section]:
             rows=end_rows(mine),
             step_rows=json.dumps(step_rows(mine, measured)).replace("<", "\\u003c"),
             charts=list(charts_of(mine, anchor)),
-            panels=list(panels_of(frames, mine, anchor)),
+            panels=list(panels_of(frames, mine, curricula, anchor)),
             pictures=drawn,
         )
 
