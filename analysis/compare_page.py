@@ -29,11 +29,11 @@ from analysis.figures.radar import radar
 from analysis.formatting import plus_minus
 from analysis.frames import load
 from analysis.overall import overall_rows
-from analysis.pages import page
+from analysis.pages import page, page_folder, write_page
 from analysis.pairwise import pairwise
 from analysis.pairwise_statistics import pairwise_from_statistics
 from analysis.picture import Picture
-from analysis.pooling import COMPARED, SETTINGS, parts_of, pooled
+from analysis.pooling import SETTINGS, parts_of, pooled
 from analysis.published import PAPER
 from analysis.report.controls import controls
 from analysis.statistics import SIGNIFICANCE
@@ -61,8 +61,7 @@ def write_comparison(root: str | Path, baselines: Sequence[str], output: Path | 
     """
     if not baselines:
         raise ValueError(f"compare with what? Name a baseline, as in --baseline {PAPER}")
-    if output is None and "://" in str(root):
-        raise ValueError(f"{root} is no local folder: say in which folder to write the page")
+    folder = page_folder(root, output, "compare", "page")
     frames = load(root)
     mine = side_of(frames, "yours")
     others = [baseline_side(name) for name in baselines]
@@ -93,21 +92,12 @@ def write_comparison(root: str | Path, baselines: Sequence[str], output: Path | 
         version=version("tma_ray"),
         written=datetime.now(UTC),
     )
-    return _write(text, pictures, output or Path(root) / "compare")
-
-
-def _write(text: str, pictures: Sequence[Picture], folder: Path) -> Path:
-    folder.mkdir(parents=True, exist_ok=True)
-    for picture in pictures:
-        (folder / f"{picture.name}.png").write_bytes(picture.png)
-    index = folder / "index.html"
-    index.write_text(text, encoding="utf-8")
-    return index
+    return write_page(folder, text, {f"{picture.name}.png": picture.png for picture in pictures})
 
 
 def _radars(runs: pd.DataFrame, others: Sequence[Side]) -> Iterator[Picture]:
     """Yields the radar of what may be compared, and one of each published table."""
-    kinds = [*COMPARED[4:], "students"]
+    kinds = [*SETTINGS, "students"]
     students = runs["pool"].map(lambda pool: ", ".join(sorted({student for _, student in parts_of(pool)})))
     for place, (_, group) in enumerate(runs.assign(students=students).groupby(kinds, dropna=False), start=1):
         table, tests = pooled(group, [MEASURE]), pairwise(group, MEASURE, "random")

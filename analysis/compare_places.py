@@ -15,8 +15,7 @@ from analysis.compare import MEASURE, Side
 from analysis.formatting import number, p_value, plus_minus
 from analysis.measures import aggregate
 from analysis.pooling import COMPARED, parts_of, pooled
-from analysis.style import label, look
-from tma_ray.benchmark import find_challenge
+from analysis.style import challenge_title, label, look
 
 QUANTITY = "Mastered test tasks (%)"
 
@@ -127,10 +126,8 @@ def _students(place: dict[str, Any]) -> str:
 
 
 def _title(place: dict[str, Any]) -> str:
-    try:
-        challenge = find_challenge(place["environment"], place["challenge"]).title
-    except ValueError:  # somebody else's environment
-        challenge = f"{place['environment']} {place['challenge']}"
+    environment, name = place["environment"], place["challenge"]
+    challenge = challenge_title(environment, name, f"{environment} {name}")
     return f"{challenge}, {_students(place)}, expert knowledge {place['expert_knowledge']}"
 
 

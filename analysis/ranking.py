@@ -16,8 +16,7 @@ from analysis.pairwise import pairwise
 from analysis.pooling import COMPARED, POOLED, pooled
 from analysis.statistics import SIGNIFICANCE, holm
 from analysis.student_pools import runs_after
-from analysis.style import label
-from tma_ray.benchmark import challenges_of
+from analysis.style import challenge_title, label
 
 MEASURE = "mastered_percent"
 
@@ -95,8 +94,8 @@ def show_ranking(root: str | Path, share: float = 1.0, console: Console | None =
 
 
 def _cells(row: pd.Series) -> list[str]:
-    challenge = challenges_of(row["environment"]).get(row["challenge"])
-    place = challenge.title if challenge else f"{row['environment']} {row['challenge']}"
+    environment, challenge = row["environment"], row["challenge"]
+    place = challenge_title(environment, challenge, f"{environment} {challenge}")
     result = plus_minus(row[f"{MEASURE}_mean"], row[f"{MEASURE}_std"])
     partly = "*" if row["missing"] else ""
     names = [place, row["expert_knowledge"], label(row["teacher"]), result + partly, str(row["n"])]

@@ -14,6 +14,8 @@ import matplotlib as mpl
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
+from tma_ray.benchmark import challenges_of
+
 DPI = 150
 """Resolution of the PNG files, in dots per inch."""
 
@@ -128,6 +130,12 @@ def look(teacher: str) -> Look:
 def label(teacher: str) -> str:
     """Returns the name of a teacher as the paper prints it, or the plug-in's own."""
     return _LABELS.get(_key(teacher), teacher)
+
+
+def challenge_title(environment: str, challenge: str, otherwise: str) -> str:
+    """Returns the title of a challenge of the benchmark; `otherwise` of somebody else's."""
+    known = challenges_of(environment).get(challenge)
+    return known.title if known else otherwise
 
 
 def short_label(teacher: str, length: int = 18) -> str:

@@ -8,8 +8,7 @@ from dataclasses import dataclass
 import pandas as pd
 
 from analysis.formatting import amount
-from analysis.style import label, look, teacher_order
-from tma_ray.benchmark import find_challenge
+from analysis.style import challenge_title, label, look, teacher_order
 
 FILTERS = {
     "engine": "Engine",
@@ -98,10 +97,8 @@ def _filter(comparisons: pd.DataFrame, column: str) -> Filter:
 def _name(column: str, value: str, environments: Sequence[str]) -> str:
     if column == "challenge":
         for environment in dict.fromkeys(environments):
-            try:
-                return find_challenge(environment, value).title
-            except ValueError:  # of another environment, or somebody else's
-                continue
+            if title := challenge_title(environment, value, ""):
+                return title
     if column == "engine":
         return value
     if column == "student":

@@ -18,7 +18,7 @@ from analysis.picture import Picture
 from analysis.report.comparison_charts import Panel, charts_of, panels_of
 from analysis.report.controls import FILTERS
 from analysis.report.rows import end_rows, step_rows
-from tma_ray.benchmark import find_challenge
+from analysis.style import challenge_title
 
 
 @dataclass(frozen=True, eq=False)
@@ -82,10 +82,8 @@ def titled(measured: Measured) -> Iterator[tuple[str, str, Measured]]:
 
 def _title(comparison: pd.Series, several: dict[str, bool]) -> str:
     """Returns what a comparison is about."""
-    try:
-        challenge = find_challenge(comparison["environment"], comparison["challenge"]).title
-    except ValueError:  # somebody else's environment
-        challenge = comparison["challenge"]
+    name = comparison["challenge"]
+    challenge = challenge_title(comparison["environment"], name, name)
     parts = [
         comparison["environment"].replace("_", " ").capitalize(),
         challenge[:1].lower() + challenge[1:],

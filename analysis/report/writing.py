@@ -11,7 +11,7 @@ from analysis.claims_view import decided, root_verdicts
 from analysis.comparison import Measured, measure
 from analysis.formatting import number
 from analysis.frames import COMPARISON, Frames, load
-from analysis.pages import page
+from analysis.pages import page, page_folder, write_page
 from analysis.report.captions import thresholds
 from analysis.report.controls import controls
 from analysis.report.downloads import Download, downloads
@@ -44,14 +44,8 @@ def write_report(root: str | Path, output: Path | None = None, videos: Sequence[
     parts = list(sections(frames, measured))
     tables = downloads(frames, measured)
     text = _render(frames, measured, parts, tables, videos)
-    output.mkdir(parents=True, exist_ok=True)
-    for picture in (picture for part in parts for picture in part.pictures):
-        (output / f"{picture.name}.png").write_bytes(picture.png)
-    for table in tables:
-        (output / table.name).write_bytes(table.content)
-    index = output / "index.html"
-    index.write_text(text, encoding="utf-8")
-    return index
+    pictures = {f"{picture.name}.png": picture.png for part in parts for picture in part.pictures}
+    return write_page(output, text, pictures | {table.name: table.content for table in tables})
 
 
 def report_folder(root: str | Path, output: Path | None) -> Path:
@@ -60,9 +54,7 @@ def report_folder(root: str | Path, output: Path | None) -> Path:
     Raises:
         ValueError: an object store and no `output`.
     """
-    if output is None and "://" in str(root):
-        raise ValueError(f"{root} is no local folder: say in which folder to write the report")
-    return output or Path(root) / "report"
+    return page_folder(root, output, "report", "report")
 
 
 def _render(
