@@ -26,7 +26,7 @@ from tma_ray.campaign import Campaign
 from tma_ray.campaign.actors import RemoteTeacher
 from tma_ray.campaign.cluster import connect
 from tma_ray.campaign.execution import run_campaign
-from tma_ray.campaign.progress import ProgressView
+from tma_ray.campaign.monitor.progress import ProgressView
 from tma_ray.campaign.settings import Settings, TeacherPlacement
 from tma_ray.results import Committer, Results, Table
 from tma_ray.runs import Cell, InlineTeacher, Schedule, run_locally

@@ -14,7 +14,7 @@ import pandas as pd
 from matplotlib.axes import Axes
 
 from tma_ray.results import Results, Table
-from tma_ray.runs.rendering import Scenario, render
+from tma_ray.viewing.rendering import Scenario, render
 
 sys.path.append(str(Path(__file__).parents[2] / "benchmarks"))
 from milieus import BODIES, random_return

@@ -24,11 +24,11 @@ from tma_ray.envs.drawing.scene import scene_of
 from tma_ray.envs.rendering import Renderer
 from tma_ray.physics import Engine, Rules, make_engine
 from tma_ray.physics.grips import NOTHING
-from tma_ray.runs.pictures import write_frames
 from tma_ray.terrain import Terrain
 from tma_ray.terrain.cppn import CPPN, DEFAULT_WEIGHTS
 from tma_ray.terrain.parkour import GROUND_LIMIT, outlines, parkour
 from tma_ray.terrain.terrain import STEP
+from tma_ray.viewing.pictures import write_frames
 
 COLUMNS = 3
 CELL, GAP, CAPTION, MAP = (3.7, 3.75), 0.15, 0.6, 0.55

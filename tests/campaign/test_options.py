@@ -10,9 +10,9 @@ import pytest
 from rich.console import Console
 
 from tma_ray.campaign import Campaign, cells_of
-from tma_ray.campaign.address import check_address
+from tma_ray.campaign.monitor.progress import ProgressView, Snapshot, Standing, duration
 from tma_ray.campaign.options import add_options, chosen_address, chosen_campaign, parse_seeds, whole_number
-from tma_ray.campaign.progress import ProgressView, Snapshot, Standing, duration
+from tma_ray.campaign.preflight.address import check_address
 from tma_ray.campaign.settings import Resources, Settings
 from tma_ray.cli import main
 from tma_ray.physics import engine_in_use

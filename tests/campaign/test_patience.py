@@ -8,13 +8,14 @@ from typing import Any
 import pytest
 from small_runs import small_spec
 
-from tma_ray.campaign.patience import OutageError, PatientCommitter
-from tma_ray.results import Committer, RootInUseError, StorageError, Store, storage_error
+from tma_ray.campaign.failures.outages import OutageError, PatientCommitter
+from tma_ray.results import Committer, RootInUseError, StorageError, Store
+from tma_ray.results.storage import errors as storage_errors
 
 
 @pytest.fixture(autouse=True)
 def short_pauses(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(storage_error, "FIRST_PAUSE", 0.01)
+    monkeypatch.setattr(storage_errors, "FIRST_PAUSE", 0.01)
 
 
 def refusing(monkeypatch: pytest.MonkeyPatch, times: float) -> list[str]:

@@ -7,8 +7,8 @@ from typing import Any
 
 import pytest
 
-from tma_ray.campaign import reach
 from tma_ray.campaign.cluster import working_nodes
+from tma_ray.campaign.preflight import reach
 from tma_ray.results import ResultsRootError, Store
 
 pytestmark = pytest.mark.usefixtures("cluster")

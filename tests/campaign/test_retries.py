@@ -13,7 +13,7 @@ from small_runs import data_files, rows
 from test_campaign import alone, campaign, execute, idle, settings
 
 from tma_ray.campaign.actors import Report, SeedActor
-from tma_ray.campaign.retries import FIRST_PAUSE, LONGEST_PAUSE, Retries
+from tma_ray.campaign.failures.retries import FIRST_PAUSE, LONGEST_PAUSE, Retries
 from tma_ray.campaign.settings import TeacherPlacement
 from tma_ray.results import Committer, Table
 

@@ -13,10 +13,10 @@ from rich.console import Console
 from small_runs import SCHEDULE, rows
 from test_campaign import campaign, execute, idle, settings
 
-from tma_ray.campaign import history, status
 from tma_ray.campaign.execution import execute_plan
-from tma_ray.campaign.overview import overview
-from tma_ray.campaign.progress import Snapshot
+from tma_ray.campaign.monitor import history, status
+from tma_ray.campaign.monitor.overview import overview
+from tma_ray.campaign.monitor.progress import Snapshot
 from tma_ray.campaign.rerun import plan_again
 from tma_ray.campaign.settings import TeacherPlacement
 from tma_ray.results import (

@@ -10,8 +10,8 @@ import yaml
 
 from tma_ray.embodiments import load_embodiment
 from tma_ray.envs import ENVIRONMENTS
+from tma_ray.importing.names import parse
 from tma_ray.registry import Registry
-from tma_ray.results.importing.names import parse
 from tma_ray.students import STUDENTS
 from tma_ray.tasks import TestSet
 from tma_ray.teachers import TEACHERS

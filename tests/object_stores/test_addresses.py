@@ -6,7 +6,7 @@ from datetime import timedelta
 import pytest
 
 from tma_ray.results import Store
-from tma_ray.results.object_store import GCS_RETRY_SECONDS, S3_ATTEMPTS, open_bucket
+from tma_ray.results.storage.object_store import GCS_RETRY_SECONDS, S3_ATTEMPTS, open_bucket
 
 SECRET = "wJalrXUtnFEMI/K7MDENG+secret"
 

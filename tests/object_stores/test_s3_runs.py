@@ -9,7 +9,8 @@ from s3_proxy import Proxy
 from small_runs import data_files, run, short_run
 
 from analysis.tensorboard import EventFolder
-from tma_ray.results import CHECKPOINTS, Lease, Results, RootInUseError, Store, Table, object_store
+from tma_ray.results import CHECKPOINTS, Lease, Results, RootInUseError, Store, Table
+from tma_ray.results.storage import object_store
 from tma_ray.runs import Placement, RunSpec
 
 OFTEN = Placement(checkpoint_seconds=0.0)

@@ -8,7 +8,8 @@ from pathlib import Path
 import pytest
 from s3_proxy import Proxy
 
-from tma_ray.results import ObjectStoreError, Results, Store, check_usable, object_store
+from tma_ray.results import ObjectStoreError, Results, Store, check_usable
+from tma_ray.results.storage import object_store
 
 LARGE = bytes(11_000_000)
 """Two parts of an upload."""

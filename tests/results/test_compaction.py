@@ -26,9 +26,9 @@ from tma_ray.results import (
     Table,
     compact,
     copy_merged,
-    shared_files,
 )
-from tma_ray.results import compaction as module
+from tma_ray.results.merging import compaction as module
+from tma_ray.results.merging import shared_files
 
 RUNS = {"first": ["run-00", "run-01", "run-02", "run-03"], "second": ["run-00a"]}
 

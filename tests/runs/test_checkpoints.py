@@ -14,9 +14,9 @@ from tma_ray.results import (
     StaleAttemptError,
     Store,
     outlast,
-    storage_error,
 )
-from tma_ray.results.storage_error import StorageError
+from tma_ray.results.storage import errors as storage_errors
+from tma_ray.results.storage.errors import StorageError
 from tma_ray.runs import Placement, RunSpec
 from tma_ray.runs.attempt import Attempt
 from tma_ray.runs.checkpoints import Checkpoints
@@ -154,7 +154,7 @@ def test_a_run_outlasts_a_full_disk_wherever_it_strikes(
     """Every tenth file that is written fails at first."""
     spec = small_spec(tmp_path, teacher="alp_gmm", steps=400, evaluation_interval=200)
     run(spec, tmp_path / "undisturbed", placement=EVERY_EPISODE)
-    monkeypatch.setattr(storage_error, "FIRST_PAUSE", 0.01)
+    monkeypatch.setattr(storage_errors, "FIRST_PAUSE", 0.01)
     write, count = Store.write_bytes, 0
 
     def now_and_then(store: Store, path: str, data: bytes) -> None:
@@ -176,7 +176,7 @@ def test_a_disk_that_stays_full_ends_the_attempt_which_can_be_taken_up_again(
 ) -> None:
     spec = small_spec(tmp_path, teacher="alp_gmm", steps=1_000)
     run(spec, tmp_path / "undisturbed")
-    monkeypatch.setattr(storage_error, "FIRST_PAUSE", 0.01)
+    monkeypatch.setattr(storage_errors, "FIRST_PAUSE", 0.01)
     write = Store.write_bytes
 
     def no_checkpoint(store: Store, path: str, data: bytes) -> None:

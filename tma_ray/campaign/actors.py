@@ -11,8 +11,8 @@ from typing import Any, cast
 import ray
 from ray.util.scheduling_strategies import NodeAffinitySchedulingStrategy, NodeLabelSchedulingStrategy, NotIn
 
+from tma_ray.campaign.preflight.shipping import use_shipped
 from tma_ray.campaign.settings import GIB, Resources, TeacherPlacement
-from tma_ray.campaign.shipping import use_shipped
 from tma_ray.results import AttemptOutcome, AttemptRecord, PartFile, Store
 from tma_ray.runs.placement import Placement, Status
 from tma_ray.runs.spec import RunSpec

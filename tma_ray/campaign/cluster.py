@@ -11,9 +11,9 @@ from typing import Any
 import ray
 from ray.exceptions import AuthenticationError
 
-from tma_ray.campaign.address import check_address, explanation
+from tma_ray.campaign.preflight.address import check_address, explanation
+from tma_ray.campaign.preflight.shipping import runtime_environment
 from tma_ray.campaign.settings import GIB, Resources
-from tma_ray.campaign.shipping import runtime_environment
 from tma_ray.plugin_source import PluginSource
 
 LOCAL_OBJECT_STORE_BYTES = 100_000_000

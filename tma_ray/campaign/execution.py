@@ -6,12 +6,12 @@ from pathlib import Path
 
 from tma_ray.campaign.campaign import Campaign, Plan, lease_holder
 from tma_ray.campaign.cluster import check_feasible, connect
-from tma_ray.campaign.progress import ProgressView, PublishedProgress, Snapshot, View
-from tma_ray.campaign.reach import check_reach
+from tma_ray.campaign.failures.stopping import StopSignals
+from tma_ray.campaign.monitor.progress import ProgressView, PublishedProgress, Snapshot, View
+from tma_ray.campaign.preflight.reach import check_reach
+from tma_ray.campaign.preflight.warming import warm_nodes
 from tma_ray.campaign.scheduler import Scheduler
 from tma_ray.campaign.settings import Settings
-from tma_ray.campaign.stopping import StopSignals
-from tma_ray.campaign.warming import warm_nodes
 from tma_ray.results import Committer, Lease, Pulse, Store, check_usable
 from tma_ray.runs.plugins import importing_plugins, plugin_sources
 

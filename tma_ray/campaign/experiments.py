@@ -12,7 +12,7 @@ from rich.console import Console
 
 from tma_ray.benchmark import SIZES, Experiment, Matrix, Size, Tier, select
 from tma_ray.campaign.campaign import Plan
-from tma_ray.campaign.costs import estimate
+from tma_ray.campaign.costs.costs import estimate
 from tma_ray.campaign.matrices import joined_plan, matrix_campaigns
 from tma_ray.campaign.options import (
     add_choice_options,

@@ -16,9 +16,9 @@ from ray.exceptions import ActorUnavailableError, RayActorError, RayTaskError
 
 from tma_ray.campaign.actors import Report, SeedActor
 from tma_ray.campaign.cluster import capacity
-from tma_ray.campaign.patience import PatientCommitter
-from tma_ray.campaign.progress import Snapshot, Standing, View
-from tma_ray.campaign.retries import Retries
+from tma_ray.campaign.failures.outages import PatientCommitter
+from tma_ray.campaign.failures.retries import Retries
+from tma_ray.campaign.monitor.progress import Snapshot, Standing, View
 from tma_ray.campaign.settings import Settings
 from tma_ray.results import (
     AttemptOutcome,

@@ -9,9 +9,9 @@ from collections.abc import Sequence
 from rich.console import Console
 
 from tma_ray.campaign.campaign import Campaign, Plan
+from tma_ray.campaign.failures.outages import OutageError
+from tma_ray.campaign.monitor.progress import Snapshot
 from tma_ray.campaign.options import add_options, chosen_address, chosen_campaign, chosen_settings
-from tma_ray.campaign.patience import OutageError
-from tma_ray.campaign.progress import Snapshot
 from tma_ray.results import RootInUseError
 
 EXIT_FAILED = 1

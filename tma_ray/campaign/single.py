@@ -8,9 +8,9 @@ from dataclasses import fields
 from rich.console import Console
 
 from tma_ray.campaign.campaign import Campaign, lease_holder
-from tma_ray.campaign.progress import ProgressView, PublishedProgress, Snapshot, Standing
+from tma_ray.campaign.failures.stopping import StopSignals
+from tma_ray.campaign.monitor.progress import ProgressView, PublishedProgress, Snapshot, Standing
 from tma_ray.campaign.script import EXIT_STOPPED
-from tma_ray.campaign.stopping import StopSignals
 from tma_ray.results import AttemptOutcome, Committer, Lease, Pulse
 from tma_ray.runs import Cell, Placement, Schedule, Status, run_locally
 from tma_ray.tasks import KnowledgeLevel

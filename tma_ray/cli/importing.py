@@ -48,7 +48,7 @@ def _results(options: argparse.Namespace) -> int:
     from rich.console import Console
     from rich.progress import track
 
-    from tma_ray.results.importing import LARGEST_MEBIBYTES, import_results
+    from tma_ray.importing import LARGEST_MEBIBYTES, import_results
 
     bar = Console(stderr=True)
     largest = options.largest_pickle or LARGEST_MEBIBYTES
@@ -69,7 +69,7 @@ def _results(options: argparse.Namespace) -> int:
 
 def _test_sets(options: argparse.Namespace) -> int:
     from tma_ray.envs import ENVIRONMENTS
-    from tma_ray.results.importing.test_sets import read_test_sets, write_test_sets
+    from tma_ray.importing.test_sets import read_test_sets, write_test_sets
 
     found, left_out = read_test_sets(options.source, by_position=options.by_position)
     for each in found:
@@ -81,7 +81,7 @@ def _test_sets(options: argparse.Namespace) -> int:
 
 
 def _weights(options: argparse.Namespace) -> int:
-    from tma_ray.results.importing.weights import read_weights, write_weights
+    from tma_ray.importing.weights import read_weights, write_weights
 
     network, names = read_weights(options.source)
     write_weights(network, options.output)

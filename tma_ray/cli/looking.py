@@ -79,7 +79,7 @@ def _add_render(parser: argparse.ArgumentParser) -> None:
 
 
 def _render(options: argparse.Namespace) -> int:
-    from tma_ray.runs.rendering import Scenario, render
+    from tma_ray.viewing.rendering import Scenario, render
 
     given = {name: value for name, value in vars(options).items() if name in Scenario.__dataclass_fields__}
     outcome = render(Scenario(**given), options.output)
@@ -90,7 +90,7 @@ def _render(options: argparse.Namespace) -> int:
 
 
 def _status(options: argparse.Namespace) -> int:
-    from tma_ray.campaign.status import show, watch
+    from tma_ray.campaign.monitor.status import show, watch
 
     if options.watch:
         with suppress(KeyboardInterrupt):
@@ -101,7 +101,7 @@ def _status(options: argparse.Namespace) -> int:
 
 
 def _logs(options: argparse.Namespace) -> int:
-    from tma_ray.campaign.history import show
+    from tma_ray.campaign.monitor.history import show
 
     show(options.run, options.results)
     return 0

@@ -54,7 +54,7 @@ def _add_play(parser: argparse.ArgumentParser) -> None:
 
 
 def _export(options: argparse.Namespace) -> int:
-    from tma_ray.runs import export
+    from tma_ray.export import export
 
     done = export(options.policy, options.output, options.results, options.licence, options.onnx)
     if done.difference is not None:
@@ -65,7 +65,7 @@ def _export(options: argparse.Namespace) -> int:
 
 
 def _play(options: argparse.Namespace) -> int:
-    from tma_ray.runs.play.playing import Played, film, parse_size, play
+    from tma_ray.viewing.play.playing import Played, film, parse_size, play
 
     given = {name: value for name, value in vars(options).items() if name in Played.__dataclass_fields__}
     given["size"] = parse_size(options.size) if options.size else None

@@ -65,9 +65,9 @@ def _video(root: str, wanted: WantedVideo, folder: Path) -> Video:
     from importlib.util import find_spec
 
     from analysis.report.videos import Video
-    from tma_ray.runs.players import find_policy
-    from tma_ray.runs.rendering import Scenario, render
+    from tma_ray.runs.saved_policies import find_policy
     from tma_ray.runs.streams import evaluation_seeds
+    from tma_ray.viewing.rendering import Scenario, render
 
     ending = ".mp4" if find_spec("av") else ".gif"
     file = folder / f"{wanted.name}{ending}"

@@ -1,7 +1,6 @@
 """Results as Parquet tables: written by runs, published by one committer, read by anyone."""
 
 from tma_ray.results.committer import Committer, StaleAttemptError, accepted_manifest
-from tma_ray.results.compaction import Compaction, compact, copy_merged
 from tma_ray.results.engines import BOX2D, BOX2D_TEST_SET, CHIPMUNK
 from tma_ray.results.heartbeat import Heartbeat, Pulse, RunPace
 from tma_ray.results.layout import (
@@ -20,14 +19,15 @@ from tma_ray.results.layout import (
 )
 from tma_ray.results.lease import Lease, NotRunningError, RootInUseError, ask_to_stop, holder_of
 from tma_ray.results.manifest import DamagedFileError, Manifest, PartFile
-from tma_ray.results.object_store import ObjectStoreError
+from tma_ray.results.merging.compaction import Compaction, compact, copy_merged
 from tma_ray.results.published import PUBLISHED_FILE, PUBLISHED_SCHEMA, read_published, write_published
 from tma_ray.results.reader import DamagedFileWarning, Results
 from tma_ray.results.records import AttemptOutcome, AttemptRecord, RunRecord, RunStatus
 from tma_ray.results.rows import teacher_log_row
 from tma_ray.results.schema import DATA_TABLES, SCHEMA_VERSION, SCHEMAS, Table
-from tma_ray.results.storage_error import DISK_FULL, StorageError, explained_disk, outlast
-from tma_ray.results.store import Store
+from tma_ray.results.storage.errors import DISK_FULL, StorageError, explained_disk, outlast
+from tma_ray.results.storage.object_store import ObjectStoreError
+from tma_ray.results.storage.store import Store
 from tma_ray.results.writer import RunWriter
 
 __all__ = [

@@ -23,7 +23,7 @@ from tma_ray.results.parquet import decode, encode
 from tma_ray.results.records import AttemptRecord, RunRecord, RunStatus
 from tma_ray.results.rows import to_arrow
 from tma_ray.results.schema import DATA_TABLES, SCHEMAS, Table
-from tma_ray.results.store import Store
+from tma_ray.results.storage.store import Store
 
 TEMPORARY_SECONDS: Final = 3600.0
 """Age over which a half-made file is taken to be left by a killed process, s."""

@@ -10,8 +10,8 @@ from dataclasses import asdict, dataclass, field
 from typing import Final, Self
 
 from tma_ray.results.layout import HEARTBEAT_FILE
-from tma_ray.results.storage_error import StorageError
-from tma_ray.results.store import Store
+from tma_ray.results.storage.errors import StorageError
+from tma_ray.results.storage.store import Store
 
 HEARTBEAT_SECONDS: Final = 15.0
 """Time between two heartbeats, s."""

@@ -8,7 +8,7 @@ from pathlib import PurePosixPath
 from typing import Final
 
 from tma_ray.results.schema import SCHEMA_VERSION, Table
-from tma_ray.results.store import TEMPORARY, Store
+from tma_ray.results.storage.store import TEMPORARY, Store
 
 FORMAT: Final = "tma_ray results"
 ROOT_FILE: Final = "root.json"

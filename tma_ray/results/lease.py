@@ -13,7 +13,7 @@ from typing import Any, Final, Self
 from uuid import uuid4
 
 from tma_ray.results.layout import LEASE_FILE, STOP_FILE
-from tma_ray.results.store import Store
+from tma_ray.results.storage.store import Store
 
 LEASE_SECONDS: Final = 120.0
 """Age over which a lease that nobody renewed is taken to be that of a killed process, s."""

@@ -11,7 +11,7 @@ from typing import Any, Self
 from tma_ray.results.layout import check_path, manifest_path
 from tma_ray.results.records import RunRecord, RunStatus
 from tma_ray.results.schema import Table
-from tma_ray.results.store import Store
+from tma_ray.results.storage.store import Store
 
 
 class DamagedFileError(ValueError):

@@ -10,7 +10,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from tma_ray.results.schema import SCHEMA_VERSION
-from tma_ray.results.store import Store
+from tma_ray.results.storage.store import Store
 
 PUBLISHED_FILE: Final = "published.parquet"
 

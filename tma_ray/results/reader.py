@@ -14,11 +14,11 @@ import pyarrow.compute as pc
 
 from tma_ray.results.layout import MANIFESTS, TABLES, check_root, manifest_path
 from tma_ray.results.manifest import DamagedFileError, Manifest, PartFile
+from tma_ray.results.merging.shared_files import by_appearance, read_slice, read_slices, shared_by_path
 from tma_ray.results.parquet import decode
 from tma_ray.results.rows import to_arrow
 from tma_ray.results.schema import DATA_TABLES, SCHEMAS, Table
-from tma_ray.results.shared_files import by_appearance, read_slice, read_slices, shared_by_path
-from tma_ray.results.store import Store
+from tma_ray.results.storage.store import Store
 
 S = TypeVar("S")
 T = TypeVar("T")

@@ -12,7 +12,7 @@ from tma_ray.results.manifest import PartFile
 from tma_ray.results.parquet import decode, encode
 from tma_ray.results.rows import to_arrow
 from tma_ray.results.schema import DATA_TABLES, SCHEMAS, Table
-from tma_ray.results.store import Store
+from tma_ray.results.storage.store import Store
 
 _ROW_SCHEMAS: Final = {table: SCHEMAS[table].remove(0) for table in DATA_TABLES}  # run_id is ours
 

@@ -3,7 +3,6 @@
 from tma_ray.runs.attempt import Attempt
 from tma_ray.runs.cell import Cell, effective_spec
 from tma_ray.runs.checkpoints import Checkpoints
-from tma_ray.runs.exporting import Export, export
 from tma_ray.runs.local import run_locally
 from tma_ray.runs.placement import Placement, Status
 from tma_ray.runs.run import Run
@@ -14,7 +13,6 @@ __all__ = [
     "Attempt",
     "Cell",
     "Checkpoints",
-    "Export",
     "InlineTeacher",
     "Placement",
     "Plugin",
@@ -25,6 +23,5 @@ __all__ = [
     "Status",
     "TeacherLink",
     "effective_spec",
-    "export",
     "run_locally",
 ]

@@ -1,0 +1,127 @@
+"""Imported runs are marked as Box2D's, and never pooled or tested with ours."""
+
+import json
+from pathlib import Path
+
+import pytest
+from release_folders import Release, stumps
+
+from analysis import load
+from analysis.baselines import Baseline
+from analysis.baselines import release as pack
+from analysis.compare import baseline_side, beside, duels, side_of, together
+from analysis.frames import GROUP, Frames
+from analysis.measures import against_baseline, evaluation_curves, readings
+from analysis.pairwise import pairwise
+from analysis.pooling import POOLED, pooled
+from analysis.ranking import ranking
+from analysis.student_pools import runs_after
+from analysis.table_results import table_results
+from tma_ray.importing import import_results
+from tma_ray.results import CHIPMUNK, Committer, RunRecord, RunWriter, Store, Table
+from tma_ray.runs import RunSpec
+
+LEVEL = "none"
+
+
+def add_our_runs(root: Path, teacher: str, seeds: range, mastered: int, steps: int) -> None:
+    """Writes runs of ours of the same cell, with the same steps, into a root."""
+    committer = Committer(Store.open(root))
+    names = ("stump_tracks", "mostly_unfeasible", "classic_bipedal", "sac", teacher, LEVEL)
+    keys = ("environment", "challenge", "embodiment", "student", "teacher", "expert_knowledge")
+    for seed in seeds:
+        record = RunRecord(
+            f"ours-{teacher}-{seed}", "{}", *names, "stump_tracks", steps=steps, seed=seed, physics_version=1
+        )
+        attempt = committer.start(record)
+        writer = RunWriter(committer.store, record.run_id, attempt)
+        rows = [
+            {"step": steps, "test_set": "stump_tracks", "task_index": i, "task": [float(i), 0.0]}
+            | {"episodic_return": 300.0 if i < mastered + seed else 0.0, "length": 1}
+            for i in range(100)
+        ]
+        writer.add(Table.EVALUATIONS, rows)
+        committer.finish(record, attempt, writer.finish())
+        cell = dict(zip(keys, names, strict=True)) | {"seed": seed, "run_id": record.run_id}
+        committer.write_cells("ours", [cell | {"experiment": "box2d_mostly_unfeasible"}])
+
+
+@pytest.fixture
+def box2d(release: Release, tmp_path: Path) -> Path:
+    for seed in range(3):
+        release.sac(stumps("Random", 1), seed=seed, mastered=[0, 10 + seed])
+        release.sac(stumps("RIAC", 1), seed=seed, mastered=[0, 40 + seed])
+    import_results(release.root, tmp_path / "box2d")
+    return tmp_path / "box2d"
+
+
+@pytest.fixture
+def ours(tmp_path: Path) -> Path:
+    for teacher, mastered in (("random", 20), ("riac", 30)):
+        add_our_runs(tmp_path / "ours", teacher, range(3), mastered, 1_000_000)
+    return tmp_path / "ours"
+
+
+@pytest.fixture
+def mixed(box2d: Path) -> Frames:
+    """Both in one root, under one name of an experiment, with the same steps."""
+    for teacher, mastered in (("random", 20), ("riac", 30)):
+        add_our_runs(box2d, teacher, range(3), mastered, 1_000_000)
+    return load(box2d)
+
+
+def test_a_ranking_of_a_mixed_root_pools_and_tests_engines_apart(mixed: Frames) -> None:
+    table = ranking(mixed).set_index(["engine", "teacher"])
+    assert table["mastered_percent_mean"].to_dict() == {
+        ("Box2D", "random"): 11,
+        ("Box2D", "riac"): 41,
+        ("Chipmunk", "random"): 21,
+        ("Chipmunk", "riac"): 31,
+    }
+    assert set(table["n"]) == {3}
+    assert table.loc[("Box2D", "riac"), "difference"] == 30
+    assert table.loc[("Chipmunk", "riac"), "difference"] == 10
+    assert any("different engines (Box2D, Chipmunk)" in warning for warning in mixed.warnings)
+
+
+def test_no_pair_is_tested_across_engines(mixed: Frames) -> None:
+    runs = runs_after(mixed, 1.0)
+    tests = pairwise(runs, "mastered_percent")
+    assert sorted(tests["engine"]) == ["Box2D", "Chipmunk"]
+    assert "engine" in POOLED
+    assert set(pooled(runs)["engine"]) == {"Box2D", CHIPMUNK}
+
+
+def test_reports_and_tables_keep_them_apart(mixed: Frames) -> None:
+    assert "engine" in GROUP
+    reading = readings(mixed)
+    tests = against_baseline(reading, evaluation_curves(mixed), "mastered_percent")
+    assert dict(zip(tests["engine"], tests["difference"], strict=True)) == {"Box2D": 30, "Chipmunk": 10}
+    remarks = [results.remark for results in table_results(mixed)]
+    assert sorted(remarks) == [
+        "After 1 million steps, physics version 1.",
+        "After 1 million steps, worlds of Box2D.",
+    ]
+
+
+def test_as_a_baseline_they_stand_beside_ours(box2d: Path, ours: Path) -> None:
+    mine, theirs = side_of(load(ours), "ours"), baseline_side(str(box2d))
+    assert (mine.engine, theirs.engine) == ("Chipmunk, physics version 1", "Box2D")
+    runs = together(mine, [theirs])
+    assert set(runs["source"]) == {"ours"}
+    assert set(duels(runs, ["riac"])["second"]) == {"random"}
+    shown = beside(mine, theirs)
+    assert shown["teacher"].tolist() == ["random", "riac"]
+    assert all("engine: Box2D" in text for text in shown["differs"])
+
+
+def test_a_release_of_them_says_whose_worlds_they_are(box2d: Path, tmp_path: Path) -> None:
+    baseline = Baseline.open(pack(box2d, "theirs", tmp_path, "CC0-1.0"))
+    assert (baseline.manifest.engine, baseline.manifest.physics_versions) == ("Box2D", ())
+    assert "in worlds of Box2D" in (tmp_path / "theirs" / "README.md").read_text()
+
+
+def test_an_imported_run_cannot_be_run_again(box2d: Path) -> None:
+    spec = json.loads(load(box2d).cells["spec"].iloc[0])
+    with pytest.raises(ValueError, match="Box2D simulated its worlds"):
+        RunSpec.from_dict(spec)

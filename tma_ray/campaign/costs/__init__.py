@@ -1,0 +1,1 @@
+"""Costs of a plan before anything runs: measured speed, hours, disk and memory."""

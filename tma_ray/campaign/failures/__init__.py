@@ -1,0 +1,1 @@
+"""Answers to failures: retries, storage outages, requests to stop."""

@@ -1,0 +1,1 @@
+"""The progress of campaigns: published by drivers, shown from any machine."""

@@ -1,0 +1,79 @@
+"""Trying every environment and plug-in on every node before the first run."""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from collections.abc import Sequence
+from typing import Any
+
+import ray
+from ray.exceptions import RayError, RayTaskError
+from ray.util.scheduling_strategies import NodeAffinitySchedulingStrategy
+
+from tma_ray.campaign.cluster import working_nodes
+from tma_ray.campaign.preflight.shipping import use_shipped
+from tma_ray.envs import make_environment
+from tma_ray.runs.plugins import REGISTRIES, import_plugins
+from tma_ray.runs.spec import RunSpec
+
+_tried: set[tuple[str, object]] = set()
+"""Nodes and what this process has tried there."""
+
+
+def warm_nodes(specs: Sequence[RunSpec], shipped: bool = True) -> None:
+    """Makes every environment of `specs` once on every node, and imports every plug-in there.
+
+    What is compiled on the way stays in the nodes' caches, so that actors do not all compile at once;
+    the driver has done so for its own node in planning, which is left out where no plug-in is to be
+    tried. Nodes that join later compile when they start their first run.
+
+    Args:
+        specs: the runs.
+        shipped: whether this connection to Ray brought the plug-ins to the workers.
+
+    Raises:
+        ValueError: a node cannot import a plug-in, or has another version of it.
+    """
+    here = ray.get_runtime_context().get_node_id()
+    recipes = {(s.environment, *s.environment_options.items(), *s.plugins.items()): s for s in specs}
+    due = {
+        (node["NodeID"], recipe): spec
+        for node in working_nodes()
+        for recipe, spec in recipes.items()
+        if spec.plugins or node["NodeID"] != here
+    }
+    tasks = defaultdict(list)
+    for (node, recipe), spec in due.items():
+        if (node, recipe) not in _tried:
+            tasks[node].append(spec.to_dict())
+    # One call a process: it would keep the plug-ins that it has imported. One process a node: starting
+    # takes a process longer than trying.
+    task: Any = ray.remote(max_calls=1, num_cpus=0)(_try_all)
+    started = [
+        task.options(scheduling_strategy=NodeAffinitySchedulingStrategy(node, soft=True)).remote(contents)
+        for node, contents in tasks.items()
+    ]
+    try:
+        ray.get(started)
+    except RayError as error:
+        cause = error.cause if isinstance(error, RayTaskError) else error
+        hint = (
+            "" if shipped else "; Ray was connected before, so no plug-in was shipped: ray.shutdown() first"
+        )
+        raise ValueError(
+            f"a plug-in or environment does not work on the workers: {type(cause).__name__}: {cause}{hint}"
+        ) from error
+    _tried.update(due)
+
+
+def _try_all(contents: Sequence[dict[str, Any]]) -> None:
+    use_shipped()
+    for content in contents:
+        _try(RunSpec.from_dict(content))
+
+
+def _try(spec: RunSpec) -> None:
+    import_plugins(spec, *REGISTRIES)
+    environment = make_environment(spec.environment, **spec.environment_options)
+    environment.reset(seed=0, options={"task": spec.task_space.low})
+    environment.close()

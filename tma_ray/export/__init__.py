@@ -1,0 +1,5 @@
+"""Trained policies as folders for others: safetensors, ONNX and a model card."""
+
+from tma_ray.export.exporting import Export, export
+
+__all__ = ["Export", "export"]

@@ -1,0 +1,165 @@
+"""A trained policy as a folder for others: safetensors, ONNX and a model card."""
+
+from __future__ import annotations
+
+import hashlib
+import os
+import re
+import shutil
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Final
+
+import numpy as np
+from gymnasium import spaces
+
+from tma_ray import __version__
+from tma_ray.envs import Environment, make_environment
+from tma_ray.export.model_card import CARD_FILE, ExportedFile, OnnxFacts, model_card
+from tma_ray.export.model_facts import history_of
+from tma_ray.export.onnx_file import OPSET, largest_difference, onnx_model, require_onnx
+from tma_ray.runs.plugins import import_plugins
+from tma_ray.runs.saved_policies import SavedPolicy, find_policy
+from tma_ray.runs.spec import RunSpec
+from tma_ray.students import Policy, load_policy, policy_layers
+
+ONNX_FILE: Final = "policy.onnx"
+
+COMPARED: Final = 256
+"""On how many random observations the ONNX file is compared with the policy."""
+
+
+@dataclass(frozen=True)
+class Export:
+    """What was written.
+
+    Attributes:
+        folder: where.
+        run_id: of the run whose policy it is.
+        difference: largest absolute difference between actions of the ONNX file and of the policy; None
+            without such a file.
+    """
+
+    folder: Path
+    run_id: str
+    difference: float | None
+
+
+def export(
+    policy: str, output: str | Path, results: str | Path = "results", licence: str = "", onnx: bool = True
+) -> Export:
+    """Writes a policy, its ONNX file and its model card into the folder `output`.
+
+    The folder appears when all is written and the ONNX file has been checked; what is saved there is loaded
+    like the policy of a run.
+
+    Args:
+        policy: a run of `results`, its id or an unambiguous beginning of it; or the folder of a saved policy.
+        output: a new or empty folder.
+        results: folder or URI of a results root; a card says what it knows of the run.
+        licence: under which others may use the policy, an SPDX identifier such as ``CC-BY-4.0``.
+        onnx: whether to write ``policy.onnx``.
+
+    Raises:
+        ValueError: a folder that is not empty, no such policy, one that cannot be said in ONNX, no package
+            onnx, or no identifier of a licence; nothing is left then.
+    """
+    output = Path(output)
+    _check_output(output)
+    if licence and not re.fullmatch(r"[0-9A-Za-z.+-]+", licence):
+        raise ValueError(f"licence {licence!r}: expected an SPDX identifier, as in CC-BY-4.0 or MIT")
+    if onnx:
+        require_onnx()
+    saved = find_policy(policy, results)
+    import_plugins(saved.spec, "environment", "student")
+    environment = make_environment(saved.spec.environment, **saved.spec.environment_options)
+    try:
+        with _unfinished(output) as folder:
+            saved.copy(folder)
+            (folder / CARD_FILE).unlink(missing_ok=True)  # of a folder that was exported itself
+            (folder / ONNX_FILE).unlink(missing_ok=True)
+            saved.load(*_spaces(environment))  # refuses one that does not fit
+            facts = _write_onnx(saved, environment, folder) if onnx else None
+            card = model_card(
+                saved.spec, environment, history_of(saved, results), _files(folder), facts, licence
+            )
+            (folder / CARD_FILE).write_text(card)
+    finally:
+        environment.close()
+    return Export(output, saved.spec.run_id, facts.difference if facts else None)
+
+
+def _check_output(output: Path) -> None:
+    if output.exists() and not output.is_dir():
+        raise ValueError(f"{output} is a file; choose a new or empty folder")
+    if output.is_dir() and any(output.iterdir()):
+        raise ValueError(f"{output} is not empty; choose a new or empty folder")
+    existing = next(folder for folder in output.absolute().parents if folder.exists())
+    if not existing.is_dir() or not os.access(existing, os.W_OK | os.X_OK):
+        raise ValueError(f"{output}: {existing} cannot be written to; choose another folder")
+
+
+@contextmanager
+def _unfinished(output: Path) -> Iterator[Path]:
+    """Yields a folder that takes the place of `output` if all goes well, and vanishes otherwise."""
+    output = output.absolute()
+    folder = output.with_name(f".{output.name}-unfinished")
+    shutil.rmtree(folder, ignore_errors=True)
+    folder.mkdir(parents=True)
+    try:
+        yield folder
+        folder.replace(output)
+    finally:
+        shutil.rmtree(folder, ignore_errors=True)
+
+
+def _spaces(environment: Environment) -> tuple[spaces.Box, spaces.Box]:
+    observations, actions = environment.observation_space, environment.action_space
+    if not (isinstance(observations, spaces.Box) and isinstance(actions, spaces.Box)):
+        raise ValueError(f"{environment} has spaces {observations}, {actions}; expected boxes")
+    return observations, actions
+
+
+def _write_onnx(saved: SavedPolicy, environment: Environment, folder: Path) -> OnnxFacts:
+    observations, actions = _spaces(environment)
+    policy: Policy = saved.read(folder, load_policy)
+    layers = saved.read(folder, policy_layers)
+    sizes = observations.shape[0], actions.shape[0]
+    model = onnx_model(layers, sizes, _properties(saved.spec))
+    examples = _examples(observations)
+    difference = largest_difference(model, policy, examples, actions.high - actions.low)
+    (folder / ONNX_FILE).write_bytes(model.SerializeToString(deterministic=True))
+    return OnnxFacts(ONNX_FILE, OPSET, len(examples), difference)
+
+
+def _properties(spec: RunSpec) -> dict[str, str]:
+    return {
+        "run_id": spec.run_id,
+        "environment": spec.environment,
+        "embodiment": spec.embodiment,
+        "student": spec.student,
+        "teacher": spec.teacher,
+        "seed": str(spec.seed),
+        "steps": str(spec.schedule.steps),
+        "physics_version": str(spec.physics_version),
+        "tma_ray_version": __version__,
+    }
+
+
+def _examples(observations: spaces.Box) -> np.ndarray:
+    """Returns random observations (n, o): normal where there are no bounds, uniform between bounds."""
+    rng = np.random.default_rng(0)
+    bounded = np.isfinite(observations.low) & np.isfinite(observations.high)
+    low, high = (np.where(bounded, bound, 0.0) for bound in (observations.low, observations.high))
+    shape = (COMPARED, *observations.shape)
+    values = np.where(bounded, rng.uniform(low, high, shape), rng.normal(0.0, 2.0, shape))
+    return values.astype(np.float32)
+
+
+def _files(folder: Path) -> list[ExportedFile]:
+    return [
+        ExportedFile(path.name, path.stat().st_size, hashlib.sha256(path.read_bytes()).hexdigest())
+        for path in sorted(folder.iterdir())
+    ]

@@ -1,0 +1,1 @@
+"""Tables of many runs in one file each: merged, compared, read back."""

@@ -1,0 +1,295 @@
+"""Files of a results root, on a disk or in an object store, each written whole or not at all."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import time
+from collections.abc import Callable
+from contextlib import AbstractContextManager, nullcontext, suppress
+from pathlib import Path, PurePosixPath
+from typing import Any, Final, Self, TypeVar, cast
+from uuid import uuid4
+
+from pyarrow import fs
+
+from tma_ray.results.storage.errors import explained_disk
+from tma_ray.results.storage.object_store import (
+    NO_BUCKET,
+    ObjectStoreError,
+    ReplacedWhileReadError,
+    explained,
+    open_bucket,
+    patiently,
+)
+
+T = TypeVar("T")
+
+TEMPORARY: Final = "tmp"
+"""Folder for files in the making: beside the tables, since their readers' patterns would match it there."""
+
+_OBJECT_STORES: Final = ("s3", "gcs", "abfs")
+_SCHEMES: Final = {"gcs": "gs"}
+
+
+class Store:
+    """Files under one root, addressed by relative paths with forward slashes.
+
+    A file is seen by others complete or not at all: on a disk it is written aside, synced and
+    renamed; in an object store it is one PUT of bytes built beforehand, or one upload in parts whose
+    end makes it visible. What a returned call has written survives a crash of the machine.
+
+    A store can be pickled and sent to another process, which opens an object store anew with the
+    credentials of its own environment. Whatever a disk refuses, or an object store goes on refusing, is
+    raised as a `StorageError` that names the file.
+
+    Args:
+        filesystem: any `pyarrow.fs.FileSystem`.
+        base: path of the root in it.
+        uri: how another process opens it, if the file system itself should not travel.
+    """
+
+    def __init__(self, filesystem: Any, base: str, uri: str | None = None) -> None:
+        self.filesystem = filesystem
+        self.base = base.rstrip("/")
+        self._uri = uri
+        self._local = isinstance(filesystem, fs.LocalFileSystem)
+        self._prefix = f"{self.base}/" if self.base or self._local else ""
+
+    @classmethod
+    def open(cls, uri: str | Path) -> Self:
+        """Returns the store at a folder or a URI such as ``s3://bucket/folder`` or ``gs://bucket/folder``.
+
+        Raises:
+            ValueError: a URI that holds credentials, no bucket, or unknown parameters.
+            ObjectStoreError: the region of a bucket cannot be found out.
+        """
+        if str(uri).startswith(("s3://", "gs://")):
+            return cls(*open_bucket(str(uri)))
+        if "://" in str(uri):
+            return cls(*fs.FileSystem.from_uri(str(uri)))
+        return cls(fs.LocalFileSystem(), Path(uri).expanduser().absolute().as_posix())
+
+    def __str__(self) -> str:
+        if self._local:
+            return self.base
+        scheme = self.filesystem.type_name
+        return f"{_SCHEMES.get(scheme, scheme)}://{self.base}"
+
+    def __getstate__(self) -> dict[str, Any]:
+        return {**vars(self), "filesystem": None} if self._uri else vars(self)
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        vars(self).update(state)
+        if self._uri:
+            self.filesystem, _, _ = open_bucket(self._uri)
+
+    @property
+    def is_object_store(self) -> bool:
+        """Whether the root is in a bucket, which every process opens with credentials of its own."""
+        return self.filesystem.type_name in _OBJECT_STORES
+
+    def where(self, path: str) -> str:
+        """Returns `path` with its root, as a message names it: no credentials of a URI."""
+        return f"{self}/{path}"
+
+    def read_bytes(self, path: str) -> bytes:
+        """Returns the content of a file.
+
+        Raises:
+            FileNotFoundError: there is none.
+        """
+        with self._explained(path):
+            return patiently(lambda: self._read(self.full_path(path)))
+
+    def read_parts(self, path: str, read: Callable[[Any], T]) -> T:
+        """Returns what `read` makes of the opened file, of which it need not read all.
+
+        It may be called again. For files that are never replaced.
+
+        Raises:
+            FileNotFoundError: there is none.
+        """
+
+        def open_and_read() -> T:
+            with self.filesystem.open_input_file(self.full_path(path)) as file:
+                return read(file)
+
+        with self._explained(path):
+            return patiently(open_and_read)
+
+    def write_bytes(self, path: str, data: bytes) -> None:
+        """Writes or replaces a file, atomically and durably."""
+        target = self.full_path(path)
+        with self._explained(path):
+            if self._local:
+                self._write_local(Path(target), data)
+                return
+            self._make_parent(target)
+            with self.filesystem.open_output_stream(target, compression=None) as stream:
+                stream.write(data)  # one write: an object store publishes even an interrupted stream
+
+    def exists(self, path: str) -> bool:
+        """Tells whether there is a file at `path`."""
+        return bool(self._kind(path) == fs.FileType.File)
+
+    def size(self, path: str) -> int:
+        """Returns how many bytes the file at `path` has, 0 where there is none."""
+        with self._explained(path):
+            return self.filesystem.get_file_info(self.full_path(path)).size or 0
+
+    def files(self, folder: str = "") -> tuple[str, ...]:
+        """Returns the paths of all files below `folder`, sorted; none if it does not exist."""
+        full = self.full_path(folder) if folder else self.base
+        selector = fs.FileSelector(full, recursive=True, allow_not_found=True)
+        with self._explained(folder):
+            found = self.filesystem.get_file_info(selector)
+        files = (info.path for info in found if info.type == fs.FileType.File)
+        return tuple(sorted(path.removeprefix(self._prefix) for path in files))
+
+    def check_bucket(self) -> None:
+        """Refuses an object store whose bucket does not exist, which reads and lists like an empty one.
+
+        Raises:
+            ObjectStoreError: there is no such bucket, or we may not list it.
+        """
+        if self.is_object_store:
+            with explained(str(self)), suppress(FileNotFoundError):  # that is an empty folder
+                self.filesystem.get_file_info(fs.FileSelector(self.base))
+
+    def check_access(self) -> None:
+        """Tries whether an object store lets us list, write, read and delete; leaves nothing there.
+
+        Raises:
+            ObjectStoreError: it does not, or there is no such bucket.
+        """
+        if not self.is_object_store:
+            return
+        self.check_bucket()
+        probe = f"{TEMPORARY}/{uuid4().hex}"
+        try:
+            self.write_bytes(probe, b"may we write here?")
+            self.read_bytes(probe)
+        except FileNotFoundError as error:
+            raise ObjectStoreError(f"{self}: {NO_BUCKET} ({error})") from error
+        self.delete(probe)
+
+    def move(self, source: str, destination: str) -> None:
+        """Moves a file, replacing what is at `destination`; in an object store a copy, then a deletion.
+
+        Raises:
+            FileNotFoundError: there is nothing at `source`.
+        """
+        old, new = self.full_path(source), self.full_path(destination)
+        with self._explained(source):
+            self._make_parent(new)
+            if self._local:
+                Path(old).replace(new)
+                _sync_folder(Path(new).parent)
+                _sync_folder(Path(old).parent)
+            else:
+                self.filesystem.move(old, new)
+
+    def delete(self, path: str) -> None:
+        """Deletes a file, or a folder with all it holds; fine if there is none.
+
+        On a disk a folder disappears at once, even while another process writes into it.
+        """
+        full = self.full_path(path)
+        kind = self._kind(path)
+        with self._explained(path):
+            if kind == fs.FileType.File:
+                self.filesystem.delete_file(full)
+            elif kind == fs.FileType.Directory and self._local:
+                aside = self._temporary()
+                Path(full).replace(aside)
+                shutil.rmtree(aside, ignore_errors=True)  # out of sight already; the rest is swept later
+            elif kind == fs.FileType.Directory:
+                self.filesystem.delete_dir(full)
+
+    def clear_temporaries(self, older_than: float) -> None:
+        """Deletes what killed processes left half made on a disk.
+
+        Args:
+            older_than: age of what goes, s; younger files may be in the making.
+        """
+        folder = Path(self.base, TEMPORARY)
+        if not self._local or not folder.exists():
+            return
+        for entry in folder.iterdir():
+            with suppress(FileNotFoundError):  # finished meanwhile
+                if time.time() - entry.stat().st_mtime > older_than:
+                    shutil.rmtree(entry) if entry.is_dir() else entry.unlink()
+
+    def full_path(self, path: str) -> str:
+        """Returns `path` as the file system knows it.
+
+        Raises:
+            ValueError: an absolute path, or one that leaves the root.
+        """
+        parts = PurePosixPath(path).parts
+        if not parts or path.startswith("/") or ".." in parts or "\\" in path:
+            raise ValueError(f"path {path!r} does not stay inside the root {self}; give a relative one")
+        return self._prefix + "/".join(parts)
+
+    def _read(self, full: str) -> bytes:
+        with self.filesystem.open_input_file(full) as file:  # a stream would ask for it bit by bit
+            data = cast("bytes", file.read())
+            if not self.is_object_store:
+                return data
+            version = file.metadata()
+        # The size is asked for before the bytes: of an object that grew in between, only as many came.
+        with self.filesystem.open_input_file(full) as file:
+            if file.metadata() != version:
+                raise ReplacedWhileReadError
+        return data
+
+    def _kind(self, path: str) -> fs.FileType:
+        with self._explained(path):
+            return self.filesystem.get_file_info(self.full_path(path)).type
+
+    def _explained(self, path: str) -> AbstractContextManager[None]:
+        if self.is_object_store:
+            return explained(self.where(path))
+        return explained_disk(self.where(path)) if self._local else nullcontext()
+
+    def _write_local(self, target: Path, data: bytes) -> None:
+        temporary = self._temporary()
+        _make_folder(target.parent)
+        try:
+            with temporary.open("wb") as file:
+                file.write(data)
+                file.flush()
+                os.fsync(file.fileno())
+            temporary.replace(target)
+        finally:
+            temporary.unlink(missing_ok=True)
+        _sync_folder(target.parent)
+
+    def _temporary(self) -> Path:
+        folder = Path(self.base, TEMPORARY)
+        _make_folder(folder)
+        return folder / uuid4().hex
+
+    def _make_parent(self, full: str) -> None:
+        folder = PurePosixPath(full).parent
+        if self._local:
+            _make_folder(Path(folder))
+        elif not self.is_object_store:  # they have no folders to make
+            self.filesystem.create_dir(str(folder), recursive=True)
+
+
+def _make_folder(folder: Path) -> None:
+    """Makes a folder and its parents durably: each new name is synced in the folder that holds it."""
+    missing = [path for path in (folder, *folder.parents) if not path.exists()]
+    for path in reversed(missing):
+        path.mkdir(exist_ok=True)
+        _sync_folder(path.parent)
+
+
+def _sync_folder(folder: Path) -> None:
+    descriptor = os.open(folder, os.O_RDONLY)
+    try:
+        os.fsync(descriptor)
+    finally:
+        os.close(descriptor)

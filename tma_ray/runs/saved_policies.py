@@ -1,0 +1,116 @@
+"""Policies that runs saved: found by run or folder, copied, loaded."""
+
+from __future__ import annotations
+
+import json
+import tempfile
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path, PurePosixPath
+from typing import TypeVar
+
+import numpy as np
+from gymnasium import spaces
+from numpy.typing import NDArray
+
+from tma_ray.results import Results, Store, policy_folder
+from tma_ray.runs.spec import RunSpec
+from tma_ray.students import PolicyFileError, load_policy
+
+T = TypeVar("T")
+
+Player = Callable[[NDArray[np.float32]], NDArray[np.float32]]
+"""Takes an observation (o,) and returns an action (a,)."""
+
+SPEC_FILE = "spec.json"
+"""Beside every saved policy, the spec of its run."""
+
+
+@dataclass(frozen=True)
+class SavedPolicy:
+    """A policy that a run saved.
+
+    Attributes:
+        store: where it lies.
+        folder: path of its files in the store.
+        spec: of the run.
+    """
+
+    store: Store
+    folder: str
+    spec: RunSpec
+
+    def copy(self, place: Path) -> None:
+        """Copies its files, not those of folders among them, into the existing folder `place`."""
+        for path in map(PurePosixPath, self.store.files(self.folder)):
+            if path.parent == PurePosixPath(self.folder):
+                (place / path.name).write_bytes(self.store.read_bytes(str(path)))
+
+    def read(self, place: Path, reader: Callable[[str, Path], T]) -> T:
+        """Returns what `reader` makes of the student's name and the copy in `place`.
+
+        Raises:
+            PolicyFileError: as the reader does, naming the original.
+        """
+        try:
+            return reader(self.spec.student, place)
+        except PolicyFileError as error:  # which names the copy
+            where = self.store.where(f"{self.folder}/{error.file.name}")
+            raise PolicyFileError(where, error.problem) from error
+
+    def load(self, observations: spaces.Box, actions: spaces.Box) -> Player:
+        """Returns it as a player that acts without exploration.
+
+        Raises:
+            PolicyFileError: one of its files is missing, damaged or of another format.
+            ValueError: it was trained with another body, or in another environment, than has these spaces.
+        """
+        with tempfile.TemporaryDirectory() as place:
+            self.copy(Path(place))
+            policy = self.read(Path(place), load_policy)
+        try:
+            shape = policy(np.zeros((1, *observations.shape), np.float32)).shape
+        except (ValueError, RuntimeError):  # a matrix product of numpy, of torch
+            shape = ()
+        if shape != (1, *actions.shape):
+            raise ValueError(
+                f"the policy of {self.spec.run_id} does not fit {observations.shape[0]} observations and "
+                f"{actions.shape[0]} actions; it was trained in {self.spec.environment} with "
+                f"{self.spec.embodiment or 'no body'}"
+            )
+        return lambda observation: policy(observation[None])[0]
+
+
+def find_policy(name: str, results: str | Path) -> SavedPolicy:
+    """Returns the policy called `name`.
+
+    Args:
+        name: folder of a saved policy or a file in it; else a run of `results`: its id, or the beginning
+            of that of no other run.
+        results: folder or URI of a results root.
+
+    Raises:
+        ValueError: there is no such policy, or several runs could be meant.
+    """
+    path = Path(name)
+    if path.exists():
+        folder = path.absolute() if path.is_dir() else path.absolute().parent
+        return _in_folder(Store.open(folder.parent), folder.name)
+    found = Results.open(results)
+    return _in_folder(found.store, policy_folder(found.find(name).run.run_id))
+
+
+def _in_folder(store: Store, folder: str) -> SavedPolicy:
+    path = f"{folder}/{SPEC_FILE}"
+    if not store.exists(path):
+        raise ValueError(
+            f"there is no saved policy in {store.where(folder)}: it has no {SPEC_FILE}; "
+            f"a run saves its policy when it ends"
+        )
+    try:
+        spec = RunSpec.from_dict(json.loads(store.read_bytes(path)))
+    except (ValueError, KeyError, TypeError, AttributeError, RecursionError) as error:
+        raise ValueError(
+            f"{store.where(path)} is not the spec of a run ({error!r:.200}); copy the folder again"
+        ) from error
+    return SavedPolicy(store, folder, spec)

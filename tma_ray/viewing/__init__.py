@@ -1,0 +1,1 @@
+"""Policies seen at work: rendered episodes, and a live window with sliders."""
