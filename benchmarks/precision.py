@@ -23,7 +23,7 @@ from analysis.statistics import welch
 from tma_ray.campaign import Campaign
 from tma_ray.results import Results, Table
 from tma_ray.runs import Cell, Schedule
-from tma_ray.students.ppo import PPO
+from tma_ray.students.ppo.student import PPO
 from tma_ray.tasks import MASTERY_RETURN
 
 PRODUCTS = (torch.mm, torch.addmm)

@@ -5,7 +5,7 @@ from typing import Any
 import torch
 from stable_baselines3 import SAC
 
-from tma_ray.students.algorithms import as_student
+from tma_ray.students.sb3.algorithms import as_student
 
 
 class Cooling(SAC):

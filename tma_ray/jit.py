@@ -21,16 +21,25 @@ def kernel(function: F) -> F:
     """
     compiled: Any = numba.njit(cache=True)(function)
     if compiled is not function:
-        # numba notices changes of the function's own file only, but kernels call their folder's others.
-        folder = Path(function.__code__.co_filename).parent
-        compiled._cache._cache_file._source_stamp = _sources(folder)
+        # numba notices changes of the function's own file only, but kernels call others of their package.
+        file = Path(function.__code__.co_filename)
+        compiled._cache._cache_file._source_stamp = _sources(_package(file))
     return cast("F", compiled)
+
+
+def _package(file: Path) -> Path:
+    """Returns the subpackage directly below the topmost package of `file`, else the file's own folder."""
+    folder = file.parent
+    while (folder.parent.parent / "__init__.py").is_file():
+        folder = folder.parent
+    return folder
 
 
 @cache
 def _sources(folder: Path) -> str:
     """Returns a digest of every file that a kernel of `folder` may be in."""
     content = hashlib.sha256()
-    for path in sorted(folder.glob("*.py")):
+    is_package = (folder / "__init__.py").is_file()  # any other folder may be anything, a home for instance
+    for path in sorted(folder.glob("**/*.py" if is_package else "*.py")):
         content.update(path.read_bytes())
     return content.hexdigest()

@@ -20,7 +20,10 @@ from tma_ray.teachers import TEACHERS
 
 EVERY_EPISODE = Placement(checkpoint_seconds=0.0)
 
-PRELOADED = ["small_runs", "corridor", "stable_baselines3", "tma_ray.students.sac", "tma_ray.students.ppo"]
+PRELOADED = [
+    *("small_runs", "corridor", "stable_baselines3"),
+    *("tma_ray.students.sac.student", "tma_ray.students.ppo.student"),
+]
 """Imported once for all runs, of which each has a process of its own."""
 
 MOST_KILLS = 6

@@ -16,9 +16,9 @@ from tma_ray.students import (
     default_hyperparameters,
     make_student,
 )
-from tma_ray.students.algorithm_names import ALGORITHMS
-from tma_ray.students.algorithms import as_student, student_of
 from tma_ray.students.hyperparameters import as_plain_values
+from tma_ray.students.sb3.algorithm_names import ALGORITHMS
+from tma_ray.students.sb3.algorithms import as_student, student_of
 
 OBSERVATIONS = np.random.default_rng(0).normal(size=(20, 3)).astype(np.float32)
 SMALL = {"policy_kwargs": {"net_arch": [16, 8]}}

@@ -12,12 +12,12 @@ from stable_baselines3.common.torch_layers import BaseFeaturesExtractor
 from stable_baselines3.common.type_aliases import ReplayBufferSamples, RolloutBufferSamples
 from torch import nn
 
-from tma_ray.students.algorithm_models import SpacesOnly
 from tma_ray.students.hyperparameters import PPOHyperparameters, SACHyperparameters
 from tma_ray.students.networks import Trunk
 from tma_ray.students.perceptron import FlatParameters, blocks_of
-from tma_ray.students.ppo_update import PPOUpdate
-from tma_ray.students.sac_update import SACUpdate
+from tma_ray.students.ppo.update import PPOUpdate
+from tma_ray.students.sac.update import SACUpdate
+from tma_ray.students.sb3.algorithm_models import SpacesOnly
 
 UPDATES, OBSERVATION, ACTION = 10, 5, 3
 DTYPES = pytest.mark.parametrize(

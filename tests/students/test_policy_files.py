@@ -21,7 +21,7 @@ from test_algorithms import VALUES
 from test_algorithms import student as algorithm_student
 
 from tma_ray.students import PolicyFileError, Student, load_policy, read_policy, write_policy
-from tma_ray.students.algorithms import as_student
+from tma_ray.students.sb3.algorithms import as_student
 
 OBSERVATIONS = np.random.default_rng(0).normal(0, 3, (200, 3)).astype(np.float32)
 OURS = [*SMALL, *(f"stock:{name}" for name in SMALL)]

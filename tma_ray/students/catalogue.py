@@ -10,7 +10,6 @@ import numpy as np
 from gymnasium import Space
 
 from tma_ray.registry import Registry, UnknownNameError
-from tma_ray.students.algorithm_names import ALGORITHMS
 from tma_ray.students.base import Policy, Student
 from tma_ray.students.hyperparameters import (
     PPOHyperparameters,
@@ -18,6 +17,7 @@ from tma_ray.students.hyperparameters import (
     as_plain_values,
     parse_hyperparameters,
 )
+from tma_ray.students.sb3.algorithm_names import ALGORITHMS
 
 if TYPE_CHECKING:
     from torch import nn
@@ -39,7 +39,7 @@ class StudentRegistry(Registry[type[Student]]):
             UnknownNameError: nothing answers to `name`, or its package is not installed.
         """
         if name in ALGORITHMS and name not in self._decorated:
-            from tma_ray.students.algorithms import student_of  # it imports torch
+            from tma_ray.students.sb3.algorithms import student_of  # it imports torch
 
             return student_of(name)
         if name.startswith(STOCK) and name.lower() not in self._targets:
@@ -56,10 +56,10 @@ STUDENTS: Registry[type[Student]] = StudentRegistry(
     "student",
     "tma_ray.students",
     {
-        "ppo": "tma_ray.students.ppo:PPO",
-        "sac": "tma_ray.students.sac:SAC",
-        "stock:ppo": "tma_ray.students.ppo:StockPPO",
-        "stock:sac": "tma_ray.students.sac:StockSAC",
+        "ppo": "tma_ray.students.ppo.student:PPO",
+        "sac": "tma_ray.students.sac.student:SAC",
+        "stock:ppo": "tma_ray.students.ppo.student:StockPPO",
+        "stock:sac": "tma_ray.students.sac.student:StockSAC",
     },
 )
 

@@ -19,9 +19,6 @@ from stable_baselines3.common.on_policy_algorithm import OnPolicyAlgorithm
 from torch import nn
 
 from tma_ray.registry import UnknownNameError
-from tma_ray.students.algorithm_hyperparameters import hyperparameters_of
-from tma_ray.students.algorithm_models import acting_tensors, make_model, stored_model
-from tma_ray.students.algorithm_names import ALGORITHMS, PACKAGES
 from tma_ray.students.base import Actions, Observations, Policy, Student, Transition
 from tma_ray.students.hyperparameters import as_plain_values
 from tma_ray.students.layers import acting_layers
@@ -29,7 +26,10 @@ from tma_ray.students.networks import as_batch
 from tma_ray.students.policy_files import read_policy
 from tma_ray.students.replay import ReplayBuffer
 from tma_ray.students.rollout import Rollout
-from tma_ray.students.stable_baselines import Experience, StableBaselinesStudent
+from tma_ray.students.sb3.algorithm_hyperparameters import hyperparameters_of
+from tma_ray.students.sb3.algorithm_models import acting_tensors, make_model, stored_model
+from tma_ray.students.sb3.algorithm_names import ALGORITHMS, PACKAGES
+from tma_ray.students.sb3.stable_baselines import Experience, StableBaselinesStudent
 
 
 @cache

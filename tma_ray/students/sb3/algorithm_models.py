@@ -14,10 +14,10 @@ from stable_baselines3.common.off_policy_algorithm import OffPolicyAlgorithm
 from torch import nn
 from torch.nn.modules.module import register_module_parameter_registration_hook
 
-from tma_ray.students.algorithm_hyperparameters import constructor_arguments
-from tma_ray.students.algorithm_names import PACKAGES
 from tma_ray.students.hyperparameters import parse_hyperparameters
 from tma_ray.students.policy_files import StoredPolicy
+from tma_ray.students.sb3.algorithm_hyperparameters import constructor_arguments
+from tma_ray.students.sb3.algorithm_names import PACKAGES
 
 MOST_PARAMETERS = 100_000_000
 """Of all networks of a model together that a saved policy may ask for: 400 MB."""

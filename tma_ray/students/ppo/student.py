@@ -23,10 +23,10 @@ from tma_ray.students.mean_network import (
 from tma_ray.students.networks import Pass, Trunk, as_batch
 from tma_ray.students.normaliser import MEAN_TENSOR, VARIANCE_TENSOR, Normaliser, scaled
 from tma_ray.students.policy_files import StoredPolicy, read_policy
-from tma_ray.students.ppo_acting import Actor
-from tma_ray.students.ppo_update import PPOUpdate
+from tma_ray.students.ppo.acting import Actor
+from tma_ray.students.ppo.update import PPOUpdate
 from tma_ray.students.rollout import Rollout
-from tma_ray.students.stable_baselines import Experience, StableBaselinesStudent
+from tma_ray.students.sb3.stable_baselines import Experience, StableBaselinesStudent
 
 NORMALISER_FILE = "normaliser.json"
 

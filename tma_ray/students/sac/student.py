@@ -28,8 +28,8 @@ from tma_ray.students.networks import Pass, as_batch
 from tma_ray.students.perceptron import blocks_of
 from tma_ray.students.policy_files import read_policy
 from tma_ray.students.replay import ReplayBuffer
-from tma_ray.students.sac_update import SQUASH_EPSILON, SACUpdate
-from tma_ray.students.stable_baselines import Experience, StableBaselinesStudent
+from tma_ray.students.sac.update import SQUASH_EPSILON, SACUpdate
+from tma_ray.students.sb3.stable_baselines import Experience, StableBaselinesStudent
 
 POLICY = "sac"
 """What saved policies say that they are; those of `StockSAC` are no different."""

@@ -1,0 +1,1 @@
+"""Proximal policy optimisation. Importing this package imports no torch."""

@@ -1,0 +1,1 @@
+"""Soft actor-critic. Importing this package imports no torch."""
