@@ -116,6 +116,27 @@ class Registry(Generic[T]):
         source = self.plugin(name)
         return None if source is None else source.digest
 
+    def algorithm_version(self, name: str) -> int | None:
+        """Returns the `algorithm_version` that an implementation declares, None if it declares none.
+
+        What ships with tma_ray declares one, and raises it with every change of behaviour; a plug-in may,
+        and is told apart by the hash of its source in any case.
+
+        Raises:
+            UnknownNameError: nothing answers to `name`.
+            ValueError: it is no whole number of at least 1.
+        """
+        return self._checked_version(name, getattr(self.get(name), "algorithm_version", None))
+
+    def _checked_version(self, name: str, version: object) -> int | None:
+        if version is None:
+            return None
+        if not isinstance(version, int) or isinstance(version, bool) or version < 1:
+            raise ValueError(
+                f"{self.kind} {name!r} has algorithm_version = {version!r}; expected a whole number from 1"
+            )
+        return version
+
     def learn(self, name: str, module: str) -> None:
         """Imports `module`, whose decorator makes `name` known, unless it is known already."""
         if ":" not in name and name not in self.names():

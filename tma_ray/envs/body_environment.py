@@ -55,6 +55,8 @@ class BodyEnvironment(gymnasium.Env[Observation, NDArray[np.float32]]):
         render_mode: None, "rgb_array" or "human".
 
     Attributes:
+        algorithm_version: part of the identity of every run: raised with each change of worlds, bodies,
+            observations or rewards that the version of the physics does not cover.
         task_space: tasks that a teacher may choose; `reset` accepts more.
         valid_domain: tasks that `reset` accepts.
         max_episode_steps: steps after which an episode is truncated.
@@ -64,6 +66,7 @@ class BodyEnvironment(gymnasium.Env[Observation, NDArray[np.float32]]):
     """
 
     metadata = {"render_modes": ["human", "rgb_array"], "render_fps": round(1 / TIME_STEP)}
+    algorithm_version: ClassVar[int | None] = None
     task_space: ClassVar[TaskSpace]
     valid_domain: ClassVar[TaskSpace]
     max_episode_steps = MAX_EPISODE_STEPS

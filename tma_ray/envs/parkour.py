@@ -46,6 +46,7 @@ class Parkour(BodyEnvironment):
         swinging_creepers: whether creepers are chains that swing (not used in the paper).
 
     Attributes:
+        algorithm_version: part of the identity of every run; see `BodyEnvironment`.
         task_space: the paper's medium space (appendix C), with our own weights of the CPPN; creepers' width
             and the scale do not vary. `reset` accepts more.
         valid_domain: tasks that `reset` accepts.
@@ -62,6 +63,7 @@ class Parkour(BodyEnvironment):
         ((38,), (4,))
     """
 
+    algorithm_version = 1
     task_space = TaskSpace.from_bounds(
         {
             "theta_1": (-0.35, 0.05),

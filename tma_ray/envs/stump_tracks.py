@@ -33,6 +33,7 @@ class StumpTracks(BodyEnvironment):
         render_mode: None, "rgb_array" or "human".
 
     Attributes:
+        algorithm_version: part of the identity of every run; see `BodyEnvironment`.
         task_space: tasks that a teacher may choose (paper, appendix B); `reset` accepts more.
         valid_domain: tasks that `reset` accepts: those of every challenge.
         max_episode_steps: steps after which an episode is truncated.
@@ -45,6 +46,7 @@ class StumpTracks(BodyEnvironment):
         ((24,), [1.5, 3.0])
     """
 
+    algorithm_version = 1
     task_space = TaskSpace.from_bounds({"stump_height": (0, 3), "obstacle_spacing": (0, 6)}, _UNITS)
     valid_domain = TaskSpace.from_bounds({"stump_height": (-3, 9), "obstacle_spacing": (0, 6)}, _UNITS)
 

@@ -12,7 +12,7 @@ import numpy as np
 from tma_ray.benchmark import challenges_of, find_challenge, load_test_set
 from tma_ray.envs import make_environment, mastery_return
 from tma_ray.physics import PHYSICS_VERSION
-from tma_ray.runs.plugins import plugins_of
+from tma_ray.runs.plugins import algorithm_versions_of, plugins_of
 from tma_ray.runs.spec import RunSpec, Schedule
 from tma_ray.students import check_hyperparameters
 from tma_ray.students.hyperparameters import as_plain_values
@@ -110,6 +110,7 @@ def effective_spec(cell: Cell, seed: int, schedule: Schedule, *, independent_lev
         plugins=plugins_of(vars(cell)),
         resets=tuple(round(share * schedule.steps) for share in setting.resets),
         cuts=setting.cuts,
+        algorithm_versions=algorithm_versions_of(vars(cell)),
     )
 
 

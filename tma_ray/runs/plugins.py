@@ -35,6 +35,17 @@ def plugins_of(names: Mapping[str, str]) -> dict[str, Plugin]:
     return {part: Plugin(source.module, source.digest) for part, source in sources.items() if source}
 
 
+def algorithm_versions_of(names: Mapping[str, str]) -> dict[str, int]:
+    """Returns the algorithm versions that a run's parts, by their `names`, declare.
+
+    Raises:
+        UnknownNameError: nothing answers to a name.
+        ValueError: a part that declares something else than a whole number.
+    """
+    versions = {part: registry.algorithm_version(names[part]) for part, registry in REGISTRIES.items()}
+    return {part: version for part, version in versions.items() if version is not None}
+
+
 def plugin_sources(specs: Iterable[RunSpec]) -> list[PluginSource]:
     """Returns the source of every plug-in of `specs`, each once."""
     names = {(part, getattr(spec, part)) for spec in specs for part in spec.plugins}

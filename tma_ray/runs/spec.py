@@ -17,6 +17,10 @@ from tma_ray.results import RunRecord
 from tma_ray.tasks import Dimension, KnowledgeLevel, Task, TaskSpace, TestSet
 
 
+ABSENT_IF_EMPTY = ("resets", "cuts", "algorithm_versions", "inputs")
+"""Fields that a spec's JSON leaves out where they are empty: runs keep the ids that they had before."""
+
+
 @dataclass(frozen=True)
 class Schedule:
     """How long a run trains and when it is looked at (paper, appendix C), in environment steps.
@@ -55,6 +59,19 @@ class Plugin:
     digest: str
 
 
+@dataclass(frozen=True)
+class InputFile:
+    """A file that a run reads, told by its content; where it lay is no part of the run.
+
+    Attributes:
+        name: its name without the folder, under which results show it.
+        sha256: of its bytes, hexadecimal.
+    """
+
+    name: str
+    sha256: str
+
+
 @dataclass(frozen=True, eq=False)
 class RunSpec:
     """The effective spec and seed of one run: equal specs give equal results, bit for bit.
@@ -83,6 +100,10 @@ class RunSpec:
         plugins: which of "environment", "student" and "teacher" do not ship with tma_ray.
         resets: steps after which the student forgets everything, in rising order.
         cuts: intervals per dimension that change places in the teacher's space, 0 if it is the world's.
+        algorithm_versions: of "environment", "student" and "teacher", as far as they declare one; a part
+            that is missing was run before there were versions, or is a plug-in without.
+        inputs: the files that the run reads, by the option that names them, as in
+            "environment.embodiment"; that option holds the file's name alone.
     """
 
     environment: str
@@ -104,6 +125,8 @@ class RunSpec:
     plugins: Mapping[str, Plugin] = field(default_factory=dict)
     resets: tuple[int, ...] = ()
     cuts: int = 0
+    algorithm_versions: Mapping[str, int] = field(default_factory=dict)
+    inputs: Mapping[str, InputFile] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         if self.seed < 0:
@@ -155,7 +178,7 @@ class RunSpec:
         )
 
     def to_dict(self) -> dict[str, Any]:
-        """Returns the spec as JSON values; resets and cuts only where there are some, as ids depend on it."""
+        """Returns the spec as JSON values; `ABSENT_IF_EMPTY` only where there are some, as ids depend on it."""
         content = {name: value for name, value in vars(self).items() if name in self.__dataclass_fields__}
         content["task_space"] = [asdict(dimension) for dimension in self.task_space.dimensions]
         content["test_set"] = {
@@ -168,7 +191,9 @@ class RunSpec:
         content["easy_task"] = None if self.easy_task is None else list(self.easy_task)
         content["plugins"] = {part: asdict(plugin) for part, plugin in self.plugins.items()}
         content["resets"] = list(self.resets)
-        for name in ("resets", "cuts"):
+        content["algorithm_versions"] = dict(self.algorithm_versions)
+        content["inputs"] = {option: asdict(file) for option, file in self.inputs.items()}
+        for name in ABSENT_IF_EMPTY:
             if not content[name]:
                 del content[name]
         return content
@@ -195,6 +220,9 @@ class RunSpec:
                 "easy_task": None if content["easy_task"] is None else tuple(content["easy_task"]),
                 "plugins": {part: Plugin(**plugin) for part, plugin in content["plugins"].items()},
                 "resets": tuple(content.get("resets", ())),
+                "inputs": {
+                    option: InputFile(**file) for option, file in content.get("inputs", {}).items()
+                },
             }
         )
 

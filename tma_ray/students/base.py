@@ -5,7 +5,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING, NamedTuple, TypeAlias
+from typing import TYPE_CHECKING, ClassVar, NamedTuple, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -52,10 +52,13 @@ class Student(ABC):
     frozen dataclass of its hyper-parameters in `hyperparameters_type`.
 
     Attributes:
+        algorithm_version: part of the identity of every run: raised with each change that gives other
+            actions. None for a plug-in that is told apart by its source alone.
         hyperparameters_type: frozen dataclass that the constructor takes.
         gamma: discount factor.
     """
 
+    algorithm_version: ClassVar[int | None] = None
     hyperparameters_type: type
     gamma: float
 

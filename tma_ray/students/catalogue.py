@@ -46,6 +46,12 @@ class StudentRegistry(Registry[type[Student]]):
             raise UnknownNameError(self._explain(name))
         return super().get(name.lower() if name.startswith(STOCK) else name)
 
+    def algorithm_version(self, name: str) -> int | None:  # noqa: D102
+        light = None if name in self._decorated else _BUILTIN_HYPERPARAMETERS.get(name)
+        if light is not None:
+            return self._checked_version(name, getattr(light, "algorithm_version", None))
+        return super().algorithm_version(name)
+
     def origin(self, name: str) -> str | None:  # noqa: D102
         if name not in self._decorated and (name in ALGORITHMS or name.startswith(STOCK)):
             return None

@@ -10,7 +10,7 @@ import types
 from collections.abc import Mapping
 from dataclasses import dataclass
 from enum import StrEnum
-from typing import Any, TypeVar, Union, get_args, get_origin, get_type_hints
+from typing import Any, ClassVar, TypeVar, Union, get_args, get_origin, get_type_hints
 
 H = TypeVar("H")
 
@@ -33,6 +33,7 @@ class PPOHyperparameters:
     """Proximal policy optimisation (paper, appendix on DRL students).
 
     Attributes:
+        algorithm_version: of the student; here, so that it is known without torch.
         hidden_units: units per hidden layer of the trunk that policy and value share; ReLU as the paper
             says (the original release: tanh).
         learning_rate: Adam's step size, constant; its epsilon is 1e-5 (the release).
@@ -51,6 +52,8 @@ class PPOHyperparameters:
         reward_clip: normalised rewards are clipped to [-x, x].
         matmul_precision: of the updates' matrix products.
     """
+
+    algorithm_version: ClassVar[int] = 1
 
     hidden_units: tuple[int, ...] = (400, 300)
     learning_rate: float = 3e-4
@@ -88,6 +91,7 @@ class SACHyperparameters:
     """Soft actor-critic with a fixed entropy coefficient (paper, appendix on DRL students).
 
     Attributes:
+        algorithm_version: of the student; here, so that it is known without torch.
         hidden_units: units per hidden layer of the actor and of each critic, ReLU.
         learning_rate: Adam's step size of actor and critics.
         buffer_size: transitions kept for replay.
@@ -101,6 +105,8 @@ class SACHyperparameters:
         value_samples: actions per state that V(s) = E[min Q - alpha log pi] averages over.
         matmul_precision: of the updates' matrix products.
     """
+
+    algorithm_version: ClassVar[int] = 1
 
     hidden_units: tuple[int, ...] = (400, 300)
     learning_rate: float = 1e-3
@@ -136,7 +142,8 @@ def parse_hyperparameters(kind: type[H], given: Mapping[str, Any] | None = None)
         ValueError: an unknown key (the message has the nearest known one), or a value of another type
             or outside its range.
     """
-    annotations = get_type_hints(kind)
+    hints = get_type_hints(kind)
+    annotations = {each.name: hints[each.name] for each in dataclasses.fields(kind)}
     for key in given or {}:
         if key not in annotations:
             near = difflib.get_close_matches(key, annotations, n=1)

@@ -41,6 +41,7 @@ class ADR(Teacher):
         step: how far a boundary moves, in units of its dimension (paper: Delta).
     """
 
+    algorithm_version: ClassVar[int | None] = 1
     knowledge_levels: ClassVar[tuple[KnowledgeLevel, ...]] = (KnowledgeLevel.LOW, KnowledgeLevel.HIGH)
 
     shrink_at: float = 0.0

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import ClassVar
 
 import numpy as np
 
@@ -26,6 +27,8 @@ class ALPGMM(MixtureTeacher):
         most_components: largest mixture tried (paper: max_k).
         explore: share of uniform tasks after the first fit, in [0, 1] (paper: r_p).
     """
+
+    algorithm_version: ClassVar[int | None] = 1
 
     def start(self, space: TaskSpace, knowledge: ExpertKnowledge, rng: np.random.Generator) -> None:
         """Starts with an empty history."""

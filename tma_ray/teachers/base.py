@@ -23,6 +23,8 @@ class Teacher(ABC):
     `answer`, until there is no further query. Between episodes it may call `probe`.
 
     Attributes:
+        algorithm_version: part of the identity of every run: raised with each change that gives other
+            tasks. None for a plug-in that is told apart by its source alone.
         knowledge_levels: the levels of expert knowledge that make a difference to the teacher, in
             rising order. It needs at least the first; at a level that is not listed it behaves as at
             the next lower one that is, so that such runs are shared instead of repeated.
@@ -32,6 +34,7 @@ class Teacher(ABC):
         rng: the only source of randomness.
     """
 
+    algorithm_version: ClassVar[int | None] = None
     knowledge_levels: ClassVar[tuple[KnowledgeLevel, ...]] = (KnowledgeLevel.NONE,)
     wants_trajectory: ClassVar[bool] = False
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import ClassVar
 from enum import StrEnum
 
 import numpy as np
@@ -41,6 +42,8 @@ class CovarGMM(MixtureTeacher):
         explore: share of uniform tasks after the first fit, in [0, 1] (paper: r_p).
         progress: how progress is read from the covariance.
     """
+
+    algorithm_version: ClassVar[int | None] = 1
 
     most_components: int = 15
     explore: float = 0.1

@@ -46,6 +46,7 @@ class GoalGAN(Teacher):
         learning_rate: of both optimisers.
     """
 
+    algorithm_version: ClassVar[int | None] = 1
     knowledge_levels: ClassVar[tuple[KnowledgeLevel, ...]] = (KnowledgeLevel.LOW, KnowledgeLevel.HIGH)
 
     noise: float = 0.01

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import ClassVar
 
 from tma_ray.tasks import Task
 from tma_ray.teachers.base import Teacher
@@ -11,6 +12,8 @@ from tma_ray.teachers.base import Teacher
 @dataclass
 class Random(Teacher):
     """Samples uniformly over the task space (paper, appendix A); no expert knowledge changes it."""
+
+    algorithm_version: ClassVar[int | None] = 1
 
     def sample(self) -> Task:
         """Returns a uniform task (d,)."""

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from array import array
 from dataclasses import dataclass
+from typing import ClassVar
 
 import numpy as np
 
@@ -40,6 +41,8 @@ class RIAC(Teacher):
         mutate: share of mutated tasks, in [0, 1].
         mutation_std: standard deviation of a mutation, in units of each dimension.
     """
+
+    algorithm_version: ClassVar[int | None] = 1
 
     region_capacity: int = 150
     split_attempts: int = 75

@@ -56,6 +56,7 @@ class SetterSolver(Teacher):
         learning_rate: of Adam, for both networks.
     """
 
+    algorithm_version: ClassVar[int | None] = 1
     knowledge_levels: ClassVar[tuple[KnowledgeLevel, ...]] = (KnowledgeLevel.LOW,)
 
     update_every: int = 100

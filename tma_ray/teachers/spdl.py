@@ -53,6 +53,7 @@ class SPDL(Teacher):
         most_divergence: bound on KL(old || new) of an update, in nats (paper: epsilon).
     """
 
+    algorithm_version: ClassVar[int | None] = 1
     knowledge_levels: ClassVar[tuple[KnowledgeLevel, ...]] = (KnowledgeLevel.NONE, KnowledgeLevel.HIGH)
 
     first_update: int = 200_000

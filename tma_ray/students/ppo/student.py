@@ -43,6 +43,7 @@ class PPO(StableBaselinesStudent[PPOHyperparameters, stable_baselines3.PPO]):
     observation to the last reward (the release bootstraps from the next episode's first).
     """
 
+    algorithm_version = PPOHyperparameters.algorithm_version
     hyperparameters_type = PPOHyperparameters
 
     def _make_model(self) -> stable_baselines3.PPO:

@@ -43,6 +43,7 @@ class SAC(StableBaselinesStudent[SACHyperparameters, stable_baselines3.SAC]):
     V(s) = E[min Q(s, a) - alpha log pi(a|s)] is averaged over sampled actions.
     """
 
+    algorithm_version = SACHyperparameters.algorithm_version
     hyperparameters_type = SACHyperparameters
 
     def _make_model(self) -> stable_baselines3.SAC:

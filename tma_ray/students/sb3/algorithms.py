@@ -78,6 +78,7 @@ class AlgorithmStudent(StableBaselinesStudent[Any, Any]):
         algorithm: constructs the model.
     """
 
+    algorithm_version = 1
     algorithm: ClassVar[type[BaseAlgorithm]]
 
     def _make_model(self) -> BaseAlgorithm:
