@@ -16,7 +16,6 @@ import numpy as np
 from tma_ray.results import RunRecord
 from tma_ray.tasks import Dimension, KnowledgeLevel, Task, TaskSpace, TestSet
 
-
 ABSENT_IF_EMPTY = ("resets", "cuts", "algorithm_versions", "inputs")
 """Fields that a spec's JSON leaves out where they are empty: runs keep the ids that they had before."""
 
@@ -178,7 +177,7 @@ class RunSpec:
         )
 
     def to_dict(self) -> dict[str, Any]:
-        """Returns the spec as JSON values; `ABSENT_IF_EMPTY` only where there are some, as ids depend on it."""
+        """Returns the spec as JSON values, without `ABSENT_IF_EMPTY` where these are empty."""
         content = {name: value for name, value in vars(self).items() if name in self.__dataclass_fields__}
         content["task_space"] = [asdict(dimension) for dimension in self.task_space.dimensions]
         content["test_set"] = {
@@ -220,9 +219,7 @@ class RunSpec:
                 "easy_task": None if content["easy_task"] is None else tuple(content["easy_task"]),
                 "plugins": {part: Plugin(**plugin) for part, plugin in content["plugins"].items()},
                 "resets": tuple(content.get("resets", ())),
-                "inputs": {
-                    option: InputFile(**file) for option, file in content.get("inputs", {}).items()
-                },
+                "inputs": {option: InputFile(**file) for option, file in content.get("inputs", {}).items()},
             }
         )
 
