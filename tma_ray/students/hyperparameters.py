@@ -143,7 +143,7 @@ def parse_hyperparameters(kind: type[H], given: Mapping[str, Any] | None = None)
             or outside its range.
     """
     hints = get_type_hints(kind)
-    annotations = {each.name: hints[each.name] for each in dataclasses.fields(kind)}
+    annotations = {name: hint for name, hint in hints.items() if get_origin(hint) is not ClassVar}
     for key in given or {}:
         if key not in annotations:
             near = difflib.get_close_matches(key, annotations, n=1)
