@@ -14,15 +14,13 @@ from typing import Any
 
 import pytest
 from synthetic_results import SyntheticCampaign
+from tensorboardX.proto.event_pb2 import Event, SessionLog
+from tensorboardX.record_writer import masked_crc32c
 
 from analysis import tensorboard
 from analysis.tensorboard import EventFolder
 from tma_ray.cli import main
 from tma_ray.results import Results, RunWriter, Table
-
-pytest.importorskip("tensorboardX")
-from tensorboardX.proto.event_pb2 import Event, SessionLog
-from tensorboardX.record_writer import masked_crc32c
 
 Series = dict[str, list[tuple[int, float]]]
 

@@ -1,6 +1,5 @@
 """The command `tma-ray import`, from the user's copy to what environments and analyses take."""
 
-import os
 import pickle
 from pathlib import Path
 
@@ -199,16 +198,3 @@ def test_nothing_is_overwritten(tmp_path: Path, capsys: pytest.CaptureFixture[st
     assert run("import", "test-sets", tmp_path / "a.csv", "-o", tmp_path) == 2
     assert capsys.readouterr().err.count("there already") == 2
     assert run("import", "weights", tmp_path / "a.npz", "-o", tmp_path / "a.bin") == 2
-
-
-@pytest.mark.reference
-def test_the_originals_own_test_sets_and_weights(tmp_path: Path) -> None:
-    reference = Path(os.environ.get("TMA_REFERENCE", "../shared/reference"))
-    if not reference.is_dir():
-        pytest.skip("TMA_REFERENCE does not lead to the original's files")
-    assert run("import", "test-sets", reference / "test_sets", "-o", tmp_path / "tests") == 0
-    assert len(load_test_set(str(tmp_path / "tests" / "parkour_climbing.csv"))) == 100
-    assert run("import", "weights", reference / "cppn_weights.npz", "-o", tmp_path / "w.npz") == 0
-    theirs = np.load(reference / "cppn_profiles.npz")
-    curves = CPPN.load(tmp_path / "w.npz").curves(theirs["input_vectors"])
-    assert np.abs(curves - theirs["raw_outputs"]).max() < 0.01

@@ -1,20 +1,17 @@
 """The bodies under the protocols by which the original release was measured.
 
-``TMA_REFERENCE=folder python tests/physics/behaviour.py`` prints the tables of docs/fidelity.md.
+``python tests/physics/behaviour.py`` prints the tables of docs/fidelity.md.
 """
 
 from __future__ import annotations
 
-import json
-import os
 import sys
 from collections.abc import Iterator
-from pathlib import Path
-from typing import Any
 
 import numpy as np
 from measures import Floats, joint_drift, limit_overshoot, penetration
 from parkour_worlds import parkour_rules
+from release import Statistics, measured
 
 from tma_ray.embodiments import BodyType, Embodiment, embodiment_names, load_embodiment
 from tma_ray.envs.body_environment import PUSH
@@ -26,16 +23,6 @@ from tma_ray.terrain.stump_tracks import stump_tracks
 
 TASKS = ((0.0, 6.0), (1.5, 3.0), (3.0, 1.0))
 CLASSIC = "classic_bipedal"
-
-RELEASE_NAMES = {
-    "short_bipedal": "small_bipedal",
-    "quadrupedal": "big_quadru",
-    "walking_chimpanzee": "profile_chimpanzee",
-    "old_quadrupedal": "old_big_quadru",
-    "climbing_chimpanzee": "climbing_profile_chimpanzee",
-    "climbing_chest_chimpanzee": "climbing_chest_profile_chimpanzee",
-}
-"""Names of the release that differ from ours."""
 
 WALKERS = [name for name in embodiment_names() if load_embodiment(name).body_type is BodyType.WALKER]
 """Those of which the release was measured in Stump Tracks."""
@@ -85,7 +72,7 @@ def episodes(place: Place, count: int, cap: int = 2000, name: str = CLASSIC) -> 
         rows.append((ended, length, total, engine.state[body.head, 0] - begin))
     fell, length, total, moved = np.array(rows).T
     return {
-        "fraction_ending_in_a_fall": fell,
+        "fraction_terminated": fell,
         "length": length,
         "length_when_fallen": length[fell > 0],
         "episode_return": total,
@@ -137,58 +124,42 @@ def full_torque(steps: int, seed: int = 0, task: tuple[float, float] = (1.5, 1.0
         }
 
 
-def reference(folder: Path) -> dict[str, dict[str, Any]]:
-    """Returns the release's figures of the same protocols, by protocol and figure."""
-    data = json.loads((folder / "behaviour.json").read_text())
-    random = data["random_actions_stump_tracks_cap2000"]["results"]
-    by_task = {
-        f"random actions, task {task}": random[f"classic_bipedal/height={task[0]:g},spacing={task[1]:g}"]
-        for task in TASKS
+def release_of_task(task: tuple[float, float]) -> dict[str, Statistics]:
+    """Returns the release's statistics of the classic body's random actions on `task`, by figure."""
+    case = f"stump_height={task[0]:g} obstacle_spacing={task[1]:g}"
+    return measured("random_actions_2000", "stump_tracks", CLASSIC, case)
+
+
+def table_of_bodies() -> Iterator[str]:
+    """Yields the release's means against ours, one row of a Markdown table per protocol and body."""
+    protocols = {
+        "zero_actions": zero_action,
+        "random_actions": lambda name: episodes(TASKS[0], 200, 500, name),
+        "random_gaits": gaits,
     }
-    body = "stump_tracks/classic_bipedal"
-    return {
-        "zero actions": data["zero_action_flat_ground_100_steps"]["bodies"][body],
-        "random gaits": data["random_open_loop_gaits"]["bodies"][body],
-        **by_task,
+    for protocol, measure in protocols.items():
+        for name in WALKERS:
+            release = measured(protocol, "stump_tracks", name)
+            yield f"| {protocol} | {name} | {cells(release, measure(name))} |"
+
+
+def cells(release: dict[str, Statistics], ours: Figures) -> str:
+    """Returns cells of a Markdown table: the means, release / ours, of what both measured."""
+    pairs = [(release[figure], values) for figure, values in ours.items() if figure in release]
+    return " | ".join(f"{theirs.mean:.2f} / {values.mean():.2f}" for theirs, values in pairs)
+
+
+def table() -> Iterator[str]:
+    """Yields release against ours, then the errors of our simulation, as rows of a Markdown table."""
+    protocols = {
+        "zero_actions": (zero_action(), measured("zero_actions", "stump_tracks", CLASSIC)),
+        "random_gaits": (gaits(), measured("random_gaits", "stump_tracks", CLASSIC)),
     }
-
-
-def reference_of(name: str, folder: Path) -> dict[str, dict[str, Any]]:
-    """Returns the release's figures of the body that we call `name`, by protocol and figure."""
-    data = json.loads((folder / "behaviour.json").read_text())
-    key = f"stump_tracks/{RELEASE_NAMES.get(name, name)}"
-    random = data["random_actions_cap500"]["bodies"][key]
-    return {
-        "zero actions": data["zero_action_flat_ground_100_steps"]["bodies"][key],
-        "random actions": random | {"fraction_ending_in_a_fall": random["fraction_terminated"]},
-        "random gaits": data["random_open_loop_gaits"]["bodies"][key],
-    }
-
-
-def table_of_bodies(folder: Path) -> Iterator[str]:
-    """Yields the release's figures against ours, one row of a Markdown table per body and protocol."""
-    for name in WALKERS:
-        theirs = reference_of(name, folder)
-        ours = {
-            "zero actions": zero_action(name),
-            "random actions": episodes(TASKS[0], 200, 500, name),
-            "random gaits": gaits(name),
-        }
-        for protocol, figures in ours.items():
-            pairs = [(theirs[protocol].get(figure), values) for figure, values in figures.items()]
-            cells = [f"{release['mean']:.2f} / {values.mean():.2f}" for release, values in pairs if release]
-            yield f"| {protocol} | {name} | {' | '.join(cells)} |"
-
-
-def table(theirs: dict[str, dict[str, Any]]) -> Iterator[str]:
-    """Yields reference against ours, then the errors of our simulation, as rows of a Markdown table."""
-    ours = {"zero actions": zero_action(), "random gaits": gaits()}
-    ours |= {f"random actions, task {task}": episodes(task, 200) for task in TASKS}
-    for protocol, figures in ours.items():
-        for name, values in figures.items():
-            release = theirs[protocol][name]
-            measured = f"{release['mean']:.2f} ± {release['std']:.2f}"
-            yield f"| {protocol} | {name} | {measured} | {values.mean():.2f} ± {values.std():.2f} |"
+    protocols |= {f"random_actions {task}": (episodes(task, 200), release_of_task(task)) for task in TASKS}
+    for protocol, (ours, release) in protocols.items():
+        for name, values in ours.items():
+            theirs = f"{release[name].mean:.2f} ± {release[name].std:.2f}"
+            yield f"| {protocol} | {name} | {theirs} | {values.mean():.2f} ± {values.std():.2f} |"
     errors = list(full_torque(10_000))
     for name in ("joint_drift", "limit_overshoot", "penetration"):
         worst = np.array([error[name].max() for error in errors])
@@ -196,5 +167,4 @@ def table(theirs: dict[str, dict[str, Any]]) -> Iterator[str]:
 
 
 if __name__ == "__main__":
-    FOLDER = Path(os.environ["TMA_REFERENCE"])
-    sys.stdout.writelines(f"{row}\n" for row in (*table(reference(FOLDER)), *sorted(table_of_bodies(FOLDER))))
+    sys.stdout.writelines(f"{row}\n" for row in (*table(), *table_of_bodies()))

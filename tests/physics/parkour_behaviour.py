@@ -1,20 +1,17 @@
 """The bodies in Parkour under the protocols by which the original release was measured.
 
-``TMA_REFERENCE=folder python tests/physics/parkour_behaviour.py`` prints the tables of docs/fidelity.md.
+``python tests/physics/parkour_behaviour.py`` prints the tables of docs/fidelity.md.
 """
 
 from __future__ import annotations
 
-import json
-import os
 import sys
 from collections.abc import Iterator
-from pathlib import Path
-from typing import Any
 
 import numpy as np
-from behaviour import RELEASE_NAMES, Figures, embodied, episodes, gaits, start, zero_action
+from behaviour import Figures, cells, embodied, episodes, gaits, start, zero_action
 from parkour_worlds import deep, dry, parkour_rules
+from release import measured
 
 from tma_ray.embodiments import Embodiment, embodiment_names, load_embodiment
 from tma_ray.physics import Engine
@@ -84,20 +81,9 @@ def hanging(name: str, grip: float, motors: float = 0.0, count: int = 20) -> Fig
     return dict(zip(names, np.array(rows).T.astype(float), strict=True))
 
 
-def reference(folder: Path) -> dict[str, Any]:
-    """Returns the release's figures of all protocols."""
-    return json.loads((folder / "behaviour.json").read_text())
-
-
-def release_name(name: str) -> str:
-    """Returns what the release calls the body that we call `name`."""
-    return RELEASE_NAMES.get(name, name)
-
-
-def random_figures(name: str, count: int) -> Figures:
+def random_actions(name: str, count: int) -> Figures:
     """Returns figures of `count` episodes of uniform actions, cut at 500 steps."""
-    figures = episodes(place_of(name), count, 500, name)
-    return figures | {"fraction_terminated": (figures["length"] < 500).astype(float)}
+    return episodes(place_of(name), count, 500, name)
 
 
 def _course(engine: Engine, body: Embodiment, steps: tuple[int, ...]) -> Figures:
@@ -106,44 +92,40 @@ def _course(engine: Engine, body: Embodiment, steps: tuple[int, ...]) -> Figures
         engine.step(np.zeros(body.action_size))
         courses.append((engine.state[body.head, 1] - begin, engine.state[body.head, 4]))
     rises, speeds = np.array(courses)[np.array(steps) - 1].T
-    return {"dy": rises, "vy": speeds}
+    return {"rise": rises, "speed": speeds}
 
 
-def _rows(theirs: dict[str, Any], ours: Figures) -> str:
-    pairs = [(theirs.get(figure), values) for figure, values in ours.items()]
-    cells = [f"{release['mean']:.2f} / {values.mean():.2f}" for release, values in pairs if release]
-    return " | ".join(cells)
-
-
-def table(folder: Path) -> Iterator[str]:
-    """Yields the release's figures against ours as rows of Markdown tables."""
-    theirs = reference(folder)
+def table() -> Iterator[str]:
+    """Yields the release's means against ours as rows of Markdown tables."""
     protocols = {
-        "zero_action_flat_ground_100_steps": lambda name: zero_action(name, 20, dry()),
-        "random_actions_cap500": lambda name: random_figures(name, 100),
-        "random_open_loop_gaits": lambda name: gaits(name, 100, place_of(name)),
+        "zero_actions": lambda name: zero_action(name, 20, dry()),
+        "random_actions": lambda name: random_actions(name, 100),
+        "random_gaits": lambda name: gaits(name, 100, place_of(name)),
     }
     for protocol, measure in protocols.items():
         for name in BODIES:
-            release = theirs[protocol]["bodies"][f"parkour/{release_name(name)}"]
-            yield f"| {protocol} | {name} | {_rows(release, measure(name))} |"
+            yield f"| {protocol} | {name} | {cells(measured(protocol, 'parkour', name), measure(name))} |"
     for name in CLIMBERS:
-        for how, grip, motors in (
-            ("all_zero", 0.0, 0.0),
-            ("grip_only", 1.0, 0.0),
-            ("grip_plus_random_motors", 1.0, 1.0),
+        for case, grip, motors in (
+            ("no grip", 0.0, 0.0),
+            ("grip", 1.0, 0.0),
+            ("grip and random motors", 1.0, 1.0),
         ):
-            release = theirs["climbers_100_steps"]["results"][f"{release_name(name)}/{how}"]
-            yield f"| {how} | {name} | {_rows(release, hanging(name, grip, motors))} |"
+            release = measured("hanging", "parkour", name, case)
+            yield f"| {case} | {name} | {cells(release, hanging(name, grip, motors))} |"
+    yield from _table_of_water()
+
+
+def _table_of_water() -> Iterator[str]:
     for name in RELEASED:
-        release, ours = theirs["release_in_open_water"]["results"][release_name(name)], released(name)
+        ours = released(name)
         for index, steps in enumerate(RELEASE_STEPS):
-            figures = release[f"after_{steps}_steps"]
-            cells = [f"{figures[key]['mean']:.3f} / {ours[key][index]:.3f}" for key in ("dy", "vy")]
-            yield f"| let go in water | {name} | {steps} | {' | '.join(cells)} |"
+            release = measured("released_in_water", "parkour", name, f"after {steps} steps")
+            pairs = [f"{theirs.mean:.3f} / {ours[figure][index]:.3f}" for figure, theirs in release.items()]
+            yield f"| released in water | {name} | {steps} | {' | '.join(pairs)} |"
     under = under_water(FISH_STEPS)
-    yield f"| fish under water | {under['dy'].round(3).tolist()} | {under['vy'].round(3).tolist()} |"
+    yield f"| fish under water | {under['rise'].round(3).tolist()} | {under['speed'].round(3).tolist()} |"
 
 
 if __name__ == "__main__":
-    sys.stdout.writelines(f"{row}\n" for row in table(Path(os.environ["TMA_REFERENCE"])))
+    sys.stdout.writelines(f"{row}\n" for row in table())

@@ -17,7 +17,6 @@ from tma_ray.students import (
     make_student,
 )
 from tma_ray.students.hyperparameters import as_plain_values
-from tma_ray.students.sb3.algorithm_names import ALGORITHMS
 from tma_ray.students.sb3.algorithms import as_student, student_of
 
 OBSERVATIONS = np.random.default_rng(0).normal(size=(20, 3)).astype(np.float32)
@@ -34,8 +33,6 @@ VALUES = {
 
 
 def student(name: str, seed: int = 0):
-    if ALGORITHMS[name] == "sb3_contrib":
-        pytest.importorskip("sb3_contrib")
     env = Drift()
     return make_student(
         name, env.observation_space, env.action_space, np.random.SeedSequence(seed), VALUES[name]
@@ -89,8 +86,6 @@ def test_values_of_a_deterministic_policy_are_the_smaller_critics():
 
 @NAMES
 def test_defaults_survive_json(name):
-    if ALGORITHMS[name] == "sb3_contrib":
-        pytest.importorskip("sb3_contrib")
     values = json.loads(json.dumps(default_hyperparameters(name)))
     assert check_hyperparameters(name, values) == check_hyperparameters(name)
     assert values["gamma"] == 0.99

@@ -3,7 +3,6 @@
 import os
 import subprocess
 import sys
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -239,19 +238,3 @@ def test_compiled_and_plain_kernels_give_the_same_bits() -> None:
         for plain in ("0", "1")
     }
     assert len(digests) == 1
-
-
-@pytest.mark.reference
-def test_the_releases_weights_give_its_terrains() -> None:
-    if "TMA_REFERENCE" not in os.environ:
-        pytest.skip("TMA_REFERENCE is not set: no measured terrains to compare with")
-    folder = Path(os.environ["TMA_REFERENCE"])
-    measured, cppn = np.load(folder / "cppn_profiles.npz"), CPPN.load(folder / "cppn_weights.npz")
-    for index, theta in enumerate(measured["input_vectors"]):
-        ground, ceiling = outlines(theta, 10.0, cppn)
-        np.testing.assert_allclose(ground[20:], measured["ground_y"][index], atol=0.005)
-        np.testing.assert_allclose(ceiling[20:], measured["ceiling_y"][index], atol=0.005)
-        above = measured["ceiling_y_unclipped"][index] > measured["ground_y"][index] + 0.01
-        np.testing.assert_allclose(
-            ceiling[20:][above], measured["ceiling_y_unclipped"][index][above], atol=0.005
-        )

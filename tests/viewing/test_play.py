@@ -8,6 +8,7 @@ from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
 
+import av
 import numpy as np
 import pygame
 import pytest
@@ -294,7 +295,6 @@ def test_a_video_shows_the_tasks_one_after_the_other(tmp_path: Path) -> None:
 
 
 def test_an_mp4_is_the_same_for_the_same_seed(tmp_path: Path) -> None:
-    av = pytest.importorskip("av")
     frames = []
     for name, seed in (("a", 1), ("b", 1), ("c", 2)):
         film(Played(seed=seed, steps=6, every=2, size=(420, 400)), tmp_path / f"{name}.mp4")

@@ -9,6 +9,7 @@ from fractions import Fraction
 from itertools import pairwise
 from pathlib import Path
 
+import av
 import numpy as np
 import pytest
 from PIL import Image
@@ -67,7 +68,6 @@ def test_a_png_is_the_last_frame(tmp_path: Path) -> None:
 
 
 def test_an_mp4_holds_all_frames(tmp_path: Path) -> None:
-    av = pytest.importorskip("av")
     path = tmp_path / "a.mp4"
     write_frames(path, colours(0, 120, 240), Fraction(25))
     assert path.read_bytes()[4:8] == b"ftyp"
