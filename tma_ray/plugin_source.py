@@ -1,4 +1,4 @@
-"""What a plug-in is made of: its module and what that imports of the user's own, as files with one hash."""
+"""The source of a plug-in: its module and what that imports of the user's own, as files with one hash."""
 
 from __future__ import annotations
 

@@ -10,8 +10,8 @@ import pytest
 
 from tma_ray.benchmark import EXPERIMENTS, find_experiment
 from tma_ray.campaign import Campaign, Plan, cells_of, joined_plan, matrix_campaigns, run_experiment
-from tma_ray.campaign.costs.costs import Cost, estimate
-from tma_ray.campaign.costs.pace import Pace
+from tma_ray.campaign.costs.estimation import Cost, estimate
+from tma_ray.campaign.costs.speed import Pace
 from tma_ray.campaign.experiments import add_experiment_options, experiment_plan
 from tma_ray.campaign.settings import Resources, Settings
 from tma_ray.runs import Schedule
@@ -161,7 +161,7 @@ def test_costs_are_those_of_the_paces_measured(monkeypatch: pytest.MonkeyPatch) 
         Schedule(steps=1_000_000, evaluation_interval=1_000_000),
     )
     pace = Pace("sac", training=1_000, playing=10_000, transition_bytes=120)
-    monkeypatch.setattr("tma_ray.campaign.costs.costs.measure", lambda spec, settings: pace)
+    monkeypatch.setattr("tma_ray.campaign.costs.estimation.measure", lambda spec, settings: pace)
     cost = estimate(campaign.plan(), Settings(Resources(cpus=2.0, gpus=0.25), device="cuda"))
     assert cost.hours == pytest.approx(4 * (1_000 + 20) / 3600)
     assert "2.3 core-hours and 0.28 GPU-hours" in cost.describe()

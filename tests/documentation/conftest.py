@@ -14,7 +14,7 @@ from blocks import ROOT
 from commands import TINY
 
 from tma_ray.campaign.costs import costs
-from tma_ray.campaign.costs.pace import Pace
+from tma_ray.campaign.costs.speed import Pace
 from tma_ray.cli import main
 
 RELEASE_FOLDERS = ROOT / "tests" / "results" / "importing" / "release_folders.py"

@@ -13,7 +13,7 @@ from tma_ray.results import (
     RunWriter,
     StaleAttemptError,
     Store,
-    outlast,
+    retry,
 )
 from tma_ray.results.storage import errors as storage_errors
 from tma_ray.results.storage.errors import StorageError
@@ -195,5 +195,5 @@ def test_a_disk_that_stays_full_ends_the_attempt_which_can_be_taken_up_again(
 def test_waiting_for_a_storage_ends_when_asked_to() -> None:
     asked = []
     with pytest.raises(StorageError):
-        outlast(full_disk, 1000.0, lambda: bool(asked.append(True)) or True)
+        retry(full_disk, 1000.0, lambda: bool(asked.append(True)) or True)
     assert asked == [True]

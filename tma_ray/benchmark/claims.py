@@ -1,4 +1,4 @@
-"""What the paper says of its results, as data that any results can be held against."""
+"""The paper's claims about its results, as data that any results can be held against."""
 
 from __future__ import annotations
 

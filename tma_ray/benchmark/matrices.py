@@ -1,4 +1,4 @@
-"""What the paper runs: each challenge's bodies, students, levels of expert knowledge and seeds."""
+"""The paper's experiment matrices: bodies, students, levels of expert knowledge and seeds per challenge."""
 
 from __future__ import annotations
 

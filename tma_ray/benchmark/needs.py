@@ -1,4 +1,4 @@
-"""What expert knowledge each teacher needs: the paper's table of its teachers, as data."""
+"""The expert knowledge that each teacher requires: the paper's table of its teachers, as data."""
 
 from __future__ import annotations
 

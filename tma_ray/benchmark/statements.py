@@ -1,4 +1,4 @@
-"""What can be said of results, in a form that can be checked."""
+"""Statements about results, in a form that can be checked."""
 
 from __future__ import annotations
 

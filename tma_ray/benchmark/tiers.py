@@ -1,4 +1,4 @@
-"""How much of an experiment is run: a minute of it, a night, or all."""
+"""Tiers: the share of an experiment that is run, from a minute of it to all."""
 
 from __future__ import annotations
 

@@ -1,12 +1,12 @@
-"""Where runs live on a cluster: one seed actor per run, which owns its teacher actor."""
+"""Ray actors that execute runs: one seed actor per run, which owns its teacher actor."""
 
 from __future__ import annotations
 
 import threading
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from concurrent.futures import Future
 from dataclasses import dataclass
-from typing import Any, cast
+from typing import Any, Concatenate, ParamSpec, TypeVar, cast
 
 import ray
 from ray.util.scheduling_strategies import NodeAffinitySchedulingStrategy, NodeLabelSchedulingStrategy, NotIn
@@ -16,8 +16,10 @@ from tma_ray.campaign.settings import GIB, Resources, TeacherPlacement
 from tma_ray.results import AttemptOutcome, AttemptRecord, PartFile, Store
 from tma_ray.runs.placement import Placement, Status
 from tma_ray.runs.spec import RunSpec
-from tma_ray.runs.teaching import InlineTeacher, Reply, TeacherLink
-from tma_ray.tasks import Answer, Episode, Task
+from tma_ray.runs.teaching import InlineTeacher, TeacherLink
+
+Arguments = ParamSpec("Arguments")
+Result = TypeVar("Result")
 
 NODE_LABEL = "ray.io/node-id"
 """Label that Ray gives every node."""
@@ -43,62 +45,40 @@ class Report:
     node: str
 
 
-class TeacherActor:
+class TeacherActor(InlineTeacher):
     """A teacher in a process of its own; it imports torch only if its algorithm does."""
 
     def __init__(self, spec: dict[str, Any]) -> None:
         use_shipped()
-        self._teacher = InlineTeacher(RunSpec.from_dict(spec))
+        super().__init__(RunSpec.from_dict(spec))
 
-    def exchange(self, episode: Episode | None) -> Reply:
-        """See `TeacherLink`."""
-        return self._teacher.exchange(episode)
 
-    def answer(self, answer: Answer) -> Reply:
-        """See `TeacherLink`."""
-        return self._teacher.answer(answer)
+def _remote(
+    method: Callable[Concatenate[InlineTeacher, Arguments], Result],
+) -> Callable[Concatenate[RemoteTeacher, Arguments], Result]:
+    """Returns a method of `RemoteTeacher` that calls `method` of its actor: one message each way."""
 
-    def probe(self, count: int) -> Task:
-        """See `TeacherLink`."""
-        return self._teacher.probe(count)
+    def call(self: RemoteTeacher, *arguments: Arguments.args, **options: Arguments.kwargs) -> Result:
+        return cast("Result", ray.get(getattr(self.actor, method.__name__).remote(*arguments, **options)))
 
-    def save(self) -> bytes:
-        """See `TeacherLink`."""
-        return self._teacher.save()
-
-    def load(self, state: bytes) -> None:
-        """See `TeacherLink`."""
-        self._teacher.load(state)
+    call.__doc__ = method.__doc__
+    return call
 
 
 class RemoteTeacher:
-    """The link to a teacher actor on this node. It dies with the process that made it."""
+    """The link to a teacher actor on this node; see `TeacherLink`. The actor dies with this process."""
 
     def __init__(self, spec: RunSpec) -> None:
         here = NodeAffinitySchedulingStrategy(ray.get_runtime_context().get_node_id(), soft=False)
         remote: Any = ray.remote(TeacherActor)
         options = {"num_cpus": 0, "max_restarts": 0, "scheduling_strategy": here}
-        self._actor = remote.options(**options).remote(spec.to_dict())
+        self.actor = remote.options(**options).remote(spec.to_dict())
 
-    def exchange(self, episode: Episode | None) -> Reply:
-        """Reports a finished episode and asks for the next task: one message each way."""
-        return cast("Reply", ray.get(self._actor.exchange.remote(episode)))
-
-    def answer(self, answer: Answer) -> Reply:
-        """Answers the query of the last reply."""
-        return cast("Reply", ray.get(self._actor.answer.remote(answer)))
-
-    def probe(self, count: int) -> Task:
-        """Returns tasks (count, d) without exploration; leaves no trace."""
-        return cast("Task", ray.get(self._actor.probe.remote(count)))
-
-    def save(self) -> bytes:
-        """Returns the teacher's complete state."""
-        return cast("bytes", ray.get(self._actor.save.remote()))
-
-    def load(self, state: bytes) -> None:
-        """Takes up a state that `save` returned."""
-        ray.get(self._actor.load.remote(state))
+    exchange = _remote(InlineTeacher.exchange)
+    answer = _remote(InlineTeacher.answer)
+    probe = _remote(InlineTeacher.probe)
+    save = _remote(InlineTeacher.save)
+    load = _remote(InlineTeacher.load)
 
 
 class SeedActor:

@@ -1,4 +1,4 @@
-"""What this machine offers a campaign: versions, engine, CPU, GPU, Ray, disk."""
+"""Diagnosis of this machine for campaigns: versions, engine, CPU, GPU, Ray, disk."""
 
 from __future__ import annotations
 

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from tma_ray.campaign.campaign import Campaign, Plan, lease_holder
 from tma_ray.campaign.cluster import check_feasible, connect
 from tma_ray.campaign.failures.stopping import StopSignals
 from tma_ray.campaign.monitor.progress import ProgressView, PublishedProgress, Snapshot, View
+from tma_ray.campaign.plan import CampaignSpec, Plan, lease_holder
 from tma_ray.campaign.preflight.reach import check_reach
 from tma_ray.campaign.preflight.warming import warm_nodes
 from tma_ray.campaign.scheduler import Scheduler
@@ -17,7 +17,7 @@ from tma_ray.runs.plugins import importing_plugins, plugin_sources
 
 
 def run_campaign(
-    campaign: Campaign,
+    campaign: CampaignSpec,
     results: str | Path,
     settings: Settings | None = None,
     address: str | None = None,

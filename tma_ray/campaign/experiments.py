@@ -11,8 +11,7 @@ from pathlib import Path
 from rich.console import Console
 
 from tma_ray.benchmark import SIZES, Experiment, Matrix, Size, Tier, select
-from tma_ray.campaign.campaign import Plan
-from tma_ray.campaign.costs.costs import estimate
+from tma_ray.campaign.costs.estimation import estimate
 from tma_ray.campaign.matrices import joined_plan, matrix_campaigns
 from tma_ray.campaign.options import (
     add_choice_options,
@@ -21,6 +20,7 @@ from tma_ray.campaign.options import (
     parse_levels,
     replace_schedule,
 )
+from tma_ray.campaign.plan import Plan
 from tma_ray.campaign.script import EXIT_REFUSED, carry_out
 from tma_ray.results import RootInUseError
 from tma_ray.runs import Schedule

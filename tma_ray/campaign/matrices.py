@@ -7,7 +7,8 @@ from dataclasses import replace
 from typing import Any
 
 from tma_ray.benchmark import Matrix
-from tma_ray.campaign.campaign import Campaign, Plan
+from tma_ray.campaign.campaign import Campaign
+from tma_ray.campaign.plan import CampaignSpec, Plan
 from tma_ray.runs import Cell, RunSpec, Schedule
 from tma_ray.teachers import TEACHERS, knows_enough
 
@@ -74,7 +75,7 @@ def matrix_campaigns(
     return tuple(campaigns)
 
 
-def joined_plan(name: str, campaigns: Sequence[Campaign]) -> Plan:
+def joined_plan(name: str, campaigns: Sequence[CampaignSpec]) -> Plan:
     """Returns one plan for all of `campaigns`, each an experiment of the campaign `name`.
 
     Every cell's first seed comes before any cell's second, so that what is half done can be compared.

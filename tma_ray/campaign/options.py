@@ -7,7 +7,7 @@ import os
 from collections.abc import Sequence
 from dataclasses import fields, replace
 
-from tma_ray.campaign.campaign import Campaign
+from tma_ray.campaign.plan import CampaignSpec
 from tma_ray.campaign.settings import Resources, Settings, TeacherPlacement
 from tma_ray.runs import Cell, Schedule
 from tma_ray.tasks import KnowledgeLevel
@@ -60,7 +60,7 @@ def add_execution_options(parser: argparse.ArgumentParser) -> argparse._Argument
     return how
 
 
-def chosen_campaign(campaign: Campaign, options: argparse.Namespace) -> Campaign:
+def chosen_campaign(campaign: CampaignSpec, options: argparse.Namespace) -> CampaignSpec:
     """Returns `campaign` with what the flags replace: each combination of the values given."""
     return replace(
         campaign,

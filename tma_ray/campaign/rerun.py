@@ -6,7 +6,7 @@ import argparse
 import json
 from collections.abc import Sequence
 
-from tma_ray.campaign.campaign import Plan
+from tma_ray.campaign.plan import Plan
 from tma_ray.campaign.script import carry_out
 from tma_ray.results import Manifest, Results, RunStatus
 from tma_ray.runs.plugins import import_plugins

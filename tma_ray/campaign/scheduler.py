@@ -16,7 +16,7 @@ from ray.exceptions import ActorUnavailableError, RayActorError, RayTaskError
 
 from tma_ray.campaign.actors import Report, SeedActor
 from tma_ray.campaign.cluster import capacity
-from tma_ray.campaign.failures.outages import PatientCommitter
+from tma_ray.campaign.failures.outages import RetryingCommitter
 from tma_ray.campaign.failures.retries import Retries
 from tma_ray.campaign.monitor.progress import Snapshot, Standing, View
 from tma_ray.campaign.settings import Settings
@@ -72,7 +72,7 @@ class Scheduler:
     def __init__(
         self, committer: Committer, settings: Settings, view: View, keep_lease: Callable[[], None]
     ) -> None:
-        self._committer = PatientCommitter(committer, keep_lease, settings.outage_seconds)
+        self._committer = RetryingCommitter(committer, keep_lease, settings.outage_seconds)
         self._settings = settings
         self._view = view
         self._waiting: deque[RunSpec] = deque()
@@ -114,7 +114,7 @@ class Scheduler:
 
     def _is_done(self, spec: RunSpec) -> bool:
         try:
-            published = self._committer.manifest(spec.run_id)
+            published = self._committer.call(Committer.manifest, spec.run_id)
         except DamagedFileError:
             logger.warning("the manifest of run %s is damaged; the run is done again", spec.run_id)
             return False
@@ -128,7 +128,7 @@ class Scheduler:
             self._start(self._waiting.popleft())
 
     def _start(self, spec: RunSpec) -> None:
-        number = self._committer.start(spec.record())
+        number = self._committer.call(Committer.start, spec.record())
         actor = SeedActor.launch(
             self._settings.resources,
             self._retries.nodes_to_avoid(spec.run_id),
@@ -172,7 +172,7 @@ class Scheduler:
         news = report is not None and (running.report is None or report.parts != running.report.parts)
         running.report = report or running.report
         if report is not None and report.parts is not None and news:
-            self._committer.publish(running.spec.record(), running.number, report.parts)
+            self._committer.call(Committer.publish, running.spec.record(), running.number, report.parts)
 
     def _settle(self, running: _Running) -> None:
         """Deals with a run whose actor has returned, raised or died."""
@@ -188,7 +188,9 @@ class Scheduler:
             self._lose(running, error)
         except RayTaskError as error:
             self._record(running, AttemptOutcome.FAILED)
-            self._committer.fail(running.spec.record(), running.number, COLOURS.sub("", str(error)))
+            self._committer.call(
+                Committer.fail, running.spec.record(), running.number, COLOURS.sub("", str(error))
+            )
             self._failed += 1
         else:
             self._hear_last(running)
@@ -196,7 +198,7 @@ class Scheduler:
                 self._record(running, AttemptOutcome.STOPPED)
                 self._stopped += 1
             else:
-                self._committer.finish(running.spec.record(), running.number, final)
+                self._committer.call(Committer.finish, running.spec.record(), running.number, final)
                 Checkpoints(self._committer.store, running.spec.run_id, running.number).drop()
                 self._record(running, AttemptOutcome.DONE)
                 self._done += 1
@@ -221,7 +223,7 @@ class Scheduler:
             logger.warning("run %s was lost and resumes from its checkpoint: %s", run_id, error)
         else:
             message = f"it was lost {self._retries.losses(run_id)} times, last: {error}"
-            self._committer.fail(running.spec.record(), running.number, message)
+            self._committer.call(Committer.fail, running.spec.record(), running.number, message)
             self._failed += 1
 
     def _leave(self) -> None:
@@ -250,7 +252,7 @@ class Scheduler:
             running.spec.run_id, running.number, running.submitted_at, 0.0, 0.0, "", "{}", outcome
         )
         record = running.report.record if running.report else unheard
-        self._committer.record_attempt(replace(record, outcome=outcome))
+        self._committer.call(Committer.record_attempt, replace(record, outcome=outcome))
 
     def _snapshot(self) -> Snapshot:
         starting = [r.spec for r in self._running.values() if r.report is None]

@@ -8,10 +8,10 @@ from collections.abc import Sequence
 
 from rich.console import Console
 
-from tma_ray.campaign.campaign import Campaign, Plan
 from tma_ray.campaign.failures.outages import OutageError
 from tma_ray.campaign.monitor.progress import Snapshot
 from tma_ray.campaign.options import add_options, chosen_address, chosen_campaign, chosen_settings
+from tma_ray.campaign.plan import CampaignSpec, Plan
 from tma_ray.results import RootInUseError
 
 EXIT_FAILED = 1
@@ -19,7 +19,7 @@ EXIT_REFUSED = 2
 EXIT_STOPPED = 130
 
 
-def main(campaign: Campaign, arguments: Sequence[str] | None = None) -> int:
+def main(campaign: CampaignSpec, arguments: Sequence[str] | None = None) -> int:
     """Runs `campaign` as the command line says; returns the exit code.
 
     0: all runs are done; 1: some failed, or the results could not be written any more; 2: refused before
@@ -30,7 +30,7 @@ def main(campaign: Campaign, arguments: Sequence[str] | None = None) -> int:
     return execute(campaign, parser.parse_args(arguments))
 
 
-def execute(campaign: Campaign, options: argparse.Namespace) -> int:
+def execute(campaign: CampaignSpec, options: argparse.Namespace) -> int:
     """Runs what `options` choose of `campaign`; returns the exit code as `main`."""
     try:
         plan = chosen_campaign(campaign, options).plan()

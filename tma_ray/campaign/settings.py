@@ -1,4 +1,4 @@
-"""How a campaign is executed, which is no part of its results."""
+"""Settings of a campaign's execution, which is no part of its results."""
 
 from __future__ import annotations
 

@@ -7,9 +7,9 @@ from dataclasses import fields
 
 from rich.console import Console
 
-from tma_ray.campaign.campaign import Campaign, lease_holder
 from tma_ray.campaign.failures.stopping import StopSignals
 from tma_ray.campaign.monitor.progress import ProgressView, PublishedProgress, Snapshot, Standing
+from tma_ray.campaign.plan import CampaignSpec, lease_holder
 from tma_ray.campaign.script import EXIT_STOPPED
 from tma_ray.results import AttemptOutcome, Committer, Lease, Pulse
 from tma_ray.runs import Cell, Placement, Schedule, Status, run_locally
@@ -39,7 +39,7 @@ def run_single(options: argparse.Namespace) -> int:
     )
     given = {field.name: getattr(options, field.name, None) for field in fields(Schedule)}
     schedule = Schedule(**{name: value for name, value in given.items() if value is not None})
-    plan = Campaign(CAMPAIGN, (cell,), (options.seed,), schedule).plan()
+    plan = CampaignSpec(CAMPAIGN, (cell,), (options.seed,), schedule).plan()
     committer = Committer.open(options.results)
     (spec,) = plan.runs
     console, holder = Console(), lease_holder(CAMPAIGN)

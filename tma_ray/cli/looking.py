@@ -7,14 +7,14 @@ from contextlib import closing, suppress
 from pathlib import Path
 from typing import Any
 
-from tma_ray.cli import reporting
+from tma_ray.cli.reporting import add_report_command
 
 
 def add_commands(commands: Any) -> None:
     """Adds them to the subparsers `commands`."""
     _add_status(commands.add_parser("status", help="how far the campaigns of a results root are"))
     _add_logs(commands.add_parser("logs", help="what a run went through, and why it failed"))
-    reporting.add_command(commands)
+    add_report_command(commands)
     _add_ranking(commands.add_parser("ranking", help="who masters most on each challenge"))
     _add_claims(commands.add_parser("claims", help="which of the paper's claims hold in a results root"))
     _add_search(commands.add_parser("search", help="what a search for hyper-parameters found"))

@@ -18,7 +18,7 @@ EVERY = {".mp4": 3, ".gif": 8}
 """Steps from one frame to the next; a .gif takes far more room."""
 
 
-def add_command(commands: Any) -> None:
+def add_report_command(commands: Any) -> None:
     """Adds ``report`` to the subparsers `commands`."""
     parser = commands.add_parser("report", help="write the report of a results root")
     parser.add_argument("root", metavar="ROOT")

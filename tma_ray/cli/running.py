@@ -98,7 +98,7 @@ def _campaign(options: argparse.Namespace) -> int:
 def _plan(options: argparse.Namespace) -> int:
     from analysis.planning import show_detectable_differences
     from tma_ray.benchmark import find_experiment
-    from tma_ray.campaign.costs.planning import show_plan
+    from tma_ray.campaign.planning import show_plan
 
     show_detectable_differences(show_plan(find_experiment(options.experiment), options).cell_rows)
     return 0

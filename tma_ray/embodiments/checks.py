@@ -1,15 +1,12 @@
-"""What makes a body one that can be built."""
+"""Checks of the parts, joints and grip sensors of a body, before it is built."""
 
 from __future__ import annotations
 
 from collections import Counter
-from typing import TYPE_CHECKING
+from collections.abc import Sequence
 
 from tma_ray.embodiments.parts import GripSensor, Joint, Part
 from tma_ray.embodiments.polygon import Point
-
-if TYPE_CHECKING:
-    from tma_ray.embodiments.embodiment import Embodiment
 
 ANCHOR_TOLERANCE = 0.02
 """How far outside its parts a joint may be anchored, in m: drawings round to the pixel."""
@@ -19,47 +16,32 @@ class EmbodimentError(ValueError):
     """A body that cannot be built; the message names the body and the part or joint at fault."""
 
 
-def check_body(body: Embodiment) -> None:
-    """Checks that `body` is one connected body of numbers that a body can have.
+def check_structure(
+    parts: Sequence[Part], joints: Sequence[Joint], grip_sensors: Sequence[GripSensor]
+) -> None:
+    """Checks that parts, joints and grip sensors make one connected body.
 
     Raises:
-        EmbodimentError: it is not.
+        ValueError: they do not; the message names the part, joint or sensor at fault.
     """
-    try:
-        _check_numbers(body)
-        _check_parts(body)
-        parts = {part.name: part for part in body.parts}
-        for index, joint in enumerate(body.joints):
-            _check_joint(f"joint {index} ({joint.part_a} to {joint.part_b})", joint, parts)
-        for sensor in body.grip_sensors:
-            _check_grip_sensor(f"grip sensor {sensor.name!r}", sensor, parts)
-        _check_connected(body)
-    except ValueError as error:
-        raise EmbodimentError(f"embodiment {body.name!r}: {error}") from error
+    _check_parts(parts, grip_sensors)
+    named = {part.name: part for part in parts}
+    for index, joint in enumerate(joints):
+        _check_joint(f"joint {index} ({joint.part_a} to {joint.part_b})", joint, named)
+    for sensor in grip_sensors:
+        _check_grip_sensor(f"grip sensor {sensor.name!r}", sensor, named)
+    _check_connected(parts, joints)
 
 
-def _check_numbers(body: Embodiment) -> None:
-    for name in ("substeps", "iterations"):
-        if getattr(body, name) < 1:
-            raise ValueError(f"{name} {getattr(body, name)} must be at least 1")
-    if not 0 < body.joint_correction < 1:
-        raise ValueError(f"joint_correction {body.joint_correction} must be over 0 and under 1")
-    for name in ("steps_survivable_under_water", "steps_survivable_outside_water"):
-        steps: object = getattr(body, name)
-        whole = isinstance(steps, int) and not isinstance(steps, bool) and steps >= 0
-        if steps is not None and not whole:
-            raise ValueError(f"{name} {steps!r} must be a whole number of time steps, 0 or more")
-
-
-def _check_parts(body: Embodiment) -> None:
-    counts = Counter([part.name for part in body.parts] + [sensor.name for sensor in body.grip_sensors])
+def _check_parts(parts: Sequence[Part], grip_sensors: Sequence[GripSensor]) -> None:
+    counts = Counter([part.name for part in parts] + [sensor.name for sensor in grip_sensors])
     repeated = [name for name, count in counts.items() if count > 1]
     if repeated:
         raise ValueError(f"part name {repeated[0]!r} is used more than once; names must differ")
-    heads = [part.name for part in body.parts if part.head]
+    heads = [part.name for part in parts if part.head]
     if len(heads) != 1:
         raise ValueError(f"exactly one part must have head = true, got {heads or 'none'}")
-    for part in body.parts:
+    for part in parts:
         if not part.density > 0:
             raise ValueError(f"part {part.name!r}: density {part.density} kg/m² must be over 0")
         if not part.friction >= 0:
@@ -119,12 +101,12 @@ def _distance(part: Part, point: Point) -> float:
     return part.shape.distance(part.local(point))
 
 
-def _check_connected(body: Embodiment) -> None:
-    reached = {body.parts[body.head].name}
-    for _ in body.parts:
-        for joint in body.joints:
+def _check_connected(parts: Sequence[Part], joints: Sequence[Joint]) -> None:
+    reached = {part.name for part in parts if part.head}
+    for _ in parts:
+        for joint in joints:
             if reached & {joint.part_a, joint.part_b}:
                 reached |= {joint.part_a, joint.part_b}
-    loose = [part.name for part in body.parts if part.name not in reached]
+    loose = [part.name for part in parts if part.name not in reached]
     if loose:
         raise ValueError(f"no joint connects part {loose[0]!r} to the head")

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from enum import StrEnum
 
-from tma_ray.embodiments.checks import check_body
+from tma_ray.embodiments.checks import EmbodimentError, check_structure
 from tma_ray.embodiments.parts import GripSensor, Joint, Part
 
 
@@ -72,7 +72,23 @@ class Embodiment:
     pushed: bool = True
 
     def __post_init__(self) -> None:
-        check_body(self)
+        try:
+            self._check_numbers()
+            check_structure(self.parts, self.joints, self.grip_sensors)
+        except ValueError as error:
+            raise EmbodimentError(f"embodiment {self.name!r}: {error}") from error
+
+    def _check_numbers(self) -> None:
+        for name in ("substeps", "iterations"):
+            if getattr(self, name) < 1:
+                raise ValueError(f"{name} {getattr(self, name)} must be at least 1")
+        if not 0 < self.joint_correction < 1:
+            raise ValueError(f"joint_correction {self.joint_correction} must be over 0 and under 1")
+        for name in ("steps_survivable_under_water", "steps_survivable_outside_water"):
+            steps: object = getattr(self, name)
+            whole = isinstance(steps, int) and not isinstance(steps, bool) and steps >= 0
+            if steps is not None and not whole:
+                raise ValueError(f"{name} {steps!r} must be a whole number of time steps, 0 or more")
 
     @property
     def head(self) -> int:

@@ -1,4 +1,4 @@
-"""What bodies are made of: rigid parts, the joints between them, and sensors that grip."""
+"""The elements of a body: rigid parts, the joints between them, and sensors that grip."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What the environments of the benchmark have in common: one body in a world that a task describes."""
+"""The base of the benchmark's environments: one body in a world that a task describes."""
 
 from __future__ import annotations
 

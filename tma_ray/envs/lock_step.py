@@ -9,7 +9,7 @@ import gymnasium
 import numpy as np
 from numpy.typing import NDArray
 
-from tma_ray.physics import Engine, Worlds, together
+from tma_ray.physics import Engine, EngineBatch, batch_engines
 from tma_ray.tasks import Task
 
 Outcome = tuple[NDArray[np.float32], NDArray[np.float64], NDArray[np.bool_]]
@@ -78,12 +78,12 @@ class EngineLockStep(PlainLockStep):
         """Begins an episode in each; see `LockStep`."""
         observations = super().reset(seeds, tasks)
         engines = [environment.hand_over() for environment in self._environments]  # type: ignore[attr-defined]
-        self._worlds: Worlds = together(engines)
+        self._batch: EngineBatch = batch_engines(engines)
         self._steps_left = self._environments[0].max_episode_steps  # type: ignore[attr-defined]
         return observations
 
     def step(self, rows: NDArray[np.int64], actions: NDArray[np.float32]) -> Outcome:
         """Takes one step in some; see `LockStep`."""
-        observations, rewards, ended = self._worlds.step(rows, actions)
+        observations, rewards, ended = self._batch.step(rows, actions)
         self._steps_left -= 1
         return observations, rewards, ended | (self._steps_left <= 0)

@@ -1,4 +1,4 @@
-"""What a model card says of a policy: of its run, its results and its environment."""
+"""The facts that a model card states of a policy: of its run, its results and its environment."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What the teacher of a seed recorded: ``env_params_save.pkl``, read by the restricted unpickler."""
+"""The record that a seed's teacher kept: ``env_params_save.pkl``, read by the restricted unpickler."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Why something of the original release is not imported."""
+"""Errors that say why something of the original release is not imported."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Where the seeds of a folder of results lie."""
+"""The search for seeds in a folder of results."""
 
 from __future__ import annotations
 

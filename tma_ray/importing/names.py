@@ -1,4 +1,4 @@
-"""What a folder of the original release is about, read from its name."""
+"""The experiment that a folder of the original release belongs to, read from its name."""
 
 from __future__ import annotations
 

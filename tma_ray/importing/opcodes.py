@@ -1,4 +1,4 @@
-"""What a pickle would do, found out before it is loaded: nothing in here runs or builds anything of it.
+"""Static checks of a pickle before it is loaded: nothing in here runs or builds anything of it.
 
 `pickle.Unpickler` asks `find_class` for names, and for nothing else: cached extension codes pass it by, a
 huge memo index or a declared length takes gigabytes, and a deep tuple as a key overflows the stack.

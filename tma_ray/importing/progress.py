@@ -1,4 +1,4 @@
-"""How far a seed got: the progress file of either student."""
+"""The training progress of a seed: the progress file of either student."""
 
 from __future__ import annotations
 

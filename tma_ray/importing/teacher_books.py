@@ -1,4 +1,4 @@
-"""What a teacher of the original recorded of itself, as rows of our teacher log."""
+"""Rows of our teacher log from the records of the original's teachers."""
 
 from __future__ import annotations
 

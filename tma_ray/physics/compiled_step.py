@@ -8,8 +8,8 @@ import numpy as np
 from numba import carray  # type: ignore[attr-defined]
 from numpy.typing import NDArray
 
+import tma_ray.physics.symbols as cp
 from tma_ray.jit import kernel
-from tma_ray.physics import symbols
 from tma_ray.physics.grips import NOTHING, feel, holder_anchor
 from tma_ray.physics.kernels import breathe, command_motors, judge, observe, survives
 from tma_ray.physics.memory import (
@@ -37,23 +37,23 @@ def advance(simulation: Simulation, substeps: int, duration: float, count_contac
     for joint in range(joints):
         motor = simulation.handles[1 + parts + joint]
         # Chipmunk's rate is the speed of the first part relative to the second.
-        symbols.motor_set_rate(motor, -simulation.commands[joint, 0])
-        symbols.constraint_set_max_force(motor, simulation.commands[joint, 1])
+        cp.motor_set_rate(motor, -simulation.commands[joint, 0])
+        cp.constraint_set_max_force(motor, simulation.commands[joint, 1])
     for _ in range(substeps):
         if simulation.wet[0]:  # Chipmunk forgets forces after each step
             for part in range(parts):
                 body, force = simulation.handles[1 + part], simulation.forces[part]
-                symbols.body_set_force(body, force[0], force[1])
-                symbols.body_set_torque(body, force[2])
-        symbols.space_step(simulation.handles[0], duration)
+                cp.body_set_force(body, force[0], force[1])
+                cp.body_set_torque(body, force[2])
+        cp.space_step(simulation.handles[0], duration)
     for part in range(parts):
         body, values = simulation.handles[1 + part], simulation.state[part]
-        values[0], values[1] = symbols.body_position(body)
-        values[2] = symbols.body_angle(body)
-        values[3], values[4] = symbols.body_velocity(body)
-        values[5] = symbols.body_angular_velocity(body)
+        values[0], values[1] = cp.body_position(body)
+        values[2] = cp.body_angle(body)
+        values[3], values[4] = cp.body_velocity(body)
+        values[5] = cp.body_angular_velocity(body)
         simulation.contacts[part] = 0
-        symbols.body_each_arbiter(body, count_contact, simulation.contacts[part:].ctypes.data)
+        cp.body_each_arbiter(body, count_contact, simulation.contacts[part:].ctypes.data)
 
 
 @kernel
@@ -62,8 +62,8 @@ def move_creepers(world: World, swinging: Integers) -> None:
     for index in range(len(swinging)):
         if swinging[index, 0] != 0:
             pose = world.poses[index]
-            pose[0], pose[1] = symbols.body_position(swinging[index, 0])
-            pose[2], pose[3] = symbols.body_rotation(swinging[index, 0])
+            pose[0], pose[1] = cp.body_position(swinging[index, 0])
+            pose[2], pose[3] = cp.body_rotation(swinging[index, 0])
 
 
 @kernel
@@ -71,7 +71,7 @@ def turn(simulation: Simulation) -> None:
     """Reads the rotations of the parts."""
     for part in range(len(simulation.state)):
         rotation = simulation.rotations[part]
-        rotation[0], rotation[1] = symbols.body_rotation(simulation.handles[1 + part])
+        rotation[0], rotation[1] = cp.body_rotation(simulation.handles[1 + part])
 
 
 @kernel
@@ -87,7 +87,7 @@ def soak(simulation: Simulation, body: StepArrays, water_y: float, duration: flo
     if near:
         for joint in range(len(simulation.commands)):
             motor = simulation.handles[1 + len(simulation.state) + joint]
-            torque = symbols.constraint_impulse(motor) / duration
+            torque = cp.constraint_impulse(motor) / duration
             simulation.torques[joint] = math.copysign(torque, simulation.commands[joint, 0])
         wet = water_forces(
             simulation.state, simulation.rotations, simulation.torques, body, water_y, simulation.forces
@@ -102,8 +102,8 @@ def let_go(simulation: Simulation) -> None:
     for sensor in range(len(simulation.holds)):
         hold = simulation.holds[sensor]
         if simulation.action[joints + sensor] <= 0 and hold != 0:
-            symbols.space_remove_constraint(simulation.handles[0], hold)
-            symbols.constraint_free(hold)
+            cp.space_remove_constraint(simulation.handles[0], hold)
+            cp.constraint_free(hold)
             simulation.holds[sensor], simulation.grips[sensor, 1] = 0, NOTHING
 
 
@@ -118,14 +118,14 @@ def take_hold(
         touched = grips[sensor, 0]
         closing = simulation.action[joints + sensor] > 0 and simulation.holds[sensor] == 0
         if closing and touched != NOTHING:
-            holder = symbols.space_static_body(simulation.handles[0])
+            holder = cp.space_static_body(simulation.handles[0])
             if touched >= 0 and world.movable[touched]:
                 holder = swinging[touched, 0]
             x, y = holder_anchor(simulation.points[sensor], touched, world)
             part = simulation.handles[1 + body.grip_part[sensor]]
-            pivot = symbols.pivot_new(holder, part, x, y, body.grips[sensor, 0], body.grips[sensor, 1])
-            symbols.constraint_set_error_bias(pivot, error_bias)
-            symbols.space_add_constraint(simulation.handles[0], pivot)
+            pivot = cp.pivot_new(holder, part, x, y, body.grips[sensor, 0], body.grips[sensor, 1])
+            cp.constraint_set_error_bias(pivot, error_bias)
+            cp.space_add_constraint(simulation.handles[0], pivot)
             simulation.holds[sensor], grips[sensor, 1] = pivot, touched
 
 
@@ -164,8 +164,8 @@ def step_at(
     floats_at: int, floats_size: int, integers_at: int, integers_size: int, observation: NDArray[np.float32]
 ) -> tuple[float, bool]:
     """Runs a step of the memory at two addresses; numba counts no references to arrays that it made."""
-    floats = carray(symbols.as_pointer(floats_at), floats_size, np.float64)
-    integers = carray(symbols.as_pointer(integers_at), integers_size, np.int64)
+    floats = carray(cp.as_pointer(floats_at), floats_size, np.float64)
+    integers = carray(cp.as_pointer(integers_at), integers_size, np.int64)
     return step(floats, integers, observation)
 
 
@@ -188,7 +188,7 @@ def step_worlds(
     """
     for row in range(len(addresses)):
         floats_at, floats_size, integers_at, integers_size = addresses[row]
-        floats = carray(symbols.as_pointer(floats_at), floats_size, np.float64)
-        integers = carray(symbols.as_pointer(integers_at), integers_size, np.int64)
+        floats = carray(cp.as_pointer(floats_at), floats_size, np.float64)
+        integers = carray(cp.as_pointer(integers_at), integers_size, np.int64)
         simulation_in(floats, integers).action[:] = actions[row]
         rewards[row], ended[row] = step(floats, integers, observations[row])

@@ -11,8 +11,8 @@ import numpy as np
 from numba import carray, cfunc  # type: ignore[attr-defined]
 from numpy.typing import NDArray
 
+import tma_ray.physics.symbols as cp
 from tma_ray.jit import kernel
-from tma_ray.physics import symbols
 from tma_ray.physics.arrays import BodyArrays
 from tma_ray.physics.creepers import LARGEST_ANGLE, Chains
 from tma_ray.physics.engine import CEILING_TYPE, SolverSettings
@@ -32,7 +32,7 @@ EVERY_CATEGORY = -1
 @cfunc("void(intp, intp, CPointer(int64))", cache=True)
 def count_contact(_body, arbiter, counts):  # type: ignore[no-untyped-def]
     """Adds one to the first of two `counts`, or to the second for the ceiling; for cpBodyEachArbiter."""
-    kind = symbols.shape_collision_type(symbols.other_shape(arbiter))
+    kind = cp.shape_collision_type(cp.other_shape(arbiter))
     carray(counts, 2)[1 if kind == CEILING_TYPE else 0] += 1
 
 
@@ -62,61 +62,61 @@ def build(
     gravity, impulse = forces
     parts, solids = len(body.mass), len(terrain.solids)
     shapes, swinging = np.empty(solids + parts, np.int64), np.zeros((len(terrain.creepers), 3), np.int64)
-    space = symbols.space_new()
+    space = cp.space_new()
     handles[0] = space
-    symbols.space_set_iterations(space, settings.iterations)
-    symbols.space_set_gravity(space, 0.0, gravity)
-    symbols.space_set_collision_slop(space, settings.collision_slop)
-    symbols.space_set_collision_bias(space, settings.collision_bias)
+    cp.space_set_iterations(space, settings.iterations)
+    cp.space_set_gravity(space, 0.0, gravity)
+    cp.space_set_collision_slop(space, settings.collision_slop)
+    cp.space_set_collision_bias(space, settings.collision_bias)
     add_terrain(space, terrain, shapes)
     add_parts(space, body, terrain.spawn, settings.skin_radius, handles[1 : 1 + parts], shapes[solids:])
     add_joints(space, body, settings, handles)
     add_creepers(space, creepers, settings, swinging)
     for part in range(parts):
         if body.pushed[part]:
-            symbols.body_push(handles[1 + part], impulse, 0.0, body.centre[part, 0], body.centre[part, 1])
+            cp.body_push(handles[1 + part], impulse, 0.0, body.centre[part, 0], body.centre[part, 1])
     return shapes, swinging
 
 
 @kernel
 def release(handles: Handles, holds: Handles, shapes: Handles, swinging: Handles, parts: int) -> None:
     """Frees a world of `parts` parts, with what it `holds` on to."""
-    symbols.space_free(handles[0])
+    cp.space_free(handles[0])
     for shape in shapes:
-        symbols.shape_free(shape)
+        cp.shape_free(shape)
     for constraint in handles[1 + parts :]:
-        symbols.constraint_free(constraint)
+        cp.constraint_free(constraint)
     for constraint in holds:
         if constraint != 0:
-            symbols.constraint_free(constraint)
+            cp.constraint_free(constraint)
     for part in handles[1 : 1 + parts]:
-        symbols.body_free(part)
+        cp.body_free(part)
     for creeper in swinging:
         if creeper[0] != 0:
-            symbols.constraint_free(creeper[1])
-            symbols.constraint_free(creeper[2])
-            symbols.body_free(creeper[0])
+            cp.constraint_free(creeper[1])
+            cp.constraint_free(creeper[2])
+            cp.body_free(creeper[0])
 
 
 @kernel
 def polygon(body: int, corners: Floats, radius: float) -> int:
     """Returns a new shape with the convex hull of `corners` (v, 2), from the corner where Chipmunk begins."""
     hull = corners.copy()
-    count = symbols.convex_hull(len(hull), hull.ctypes.data, hull.ctypes.data, 0, 0.0)
-    shape: int = symbols.polygon_new(body, count, hull.ctypes.data, radius)
+    count = cp.convex_hull(len(hull), hull.ctypes.data, hull.ctypes.data, 0, 0.0)
+    shape: int = cp.polygon_new(body, count, hull.ctypes.data, radius)
     return shape
 
 
 @kernel
 def add_terrain(space: int, terrain: Terrain, shapes: Handles) -> None:
     """Adds the solids of `terrain` and writes their shapes to `shapes`."""
-    ground = symbols.space_static_body(space)
+    ground = cp.space_static_body(space)
     for index in range(len(terrain.solids)):
         shapes[index] = polygon(ground, terrain.solids[index], 0.0)
-        symbols.shape_set_friction(shapes[index], math.sqrt(terrain.friction))
+        cp.shape_set_friction(shapes[index], math.sqrt(terrain.friction))
         if index >= terrain.ground_solids:
-            symbols.shape_set_collision_type(shapes[index], CEILING_TYPE)
-        symbols.space_add_shape(space, shapes[index])
+            cp.shape_set_collision_type(shapes[index], CEILING_TYPE)
+        cp.space_add_shape(space, shapes[index])
 
 
 @kernel
@@ -125,17 +125,17 @@ def add_parts(
 ) -> None:
     """Adds the parts of `body` and writes their bodies to `parts`, their shapes to `shapes`."""
     for index in range(len(body.mass)):
-        part = symbols.body_new(body.mass[index], body.inertia[index])
-        symbols.body_set_centre(part, body.centre[index, 0], body.centre[index, 1])
-        symbols.body_set_angle(part, body.angle[index])
+        part = cp.body_new(body.mass[index], body.inertia[index])
+        cp.body_set_centre(part, body.centre[index, 0], body.centre[index, 1])
+        cp.body_set_angle(part, body.angle[index])
         x, y = spawn[0] + body.position[index, 0], spawn[1] + body.position[index, 1]
-        symbols.body_set_position(part, x, y)
+        cp.body_set_position(part, x, y)
         corners = body.vertices[body.first_vertex[index] : body.first_vertex[index + 1]]
         shape = polygon(part, corners, radius)
-        symbols.shape_set_friction(shape, math.sqrt(body.friction[index]))
-        symbols.shape_set_filter(shape, PARTS_GROUP, EVERY_CATEGORY)
-        symbols.space_add_body(space, part)
-        symbols.space_add_shape(space, shape)
+        cp.shape_set_friction(shape, math.sqrt(body.friction[index]))
+        cp.shape_set_filter(shape, PARTS_GROUP, EVERY_CATEGORY)
+        cp.space_add_body(space, part)
+        cp.space_add_shape(space, shape)
         parts[index], shapes[index] = part, shape
 
 
@@ -148,9 +148,9 @@ def add_joints(space: int, body: BodyArrays, settings: SolverSettings, handles: 
     for index in range(joints):
         a, b = parts[body.joint_parts[index, 0]], parts[body.joint_parts[index, 1]]
         if index < body.motors:  # motor, limit, pivot: the order in which Box2D solves a joint
-            motor = symbols.motor_new(a, b, 0.0)
-            symbols.constraint_set_max_force(motor, 0.0)
-            symbols.space_add_constraint(space, motor)
+            motor = cp.motor_new(a, b, 0.0)
+            cp.constraint_set_max_force(motor, 0.0)
+            cp.space_add_constraint(space, motor)
             constraints[index] = motor
         low, high = body.limits[index]
         limit, pivot = hinge(space, (a, b), body.anchors[index], (low, high), settings)
@@ -163,13 +163,13 @@ def hinge(
 ) -> tuple[int, int]:
     """Joins two bodies at `anchor` (2, 2), in the frame of each, within `limits`; returns limit and pivot."""
     a, b = parts
-    limit = symbols.limit_new(a, b, limits[0], limits[1])
-    symbols.constraint_set_max_bias(limit, settings.limit_correction_speed)
-    symbols.constraint_set_error_bias(limit, settings.joint_error_bias)
-    pivot = symbols.pivot_new(a, b, anchor[0, 0], anchor[0, 1], anchor[1, 0], anchor[1, 1])
-    symbols.constraint_set_error_bias(pivot, settings.joint_error_bias)
-    symbols.space_add_constraint(space, limit)
-    symbols.space_add_constraint(space, pivot)
+    limit = cp.limit_new(a, b, limits[0], limits[1])
+    cp.constraint_set_max_bias(limit, settings.limit_correction_speed)
+    cp.constraint_set_error_bias(limit, settings.joint_error_bias)
+    pivot = cp.pivot_new(a, b, anchor[0, 0], anchor[0, 1], anchor[1, 0], anchor[1, 1])
+    cp.constraint_set_error_bias(pivot, settings.joint_error_bias)
+    cp.space_add_constraint(space, limit)
+    cp.space_add_constraint(space, pivot)
     return limit, pivot
 
 
@@ -179,12 +179,12 @@ def add_creepers(space: int, creepers: Chains, settings: SolverSettings, swingin
     for index in range(len(creepers.mass)):
         if creepers.holders[index] == FIXED:
             continue
-        body = symbols.body_new(creepers.mass[index], creepers.inertia[index])
-        symbols.body_set_position(body, creepers.centre[index, 0], creepers.centre[index, 1])
-        holder = symbols.space_static_body(space)
+        body = cp.body_new(creepers.mass[index], creepers.inertia[index])
+        cp.body_set_position(body, creepers.centre[index, 0], creepers.centre[index, 1])
+        holder = cp.space_static_body(space)
         if creepers.holders[index] >= 0:
             holder = swinging[creepers.holders[index], 0]
-        symbols.space_add_body(space, body)
+        cp.space_add_body(space, body)
         limits = -LARGEST_ANGLE, LARGEST_ANGLE
         limit, pivot = hinge(space, (holder, body), creepers.anchors[index], limits, settings)
         swinging[index, 0], swinging[index, 1], swinging[index, 2] = body, limit, pivot

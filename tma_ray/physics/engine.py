@@ -1,4 +1,4 @@
-"""What every physics engine offers, and the settings that all of them share."""
+"""The interface of every physics engine, and the settings that all of them share."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What grip sensors touch. Written once for every engine."""
+"""Contacts of grip sensors. Written once for every engine."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a ray meets first: ground, ceiling, creepers or water. Written once for every engine."""
+"""Ray casting for lidars: ground, ceiling, creepers or water. Written once for every engine."""
 
 from __future__ import annotations
 

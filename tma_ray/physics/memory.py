@@ -1,4 +1,4 @@
-"""Where a compiled step keeps its numbers: two vectors, and views of them by name."""
+"""The memory of a compiled step: two vectors, and views of them by name."""
 
 from __future__ import annotations
 
@@ -8,8 +8,8 @@ import numpy as np
 from numba import carray  # type: ignore[attr-defined]
 from numpy.typing import NDArray
 
+import tma_ray.physics.symbols as cp
 from tma_ray.jit import kernel
-from tma_ray.physics import symbols
 from tma_ray.physics.engine import TIME_STEP, SolverSettings
 from tma_ray.physics.grips import NOTHING
 from tma_ray.physics.rules import StepArrays
@@ -183,13 +183,13 @@ def world_in(floats: Floats, integers: Integers) -> tuple[World, Integers]:
     grounds, ceilings, creepers = integers[TERRAIN], integers[TERRAIN + 1], integers[TERRAIN + 2]
     at = integers[TERRAIN + 3 :]
     world = World(
-        carray(symbols.as_pointer(at[0]), (grounds, 4), np.float64),
-        carray(symbols.as_pointer(at[1]), (ceilings, 4), np.float64),
-        carray(symbols.as_pointer(at[2]), (creepers, 4), np.float64),
-        carray(symbols.as_pointer(at[3]), (creepers, 4), np.float64),
-        carray(symbols.as_pointer(at[4]), creepers, np.int64),
+        carray(cp.as_pointer(at[0]), (grounds, 4), np.float64),
+        carray(cp.as_pointer(at[1]), (ceilings, 4), np.float64),
+        carray(cp.as_pointer(at[2]), (creepers, 4), np.float64),
+        carray(cp.as_pointer(at[3]), (creepers, 4), np.float64),
+        carray(cp.as_pointer(at[4]), creepers, np.int64),
         floats[SWAY],
         floats[WATER_Y],
         floats[GOAL_X],
     )
-    return world, carray(symbols.as_pointer(at[5]), (creepers, 3), np.int64)
+    return world, carray(cp.as_pointer(at[5]), (creepers, 3), np.int64)

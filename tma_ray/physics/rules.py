@@ -1,4 +1,4 @@
-"""What an environment asks of the physics, and what the kernels know of a body under these rules."""
+"""An environment's rules for the physics, and the kernels' view of a body under these rules."""
 
 from __future__ import annotations
 

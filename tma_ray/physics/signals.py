@@ -1,4 +1,4 @@
-"""What the values of observations and actions mean, in the order of `kernels.observe` and of the motors."""
+"""Meanings of observations and actions, in the order of `kernels.observe` and of the motors."""
 
 from __future__ import annotations
 

@@ -25,7 +25,7 @@ from tma_ray.results.reader import DamagedFileWarning, Results
 from tma_ray.results.records import AttemptOutcome, AttemptRecord, RunRecord, RunStatus
 from tma_ray.results.rows import teacher_log_row
 from tma_ray.results.schema import DATA_TABLES, SCHEMA_VERSION, SCHEMAS, Table
-from tma_ray.results.storage.errors import DISK_FULL, StorageError, explained_disk, outlast
+from tma_ray.results.storage.errors import DISK_FULL, StorageError, explained_disk, retry
 from tma_ray.results.storage.object_store import ObjectStoreError
 from tma_ray.results.storage.store import Store
 from tma_ray.results.writer import RunWriter
@@ -79,9 +79,9 @@ __all__ = [
     "explained_disk",
     "holder_of",
     "log_path",
-    "outlast",
     "policy_folder",
     "read_published",
+    "retry",
     "staged_policy",
     "teacher_log_row",
     "write_published",

@@ -1,4 +1,4 @@
-"""What simulated the worlds of a run: results of different engines are never pooled or tested together."""
+"""The simulator behind a run's worlds: results of different engines are never pooled or tested together."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a running campaign says of itself, for those who only see its results root."""
+"""The heartbeat of a running campaign, for those who only see its results root."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Where the files of a results root lie, and the file that says that it is one."""
+"""The layout of a results root, and the file that marks one."""
 
 from __future__ import annotations
 

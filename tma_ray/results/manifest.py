@@ -1,4 +1,4 @@
-"""What a run has published: the one file that readers trust."""
+"""The manifest of a run: the one file that readers trust for what it has published."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What runs, and attempts at them, are to readers."""
+"""Records of runs and of attempts at them, as readers see them."""
 
 from __future__ import annotations
 

@@ -20,7 +20,7 @@ from tma_ray.results import (
     RunWriter,
     Store,
     accepted_manifest,
-    outlast,
+    retry,
     staged_policy,
 )
 from tma_ray.runs.checkpoints import Checkpoints
@@ -106,7 +106,7 @@ class Attempt:
             if stopping:
                 logger.info("stopped as asked at step %s", f"{run.progress.step:,}")
                 return None
-        final = outlast(self._finish, self._placement.outage_seconds, should_stop)
+        final = retry(self._finish, self._placement.outage_seconds, should_stop)
         logger.info("done")
         return final
 
@@ -134,7 +134,7 @@ class Attempt:
         self._run.close()
 
     def _resume(self) -> None:
-        checkpoint = outlast(lambda: self._checkpoints.restore(self._run), self._placement.outage_seconds)
+        checkpoint = retry(lambda: self._checkpoints.restore(self._run), self._placement.outage_seconds)
         if checkpoint is None:
             return
         self._run.writer = RunWriter(self._store, self.spec.run_id, self._number, checkpoint.parts)
@@ -153,7 +153,7 @@ class Attempt:
         self, should_stop: Callable[[], bool], publish: Callable[[Sequence[PartFile]], None]
     ) -> None:
         started = time.monotonic()
-        parts, size = outlast(self._write_checkpoint, self._placement.outage_seconds, should_stop)
+        parts, size = retry(self._write_checkpoint, self._placement.outage_seconds, should_stop)
         self._saved_at, self._saved_evaluations = time.monotonic(), self._run.progress.evaluations
         status = self.status()
         logger.info(

@@ -5,7 +5,7 @@ from __future__ import annotations
 import traceback
 from collections.abc import Callable, Sequence
 
-from tma_ray.results import AttemptOutcome, Committer, PartFile, RunStatus, StorageError, outlast
+from tma_ray.results import AttemptOutcome, Committer, PartFile, RunStatus, StorageError, retry
 from tma_ray.runs.attempt import Attempt
 from tma_ray.runs.checkpoints import Checkpoints
 from tma_ray.runs.placement import Placement, Status
@@ -57,16 +57,14 @@ def _attempt(
         with RunLog(committer.store, spec.run_id, number) as log:
 
             def publish(parts: Sequence[PartFile]) -> None:
-                outlast(
-                    lambda: committer.publish(record, number, parts), placement.outage_seconds, should_stop
-                )
+                retry(lambda: committer.publish(record, number, parts), placement.outage_seconds, should_stop)
                 log.publish()
 
             attempt = Attempt(spec, committer.store, number, InlineTeacher(spec), placement)
             final = attempt.execute(_reporting(attempt, should_stop, on_status), publish)
         outcome = AttemptOutcome.STOPPED if final is None else AttemptOutcome.DONE
         if final is not None:
-            outlast(lambda: committer.finish(record, number, final), placement.outage_seconds, should_stop)
+            retry(lambda: committer.finish(record, number, final), placement.outage_seconds, should_stop)
             Checkpoints(committer.store, spec.run_id, number).drop()
     except StorageError:
         outcome = AttemptOutcome.LOST

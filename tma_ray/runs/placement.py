@@ -1,4 +1,4 @@
-"""How a run is executed, and what it says of itself: no part of what it computes."""
+"""The placement and the status of a run: no part of what it computes."""
 
 from __future__ import annotations
 

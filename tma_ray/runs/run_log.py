@@ -1,4 +1,4 @@
-"""What is logged during an attempt, as a file of the results root."""
+"""The log of an attempt, as a file of the results root."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What determines the result of a run, and only that."""
+"""The specification of a run: all that determines its result, and only that."""
 
 from __future__ import annotations
 

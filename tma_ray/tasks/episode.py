@@ -1,4 +1,4 @@
-"""What a teacher is told: episodes, and the answers to its questions."""
+"""The messages to a teacher: episodes, and the answers to its queries."""
 
 from __future__ import annotations
 

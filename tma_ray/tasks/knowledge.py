@@ -1,4 +1,4 @@
-"""What a teacher is told about the task space before it starts."""
+"""Expert knowledge: the facts about the task space that a teacher gets before it starts."""
 
 from __future__ import annotations
 

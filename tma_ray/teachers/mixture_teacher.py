@@ -1,4 +1,4 @@
-"""What the teachers that fit Gaussian mixtures have in common."""
+"""The base of the teachers that fit Gaussian mixtures."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a Parkour world demands of a body, as shares of what bodies of its kind can do.
+"""Demands of a Parkour world on a body, as shares of what bodies of its kind can do.
 
 The paper chose its test tasks by eye: possible for the body, and a third each easy, medium and hard. Here
 both are measured. A demand of 1 is the most that a body is taken to meet; a world is feasible if it demands

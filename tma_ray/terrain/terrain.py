@@ -1,4 +1,4 @@
-"""What a world is made of, as plain arrays."""
+"""The elements of a world, as plain arrays."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What the conformance kit says of single tasks and log rows; each check raises an AssertionError."""
+"""The conformance kit's checks of single tasks and log rows; each raises an AssertionError."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What every teacher promises, as a test class that its author inherits."""
+"""The contract of every teacher, as a test class that its author inherits."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""How simulated students talk to a teacher: an episode, then its queries until there are no more."""
+"""The exchange of simulated students with a teacher: an episode, then its queries until there are no more."""
 
 from __future__ import annotations
 

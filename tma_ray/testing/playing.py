@@ -1,4 +1,4 @@
-"""What the conformance kit plays: task spaces of many shapes, and pupils without memory."""
+"""Trial inputs of the conformance kit: task spaces of many shapes, and pupils without memory."""
 
 from __future__ import annotations
 

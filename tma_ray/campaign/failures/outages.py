@@ -1,76 +1,67 @@
-"""A committer that waits until its storage answers again."""
+"""Retrying committers: storage that fails for a while does not end a campaign."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from typing import TypeVar
+from collections.abc import Callable
+from typing import Concatenate, ParamSpec, TypeVar
 
-from tma_ray.results import AttemptRecord, Committer, Manifest, PartFile, RunRecord, StorageError, outlast
+from tma_ray.results import Committer, StorageError, Store, retry
 
-T = TypeVar("T")
+Arguments = ParamSpec("Arguments")
+Result = TypeVar("Result")
 
 
 class OutageError(RuntimeError):
-    """The storage of a campaign's results was gone for too long."""
+    """The storage of a campaign's results failed for longer than its settings allow."""
 
 
-class PatientCommitter:
-    """Publishes as `Committer` does, and repeats what the storage refuses.
+class RetryingCommitter:
+    """Calls the methods of a `Committer`, and retries those that the storage refuses.
 
-    Before every try it makes sure that the root is still ours: a storage that was gone for long may have
-    been given to another campaign meanwhile.
+    Before every attempt it checks that the lease on the root is still held: a storage that was unavailable
+    for long may have been given to another campaign meanwhile.
 
     Args:
         committer: of the results root.
-        keep_lease: raises if the root is no longer ours.
-        seconds: how long one operation is repeated, s.
+        keep_lease: renews the lease; raises if another campaign holds it.
+        seconds: longest time for which one operation is retried, s.
     """
 
     def __init__(self, committer: Committer, keep_lease: Callable[[], None], seconds: float) -> None:
-        self.store = committer.store
         self._committer = committer
         self._keep_lease = keep_lease
         self._seconds = seconds
 
+    @property
+    def store(self) -> Store:
+        """The storage of the results root."""
+        return self._committer.store
+
     def keep_lease(self) -> None:
-        """Gives a sign of life to other campaigns.
+        """Renews the lease, with the retries and errors of `call`."""
+        self._retry(self._keep_lease)
+
+    def call(
+        self,
+        operation: Callable[Concatenate[Committer, Arguments], Result],
+        *arguments: Arguments.args,
+        **options: Arguments.kwargs,
+    ) -> Result:
+        """Returns what an operation of the committer returns, as in ``call(Committer.manifest, run_id)``.
 
         Raises:
-            RootInUseError: the root is no longer ours; as do all other methods.
-            OutageError: after all tries; likewise.
+            RootInUseError: another campaign holds the lease on the root.
+            OutageError: the storage refused every attempt.
         """
-        self._outlast(lambda: None)
 
-    def manifest(self, run_id: str) -> Manifest | None:
-        """See `Committer`."""
-        return self._outlast(lambda: self._committer.manifest(run_id))
-
-    def start(self, run: RunRecord) -> int:
-        """See `Committer`."""
-        return self._outlast(lambda: self._committer.start(run))
-
-    def publish(self, run: RunRecord, attempt: int, parts: Sequence[PartFile]) -> None:
-        """See `Committer`."""
-        self._outlast(lambda: self._committer.publish(run, attempt, parts))
-
-    def finish(self, run: RunRecord, attempt: int, final: Sequence[PartFile]) -> None:
-        """See `Committer`."""
-        self._outlast(lambda: self._committer.finish(run, attempt, final))
-
-    def fail(self, run: RunRecord, attempt: int, error: str) -> None:
-        """See `Committer`."""
-        self._outlast(lambda: self._committer.fail(run, attempt, error))
-
-    def record_attempt(self, record: AttemptRecord) -> None:
-        """See `Committer`."""
-        self._outlast(lambda: self._committer.record_attempt(record))
-
-    def _outlast(self, action: Callable[[], T]) -> T:
-        def with_lease() -> T:
+        def attempt() -> Result:
             self._keep_lease()
-            return action()
+            return operation(self._committer, *arguments, **options)
 
+        return self._retry(attempt)
+
+    def _retry(self, action: Callable[[], Result]) -> Result:
         try:
-            return outlast(with_lease, self._seconds)
+            return retry(action, self._seconds)
         except StorageError as error:
-            raise OutageError(f"the campaign ends after {self._seconds:.0f} s of trying: {error}") from error
+            raise OutageError(f"the campaign ends after {self._seconds:.0f} s of retries: {error}") from error

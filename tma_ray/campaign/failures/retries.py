@@ -1,4 +1,4 @@
-"""When and where a run is tried again whose process died."""
+"""Retry policy for runs whose process died: when, and away from which nodes."""
 
 from __future__ import annotations
 

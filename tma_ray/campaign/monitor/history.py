@@ -1,4 +1,4 @@
-"""What one run went through: its attempts, what they logged, and why it failed."""
+"""The history of one run: its attempts, their logs, and why it failed."""
 
 from __future__ import annotations
 

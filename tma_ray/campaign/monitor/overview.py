@@ -1,4 +1,4 @@
-"""What a results root says of its campaigns, from any machine that sees it; needs no Ray."""
+"""The state of the campaigns of a results root, from any machine that sees it; needs no Ray."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What `--address` may be, and whether anybody answers there: Ray itself would try for minutes."""
+"""Checks of `--address` before a connection: Ray itself would try for minutes."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Whether every node of the cluster reaches the results root, asked before the first run."""
+"""A check that every node of the cluster reaches the results root, before the first run."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a frame is drawn with: what it shows, from where, and in which colours."""
+"""Drawing of frames: scene, camera and colours."""
 
 import os
 

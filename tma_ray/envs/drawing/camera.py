@@ -1,4 +1,4 @@
-"""Where a frame looks: decided by the head's place alone, so that the same pose is always drawn alike."""
+"""The camera of a frame, placed by the head alone, so that the same pose is always drawn alike."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a frame shows."""
+"""The scene of a frame."""
 
 from __future__ import annotations
 

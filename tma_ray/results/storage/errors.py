@@ -61,7 +61,7 @@ def explained_disk(where: str, kinds: Collection[int] | None = None) -> Iterator
         ) from error
 
 
-def outlast(action: Callable[[], T], seconds: float, give_up: Callable[[], bool] = lambda: False) -> T:
+def retry(action: Callable[[], T], seconds: float, give_up: Callable[[], bool] = lambda: False) -> T:
     """Repeats `action` as long as the storage refuses it; returns what it returns at last.
 
     Args:

@@ -1,4 +1,4 @@
-"""What PPO and SAC share: a stable-baselines3 model whose environment loop, randomness and files are ours."""
+"""The base of PPO and SAC: models of stable-baselines3 with our environment loop, randomness and files."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Where world, sliders and text are in a window of any size."""
+"""The layout of world, sliders and text in a window of any size."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What is being played, without anything that is seen: tasks, episodes, pace."""
+"""The state of live play, without anything that is seen: tasks, episodes, speed."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""How fast runs are on this machine, measured."""
+"""Measured speed of runs on this machine."""
 
 from __future__ import annotations
 

@@ -8,7 +8,7 @@ from typing import Any
 import pytest
 from small_runs import small_spec
 
-from tma_ray.campaign.failures.outages import OutageError, PatientCommitter
+from tma_ray.campaign.failures.outages import OutageError, RetryingCommitter
 from tma_ray.results import Committer, RootInUseError, StorageError, Store
 from tma_ray.results.storage import errors as storage_errors
 
@@ -36,10 +36,10 @@ def test_what_was_refused_is_tried_again_and_the_lease_looked_after_each_time(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     committer, looks = Committer.open(tmp_path / "root"), []
-    patient = PatientCommitter(committer, lambda: looks.append(True), seconds=60.0)
+    retrying = RetryingCommitter(committer, lambda: looks.append(True), seconds=60.0)
     run = small_spec(tmp_path).record()
     refused = refusing(monkeypatch, times=3)
-    assert patient.start(run) == 0
+    assert retrying.call(Committer.start, run) == 0
     assert len(refused) == 3
     assert len(looks) == 4
     published = committer.manifest(run.run_id)
@@ -50,10 +50,10 @@ def test_what_was_refused_is_tried_again_and_the_lease_looked_after_each_time(
 def test_an_outage_that_lasts_ends_the_campaign_and_says_why(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    patient = PatientCommitter(Committer.open(tmp_path / "root"), lambda: None, seconds=0.05)
+    retrying = RetryingCommitter(Committer.open(tmp_path / "root"), lambda: None, seconds=0.05)
     refusing(monkeypatch, times=float("inf"))
-    with pytest.raises(OutageError, match=r"ends after 0 s of trying: the disk is full"):
-        patient.start(small_spec(tmp_path).record())
+    with pytest.raises(OutageError, match=r"ends after 0 s of retries: the disk is full"):
+        retrying.call(Committer.start, small_spec(tmp_path).record())
 
 
 def test_nothing_is_published_into_a_root_that_was_lost_during_the_outage(
@@ -67,8 +67,8 @@ def test_nothing_is_published_into_a_root_that_was_lost_during_the_outage(
             raise RootInUseError("another campaign has taken it")
 
     run: Any = small_spec(tmp_path).record()
-    patient = PatientCommitter(committer, lost_the_second_time, seconds=60.0)
+    retrying = RetryingCommitter(committer, lost_the_second_time, seconds=60.0)
     refusing(monkeypatch, times=1)
     with pytest.raises(RootInUseError):
-        patient.start(run)
+        retrying.call(Committer.start, run)
     assert committer.manifest(run.run_id) is None

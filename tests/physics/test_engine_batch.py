@@ -1,4 +1,4 @@
-"""Worlds stepped together go the same ways as alone."""
+"""EngineBatch stepped together go the same ways as alone."""
 
 import numpy as np
 import pytest
@@ -6,11 +6,11 @@ from parkour_worlds import parkour_rules, parkour_world
 
 from tma_ray.embodiments import load_embodiment
 from tma_ray.envs.stump_tracks import RULES
-from tma_ray.physics import engine_in_use, make_engine, together
-from tma_ray.physics.together import CompiledWorlds, SeparateWorlds
+from tma_ray.physics import batch_engines, engine_in_use, make_engine
+from tma_ray.physics.engine_batch import CompiledBatch, SequentialBatch
 from tma_ray.terrain.stump_tracks import stump_tracks
 
-KINDS = {"compiled": CompiledWorlds, "pymunk": SeparateWorlds}
+KINDS = {"compiled": CompiledBatch, "pymunk": SequentialBatch}
 COUNT = 6
 
 
@@ -44,7 +44,7 @@ def parkour_engines():
 @pytest.mark.parametrize(("make", "actions_each"), [(engines, 4), (parkour_engines, 12)])
 def test_they_equal_single_engines_bit_for_bit(kind: str, make, actions_each: int) -> None:
     alone, joined = make(), make()
-    worlds, rng = together(joined), np.random.default_rng(0)
+    worlds, rng = batch_engines(joined), np.random.default_rng(0)
     assert isinstance(worlds, KINDS[kind])
     for _ in range(150):
         rows = np.sort(rng.choice(COUNT, rng.integers(1, COUNT + 1), replace=False))
@@ -62,11 +62,11 @@ def test_they_equal_single_engines_bit_for_bit(kind: str, make, actions_each: in
 @pytest.mark.parametrize("actions", [np.zeros((2, 3)), np.zeros((2, 5)), np.full((2, 4), np.nan)])
 def test_malformed_actions_are_refused(actions: np.ndarray) -> None:
     with pytest.raises(ValueError, match=r"shape|must be finite"):
-        together(engines()).step(np.array([0, 3]), actions.astype(np.float32))
+        batch_engines(engines()).step(np.array([0, 3]), actions.astype(np.float32))
 
 
 @pytest.mark.usefixtures("kind")
 def test_engines_without_a_world_are_refused() -> None:
     engine = make_engine(load_embodiment("classic_bipedal"), RULES)
     with pytest.raises(RuntimeError, match="call reset first"):
-        together([engine]).step(np.array([0]), np.zeros((1, 4), np.float32))
+        batch_engines([engine]).step(np.array([0]), np.zeros((1, 4), np.float32))

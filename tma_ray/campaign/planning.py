@@ -1,4 +1,4 @@
-"""What an experiment comes to before anything runs, as a table."""
+"""The size and cost of an experiment before anything runs, as a table."""
 
 from __future__ import annotations
 
@@ -11,10 +11,10 @@ from rich.console import Console
 from rich.table import Table
 
 from tma_ray.benchmark import Experiment
-from tma_ray.campaign.campaign import Plan
-from tma_ray.campaign.costs.costs import estimate
+from tma_ray.campaign.costs.estimation import estimate
 from tma_ray.campaign.experiments import experiment_plan
 from tma_ray.campaign.options import chosen_settings
+from tma_ray.campaign.plan import Plan
 
 
 @dataclass(frozen=True)

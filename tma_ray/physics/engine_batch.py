@@ -1,4 +1,4 @@
-"""Several worlds of one body, stepped in one call: no Python between them."""
+"""Batches of engines of one body, stepped in one call: no Python between them."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ Outcome = tuple[NDArray[np.float32], NDArray[np.float64], NDArray[np.bool_]]
 """Observations (k, o), rewards (k,) and ends of episodes (k,) of k worlds."""
 
 
-class Worlds(Protocol):
+class EngineBatch(Protocol):
     """Engines of one body that have been reset, until one of them is reset again."""
 
     def step(self, rows: NDArray[np.int64], actions: NDArray[np.float32]) -> Outcome:
@@ -35,28 +35,28 @@ class Worlds(Protocol):
         ...
 
 
-def together(engines: Sequence[Engine]) -> Worlds:
-    """Returns the worlds of `engines`, all made by `make_engine` for one body and reset."""
+def batch_engines(engines: Sequence[Engine]) -> EngineBatch:
+    """Returns a batch of `engines`, all made by `make_engine` for one body and reset."""
     if engine_in_use().name == "compiled":
-        return CompiledWorlds(cast("Sequence[CompiledEngine]", engines))
-    return SeparateWorlds(engines)
+        return CompiledBatch(cast("Sequence[CompiledEngine]", engines))
+    return SequentialBatch(engines)
 
 
-class SeparateWorlds:
-    """Worlds of any engines, stepped one by one; see `Worlds`."""
+class SequentialBatch:
+    """A batch of any engines, stepped one by one; see `EngineBatch`."""
 
     def __init__(self, engines: Sequence[Engine]) -> None:
         self._engines = engines
 
     def step(self, rows: NDArray[np.int64], actions: NDArray[np.float32]) -> Outcome:
-        """Advances some worlds; see `Worlds`."""
+        """Advances some worlds; see `EngineBatch`."""
         outcomes = [self._engines[row].step(action) for row, action in zip(rows, actions, strict=True)]
         observations, rewards, ended = zip(*outcomes, strict=True)
         return np.stack(observations), np.array(rewards), np.array(ended)
 
 
-class CompiledWorlds:
-    """Worlds of compiled engines, stepped by one compiled loop; see `Worlds`."""
+class CompiledBatch:
+    """A batch of compiled engines, stepped by one compiled loop; see `EngineBatch`."""
 
     def __init__(self, engines: Sequence[CompiledEngine]) -> None:
         from tma_ray.physics.compiled_step import step_worlds  # here, since it loads numba
@@ -68,7 +68,7 @@ class CompiledWorlds:
         self._observation_size, self._action_size = observation_size(body), len(body.motors) + len(body.grips)
 
     def step(self, rows: NDArray[np.int64], actions: NDArray[np.float32]) -> Outcome:
-        """Advances some worlds; see `Worlds`."""
+        """Advances some worlds; see `EngineBatch`."""
         expected = len(rows), self._action_size
         if actions.shape != expected:
             raise ValueError(f"actions of {len(rows)} worlds have shape {expected}, got {actions.shape}")

@@ -1,4 +1,4 @@
-"""What a plan costs: hours from speeds measured on this machine, disk and memory."""
+"""The cost of a plan: hours from speeds measured on this machine, disk and memory."""
 
 from __future__ import annotations
 
@@ -8,8 +8,8 @@ from collections import Counter
 from dataclasses import dataclass
 from typing import Any
 
-from tma_ray.campaign.campaign import Plan
-from tma_ray.campaign.costs.pace import Pace, measure
+from tma_ray.campaign.costs.speed import Pace, measure
+from tma_ray.campaign.plan import Plan
 from tma_ray.campaign.settings import GIB, Resources, Settings
 from tma_ray.runs.spec import RunSpec
 

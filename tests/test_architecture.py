@@ -1,0 +1,138 @@
+"""The structure of the house: no import circles, no shadowed modules, small rooms, modules and functions."""
+
+from __future__ import annotations
+
+import ast
+from collections import defaultdict
+from collections.abc import Iterator
+from functools import cache
+from graphlib import CycleError, TopologicalSorter
+from pathlib import Path
+
+import pytest
+
+HOUSE = Path(__file__).parent.parent
+PACKAGES = ("tma_ray", "analysis")
+
+MOST_MODULES, MOST_LINES, MOST_FUNCTION_LINES = 16, 300, 50
+"""In a room (without its `__init__`), in a module, in a function."""
+
+CROWDED = {
+    "analysis": "its rooms are yet to be made",
+    "analysis/figures": "its rooms are yet to be made",
+    "tma_ray/physics": "kernels and engines are yet to be told apart",
+    "tma_ray/teachers": "every algorithm of the paper has a module here",
+}
+"""Rooms that may hold more, and why."""
+
+SHADOWED = {
+    "analysis.curriculum_measures",
+    "analysis.figures.final_bars",
+    "analysis.figures.learning_curve",
+    "analysis.figures.radar",
+    "analysis.pairwise",
+    "analysis.run_measures",
+    "analysis.table_results",
+    "analysis.task_axes",
+}
+"""Modules that a function of their package still hides."""
+
+QUESTIONS = ("How", "What", "When", "Where", "Whether", "Who", "Whose", "Why")
+"""First words of a docstring that asks instead of saying what a thing is or does."""
+
+UNSETTLED = "analysis"
+"""The package whose docstrings may still ask, and whose modules may still import each other by its name."""
+
+
+def _modules() -> dict[str, Path]:
+    """Returns the files of all modules by their names."""
+    files = (path for package in PACKAGES for path in sorted((HOUSE / package).rglob("*.py")))
+    return {_name(path): path for path in files}
+
+
+def _name(path: Path) -> str:
+    parts = path.relative_to(HOUSE).with_suffix("").parts
+    return ".".join(parts[:-1] if parts[-1] == "__init__" else parts)
+
+
+@cache
+def _tree(path: Path) -> ast.Module:
+    return ast.parse(path.read_text(encoding="utf-8"))
+
+
+def _imports(name: str, modules: dict[str, Path]) -> set[str]:
+    """Returns the modules that the text of a module imports, anywhere in it.
+
+    ``from package import module`` imports the package as well, since its own text runs first.
+    """
+    imported: set[str] = set()
+    for node in ast.walk(_tree(modules[name])):
+        if isinstance(node, ast.Import):
+            imported |= {alias.name for alias in node.names}
+        elif isinstance(node, ast.ImportFrom):
+            assert node.level == 0, f"{name}: a relative import"
+            assert node.module is not None
+            found = {f"{node.module}.{alias.name}" for alias in node.names} & modules.keys()
+            only_modules = len(found) == len(node.names) and node.module == UNSETTLED
+            imported |= found if only_modules else {node.module, *found}
+    return (imported & modules.keys()) - {name}
+
+
+def test_no_modules_import_each_other() -> None:
+    modules = _modules()
+    graph = {name: _imports(name, modules) for name in modules}
+    try:
+        TopologicalSorter(graph).prepare()
+    except CycleError as error:
+        pytest.fail(" imports ".join(reversed(error.args[1])))
+
+
+def test_no_module_is_hidden_by_what_its_package_exports() -> None:
+    modules = _modules()
+    hidden = set()
+    for name, path in modules.items():
+        if path.name != "__init__.py":
+            continue
+        for node in _tree(path).body:
+            if isinstance(node, ast.ImportFrom):
+                names = {f"{name}.{alias.asname or alias.name}" for alias in node.names}
+                hidden |= {each for each in names & modules.keys() if node.module != name}
+    assert hidden == SHADOWED
+
+
+def test_rooms_hold_some_fifteen_modules() -> None:
+    rooms: dict[str, int] = defaultdict(int)
+    for path in _modules().values():
+        rooms[path.parent.relative_to(HOUSE).as_posix()] += path.name != "__init__.py"
+    assert {room for room, count in rooms.items() if count > MOST_MODULES} == set(CROWDED)
+
+
+def test_modules_and_functions_are_short() -> None:
+    long = {name for name, path in _modules().items() if len(_lines_of(path)) > MOST_LINES}
+    long |= {
+        f"{name}.{function.name}"
+        for name, path in _modules().items()
+        for function in _functions(_tree(path))
+        if _length(function) > MOST_FUNCTION_LINES
+    }
+    assert not long
+
+
+def test_docstrings_of_modules_say_what_they_are() -> None:
+    docstrings = {name: ast.get_docstring(_tree(path)) or "" for name, path in _modules().items()}
+    assert not {name for name, docstring in docstrings.items() if not docstring}
+    asking = {name for name, docstring in docstrings.items() if docstring.split()[0] in QUESTIONS}
+    assert not {name for name in asking if name.split(".")[0] != UNSETTLED}
+
+
+def _lines_of(path: Path) -> list[str]:
+    return path.read_text(encoding="utf-8").splitlines()
+
+
+def _functions(tree: ast.Module) -> Iterator[ast.FunctionDef | ast.AsyncFunctionDef]:
+    return (node for node in ast.walk(tree) if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef))
+
+
+def _length(function: ast.FunctionDef | ast.AsyncFunctionDef) -> int:
+    assert function.end_lineno is not None
+    return function.end_lineno - function.lineno + 1

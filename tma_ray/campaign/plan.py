@@ -1,0 +1,123 @@
+"""Campaigns as data, and the plan of runs that each amounts to."""
+
+from __future__ import annotations
+
+import itertools
+import os
+import platform
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+from tma_ray.results import check_id
+from tma_ray.runs import Cell, RunSpec, Schedule, effective_spec
+from tma_ray.tasks import KnowledgeLevel
+
+
+@dataclass(frozen=True)
+class Plan:
+    """What a campaign executes.
+
+    Attributes:
+        name: of the campaign.
+        size: what was asked for, in words.
+        runs: effective specs, one per run.
+        cell_rows: rows of the table of cells, without the campaign; several may name one run.
+    """
+
+    name: str
+    size: str
+    runs: tuple[RunSpec, ...]
+    cell_rows: tuple[dict[str, Any], ...]
+
+    @property
+    def steps(self) -> int:
+        """Environment steps of all runs together."""
+        return sum(spec.schedule.steps for spec in self.runs)
+
+    def describe(self) -> str:
+        """Returns the size of the campaign in one sentence."""
+        shared = len(self.cell_rows) - len(self.runs)
+        sharing = f" ({shared} more cells share them)" if shared > 0 else ""
+        return (
+            f"campaign {self.name!r}: {self.size} = {len(self.runs)} runs{sharing}, "
+            f"{self.steps:,} environment steps"
+        )
+
+
+@dataclass(frozen=True)
+class CampaignSpec:
+    """A set of cells with a budget: what one results root is filled with.
+
+    Attributes:
+        name: letters, digits, "_" and "-"; part of file names.
+        cells: what to compare.
+        seeds: of every cell.
+        schedule: budget and intervals of every run.
+        independent_levels: repeats cells whose levels of knowledge make no difference to the teacher,
+            as the paper did, instead of sharing their runs.
+    """
+
+    name: str
+    cells: tuple[Cell, ...]
+    seeds: tuple[int, ...] = tuple(range(32))
+    schedule: Schedule = field(default_factory=Schedule)
+    independent_levels: bool = False
+
+    def __post_init__(self) -> None:
+        check_id(self.name)
+        if not self.cells or not self.seeds:
+            raise ValueError(
+                f"campaign {self.name!r} has {len(self.cells)} cells and {len(self.seeds)} seeds"
+            )
+
+    def plan(self) -> Plan:
+        """Returns the runs of all cells and seeds, each once.
+
+        Raises:
+            ValueError: a cell that cannot run; the message says why.
+        """
+        runs: dict[str, RunSpec] = {}
+        rows = []
+        for cell in self.cells:
+            first = effective_spec(cell, 0, self.schedule, independent_levels=self.independent_levels)
+            for seed in self.seeds:
+                spec = replace(first, seed=seed)
+                runs.setdefault(spec.run_id, spec)
+                rows.append({**_cell_row(self.name, cell), "seed": seed, "run_id": spec.run_id})
+        size = f"{len(self.cells)} cells x {len(self.seeds)} seeds"
+        return Plan(self.name, size, tuple(runs.values()), tuple(rows))
+
+
+def cells_of(
+    teachers: Sequence[str],
+    students: Sequence[str] = ("sac",),
+    challenges: Sequence[str] = ("original",),
+    levels: Sequence[KnowledgeLevel] = (KnowledgeLevel.NONE,),
+    embodiments: Sequence[str] = ("classic_bipedal",),
+    environment: str = "stump_tracks",
+) -> tuple[Cell, ...]:
+    """Returns the cells of a full matrix."""
+    return tuple(
+        Cell(environment, challenge, embodiment, student, teacher, level)
+        for challenge, embodiment, student, level, teacher in itertools.product(
+            challenges, embodiments, students, levels, teachers
+        )
+    )
+
+
+def lease_holder(campaign: str) -> str:
+    """Returns how another campaign on the same root is told who holds it."""
+    return f"campaign {campaign!r} on {platform.node()}, process {os.getpid()}"
+
+
+def _cell_row(experiment: str, cell: Cell) -> dict[str, Any]:
+    return {
+        "experiment": experiment,
+        "environment": cell.environment,
+        "challenge": cell.challenge,
+        "embodiment": cell.embodiment,
+        "student": cell.student,
+        "teacher": cell.teacher,
+        "expert_knowledge": cell.expert_knowledge.value,
+    }
