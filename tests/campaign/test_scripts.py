@@ -11,7 +11,7 @@ import pytest
 from tma_ray.benchmark import EXPERIMENTS, find_experiment
 from tma_ray.campaign import Campaign, Plan, cells_of, joined_plan, matrix_campaigns, run_experiment
 from tma_ray.campaign.costs.estimation import Cost, estimate
-from tma_ray.campaign.costs.speed import Pace
+from tma_ray.campaign.costs.speed import Throughput
 from tma_ray.campaign.experiments import add_experiment_options, experiment_plan
 from tma_ray.campaign.settings import Resources, Settings
 from tma_ray.runs import Schedule
@@ -152,7 +152,7 @@ def test_a_dry_run_says_size_and_cost_and_starts_nothing(
     assert not root.exists()
 
 
-def test_costs_are_those_of_the_paces_measured(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_costs_follow_from_measured_throughput(monkeypatch: pytest.MonkeyPatch) -> None:
     """Two cells of two seeds: 4 runs that train 1,000 s and evaluate twice for 10 s."""
     campaign = Campaign(
         "costly",
@@ -160,7 +160,7 @@ def test_costs_are_those_of_the_paces_measured(monkeypatch: pytest.MonkeyPatch) 
         (0, 1),
         Schedule(steps=1_000_000, evaluation_interval=1_000_000),
     )
-    pace = Pace("sac", training=1_000, playing=10_000, transition_bytes=120)
+    pace = Throughput("sac", training=1_000, playing=10_000, transition_bytes=120)
     monkeypatch.setattr("tma_ray.campaign.costs.estimation.measure", lambda spec, settings: pace)
     cost = estimate(campaign.plan(), Settings(Resources(cpus=2.0, gpus=0.25), device="cuda"))
     assert cost.hours == pytest.approx(4 * (1_000 + 20) / 3600)
@@ -169,12 +169,12 @@ def test_costs_are_those_of_the_paces_measured(monkeypatch: pytest.MonkeyPatch) 
     assert isinstance(cost, Cost)
 
 
-def test_paces_count_whole_updates(monkeypatch: pytest.MonkeyPatch) -> None:
-    from tma_ray.campaign.costs import pace
+def test_throughput_counts_whole_updates(monkeypatch: pytest.MonkeyPatch) -> None:
+    from tma_ray.campaign.costs import speed
 
-    monkeypatch.setattr(pace, "WARM_UP_SECONDS", 0.0)
-    monkeypatch.setattr(pace, "MEASURED_SECONDS", 0.01)
+    monkeypatch.setattr(speed, "WARM_UP_SECONDS", 0.0)
+    monkeypatch.setattr(speed, "MEASURED_SECONDS", 0.01)
     (spec,) = Campaign("fast", cells_of(("random",), ("ppo",)), (0,), Schedule(steps=1_000)).plan().runs
-    measured = pace.measure(spec, Settings())
+    measured = speed.measure(spec, Settings())
     assert measured.label == "ppo on stump_tracks classic_bipedal"
     assert 100 < measured.training < measured.playing

@@ -24,7 +24,7 @@ from tma_ray.results import (
     Heartbeat,
     NotRunningError,
     Results,
-    RunPace,
+    RunProgress,
     RunStatus,
     Store,
     Table,
@@ -89,7 +89,7 @@ def test_status_tells_speed_and_time_left_of_a_living_campaign(one_failed: Path)
     (failed,) = (m for m in Results(store).runs() if m.status is RunStatus.FAILED)
     Committer(store).start(failed.run)
     now = time.time()
-    Heartbeat("campaign 'short' on head-1", now - 5, {failed.run.run_id: RunPace(100, 50.0)}).write(store)
+    Heartbeat("campaign 'short' on head-1", now - 5, {failed.run.run_id: RunProgress(100, 50.0)}).write(store)
     text = shown(one_failed)
     assert "Running: campaign 'short' on head-1; last heartbeat 5 s ago" in text
     assert f"50 steps/s, about {(SCHEDULE.steps - 100) // 50} s left" in text

@@ -13,8 +13,8 @@ import pytest
 from blocks import ROOT
 from commands import TINY
 
-from tma_ray.campaign.costs import costs
-from tma_ray.campaign.costs.speed import Pace
+from tma_ray.campaign.costs import estimation
+from tma_ray.campaign.costs.speed import Throughput
 from tma_ray.cli import main
 
 RELEASE_FOLDERS = ROOT / "tests" / "results" / "importing" / "release_folders.py"
@@ -65,5 +65,5 @@ def place(root: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(sys, "path", [str(tmp_path), *sys.path])
     monkeypatch.setattr(warnings, "showwarning", warnings.showwarning)
-    monkeypatch.setattr(costs, "measure", lambda spec, settings: Pace("any", 1e4, 1e4, 100))
+    monkeypatch.setattr(estimation, "measure", lambda spec, settings: Throughput("any", 1e4, 1e4, 100))
     return tmp_path

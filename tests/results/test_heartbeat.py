@@ -1,4 +1,4 @@
-from tma_ray.results import Heartbeat, Pulse, RunPace, Store
+from tma_ray.results import Heartbeat, HeartbeatWriter, RunProgress, Store
 from tma_ray.results.heartbeat import HEARTBEAT_SECONDS, SILENT_SECONDS
 from tma_ray.results.layout import HEARTBEAT_FILE
 
@@ -13,10 +13,10 @@ class Clock:
 def test_a_campaign_beats_now_and_then_and_says_when_it_leaves(store: Store) -> None:
     assert Heartbeat.load(store) is None
     clock = Clock()
-    pulse = Pulse(store, "stumps on head-1", clock)
-    pulse.beat({"run": RunPace(1000, 250.0)})
+    pulse = HeartbeatWriter(store, "stumps on head-1", clock)
+    pulse.beat({"run": RunProgress(1000, 250.0)})
     first = Heartbeat.load(store)
-    assert first == Heartbeat("stumps on head-1", clock.now, {"run": RunPace(1000, 250.0)})
+    assert first == Heartbeat("stumps on head-1", clock.now, {"run": RunProgress(1000, 250.0)})
     clock.now += HEARTBEAT_SECONDS - 1
     pulse.beat({})
     assert Heartbeat.load(store) == first
@@ -34,7 +34,10 @@ def test_a_campaign_beats_now_and_then_and_says_when_it_leaves(store: Store) -> 
 
 
 def test_a_zombie_does_not_speak_for_its_successor(store: Store) -> None:
-    zombie, successor = Pulse(store, "zombie", Clock()), Pulse(store, "successor", Clock())
+    zombie, successor = (
+        HeartbeatWriter(store, "zombie", Clock()),
+        HeartbeatWriter(store, "successor", Clock()),
+    )
     zombie.beat({})
     successor.beat({})
     zombie.end()

@@ -12,7 +12,7 @@ from tma_ray.campaign.preflight.reach import check_reach
 from tma_ray.campaign.preflight.warming import warm_nodes
 from tma_ray.campaign.scheduler import Scheduler
 from tma_ray.campaign.settings import Settings
-from tma_ray.results import Committer, Lease, Pulse, Store, check_usable
+from tma_ray.results import Committer, HeartbeatWriter, Lease, Store, check_usable
 from tma_ray.runs.plugins import importing_plugins, plugin_sources
 
 
@@ -69,7 +69,7 @@ def execute_plan(
         if plan.cell_rows:
             committer.write_cells(plan.name, plan.cell_rows)
         committer.sweep()
-        progress = PublishedProgress(view or ProgressView(), Pulse(store, lease.holder))
+        progress = PublishedProgress(view or ProgressView(), HeartbeatWriter(store, lease.holder))
         scheduler = Scheduler(committer, settings, progress, lease.keep)
         with StopSignals() as signals:
             return scheduler.execute(plan.runs, lambda: signals.requested or lease.asked_to_stop())

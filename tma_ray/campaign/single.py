@@ -11,7 +11,7 @@ from tma_ray.campaign.failures.stopping import StopSignals
 from tma_ray.campaign.monitor.progress import ProgressView, PublishedProgress, Snapshot, Standing
 from tma_ray.campaign.plan import CampaignSpec, lease_holder
 from tma_ray.campaign.script import EXIT_STOPPED
-from tma_ray.results import AttemptOutcome, Committer, Lease, Pulse
+from tma_ray.results import AttemptOutcome, Committer, HeartbeatWriter, Lease
 from tma_ray.runs import Cell, Placement, Schedule, Status, run_locally
 from tma_ray.tasks import KnowledgeLevel
 
@@ -43,7 +43,7 @@ def run_single(options: argparse.Namespace) -> int:
     committer = Committer.open(options.results)
     (spec,) = plan.runs
     console, holder = Console(), lease_holder(CAMPAIGN)
-    view = PublishedProgress(ProgressView(), Pulse(committer.store, holder))
+    view = PublishedProgress(ProgressView(), HeartbeatWriter(committer.store, holder))
 
     def show(status: Status) -> None:
         lease.keep()

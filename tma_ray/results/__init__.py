@@ -2,7 +2,7 @@
 
 from tma_ray.results.committer import Committer, StaleAttemptError, accepted_manifest
 from tma_ray.results.engines import BOX2D, BOX2D_TEST_SET, CHIPMUNK
-from tma_ray.results.heartbeat import Heartbeat, Pulse, RunPace
+from tma_ray.results.heartbeat import Heartbeat, HeartbeatWriter, RunProgress
 from tma_ray.results.layout import (
     CHECKPOINTS,
     LOGS,
@@ -50,16 +50,16 @@ __all__ = [
     "DamagedFileError",
     "DamagedFileWarning",
     "Heartbeat",
+    "HeartbeatWriter",
     "Lease",
     "Manifest",
     "NotRunningError",
     "ObjectStoreError",
     "PartFile",
-    "Pulse",
     "Results",
     "ResultsRootError",
     "RootInUseError",
-    "RunPace",
+    "RunProgress",
     "RunRecord",
     "RunStatus",
     "RunWriter",

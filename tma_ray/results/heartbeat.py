@@ -21,7 +21,7 @@ SILENT_SECONDS: Final = 120.0
 
 
 @dataclass(frozen=True)
-class RunPace:
+class RunProgress:
     """Where a running run stands, newer than what it has published.
 
     Attributes:
@@ -46,7 +46,7 @@ class Heartbeat:
 
     holder: str
     at: float
-    runs: Mapping[str, RunPace] = field(default_factory=dict)
+    runs: Mapping[str, RunProgress] = field(default_factory=dict)
     ended: bool = False
 
     @classmethod
@@ -54,7 +54,7 @@ class Heartbeat:
         """Returns the last heartbeat on a root; None if there is none, or none that can be read."""
         try:
             content = json.loads(store.read_bytes(HEARTBEAT_FILE))
-            runs = {run: RunPace(**pace) for run, pace in content["runs"].items()}
+            runs = {run: RunProgress(**pace) for run, pace in content["runs"].items()}
             return cls(str(content["holder"]), float(content["at"]), runs, bool(content["ended"]))
         except (FileNotFoundError, ValueError, KeyError, TypeError, AttributeError):
             return None  # of no consequence: it only tells more than the manifests do
@@ -68,7 +68,7 @@ class Heartbeat:
         store.write_bytes(HEARTBEAT_FILE, json.dumps(asdict(self)).encode())
 
 
-class Pulse:
+class HeartbeatWriter:
     """Writes a campaign's heartbeats, not more often than every `HEARTBEAT_SECONDS`.
 
     Args:
@@ -83,7 +83,7 @@ class Pulse:
         self._clock = clock
         self._last = 0.0
 
-    def beat(self, runs: Mapping[str, RunPace]) -> None:
+    def beat(self, runs: Mapping[str, RunProgress]) -> None:
         """Says which runs are running, if it is time."""
         if self._clock() - self._last >= HEARTBEAT_SECONDS:
             self._last = self._clock()

@@ -8,7 +8,7 @@ from collections import Counter
 from dataclasses import dataclass
 from typing import Any
 
-from tma_ray.campaign.costs.speed import Pace, measure
+from tma_ray.campaign.costs.speed import Throughput, measure
 from tma_ray.campaign.plan import Plan
 from tma_ray.campaign.settings import GIB, Resources, Settings
 from tma_ray.runs.spec import RunSpec
@@ -49,7 +49,7 @@ class Cost:
         memory_gib: of the largest runs under way at once, GiB.
     """
 
-    paces: tuple[Pace, ...]
+    paces: tuple[Throughput, ...]
     hours: float
     resources: Resources
     at_once: int
@@ -84,7 +84,7 @@ def estimate(plan: Plan, settings: Settings) -> Cost:
         key = (*_kind(spec), spec.schedule, len(spec.test_set))
         counts[key] += 1
         examples.setdefault(key, spec)
-    paces: dict[Kind, Pace] = {}
+    paces: dict[Kind, Throughput] = {}
     for spec in examples.values():
         if _kind(spec) not in paces:
             paces[_kind(spec)] = measure(spec, settings)
@@ -105,7 +105,7 @@ def _kind(spec: RunSpec) -> Kind:
     return (spec.environment, repr(sorted(spec.environment_options.items())), spec.student)
 
 
-def _hours(pace: Pace, spec: RunSpec) -> float:
+def _hours(pace: Throughput, spec: RunSpec) -> float:
     evaluating = _test_tasks(spec) * TEST_STEPS / pace.playing
     return (spec.schedule.steps / pace.training + evaluating) / 3600
 
@@ -122,7 +122,7 @@ def _result_bytes(spec: RunSpec) -> float:
     return RUN_BYTES + rows
 
 
-def _buffer_bytes(pace: Pace, spec: RunSpec) -> float:
+def _buffer_bytes(pace: Throughput, spec: RunSpec) -> float:
     size = spec.student_hyperparameters.get("buffer_size", 0)
     return float(pace.transition_bytes * min(size, spec.schedule.steps))
 

@@ -36,7 +36,7 @@ CHUNKS = ("steps_per_update", "n_steps", "train_freq")
 
 
 @dataclass(frozen=True)
-class Pace:
+class Throughput:
     """How fast one kind of run is here, alone on its cores.
 
     Attributes:
@@ -52,7 +52,7 @@ class Pace:
     transition_bytes: int
 
 
-def measure(spec: RunSpec, settings: Settings) -> Pace:
+def measure(spec: RunSpec, settings: Settings) -> Throughput:
     """Returns how fast runs like `spec` are here: on one task, without a teacher; takes some seconds."""
     environment = make_environment(spec.environment, **spec.environment_options)
     observation, action = environment.observation_space, environment.action_space
@@ -74,7 +74,7 @@ def measure(spec: RunSpec, settings: Settings) -> Pace:
     playing = _evaluation_speed(spec, student, clock)
     body = f" {spec.embodiment}" if spec.embodiment else ""
     floats = math.prod(observation.shape or ()) + math.prod(action.shape or ()) + 2
-    return Pace(f"{spec.student} on {spec.environment}{body}", training, playing, 4 * floats)
+    return Throughput(f"{spec.student} on {spec.environment}{body}", training, playing, 4 * floats)
 
 
 class _Player:

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from tma_ray.results import AttemptOutcome, Heartbeat, Manifest, Results, RunPace, RunStatus, Table
+from tma_ray.results import AttemptOutcome, Heartbeat, Manifest, Results, RunProgress, RunStatus, Table
 
 INTERRUPTED = "interrupted"
 """A run that has been started and is not done, and whose last attempt is known to have ended."""
@@ -73,7 +73,9 @@ def overview(root: str | Path, now: float) -> Overview:
     return Overview(campaigns, heartbeat)
 
 
-def _state(manifest: Manifest, step: int, outcome: tuple[int, str] | None, pace: RunPace | None) -> RunState:
+def _state(
+    manifest: Manifest, step: int, outcome: tuple[int, str] | None, pace: RunProgress | None
+) -> RunState:
     state, speed = manifest.status.value, 0.0
     ended = outcome is not None and outcome[0] == manifest.attempt
     if manifest.status is RunStatus.RUNNING and ended:

@@ -13,7 +13,7 @@ from rich.live import Live
 from rich.table import Table
 from rich.text import Text
 
-from tma_ray.results import Pulse, RunPace
+from tma_ray.results import HeartbeatWriter, RunProgress
 from tma_ray.runs.placement import Status
 
 MOST_ROWS = 20
@@ -111,14 +111,16 @@ class View(Protocol):
 class PublishedProgress:
     """Passes what it is shown to a view here, and as heartbeats to all who see the results root."""
 
-    def __init__(self, view: View, pulse: Pulse) -> None:
+    def __init__(self, view: View, pulse: HeartbeatWriter) -> None:
         self._view = view
         self._pulse = pulse
 
     def update(self, snapshot: Snapshot) -> None:
         """Shows the latest snapshot."""
         standings = ((standing.run_id, standing.status) for standing in snapshot.running)
-        self._pulse.beat({run: RunPace(status.step, status.steps_per_second) for run, status in standings})
+        self._pulse.beat(
+            {run: RunProgress(status.step, status.steps_per_second) for run, status in standings}
+        )
         self._view.update(snapshot)
 
     def close(self, snapshot: Snapshot) -> None:
