@@ -160,8 +160,8 @@ def test_costs_follow_from_measured_throughput(monkeypatch: pytest.MonkeyPatch) 
         (0, 1),
         Schedule(steps=1_000_000, evaluation_interval=1_000_000),
     )
-    pace = Throughput("sac", training=1_000, playing=10_000, transition_bytes=120)
-    monkeypatch.setattr("tma_ray.campaign.costs.estimation.measure", lambda spec, settings: pace)
+    throughput = Throughput("sac", training=1_000, playing=10_000, transition_bytes=120)
+    monkeypatch.setattr("tma_ray.campaign.costs.estimation.measure", lambda spec, settings: throughput)
     cost = estimate(campaign.plan(), Settings(Resources(cpus=2.0, gpus=0.25), device="cuda"))
     assert cost.hours == pytest.approx(4 * (1_000 + 20) / 3600)
     assert "2.3 core-hours and 0.28 GPU-hours" in cost.describe()

@@ -40,7 +40,7 @@ class Cost:
     """What a plan costs.
 
     Attributes:
-        paces: of each kind of run.
+        throughputs: of each kind of run.
         hours: of all runs, one after the other.
         resources: of each run.
         at_once: runs that this machine's cores, and one GPU if they use any, hold at once.
@@ -49,7 +49,7 @@ class Cost:
         memory_gib: of the largest runs under way at once, GiB.
     """
 
-    paces: tuple[Throughput, ...]
+    throughputs: tuple[Throughput, ...]
     hours: float
     resources: Resources
     at_once: int
@@ -62,7 +62,7 @@ class Cost:
         spent = f"{_amount(self.hours * self.resources.cpus)} core-hours"
         if self.resources.gpus:
             spent += f" and {_amount(self.hours * self.resources.gpus)} GPU-hours"
-        speeds = ", ".join(f"{pace.label} {pace.training:,.0f}" for pace in self.paces)
+        speeds = ", ".join(f"{each.label} {each.training:,.0f}" for each in self.throughputs)
         return (
             f"cost: {spent}; {_time(self.hours / self.at_once)} with {self.at_once} at once, as on this "
             f"machine\n"
@@ -84,15 +84,15 @@ def estimate(plan: Plan, settings: Settings) -> Cost:
         key = (*_kind(spec), spec.schedule, len(spec.test_set))
         counts[key] += 1
         examples.setdefault(key, spec)
-    paces: dict[Kind, Throughput] = {}
+    throughputs: dict[Kind, Throughput] = {}
     for spec in examples.values():
-        if _kind(spec) not in paces:
-            paces[_kind(spec)] = measure(spec, settings)
-    buffers = [_buffer_bytes(paces[_kind(spec)], spec) for spec in examples.values()]
+        if _kind(spec) not in throughputs:
+            throughputs[_kind(spec)] = measure(spec, settings)
+    buffers = [_buffer_bytes(throughputs[_kind(spec)], spec) for spec in examples.values()]
     at_once = min(len(plan.runs), _at_once(settings.resources))
     return Cost(
-        paces=tuple(paces.values()),
-        hours=sum(counts[key] * _hours(paces[_kind(spec)], spec) for key, spec in examples.items()),
+        throughputs=tuple(throughputs.values()),
+        hours=sum(counts[key] * _hours(throughputs[_kind(spec)], spec) for key, spec in examples.items()),
         resources=settings.resources,
         at_once=at_once,
         disk_gib=sum(counts[key] * _result_bytes(spec) for key, spec in examples.items()) / GIB,
@@ -105,9 +105,9 @@ def _kind(spec: RunSpec) -> Kind:
     return (spec.environment, repr(sorted(spec.environment_options.items())), spec.student)
 
 
-def _hours(pace: Throughput, spec: RunSpec) -> float:
-    evaluating = _test_tasks(spec) * TEST_STEPS / pace.playing
-    return (spec.schedule.steps / pace.training + evaluating) / 3600
+def _hours(throughput: Throughput, spec: RunSpec) -> float:
+    evaluating = _test_tasks(spec) * TEST_STEPS / throughput.playing
+    return (spec.schedule.steps / throughput.training + evaluating) / 3600
 
 
 def _test_tasks(spec: RunSpec) -> int:
@@ -122,9 +122,9 @@ def _result_bytes(spec: RunSpec) -> float:
     return RUN_BYTES + rows
 
 
-def _buffer_bytes(pace: Throughput, spec: RunSpec) -> float:
+def _buffer_bytes(throughput: Throughput, spec: RunSpec) -> float:
     size = spec.student_hyperparameters.get("buffer_size", 0)
-    return float(pace.transition_bytes * min(size, spec.schedule.steps))
+    return float(throughput.transition_bytes * min(size, spec.schedule.steps))
 
 
 def _at_once(resources: Resources) -> int:

@@ -54,14 +54,14 @@ def overview(root: str | Path, now: float) -> Overview:
     """Returns what is known of the runs of a root at `now`, s since 1970."""
     results = Results.open(root)
     heartbeat = Heartbeat.load(results.store)
-    paces = heartbeat.runs if heartbeat is not None and heartbeat.alive(now) else {}
+    running = heartbeat.runs if heartbeat is not None and heartbeat.alive(now) else {}
     steps, outcomes = _published_steps(results), _last_outcomes(results)
     states = {
         manifest.run.run_id: _state(
             manifest,
             steps.get(manifest.run.run_id, 0),
             outcomes.get(manifest.run.run_id),
-            paces.get(manifest.run.run_id),
+            running.get(manifest.run.run_id),
         )
         for manifest in results.runs()
     }
@@ -74,14 +74,14 @@ def overview(root: str | Path, now: float) -> Overview:
 
 
 def _state(
-    manifest: Manifest, step: int, outcome: tuple[int, str] | None, pace: RunProgress | None
+    manifest: Manifest, step: int, outcome: tuple[int, str] | None, progress: RunProgress | None
 ) -> RunState:
     state, speed = manifest.status.value, 0.0
     ended = outcome is not None and outcome[0] == manifest.attempt
     if manifest.status is RunStatus.RUNNING and ended:
         state = INTERRUPTED
-    elif manifest.status is RunStatus.RUNNING and pace is not None:
-        step, speed = max(step, pace.step), pace.steps_per_second
+    elif manifest.status is RunStatus.RUNNING and progress is not None:
+        step, speed = max(step, progress.step), progress.steps_per_second
     if manifest.status is RunStatus.DONE:
         step = manifest.run.steps
     return RunState(manifest.run.run_id, state, step, manifest.run.steps, speed, manifest.error)

@@ -111,21 +111,22 @@ class View(Protocol):
 class PublishedProgress:
     """Passes what it is shown to a view here, and as heartbeats to all who see the results root."""
 
-    def __init__(self, view: View, pulse: HeartbeatWriter) -> None:
+    def __init__(self, view: View, heartbeat: HeartbeatWriter) -> None:
         self._view = view
-        self._pulse = pulse
+        self._heartbeat = heartbeat
 
     def update(self, snapshot: Snapshot) -> None:
         """Shows the latest snapshot."""
-        standings = ((standing.run_id, standing.status) for standing in snapshot.running)
-        self._pulse.beat(
-            {run: RunProgress(status.step, status.steps_per_second) for run, status in standings}
-        )
+        running = {
+            standing.run_id: RunProgress(standing.status.step, standing.status.steps_per_second)
+            for standing in snapshot.running
+        }
+        self._heartbeat.beat(running)
         self._view.update(snapshot)
 
     def close(self, snapshot: Snapshot) -> None:
         """Shows the last snapshot."""
-        self._pulse.end()
+        self._heartbeat.end()
         self._view.close(snapshot)
 
 

@@ -60,7 +60,7 @@ def _page(root: str | Path, found: Overview, cells: bool, now: float) -> Group:
         for cell, members in by_cell.items():
             name = " · ".join(part for part in (cell if cells else cell[:4]) if part)
             groups.setdefault(name, []).extend(members)
-        parts += [Text(f"\ncampaign {campaign}: {_pace(runs)}", style="bold"), _grid(groups)]
+        parts += [Text(f"\ncampaign {campaign}: {_headline(runs)}", style="bold"), _grid(groups)]
         parts += [Text(line) for line in _failures(root, runs)]
     return Group(*parts)
 
@@ -76,7 +76,7 @@ def _sign_of_life(heartbeat: Heartbeat | None, now: float) -> str:
     return f"Nobody is running. {heartbeat.holder}: {how} {age} ({at})."
 
 
-def _pace(runs: Sequence[RunState]) -> str:
+def _headline(runs: Sequence[RunState]) -> str:
     """Returns how many runs are done, how fast the others are, and when they will be done."""
     done = sum(run.state == RunStatus.DONE for run in runs)
     speed = sum(run.steps_per_second for run in runs)
