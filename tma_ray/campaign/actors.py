@@ -58,7 +58,7 @@ def _remote(
 ) -> Callable[Concatenate[RemoteTeacher, Arguments], Result]:
     """Returns a method of `RemoteTeacher` that calls `method` of its actor: one message each way."""
 
-    def call(self: RemoteTeacher, *arguments: Arguments.args, **options: Arguments.kwargs) -> Result:
+    def call(self: RemoteTeacher, /, *arguments: Arguments.args, **options: Arguments.kwargs) -> Result:
         return cast("Result", ray.get(getattr(self.actor, method.__name__).remote(*arguments, **options)))
 
     call.__doc__ = method.__doc__
