@@ -15,6 +15,7 @@ from functools import cache
 from importlib.metadata import entry_points
 from typing import Generic, TypeVar, cast
 
+from tma_ray.part_names import base_name
 from tma_ray.plugin_source import OURS, PluginSource, importable_name
 
 T = TypeVar("T")
@@ -67,11 +68,13 @@ class Registry(Generic[T]):
         """Returns the implementation called `name`.
 
         Args:
-            name: a registered name, or ``module:Name`` for one that is not registered.
+            name: a registered name, or ``module:Name`` for one that is not registered. Settings after it,
+                as in ``name:key=value``, are left to who makes one.
 
         Raises:
             UnknownNameError: nothing answers to `name`, or its module has no such attribute.
         """
+        name = base_name(name)
         if name in self._decorated:
             return self._decorated[name]
         return self._load(self._target(name))
@@ -82,6 +85,7 @@ class Registry(Generic[T]):
         Raises:
             UnknownNameError: nothing answers to `name`.
         """
+        name = base_name(name)
         module = self._origins.get(name) or self._target(name).partition(":")[0]
         return None if module.partition(".")[0] == OURS else module
 
@@ -139,6 +143,7 @@ class Registry(Generic[T]):
 
     def learn(self, name: str, module: str) -> None:
         """Imports `module`, whose decorator makes `name` known, unless it is known already."""
+        name = base_name(name)
         if ":" not in name and name not in self.names():
             importlib.import_module(module)
 

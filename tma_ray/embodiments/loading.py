@@ -18,7 +18,8 @@ from tma_ray.embodiments.embodiment import BodyType, Embodiment, LidarLayout
 from tma_ray.embodiments.parts import GripSensor, Joint, Part
 from tma_ray.embodiments.polygon import Polygon
 from tma_ray.embodiments.repeats import repeats, written_out
-from tma_ray.embodiments.variants import join_name, resized, split_name, with_motor_torque
+from tma_ray.embodiments.variants import body_parameters, resized, with_motor_torque
+from tma_ray.part_names import join_name
 
 SIZE, MOTOR_TORQUE = "size", "motor_torque"
 SURVIVAL = ("steps_survivable_under_water", "steps_survivable_outside_water")
@@ -54,7 +55,7 @@ def load_embodiment(name_or_path: str | Path, **parameters: float) -> Embodiment
         True
     """
     try:
-        name, named = split_name(str(name_or_path))
+        name, named = body_parameters(str(name_or_path))
     except ValueError as error:
         raise EmbodimentError(f"embodiment {str(name_or_path)!r}: {error}") from error
     settings = named | parameters

@@ -3,38 +3,26 @@
 from __future__ import annotations
 
 import math
-import re
-from collections.abc import Mapping
 from dataclasses import replace
 
 from tma_ray.embodiments.embodiment import Embodiment
 from tma_ray.embodiments.parts import GripSensor, Joint, Part
 from tma_ray.embodiments.polygon import Point, Polygon
-
-SETTINGS = re.compile(r"(:\w+=[^:=]*)+$")
-"""The parameters at the end of a body's name, as in spider:pairs_of_legs=3:size=1.2."""
+from tma_ray.part_names import split_name
 
 
-def split_name(text: str) -> tuple[str, dict[str, float]]:
+def body_parameters(text: str) -> tuple[str, dict[str, float]]:
     """Returns a body's name or path without its parameters, and the parameters.
 
     Raises:
-        ValueError: a parameter that is no number.
+        ValueError: a parameter that is no number, or is given twice.
 
     Examples:
-        >>> split_name("spider:pairs_of_legs=3:size=1.2")
+        >>> body_parameters("spider:pairs_of_legs=3:size=1.2")
         ('spider', {'pairs_of_legs': 3, 'size': 1.2})
     """
-    match = SETTINGS.search(text)
-    if match is None:
-        return text, {}
-    pairs = [setting.split("=") for setting in match[0][1:].split(":")]
-    return text[: match.start()], {name: _number(name, value) for name, value in pairs}
-
-
-def join_name(name: str, parameters: Mapping[str, float]) -> str:
-    """Returns the name of a body with `parameters`, the reverse of `split_name`."""
-    return name + "".join(f":{key}={parameters[key]}" for key in sorted(parameters))
+    name, settings = split_name(text)
+    return name, {key: _number(key, value) for key, value in settings.items()}
 
 
 def resized(body: Embodiment, size: float) -> Embodiment:

@@ -9,6 +9,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from gymnasium import Space
 
+from tma_ray.hyperparameters import differing
+from tma_ray.part_names import base_name, join_name, split_name
 from tma_ray.registry import Registry, UnknownNameError
 from tma_ray.students.base import Policy, Student
 from tma_ray.students.hyperparameters import (
@@ -38,6 +40,7 @@ class StudentRegistry(Registry[type[Student]]):
         Raises:
             UnknownNameError: nothing answers to `name`, or its package is not installed.
         """
+        name = base_name(name)
         if name in ALGORITHMS and name not in self._decorated:
             from tma_ray.students.sb3.algorithms import student_of  # it imports torch
 
@@ -53,6 +56,7 @@ class StudentRegistry(Registry[type[Student]]):
         return super().algorithm_version(name)
 
     def origin(self, name: str) -> str | None:  # noqa: D102
+        name = base_name(name)
         if name not in self._decorated and (name in ALGORITHMS or name.startswith(STOCK)):
             return None
         return super().origin(name)
@@ -110,14 +114,35 @@ def default_hyperparameters(name: str) -> dict[str, Any]:
 def check_hyperparameters(name: str, given: Mapping[str, Any] | None = None) -> Any:
     """Returns the frozen hyper-parameters of the student called `name` with the values `given`.
 
+    Args:
+        name: a student's name, with hyper-parameters if wanted (``sac:learning_rate=3e-4``).
+        given: further values that differ from the student's defaults.
+
     Raises:
         UnknownNameError: no student answers to `name`.
         ValueError: an unknown key, a wrong type or a value outside its range.
     """
-    kind = _BUILTIN_HYPERPARAMETERS.get(name.removeprefix(STOCK))
-    if kind is None or name.startswith(STOCK):
-        kind = STUDENTS.get(name).hyperparameters_type
-    return parse_hyperparameters(kind, given)
+    base, settings = split_name(name)
+    kind = _hyperparameters_type(base)
+    try:
+        return parse_hyperparameters(kind, given, settings)
+    except ValueError as error:
+        raise ValueError(f"student {base!r}: {error}") from error
+
+
+def canonical_student(name: str, given: Mapping[str, Any] | None = None) -> str:
+    """Returns the name of a student with the hyper-parameters that differ from its defaults.
+
+    Equal students have equal names: see `tma_ray.part_names`. Arguments and errors as of
+    `check_hyperparameters`.
+    """
+    hyperparameters = check_hyperparameters(name, given)
+    return join_name(base_name(name), differing(type(hyperparameters), as_plain_values(hyperparameters)))
+
+
+def _hyperparameters_type(name: str) -> type:
+    kind = _BUILTIN_HYPERPARAMETERS.get(name)
+    return STUDENTS.get(name).hyperparameters_type if kind is None else kind
 
 
 def load_policy(name: str, folder: Path, device: str = "cpu") -> Policy:

@@ -3,14 +3,12 @@
 from __future__ import annotations
 
 import dataclasses
-import difflib
-import json
-import math
-import types
 from collections.abc import Mapping
 from dataclasses import dataclass
 from enum import StrEnum
-from typing import Any, ClassVar, TypeVar, Union, get_args, get_origin, get_type_hints
+from typing import Any, ClassVar, TypeVar
+
+from tma_ray.hyperparameters import parse_settings, plain
 
 H = TypeVar("H")
 
@@ -133,65 +131,28 @@ class SACHyperparameters:
             )
 
 
-def parse_hyperparameters(kind: type[H], given: Mapping[str, Any] | None = None) -> H:
+def parse_hyperparameters(
+    kind: type[H], given: Mapping[str, Any] | None = None, text: Mapping[str, str] | None = None
+) -> H:
     """Returns the frozen dataclass `kind` with the values `given`, all others at their defaults.
 
     Lists count as tuples and whole numbers as floats, so that values may come from JSON.
+
+    Args:
+        kind: the dataclass.
+        given: hyper-parameters as values.
+        text: hyper-parameters as they follow a student's name.
 
     Raises:
         ValueError: an unknown key (the message has the nearest known one), or a value of another type
             or outside its range.
     """
-    hints = get_type_hints(kind)
-    annotations = {name: hint for name, hint in hints.items() if get_origin(hint) is not ClassVar}
-    for key in given or {}:
-        if key not in annotations:
-            near = difflib.get_close_matches(key, annotations, n=1)
-            hint = f"did you mean {near[0]!r}? " if near else ""
-            raise ValueError(f"unknown hyper-parameter {key!r}: {hint}known: {', '.join(annotations)}")
-    return kind(**{key: _converted(key, value, annotations[key]) for key, value in (given or {}).items()})
+    return kind(**parse_settings(kind, text or {}, given))
 
 
 def as_plain_values(hyperparameters: Any) -> dict[str, Any]:
     """Returns `hyperparameters` as a dict that survives JSON unchanged."""
-    values = dataclasses.asdict(hyperparameters)
-    return {key: _plain(value) for key, value in values.items()}
-
-
-def _plain(value: Any) -> Any:
-    if isinstance(value, StrEnum):
-        return value.value
-    return list(value) if isinstance(value, tuple) else value
-
-
-def _converted(key: str, value: Any, annotation: Any) -> Any:
-    if get_origin(annotation) in (Union, types.UnionType):
-        if value is None and type(None) in get_args(annotation):
-            return None
-        annotation = next(choice for choice in get_args(annotation) if choice is not type(None))
-    if get_origin(annotation) is tuple and isinstance(value, (list, tuple)):
-        return tuple(_converted(key, item, get_args(annotation)[0]) for item in value)
-    if annotation is Any:
-        return _json_value(key, value)
-    is_number = isinstance(value, (int, float)) and not isinstance(value, bool)
-    if annotation is float and is_number and math.isfinite(value):
-        return float(value)
-    if isinstance(annotation, type) and issubclass(annotation, StrEnum) and isinstance(value, str):
-        if value in list(annotation):
-            return annotation(value)
-        raise ValueError(f"hyper-parameter {key} = {value!r}: expected one of {', '.join(annotation)}")
-    if isinstance(annotation, type) and type(value) is annotation and annotation is not float:
-        return value
-    expected = getattr(annotation, "__name__", str(annotation)).replace("float", "finite float")
-    raise ValueError(f"hyper-parameter {key} = {value!r}: expected {expected}")
-
-
-def _json_value(key: str, value: Any) -> Any:
-    try:
-        json.dumps(value, allow_nan=False)
-    except (TypeError, ValueError) as error:
-        raise ValueError(f"hyper-parameter {key} = {value!r}: expected a value that JSON has") from error
-    return value
+    return {key: plain(value) for key, value in dataclasses.asdict(hyperparameters).items()}
 
 
 def _check_positive(hyperparameters: object, *names: str) -> None:

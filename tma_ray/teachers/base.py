@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import copy
 from abc import ABC, abstractmethod
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any, ClassVar
 
@@ -28,6 +29,7 @@ class Teacher(ABC):
         knowledge_levels: the levels of expert knowledge that make a difference to the teacher, in
             rising order. It needs at least the first; at a level that is not listed it behaves as at
             the next lower one that is, so that such runs are shared instead of repeated.
+        presets: hyper-parameters that belong together, by the name that ``preset=`` chooses them with.
         wants_trajectory: whether it may ask for trajectories; for others the run does not record them.
         space: the box to choose tasks from.
         knowledge: what the expert tells.
@@ -36,6 +38,7 @@ class Teacher(ABC):
 
     algorithm_version: ClassVar[int | None] = None
     knowledge_levels: ClassVar[tuple[KnowledgeLevel, ...]] = (KnowledgeLevel.NONE,)
+    presets: ClassVar[Mapping[str, Mapping[str, Any]]] = {}
     wants_trajectory: ClassVar[bool] = False
 
     space: TaskSpace = field(init=False, repr=False)

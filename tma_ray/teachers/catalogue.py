@@ -6,6 +6,8 @@ from collections.abc import Callable, Mapping
 from dataclasses import fields
 from typing import Any, TypeVar
 
+from tma_ray.hyperparameters import differing, parse_settings, plain
+from tma_ray.part_names import base_name, join_name, split_name
 from tma_ray.registry import Registry
 from tma_ray.tasks import KnowledgeLevel
 from tma_ray.teachers.base import Teacher
@@ -36,25 +38,36 @@ def register_teacher(name: str) -> Callable[[T], T]:
 def make_teacher(name: str, hyperparameters: Mapping[str, Any] | None = None) -> Teacher:
     """Returns the teacher called `name`, not yet started.
 
+    Args:
+        name: a registered name or ``module:Name``, with hyper-parameters if wanted
+            (``alp_gmm:batch_size=100``), among them ``preset=`` where the teacher has presets.
+        hyperparameters: further values that differ from the teacher's defaults.
+
     Raises:
         UnknownNameError: no such teacher.
-        ValueError: a hyper-parameter that it does not have, or a value that it refuses.
+        ValueError: a hyper-parameter or preset that it does not have, a value of another type, or one that
+            it refuses.
     """
-    teacher = TEACHERS.get(name)
-    hyperparameters = hyperparameters or {}
-    known = [field.name for field in fields(teacher) if field.init]
-    unknown = sorted(set(hyperparameters) - set(known))
-    if unknown:
-        raise ValueError(
-            f"teacher {name!r} has no hyper-parameter {', '.join(unknown)}; "
-            f"it has {', '.join(known) or 'none'}"
-        )
-    return teacher(**hyperparameters)
+    base, settings = split_name(name)
+    teacher = TEACHERS.get(base)
+    try:
+        return teacher(**parse_settings(teacher, settings, hyperparameters))
+    except ValueError as error:
+        raise ValueError(f"teacher {base!r}: {error}") from error
+
+
+def canonical_teacher(name: str, hyperparameters: Mapping[str, Any] | None = None) -> str:
+    """Returns the name of a teacher with the hyper-parameters that differ from its defaults.
+
+    Equal teachers have equal names: see `tma_ray.part_names`. Arguments and errors as of `make_teacher`.
+    """
+    teacher = make_teacher(name, hyperparameters)
+    return join_name(base_name(name), differing(type(teacher), hyperparameters_of(teacher)))
 
 
 def hyperparameters_of(teacher: Teacher) -> dict[str, Any]:
-    """Returns the hyper-parameters of `teacher` by name, defaults included."""
-    return {field.name: getattr(teacher, field.name) for field in fields(teacher) if field.init}
+    """Returns the hyper-parameters of `teacher` by name, defaults included, as values that JSON has."""
+    return {field.name: plain(getattr(teacher, field.name)) for field in fields(teacher) if field.init}
 
 
 def knows_enough(teacher: type[Teacher], level: KnowledgeLevel) -> bool:

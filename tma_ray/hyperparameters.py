@@ -1,0 +1,247 @@
+"""Hyper-parameters and other settings of a part as typed values: parsed, checked, presets expanded.
+
+A part is what has settings: a class or function whose annotated parameters they are, mostly a dataclass. It
+may declare ``presets: ClassVar[Mapping[str, Mapping[str, Any]]]``: names for several values at once, chosen
+by the key ``preset``.
+"""
+
+from __future__ import annotations
+
+import collections.abc
+import dataclasses
+import difflib
+import inspect
+import json
+import math
+import types
+from collections.abc import Callable, Mapping
+from enum import StrEnum
+from numbers import Integral, Real
+from typing import Any, NamedTuple, Union, get_args, get_origin, get_type_hints
+
+from tma_ray.part_names import LIST_SEPARATOR
+
+PRESET = "preset"
+"""Key that stands for several values at once, as a part's attribute `presets` has them."""
+
+_LISTS = (tuple, list, collections.abc.Sequence)
+_ANYTHING = (Any, inspect.Parameter.empty)
+_CONSTANTS = {"true": True, "false": False, "none": None}
+
+
+class Parameter(NamedTuple):
+    """A setting that a part has: the type of its value and its default, `inspect.Parameter.empty` if none."""
+
+    annotation: Any
+    default: Any
+
+
+def parameters_of(part: Callable[..., Any]) -> dict[str, Parameter]:
+    """Returns the settings that the constructor of `part` takes by keyword.
+
+    An annotation that cannot be evaluated, such as one imported for type checkers only, counts as any type.
+    """
+    try:
+        hints = get_type_hints(part if dataclasses.is_dataclass(part) else _constructor(part))
+    except NameError:
+        hints = {}
+    return {
+        name: Parameter(hints.get(name, Any), _default(part, name, parameter.default))
+        for name, parameter in inspect.signature(part).parameters.items()
+        if parameter.kind in (inspect.Parameter.POSITIONAL_OR_KEYWORD, inspect.Parameter.KEYWORD_ONLY)
+    }
+
+
+def parse_settings(
+    part: Callable[..., Any],
+    text: Mapping[str, str],
+    given: Mapping[str, Any] | None = None,
+    kind: str = "hyper-parameter",
+) -> dict[str, Any]:
+    """Returns settings of `part` as typed values, with its preset expanded.
+
+    Explicit values take precedence over those of a preset. Lists count as tuples and whole numbers as
+    floats, so that values may come from JSON.
+
+    Args:
+        part: what the settings are for: a dataclass, or any class or function with annotated parameters.
+        text: settings as they follow a name.
+        given: further settings, as values.
+        kind: what a setting is called in messages.
+
+    Raises:
+        ValueError: an unknown key or preset (the message has the nearest known one), a value of another
+            type, or a key with different values in `text` and in `given`.
+    """
+    known = parameters_of(part)
+    presets: Mapping[str, Mapping[str, Any]] = getattr(part, "presets", {})
+    parsed = {
+        key: value if key == PRESET and presets else _from_text(value, _known(known, key, kind).annotation)
+        for key, value in text.items()
+    }
+    values = {}
+    for key, value in [*parsed.items(), *(given or {}).items()]:
+        if key == PRESET and presets:
+            values[key] = _preset(presets, value)
+            continue
+        checked = converted(key, value, _known(known, key, kind).annotation, kind)
+        if key in values and values[key] != checked:
+            raise ValueError(f"{kind} {key} is given as {values[key]!r} and as {checked!r}; give it once")
+        values[key] = checked
+    preset = values.pop(PRESET, None) if presets else None
+    expanded = {
+        key: converted(key, value, _known(known, key, kind).annotation, kind)
+        for key, value in (presets[preset] if preset else {}).items()
+    }
+    return expanded | values
+
+
+def differing(part: Callable[..., Any], values: Mapping[str, Any]) -> dict[str, Any]:
+    """Returns the shortest settings that give `values`: those that differ from the defaults of `part`.
+
+    A preset is used where it leaves fewer settings, not counting itself.
+    """
+    defaults = {name: parameter.default for name, parameter in parameters_of(part).items()}
+    complete = defaults | dict(values)
+    presets: Mapping[str, Mapping[str, Any]] = getattr(part, "presets", {})
+    ways: list[tuple[dict[str, Any], Mapping[str, Any]]] = [({}, defaults)]
+    ways += [({PRESET: preset}, defaults | dict(expanded)) for preset, expanded in presets.items()]
+    named, others = min(
+        ((named, _others(complete, base)) for named, base in ways), key=lambda way: len(way[1])
+    )
+    return named | others
+
+
+def plain(value: Any) -> Any:
+    """Returns a value that survives JSON unchanged: enums as text, tuples as lists."""
+    if isinstance(value, StrEnum):
+        return value.value
+    return [plain(item) for item in value] if isinstance(value, (tuple, list)) else value
+
+
+def nearest(name: str, known: collections.abc.Iterable[str]) -> str:
+    """Returns a hint at the known name that is most like `name`, empty if none is like it."""
+    near = difflib.get_close_matches(name, list(known), n=1)
+    return f"did you mean {near[0]!r}? " if near else ""
+
+
+def converted(key: str, value: Any, annotation: Any, kind: str = "hyper-parameter") -> Any:
+    """Returns `value` as its annotation has it.
+
+    Raises:
+        ValueError: a value of another type, or a number that is not finite.
+    """
+    if get_origin(annotation) in (Union, types.UnionType):
+        return _one_of(key, value, get_args(annotation), kind)
+    if annotation in _ANYTHING:
+        return _json_value(key, value, kind)
+    if get_origin(annotation) in _LISTS and isinstance(value, (list, tuple)):
+        made = list if get_origin(annotation) is list else tuple
+        return made(converted(key, item, get_args(annotation)[0], kind) for item in value)
+    if annotation in (int, float):
+        return _number_as(key, value, annotation, kind)
+    if isinstance(annotation, type) and issubclass(annotation, StrEnum) and isinstance(value, str):
+        if value in list(annotation):
+            return annotation(value)
+        hint = nearest(value, annotation)
+        raise ValueError(f"{kind} {key} = {value!r}: {hint}expected one of {', '.join(annotation)}")
+    if isinstance(annotation, type) and isinstance(value, annotation):
+        return value
+    raise ValueError(f"{kind} {key} = {value!r}: expected {_expected(annotation)}")
+
+
+def _number_as(key: str, value: Any, annotation: type, kind: str) -> int | float:
+    wanted = Integral if annotation is int else Real
+    if isinstance(value, bool) or not isinstance(value, wanted) or not math.isfinite(value):
+        raise ValueError(f"{kind} {key} = {value!r}: expected {_expected(annotation)}")
+    return int(value) if annotation is int else float(value)
+
+
+def _one_of(key: str, value: Any, choices: tuple[Any, ...], kind: str) -> Any:
+    """Returns `value` as the first of the types `choices` that it has."""
+    if value is None and type(None) in choices:
+        return None
+    for choice in choices:
+        try:
+            return converted(key, value, choice, kind)
+        except ValueError:
+            continue
+    expected = " or ".join(_expected(choice) for choice in choices)
+    raise ValueError(f"{kind} {key} = {value!r}: expected {expected}")
+
+
+def _from_text(text: str, annotation: Any) -> Any:
+    """Returns what `text` says where a value of the type `annotation` is wanted; itself if it says none."""
+    if get_origin(annotation) in (Union, types.UnionType):
+        wanted = [choice for choice in get_args(annotation) if choice is not type(None)]
+        if text.lower() == "none" and len(wanted) < len(get_args(annotation)):
+            return None
+        said = (_from_text(text, choice) for choice in wanted)
+        return next((value for value in said if not isinstance(value, str)), text)
+    if get_origin(annotation) in _LISTS:
+        return [_from_text(item, get_args(annotation)[0]) for item in text.split(LIST_SEPARATOR)]
+    constants = _CONSTANTS if annotation in _ANYTHING else {}
+    if annotation is bool:
+        constants = {"true": True, "false": False}
+    if text.lower() in constants:
+        return constants[text.lower()]
+    return _number(text) if annotation in (int, float, *_ANYTHING) else text
+
+
+def _number(text: str) -> Any:
+    """Returns the number that `text` says, whole if it is; the text itself if it says none."""
+    try:
+        return int(text)
+    except ValueError:
+        pass
+    try:
+        value = float(text)
+    except ValueError:
+        return text
+    return int(value) if math.isfinite(value) and value == int(value) else value
+
+
+def _known(known: Mapping[str, Parameter], key: str, kind: str) -> Parameter:
+    if key not in known:
+        listed = ", ".join(known) or "none"
+        raise ValueError(f"unknown {kind} {key!r}: {nearest(key, known)}known: {listed}")
+    return known[key]
+
+
+def _preset(presets: Mapping[str, Mapping[str, Any]], name: Any) -> str:
+    if name not in presets:
+        raise ValueError(f"unknown preset {name!r}: {nearest(str(name), presets)}known: {', '.join(presets)}")
+    return str(name)
+
+
+def _others(values: Mapping[str, Any], defaults: Mapping[str, Any]) -> dict[str, Any]:
+    return {key: value for key, value in values.items() if plain(value) != plain(defaults[key])}
+
+
+def _default(part: Callable[..., Any], name: str, default: Any) -> Any:
+    """Returns a parameter's default; that of a dataclass's field may come from a factory."""
+    if dataclasses.is_dataclass(part):
+        field = {field.name: field for field in dataclasses.fields(part)}[name]
+        if field.default_factory is not dataclasses.MISSING:
+            return field.default_factory()
+    return default
+
+
+def _constructor(part: Callable[..., Any]) -> Callable[..., Any]:
+    return part.__init__ if isinstance(part, type) else part  # type: ignore[misc]
+
+
+def _expected(annotation: Any) -> str:
+    if annotation is type(None):
+        return "none"
+    if get_origin(annotation) is not None:
+        return str(annotation)
+    return {"float": "finite float"}.get(name := getattr(annotation, "__name__", str(annotation)), name)
+
+
+def _json_value(key: str, value: Any, kind: str) -> Any:
+    try:
+        json.dumps(value, allow_nan=False)
+    except (TypeError, ValueError) as error:
+        raise ValueError(f"{kind} {key} = {value!r}: expected a value that JSON has") from error
+    return value

@@ -1,0 +1,89 @@
+"""The grammar of names with settings, ``name:key=value``.
+
+Settings follow the name of a part, as in ``alp_gmm:batch_size=100``, ``stock:sac:learning_rate=3e-4`` or
+``module:Name:key=value``. Lists are written with "x" between their entries (``hidden_units=64x64``), booleans
+as ``true`` and ``false``, no value as ``none``. The canonical name of a part holds what differs from its
+defaults and nothing else, with sorted keys, so that equal parts have equal names wherever they are compared.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+from typing import Any
+
+SETTINGS = re.compile(r"(:\w+=[^:=]*)+$")
+"""The settings at the end of a name."""
+
+LIST_SEPARATOR = "x"
+"""Between the entries of a list; commas separate names."""
+
+
+def split_name(text: str) -> tuple[str, dict[str, str]]:
+    """Returns the name of a part without its settings, and the settings as text.
+
+    Raises:
+        ValueError: a setting is given twice.
+
+    Examples:
+        >>> split_name("stock:sac:learning_rate=3e-4")
+        ('stock:sac', {'learning_rate': '3e-4'})
+        >>> split_name("module:Name")
+        ('module:Name', {})
+    """
+    match = SETTINGS.search(text)
+    if match is None:
+        return text, {}
+    pairs = [setting.split("=") for setting in match[0][1:].split(":")]
+    keys = [key for key, _ in pairs]
+    for key in keys:
+        if keys.count(key) > 1:
+            raise ValueError(f"{text!r}: {key} is given {keys.count(key)} times; give it once")
+    return text[: match.start()], {key: value.strip() for key, value in pairs}
+
+
+def base_name(text: str) -> str:
+    """Returns the name of a part without its settings.
+
+    Examples:
+        >>> base_name("alp_gmm:batch_size=10"), base_name("module:Name")
+        ('alp_gmm', 'module:Name')
+    """
+    match = SETTINGS.search(text)
+    return text if match is None else text[: match.start()]
+
+
+def join_name(name: str, settings: Mapping[str, Any]) -> str:
+    """Returns `name` with `settings`, sorted by key; the reverse of `split_name`.
+
+    Raises:
+        ValueError: a value whose text holds ":" or "=", which separate settings.
+
+    Examples:
+        >>> join_name("sac", {"learning_rate": 3e-4, "hidden_units": (64, 64), "batch_size": 100.0})
+        'sac:batch_size=100:hidden_units=64x64:learning_rate=0.0003'
+    """
+    texts = {key: text_of(settings[key]) for key in sorted(settings)}
+    for key, text in texts.items():
+        if set(text) & set(":="):
+            raise ValueError(
+                f"setting {key} = {text!r} of {name}: ':' and '=' separate settings; a name or path without "
+                f"them is needed"
+            )
+    return name + "".join(f":{key}={text}" for key, text in texts.items())
+
+
+def text_of(value: Any) -> str:
+    """Returns a value as it is written in a name.
+
+    Examples:
+        >>> [text_of(value) for value in (1.0, 3e-4, True, None, (64, 64))]
+        ['1', '0.0003', 'true', 'none', '64x64']
+    """
+    if value is None or isinstance(value, bool):
+        return str(value).lower()
+    if isinstance(value, float):
+        return repr(value).removesuffix(".0")
+    if isinstance(value, (tuple, list)):
+        return LIST_SEPARATOR.join(map(text_of, value))
+    return str(value)
