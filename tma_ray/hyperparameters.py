@@ -122,7 +122,7 @@ def plain(value: Any) -> Any:
 def nearest(name: str, known: collections.abc.Iterable[str]) -> str:
     """Returns a hint at the known name that is most like `name`, empty if none is like it."""
     near = difflib.get_close_matches(name, list(known), n=1)
-    return f"did you mean {near[0]!r}? " if near else ""
+    return f"did you mean {str(near[0])!r}? " if near else ""
 
 
 def converted(key: str, value: Any, annotation: Any, kind: str = "hyper-parameter") -> Any:

@@ -2,7 +2,8 @@
 
 Settings follow the name of a part, as in ``alp_gmm:batch_size=100``, ``stock:sac:learning_rate=3e-4`` or
 ``module:Name:key=value``. Lists are written with "x" between their entries (``hidden_units=64x64``), booleans
-as ``true`` and ``false``, no value as ``none``. The canonical name of a part holds what differs from its
+as ``true`` and ``false``, no value as ``none``; ":", "=", "," and "%" within a value are escaped as in
+addresses (``%3A``). The canonical name of a part holds what differs from its
 defaults and nothing else, with sorted keys, so that equal parts have equal names wherever they are compared.
 """
 
@@ -11,12 +12,16 @@ from __future__ import annotations
 import re
 from collections.abc import Mapping
 from typing import Any
+from urllib.parse import unquote
 
 SETTINGS = re.compile(r"(:\w+=[^:=]*)+$")
 """The settings at the end of a name."""
 
 LIST_SEPARATOR = "x"
 """Between the entries of a list; commas separate names."""
+
+ESCAPES = str.maketrans({character: f"%{ord(character):02X}" for character in ":=,%"})
+"""How characters are written within a value that mean something in a name."""
 
 
 def split_name(text: str) -> tuple[str, dict[str, str]]:
@@ -39,7 +44,7 @@ def split_name(text: str) -> tuple[str, dict[str, str]]:
     for key in keys:
         if keys.count(key) > 1:
             raise ValueError(f"{text!r}: {key} is given {keys.count(key)} times; give it once")
-    return text[: match.start()], {key: value.strip() for key, value in pairs}
+    return text[: match.start()], {key: unquote(value.strip()) for key, value in pairs}
 
 
 def base_name(text: str) -> str:
@@ -56,21 +61,11 @@ def base_name(text: str) -> str:
 def join_name(name: str, settings: Mapping[str, Any]) -> str:
     """Returns `name` with `settings`, sorted by key; the reverse of `split_name`.
 
-    Raises:
-        ValueError: a value whose text holds ":" or "=", which separate settings.
-
     Examples:
         >>> join_name("sac", {"learning_rate": 3e-4, "hidden_units": (64, 64), "batch_size": 100.0})
         'sac:batch_size=100:hidden_units=64x64:learning_rate=0.0003'
     """
-    texts = {key: text_of(settings[key]) for key in sorted(settings)}
-    for key, text in texts.items():
-        if set(text) & set(":="):
-            raise ValueError(
-                f"setting {key} = {text!r} of {name}: ':' and '=' separate settings; a name or path without "
-                f"them is needed"
-            )
-    return name + "".join(f":{key}={text}" for key, text in texts.items())
+    return name + "".join(f":{key}={text_of(settings[key]).translate(ESCAPES)}" for key in sorted(settings))
 
 
 def text_of(value: Any) -> str:

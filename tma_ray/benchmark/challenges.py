@@ -7,6 +7,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 
+from tma_ray.part_names import base_name
 from tma_ray.tasks import TaskSpace, TestSet
 from tma_ray.tasks.shuffled_space import CUTS
 
@@ -165,8 +166,12 @@ learn to climb, and an easy piece for each milieu: gentle dry ground, deep water
 
 
 def challenges_of(environment: str) -> dict[str, Challenge]:
-    """Returns the challenges of `environment` by name; empty for one that the benchmark does not know."""
-    return {challenge.name: challenge for challenge in CHALLENGES if challenge.environment == environment}
+    """Returns the challenges of `environment` by name; empty for one that the benchmark does not know.
+
+    Options after its name, as in ``parkour:swinging_creepers=true``, make no difference.
+    """
+    known = base_name(environment)
+    return {challenge.name: challenge for challenge in CHALLENGES if challenge.environment == known}
 
 
 def find_challenge(environment: str, name: str) -> Challenge:

@@ -11,13 +11,21 @@ import numpy as np
 
 from tma_ray.benchmark import challenges_of, find_challenge, load_test_set
 from tma_ray.envs import make_environment, mastery_return
+from tma_ray.part_names import base_name
 from tma_ray.physics import PHYSICS_VERSION
+from tma_ray.runs.cell_settings import (
+    Bounds,
+    bounded,
+    canonical_challenge,
+    challenge_bounds,
+    environment_settings,
+)
 from tma_ray.runs.plugins import algorithm_versions_of, plugins_of
 from tma_ray.runs.spec import RunSpec, Schedule
-from tma_ray.students import check_hyperparameters
+from tma_ray.students import canonical_student, check_hyperparameters
 from tma_ray.students.hyperparameters import as_plain_values
 from tma_ray.tasks import KnowledgeLevel, TaskSpace, TestSet
-from tma_ray.teachers import TEACHERS, effective_level, hyperparameters_of, make_teacher
+from tma_ray.teachers import TEACHERS, canonical_teacher, effective_level, hyperparameters_of, make_teacher
 
 OWN_CHALLENGE = "original"
 """What the task space that an environment declares itself is called."""
@@ -30,6 +38,10 @@ OWN_TEST_SET_SIZE = 100
 class Cell:
     """One combination of an experiment; its seeds are runs.
 
+    Names may be followed by settings, as in ``alp_gmm:batch_size=100`` or ``module:Name:key=value``; see
+    `tma_ray.part_names`. Runs and tables have the canonical name, which holds what differs from the defaults,
+    wherever it was given.
+
     Attributes:
         environment: registered name, or ``module:Name``.
         challenge: variant of the environment.
@@ -40,6 +52,8 @@ class Cell:
         teacher_hyperparameters: values that differ from the teacher's defaults.
         student_hyperparameters: values that differ from the student's defaults.
         test_set: name or path of a CSV; None for the challenge's own.
+        environment_options: values that differ from the environment's defaults.
+        space: bounds (low, high) of dimensions that differ from the challenge's task space.
     """
 
     environment: str = "stump_tracks"
@@ -51,12 +65,15 @@ class Cell:
     teacher_hyperparameters: Mapping[str, Any] = field(default_factory=dict)
     student_hyperparameters: Mapping[str, Any] = field(default_factory=dict)
     test_set: str | None = None
+    environment_options: Mapping[str, Any] = field(default_factory=dict)
+    space: Bounds = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
 class _Setting:
     """What challenge and environment say together."""
 
+    challenge: str
     task_space: TaskSpace
     easy_task: tuple[float, ...] | None
     mastery_threshold: float
@@ -83,24 +100,25 @@ def effective_spec(cell: Cell, seed: int, schedule: Schedule, *, independent_lev
     level = effective_level(TEACHERS.get(cell.teacher), cell.teacher, cell.expert_knowledge)
     teacher = make_teacher(cell.teacher, cell.teacher_hyperparameters)
     student = check_hyperparameters(cell.student, cell.student_hyperparameters)
-    options = {"embodiment": cell.embodiment} if cell.embodiment else {}
+    environment, options = environment_settings(cell.environment, cell.environment_options)
+    options |= {"embodiment": cell.embodiment} if cell.embodiment else {}
     setting = _setting(cell, options)
     if level is KnowledgeLevel.HIGH and setting.easy_task is None:
         raise ValueError(
-            f"{cell.environment} ({cell.challenge}) declares no easy task, so nothing can be told at expert "
-            f"knowledge 'high'; use 'low'"
+            f"{environment} ({setting.challenge}) declares no easy task within its task space, so that "
+            f"nothing can be told at expert knowledge 'high'; use 'low'"
         )
     return RunSpec(
-        environment=cell.environment,
+        environment=environment,
         environment_options=options,
-        challenge=cell.challenge,
+        challenge=setting.challenge,
         task_space=setting.task_space,
         easy_task=setting.easy_task,
         mastery_threshold=setting.mastery_threshold,
         test_set=setting.test_set,
-        student=cell.student,
+        student=canonical_student(cell.student, cell.student_hyperparameters),
         student_hyperparameters=as_plain_values(student),
-        teacher=cell.teacher,
+        teacher=canonical_teacher(cell.teacher, cell.teacher_hyperparameters),
         teacher_hyperparameters=hyperparameters_of(teacher),
         expert_knowledge=level,
         schedule=schedule,
@@ -124,23 +142,26 @@ def _setting(cell: Cell, options: Mapping[str, Any]) -> _Setting:
         body_type = _body_type(environment)
     finally:
         environment.close()
-    if challenges_of(cell.environment) or cell.challenge != OWN_CHALLENGE:
-        challenge = find_challenge(cell.environment, cell.challenge)
-        space, easy_task = challenge.task_space, challenge.easy_task
+    name, bounds = challenge_bounds(cell.challenge, cell.space)
+    if challenges_of(cell.environment) or name != OWN_CHALLENGE:
+        challenge = find_challenge(cell.environment, name)
+        own_space, easy_task = challenge.task_space, challenge.easy_task
         resets, cuts = challenge.resets, challenge.cuts
         tests = load_test_set(challenge.test_set_of(body_type))
     else:
-        space, easy_task, tests = own_space, None, _own_test_set(cell.environment, own_space)
+        easy_task, tests = None, _own_test_set(base_name(cell.environment), own_space)
         resets, cuts = (), 0
+    space = bounded(own_space, bounds)
+    if easy_task is not None and not space.contains(easy_task):
+        easy_task = None
     if cell.test_set is not None:
         tests = load_test_set(cell.test_set)
     tests.check(domain)
+    canonical = canonical_challenge(name, own_space, space)
     for corner in (space.low, space.high):
         if space.names != domain.names or not domain.contains(corner):
-            raise ValueError(
-                f"the task space of {cell.challenge!r} exceeds the valid domain at {corner.tolist()}"
-            )
-    return _Setting(space, easy_task, threshold, tests, resets, cuts)
+            raise ValueError(f"the task space of {canonical!r} exceeds the valid domain at {corner.tolist()}")
+    return _Setting(canonical, space, easy_task, threshold, tests, resets, cuts)
 
 
 def _body_type(environment: gymnasium.Env[Any, Any]) -> str:

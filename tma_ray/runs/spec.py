@@ -13,6 +13,7 @@ from typing import Any, Self
 
 import numpy as np
 
+from tma_ray.part_names import base_name
 from tma_ray.results import RunRecord
 from tma_ray.tasks import Dimension, KnowledgeLevel, Task, TaskSpace, TestSet
 
@@ -80,16 +81,17 @@ class RunSpec:
     would repeat a run share it.
 
     Attributes:
-        environment: name in the environment registry.
+        environment: name in the environment registry, with the options that differ from its defaults.
         environment_options: keyword arguments of its constructor, the embodiment among them.
-        challenge: name of the challenge; with the seed it places what is random for all teachers alike.
+        challenge: name of the challenge, with the bounds that differ from its task space; with the seed it
+            places what is random for all teachers alike.
         task_space: what the teacher chooses from.
         easy_task: task of the world that is the initial mean at high expert knowledge (d,).
         mastery_threshold: episodic return over which a task is mastered.
         test_set: the evaluation tasks.
-        student: name in the student registry.
+        student: name in the student registry, with the hyper-parameters that differ from its defaults.
         student_hyperparameters: all of them, defaults included.
-        teacher: name in the teacher registry.
+        teacher: name in the teacher registry, with the hyper-parameters that differ from its defaults.
         teacher_hyperparameters: all of them, defaults included.
         expert_knowledge: effective level.
         schedule: budget and intervals.
@@ -144,7 +146,8 @@ class RunSpec:
     @cached_property
     def run_id(self) -> str:
         """Readable prefix and hash of everything in the spec; part of file names."""
-        readable = re.sub(r"[^0-9a-zA-Z]+", "_", f"{self.student}-{self.teacher}").strip("_")
+        parts = f"{base_name(self.student)}-{base_name(self.teacher)}"
+        readable = re.sub(r"[^0-9a-zA-Z]+", "_", parts).strip("_")
         return f"{readable}-s{self.seed}-{_digest(self.to_dict())[:12]}"
 
     @cached_property

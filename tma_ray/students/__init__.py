@@ -3,6 +3,7 @@
 from tma_ray.students.base import Policy, Student, Transition
 from tma_ray.students.catalogue import (
     STUDENTS,
+    canonical_student,
     check_hyperparameters,
     default_hyperparameters,
     load_policy,
@@ -21,6 +22,7 @@ __all__ = [
     "StoredPolicy",
     "Student",
     "Transition",
+    "canonical_student",
     "check_hyperparameters",
     "default_hyperparameters",
     "load_policy",

@@ -3,6 +3,7 @@
 from tma_ray.teachers.base import Teacher
 from tma_ray.teachers.catalogue import (
     TEACHERS,
+    canonical_teacher,
     effective_level,
     hyperparameters_of,
     knows_enough,
@@ -13,6 +14,7 @@ from tma_ray.teachers.catalogue import (
 __all__ = [
     "TEACHERS",
     "Teacher",
+    "canonical_teacher",
     "effective_level",
     "hyperparameters_of",
     "knows_enough",
