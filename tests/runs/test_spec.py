@@ -91,7 +91,7 @@ def test_the_defaults_are_the_papers() -> None:
         ({"environment": "stump_track"}, "did you mean 'stump_tracks'"),
         ({"challenge": "orignal"}, "did you mean 'original'"),
         ({"embodiment": "classic_bipdal"}, "did you mean 'classic_bipedal'"),
-        ({"teacher_hyperparameters": {"explore": 1}}, "no hyper-parameter explore"),
+        ({"teacher_hyperparameters": {"explore": 1}}, "unknown hyper-parameter .explore."),
         ({"student_hyperparameters": {"gama": 0.9}}, "gamma"),
         ({"test_set": "nowhere.csv"}, "nowhere.csv"),
     ],
