@@ -150,11 +150,11 @@ def converted(key: str, value: Any, annotation: Any, kind: str = "hyper-paramete
     raise ValueError(f"{kind} {key} = {value!r}: expected {_expected(annotation)}")
 
 
-def _number_as(key: str, value: Any, annotation: type, kind: str) -> int | float:
+def _number_as(key: str, value: Any, annotation: type[int] | type[float], kind: str) -> int | float:
     wanted = Integral if annotation is int else Real
     if isinstance(value, bool) or not isinstance(value, wanted) or not math.isfinite(value):
         raise ValueError(f"{kind} {key} = {value!r}: expected {_expected(annotation)}")
-    return int(value) if annotation is int else float(value)
+    return annotation(value)
 
 
 def _one_of(key: str, value: Any, choices: tuple[Any, ...], kind: str) -> Any:
