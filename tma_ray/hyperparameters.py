@@ -151,8 +151,8 @@ def converted(key: str, value: Any, annotation: Any, kind: str = "hyper-paramete
 
 
 def _number_as(key: str, value: Any, annotation: type[int] | type[float], kind: str) -> int | float:
-    wanted = Integral if annotation is int else Real
-    if isinstance(value, bool) or not isinstance(value, wanted) or not math.isfinite(value):
+    fits = isinstance(value, Integral if annotation is int else Real) and not isinstance(value, bool)
+    if not (fits and math.isfinite(value)):
         raise ValueError(f"{kind} {key} = {value!r}: expected {_expected(annotation)}")
     return annotation(value)
 
