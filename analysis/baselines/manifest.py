@@ -67,6 +67,7 @@ class BaselineManifest:
         caveats: what a reader must know besides.
         holds: values of each column of its cells, and counts, by name.
         files: all others in its folder.
+        benchmark_versions: of its runs, rising; 0 for those made before there was one.
     """
 
     name: str
@@ -81,6 +82,7 @@ class BaselineManifest:
     caveats: tuple[str, ...] = ()
     holds: Mapping[str, Any] = field(default_factory=dict)
     files: tuple[BaselineFile, ...] = ()
+    benchmark_versions: tuple[int, ...] = ()
 
     def to_bytes(self) -> bytes:
         """Returns the content of `BASELINE_FILE`."""
@@ -103,8 +105,8 @@ class BaselineManifest:
                     f"{where} is {known[0]!r} of version {known[1]!r}; expected {FORMAT!r} of version 1"
                 )
             content["kind"] = BaselineKind(content["kind"])
-            for name in ("physics_versions", "caveats"):
-                content[name] = tuple(content[name])
+            for name in ("physics_versions", "caveats", "benchmark_versions"):
+                content[name] = tuple(content.get(name, ()))
             content["files"] = tuple(BaselineFile(**file) for file in content["files"])
             for file in content["files"]:
                 check_path(file.path)

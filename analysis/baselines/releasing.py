@@ -159,6 +159,7 @@ def _manifest(
         partial=missing,
         caveats=tuple(caveats),
         holds=holdings(columns, counts),
+        benchmark_versions=tuple(sorted({each.run.benchmark_version for each in frames.results.runs()})),
     )
 
 

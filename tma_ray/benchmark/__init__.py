@@ -22,8 +22,10 @@ from tma_ray.benchmark.matrices import (
 from tma_ray.benchmark.needs import KNOWLEDGE_NEEDS, KnowledgeNeeds, Need
 from tma_ray.benchmark.paper import PaperResult, paper_results
 from tma_ray.benchmark.tiers import SIZES, Size, Tier
+from tma_ray.benchmark.version import BENCHMARK_VERSION
 
 __all__ = [
+    "BENCHMARK_VERSION",
     "CASE_STUDIES",
     "CHALLENGES",
     "EXPERIMENTS",

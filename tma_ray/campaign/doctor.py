@@ -12,6 +12,9 @@ from rich.console import Console
 from rich.table import Table
 
 from tma_ray import __version__
+from tma_ray.benchmark import BENCHMARK_VERSION
+from tma_ray.physics import PHYSICS_VERSION
+from tma_ray.results import SCHEMA_VERSION
 from tma_ray.runs.fingerprint import LIBRARIES, cpu_model
 
 GIB = 2**30
@@ -28,6 +31,7 @@ def examine(root: Path) -> dict[str, str]:
     """
     return {
         "tma_ray": f"{__version__}, Python {platform.python_version()}, {platform.platform(terse=True)}",
+        "benchmark": f"version {BENCHMARK_VERSION}, physics {PHYSICS_VERSION}, schema {SCHEMA_VERSION}",
         "libraries": ", ".join(f"{library} {version(library)}" for library in (*LIBRARIES, "ray", "pyarrow")),
         "physics engine": _engine(),
         "CPU": f"{cpu_model()}, {os.cpu_count()} cores, {_cpu_features()}",

@@ -9,6 +9,7 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 
 from tma_ray import __version__
+from tma_ray.benchmark import BENCHMARK_VERSION
 from tma_ray.cli import importing, looking, naming, policies, publishing, running
 
 REFUSED = 2
@@ -31,11 +32,15 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(prog="tma-ray", description="Compare curriculum learning teachers.")
-    parser.add_argument("--version", action="version", version=f"tma_ray {__version__}")
+    parser.add_argument("--version", action="version", version=_version())
     commands = parser.add_subparsers(required=True, metavar="COMMAND")
     for group in (running, looking, policies, publishing, importing, naming):
         group.add_commands(commands)
     return parser
+
+
+def _version() -> str:
+    return f"tma_ray {__version__}, benchmark version {BENCHMARK_VERSION}"
 
 
 def _show_warning(message: Warning | str, *_: object, **__: object) -> None:

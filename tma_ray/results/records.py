@@ -32,6 +32,8 @@ class RunRecord:
         steps: budget, environment steps.
         seed: seed of the run.
         physics_version: version of the physics; 0 if the worlds were those of another engine.
+        benchmark_version: version of the benchmark that the run was made with; 0 before there was one, and
+            for other engines.
     """
 
     run_id: str
@@ -46,6 +48,7 @@ class RunRecord:
     steps: int
     seed: int
     physics_version: int
+    benchmark_version: int = 0
 
 
 class AttemptOutcome(StrEnum):

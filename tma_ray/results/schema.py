@@ -72,6 +72,7 @@ _COLUMNS: Final[Mapping[Table, tuple[pa.Field, ...]]] = {
         _column("physics_version", pa.int32()),
         _column("status", _ID),
         _column("error", pa.string(), nullable=True),
+        _column("benchmark_version", pa.int32(), nullable=True),
     ),
     Table.ATTEMPTS: (
         _RUN_ID,

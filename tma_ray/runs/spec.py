@@ -13,6 +13,7 @@ from typing import Any, Self
 
 import numpy as np
 
+from tma_ray.benchmark import BENCHMARK_VERSION
 from tma_ray.part_names import base_name
 from tma_ray.results import RunRecord
 from tma_ray.tasks import Dimension, KnowledgeLevel, Task, TaskSpace, TestSet
@@ -177,6 +178,7 @@ class RunSpec:
             steps=self.schedule.steps,
             seed=self.seed,
             physics_version=self.physics_version,
+            benchmark_version=BENCHMARK_VERSION,
         )
 
     def to_dict(self) -> dict[str, Any]:

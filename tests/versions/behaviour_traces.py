@@ -1,0 +1,205 @@
+"""Short trajectories of every teacher, student and environment that ships, each reduced to a few numbers.
+
+Processors differ in the last bits of a sum, so that a hash of a trajectory would differ between machines. A
+trace is a row of weighted means over the whole trajectory instead: any change of behaviour moves it by far
+more than rounding does.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import gymnasium
+import numpy as np
+from gymnasium import spaces
+from numpy.typing import ArrayLike
+
+from tma_ray.embodiments import embodiment_names
+from tma_ray.envs import ENVIRONMENTS, make_environment
+from tma_ray.physics import PHYSICS_VERSION
+from tma_ray.students import STUDENTS, Transition, make_student
+from tma_ray.tasks import Answer, Episode, KnowledgeLevel, Query, TaskSpace, expert_knowledge
+from tma_ray.teachers import TEACHERS, make_teacher
+
+NUMBERS = 4
+"""How many weighted means a trace consists of."""
+
+TOLERANCE = 2e-5
+"""Largest difference that rounding may make. Two threads instead of one, and the instructions of processors
+without AVX (of numpy, OpenBLAS, torch, oneDNN and numba) instead of those with AVX-512, make at most 6e-7."""
+
+EPISODES, EPISODE_LENGTH = 150, 2_000
+"""Of a teacher's trajectory; the length that two of them count in environment steps."""
+
+SPACE = TaskSpace.from_bounds({"height": (0, 3), "spacing": (0, 6), "level": (-1, 1)})
+
+TEACHER_SIZES: dict[str, dict[str, Any]] = {
+    "adr": {"queue_size": 4},
+    "alp_gmm": {"fit_every": 40, "most_components": 3},
+    "covar_gmm": {"fit_every": 40, "most_components": 3},
+    "goal_gan": {"train_every": 30, "iterations_per_task": 0.3, "pretraining_iterations": 20},
+    "riac": {"region_capacity": 30, "split_attempts": 10},
+    "setter_solver": {"update_every": 30, "hidden_units": 16},
+    "spdl": {"first_update": 40_000, "update_every": 40_000},
+}
+"""Hyper-parameters that let 150 episodes show everything; all others are the defaults."""
+
+STUDENT_SIZES: dict[str, dict[str, Any]] = {
+    "ppo": {"hidden_units": [16, 8], "steps_per_update": 50, "batch_size": 25, "epochs": 2},
+    "sac": {"hidden_units": [16, 8], "buffer_size": 150, "batch_size": 20, "exploration_steps": 60},
+    "A2C": {"policy_kwargs": {"net_arch": [16, 8]}, "n_steps": 20},
+    "TRPO": {"policy_kwargs": {"net_arch": [16, 8]}, "n_steps": 60, "batch_size": 30},
+    **{
+        name: {
+            "policy_kwargs": {"net_arch": [16, 8]},
+            "buffer_size": 150,
+            "batch_size": 20,
+            "learning_starts": 60,
+            "train_freq": 10,
+        }
+        for name in ("CrossQ", "DDPG", "TD3", "TQC")
+    },
+}
+"""Tiny networks, and updates that come soon; all else is the default."""
+
+STUDENT_STEPS, ENVIRONMENT_STEPS = 130, 40
+
+ENVIRONMENT_TASKS = {
+    "stump_tracks": (0.5, 1.0),
+    "parkour": (-0.1, 0.9, 0.1, 0.4, 0.25, 1.5, 1.0, 10.0),
+}
+
+
+def trace(values: ArrayLike) -> list[float]:
+    """Returns `NUMBERS` weighted means of `values` (n, d), in units of each column's root mean square."""
+    rows = np.asarray(values, dtype=np.float64)
+    assert np.isfinite(rows).all()
+    scale = np.sqrt(np.mean(rows**2, axis=0))
+    rows = rows / np.where(scale > 0, scale, 1)
+    weights = np.random.default_rng(0).uniform(-1, 1, (NUMBERS, rows.size))
+    return [float(f"{value:.7f}") for value in weights @ rows.ravel() / np.sqrt(rows.size)]
+
+
+def teacher_traces(name: str) -> dict[str, list[float]]:
+    """Returns the trace of the tasks that a teacher chooses at each level that makes a difference to it."""
+    return {level.value: trace(_tasks(name, level)) for level in TEACHERS.get(name).knowledge_levels}
+
+
+def student_traces(name: str) -> dict[str, list[float]]:
+    """Returns the trace of a student's exploring actions, and of its greedy ones at the end."""
+    environment = Drift()
+    student = make_student(
+        name,
+        environment.observation_space,
+        environment.action_space,
+        np.random.SeedSequence(0),
+        STUDENT_SIZES[name.removeprefix("stock:")],
+    )
+    observation, actions = environment.reset()[0], []
+    for _ in range(STUDENT_STEPS):
+        actions.append(student.act(observation))
+        following, reward, terminated, truncated, _ = environment.step(actions[-1])
+        student.observe(Transition(observation, actions[-1], reward, following, terminated, truncated))
+        observation = environment.reset()[0] if terminated or truncated else following
+    asked = np.random.default_rng(1).normal(size=(20, 3)).astype(np.float32)
+    values = student.state_values(asked)
+    return {
+        "exploring": trace(actions),
+        "greedy": trace(student.act_greedily(asked)),
+        "values": trace(values[:, None]),
+    }
+
+
+def environment_traces(name: str) -> dict[str, list[float]]:
+    """Returns by body the trace of observations and rewards under random actions."""
+    return {body: trace(_steps(name, body)) for body in embodiment_names()}
+
+
+def traces(part: str, name: str) -> dict[str, list[float]]:
+    """Returns the traces of a "teacher", "student" or "environment" by what they are of."""
+    of = {"teacher": teacher_traces, "student": student_traces, "environment": environment_traces}
+    return of[part](name)
+
+
+def catalogue() -> list[tuple[str, str]]:
+    """Returns part and name of all that ships, whatever else this process has registered."""
+    registries = {"environment": ENVIRONMENTS, "student": STUDENTS, "teacher": TEACHERS}
+    return [
+        (part, name)
+        for part, registry in registries.items()
+        for name in registry.names()
+        if registry.origin(name) is None
+    ]
+
+
+def version(part: str, name: str) -> str:
+    """Returns the version whose behaviour is pinned; that of the physics counts for environments."""
+    registry: Any = {"environment": ENVIRONMENTS, "student": STUDENTS, "teacher": TEACHERS}[part]
+    own = registry.algorithm_version(name)
+    return f"{own}, physics {PHYSICS_VERSION}" if part == "environment" else str(own)
+
+
+class Drift(gymnasium.Env[Any, Any]):
+    """A noisy linear system with oddly bounded actions; episodes end by chance or after 17 steps."""
+
+    def __init__(self) -> None:
+        self.observation_space = spaces.Box(-np.inf, np.inf, (3,), np.float32)
+        self.action_space = spaces.Box(np.array([-2, -1], np.float32), np.array([1, 3], np.float32))
+        self.generator = np.random.default_rng(0)
+
+    def reset(self, *, seed: int | None = None, options: Any = None) -> tuple[Any, dict[str, Any]]:
+        self.state, self.steps = self.generator.normal(size=3), 0
+        return self.state.astype(np.float32), {}
+
+    def step(self, action: Any) -> tuple[Any, float, bool, bool, dict[str, Any]]:
+        self.steps += 1
+        self.state = 0.9 * self.state + 0.3 * self.generator.normal(size=3) + 0.2 * float(np.sum(action))
+        terminated, reward = bool(self.generator.random() < 0.05), 3.0 - float(self.state @ self.state)
+        return self.state.astype(np.float32), reward, terminated, self.steps >= 17, {}
+
+
+def _tasks(name: str, level: KnowledgeLevel) -> list[Any]:
+    teacher = make_teacher(name, TEACHER_SIZES.get(name, {}))
+    knowledge = expert_knowledge(level, SPACE, np.random.default_rng(1), easy_task=SPACE.low)
+    teacher.start(SPACE, knowledge, np.random.default_rng(0))
+    noise = np.random.default_rng(2)
+    tasks = []
+    for index in range(EPISODES):
+        task = teacher.sample()
+        difficulty = float(SPACE.normalise(task).mean())
+        gained = 300 - 400 * difficulty + 1.2 * index + noise.normal(0, 20)
+        episode = Episode(
+            task=task,
+            episodic_return=gained,
+            success=gained > 230,
+            length=EPISODE_LENGTH,
+            initial_observation=np.array([difficulty, 0, 0], dtype=np.float32),
+            discounted_return=gained / 5,
+            step=EPISODE_LENGTH * (index + 1),
+        )
+        query = teacher.observe(episode)
+        while query is not None:
+            query = teacher.answer(_answer(query))
+        tasks.append(task)
+    return [*tasks, *teacher.probe(20)]
+
+
+def _answer(query: Query) -> Answer:
+    assert query.observations is not None
+    return 60 - 80 * query.observations[:, 0].astype(np.float64)
+
+
+def _steps(name: str, body: str) -> list[Any]:
+    environment = make_environment(name, embodiment=body)
+    rng, task = np.random.default_rng(0), list(ENVIRONMENT_TASKS[name])
+    observation, _ = environment.reset(seed=3, options={"task": task})
+    rows = [[*observation, 0.0]]
+    for _ in range(ENVIRONMENT_STEPS):
+        action = rng.uniform(-1, 1, environment.action_space.shape).astype(np.float32)
+        observation, reward, terminated, _, _ = environment.step(action)
+        rows.append([*observation, float(reward)])
+        if terminated:
+            observation, _ = environment.reset(options={"task": task})
+            rows.append([*observation, 0.0])
+    environment.close()
+    return rows

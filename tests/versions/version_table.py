@@ -1,0 +1,152 @@
+"""The table of versions, ``versions.json``: what each part did at its version, and what a release froze.
+
+Renew it after a change of behaviour, with the versions of what changed raised::
+
+    python tests/versions/version_table.py
+
+An entry is overwritten only as long as no released benchmark has its version. When a benchmark version is
+tagged, ``python tests/versions/version_table.py --release`` freezes it.
+"""
+
+from __future__ import annotations
+
+import json
+import sys
+from pathlib import Path
+from typing import Any
+
+from behaviour_traces import TOLERANCE, catalogue, traces, version
+
+from tma_ray.benchmark import BENCHMARK_VERSION
+from tma_ray.physics import PHYSICS_VERSION
+from tma_ray.results import SCHEMA_VERSION
+
+FILE = Path(__file__).with_name("versions.json")
+
+RENEW = "python tests/versions/version_table.py"
+
+Table = dict[str, Any]
+
+
+def load() -> Table:
+    """Returns the table: "benchmarks" by version, and "traces" by part, name and version."""
+    table: Table = json.loads(FILE.read_text())
+    return table
+
+
+def current() -> Table:
+    """Returns the versions that this tree has, as an entry of "benchmarks"."""
+    algorithms: dict[str, dict[str, str]] = {}
+    for part, name in catalogue():
+        algorithms.setdefault(part, {})[name] = version(part, name)
+    return {
+        "released": False,
+        "physics_version": PHYSICS_VERSION,
+        "schema_version": SCHEMA_VERSION,
+        "algorithm_versions": algorithms,
+    }
+
+
+def released(table: Table, part: str, name: str) -> str | None:
+    """Returns the version of a part that the newest released benchmark has, None before the first."""
+    frozen = [entry for _, entry in sorted(_benchmarks(table)) if entry["released"]]
+    found: str | None = frozen[-1]["algorithm_versions"].get(part, {}).get(name) if frozen else None
+    return found
+
+
+def behaviour_problem(table: Table, part: str, name: str, found: dict[str, list[float]]) -> str | None:
+    """Returns how the behaviour `found` contradicts the table, None if it does not."""
+    of, now = f"{part} {name!r}", version(part, name)
+    pinned = table["traces"].get(part, {}).get(name)
+    if pinned is None or pinned["version"] != now:
+        at = "no entry" if pinned is None else f"version {pinned['version']}"
+        return f"{of} has version {now}, and the table {at}: renew it with '{RENEW}'"
+    changed = [key for key in {**found, **pinned["traces"]} if _differs(found, pinned["traces"], key)]
+    if not changed:
+        return None
+    own = int(now.partition(",")[0])
+    remedy = (
+        f"raise algorithm_version to {own + 1} and renew the digest with '{RENEW}'"
+        if released(table, part, name) == now
+        else f"version {own} is in no release yet, so renew the digest with '{RENEW}'; else raise "
+        f"algorithm_version to {own + 1} first"
+    )
+    return f"behaviour of {of} changed ({', '.join(changed)}): {remedy}"
+
+
+def benchmark_problem(table: Table) -> str | None:
+    """Returns how the benchmark's version contradicts the table, None if it does not."""
+    now, pinned = current(), dict(_benchmarks(table)).get(BENCHMARK_VERSION)
+    if pinned is None:
+        return f"benchmark version {BENCHMARK_VERSION} is not in the table: renew it with '{RENEW}'"
+    moved = [key for key in now if key != "released" and now[key] != pinned[key]]
+    if not moved:
+        return None
+    remedy = (
+        f"raise BENCHMARK_VERSION to {BENCHMARK_VERSION + 1}, then renew" if pinned["released"] else "renew"
+    )
+    return f"{', '.join(moved)} of benchmark version {BENCHMARK_VERSION} changed: {remedy} with '{RENEW}'"
+
+
+def renewed(table: Table, found: dict[tuple[str, str], dict[str, list[float]]]) -> Table:
+    """Returns the table with the versions of this tree and the behaviour `found`, by part and name.
+
+    Raises:
+        ValueError: a behaviour, or the benchmark, differs at a version that was released.
+    """
+    for (part, name), each in found.items():
+        problem = behaviour_problem(table, part, name, each)
+        if problem and released(table, part, name) == version(part, name):
+            raise ValueError(problem)
+        if problem:
+            entry = {"version": version(part, name), "traces": each}
+            table["traces"].setdefault(part, {})[name] = entry
+    problem = benchmark_problem(table)
+    pinned = table["benchmarks"].get(str(BENCHMARK_VERSION))
+    if problem and pinned and pinned["released"]:
+        raise ValueError(problem)
+    if problem:
+        table["benchmarks"][str(BENCHMARK_VERSION)] = current()
+    return table
+
+
+def main(arguments: list[str]) -> None:
+    """Renews the table, and freezes it if that is asked for."""
+    found = {(part, name): traces(part, name) for part, name in catalogue()}
+    table = renewed(load(), found)
+    if arguments == ["--release"]:
+        table["benchmarks"][str(BENCHMARK_VERSION)]["released"] = True
+    elif arguments:
+        raise SystemExit(__doc__)
+    FILE.write_text(_text(table))
+
+
+def _benchmarks(table: Table) -> list[tuple[int, Table]]:
+    return [(int(number), entry) for number, entry in table["benchmarks"].items()]
+
+
+def _differs(found: dict[str, list[float]], pinned: dict[str, list[float]], key: str) -> bool:
+    if key not in found or key not in pinned:
+        return True
+    return any(abs(a - b) > TOLERANCE for a, b in zip(found[key], pinned[key], strict=True))
+
+
+def _text(table: Table) -> str:
+    """Returns the table as JSON, each trace on a line of its own."""
+    text = json.dumps(table, indent=1, sort_keys=True)
+    lines: list[str] = []
+    for line in text.splitlines():
+        number = line.strip().rstrip(",").lstrip("-").replace(".", "").replace("e-", "").isdigit()
+        closes = line.strip() in ("]", "],")
+        if (number or closes) and lines and "[" in lines[-1]:
+            lines[-1] += line.strip() + (" " if number and line.endswith(",") else "")
+        else:
+            lines.append(line)
+    return "\n".join(lines) + "\n"
+
+
+if __name__ == "__main__":
+    try:
+        main(sys.argv[1:])
+    except ValueError as refusal:
+        raise SystemExit(str(refusal)) from refusal
