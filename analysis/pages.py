@@ -39,7 +39,7 @@ def page_folder(root: str | Path, output: Path | None, name: str, what: str) -> 
         ValueError: an object store and no `output`.
     """
     if output is None and "://" in str(root):
-        raise ValueError(f"{root} is no local folder: say in which folder to write the {what}")
+        raise ValueError(f"{root} is not a local folder: say in which folder to write the {what}")
     return output or Path(root) / name
 
 

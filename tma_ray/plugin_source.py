@@ -25,7 +25,7 @@ class PluginSource:
 
     It is the module itself, the packages around it, and in turn every module that one of these imports
     anywhere in its text, unless that is installed or part of Python. What runs only when a file is
-    started as a script, under ``if __name__ == "__main__":``, is no part of it: a script may hold
+    started as a script, under ``if __name__ == "__main__":``, does not belong to it: a script may hold
     both a teacher and the campaign that tries it.
 
     Attributes:
@@ -80,7 +80,7 @@ def importable_name(module: str) -> str:
     """Returns the name by which another process can import `module`.
 
     Raises:
-        ValueError: it was typed into an interactive session, or its file's name is no module's.
+        ValueError: it was typed into an interactive session, or its file's name cannot be a module's.
     """
     if module != "__main__":
         return module
@@ -114,7 +114,7 @@ class _Collector:
         """Returns the root of `module` and its file.
 
         Raises:
-            FileNotFoundError: it is not followed, or is no module.
+            FileNotFoundError: it is not followed, or not a module.
         """
         for root in self._roots_of(module.partition(".")[0]):
             path = root.joinpath(*module.split("."))

@@ -128,7 +128,7 @@ class Registry(Generic[T]):
 
         Raises:
             UnknownNameError: nothing answers to `name`.
-            ValueError: it is no whole number of at least 1.
+            ValueError: it is not a whole number of at least 1.
         """
         return self._checked_version(name, getattr(self.get(name), "algorithm_version", None))
 

@@ -112,7 +112,7 @@ class BaselineManifest:
                 check_path(file.path)
             return cls(**content)
         except FileNotFoundError:
-            raise BaselineError(f"{store} is no baseline: it has no {BASELINE_FILE}") from None
+            raise BaselineError(f"{store} is not a baseline: {BASELINE_FILE} is missing") from None
         except BaselineError:
             raise
         except (ValueError, KeyError, TypeError, AttributeError) as error:

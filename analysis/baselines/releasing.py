@@ -99,7 +99,7 @@ def _new_folder(name: str, output: Path) -> Path:
             f"release {name!r}: use letters, digits, '.', '_' and '-', a letter or digit first"
         )
     if "://" in str(output):
-        raise BaselineError(f"{output} is no local folder: write the release to a disk, then upload it")
+        raise BaselineError(f"{output} is not a local folder: write the release to a disk, then upload it")
     folder = output.expanduser() / name
     if folder.exists():
         raise BaselineError(f"{folder} exists: a release is never overwritten; choose another name or folder")

@@ -56,7 +56,7 @@ def _problems(store: Store, baseline: Baseline) -> Iterator[str]:
         yield f"{path} is not of this baseline"
     for file in files.values():
         if PurePosixPath(file.path).suffix not in ENDINGS:
-            yield f"{file.path} is no kind of file that a baseline has"
+            yield f"{file.path}: a baseline does not hold files of this kind"
         yield from _damage(store, file)
     if baseline.manifest.kind is BaselineKind.RUNS:
         yield from _damaged_runs(store, baseline)

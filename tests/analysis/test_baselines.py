@@ -171,7 +171,7 @@ def test_nothing_is_overwritten_and_nothing_is_left_of_a_failure(
 ) -> None:
     with pytest.raises(BaselineError, match="never overwritten"):
         release(root, released.name, released.parent)
-    with pytest.raises(ResultsRootError, match="no results root"):
+    with pytest.raises(ResultsRootError, match="a results root"):
         release(tmp_path / "nowhere", "mine", tmp_path / "out")
     monkeypatch.setattr("analysis.baselines.releasing._tables", lambda frames: 1 / 0)
     with pytest.raises(ZeroDivisionError):
@@ -249,7 +249,7 @@ def test_two_baselines_of_one_name_are_told_apart_by_their_places(
 
 def test_a_results_root_is_no_baseline(root: Path) -> None:
     assert as_baseline(root) is None
-    with pytest.raises(BaselineError, match=r"it has no baseline\.json"):
+    with pytest.raises(BaselineError, match=r"baseline\.json is missing"):
         verify(root)
 
 

@@ -272,7 +272,7 @@ def test_each_table_is_a_file(tmp_path: Path, kind: TableFormat) -> None:
 
 @pytest.mark.parametrize(("root", "step"), [("paper-2021", 5), ("paper-2021", 0), ("nowhere-at-all", None)])
 def test_what_there_is_not_is_refused(root: str, step: int | None) -> None:
-    with pytest.raises(ValueError, match=r"leave out the step|expected at least 1|no results root"):
+    with pytest.raises(ValueError, match=r"leave out the step|expected at least 1|a results root"):
         write_tables(root, step)
 
 

@@ -294,7 +294,7 @@ def test_what_cannot_be_done_is_refused_before_anything_is_written(
     file = tmp_path / "file"
     file.touch()
     for root, folder, message in (
-        (tmp_path / "nowhere", tmp_path / "events", "no results root"),
+        (tmp_path / "nowhere", tmp_path / "events", "a results root"),
         (campaign.root, file, "choose another folder"),
         (campaign.root, "s3://bucket/events", "expected a folder of this machine"),
     ):

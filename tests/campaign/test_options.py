@@ -35,7 +35,7 @@ def test_flags_replace_what_they_name_and_nothing_else() -> None:
     assert teachers.seeds == (3, 4, 5)
     assert teachers.schedule.steps == 2_000_000
     assert len(chosen("--students", "ppo,sac", "--expert-knowledge", "none,low,high").cells) == 12
-    with pytest.raises(ValueError, match="'medium' is no level"):
+    with pytest.raises(ValueError, match="unknown level of expert knowledge 'medium'"):
         chosen("--expert-knowledge", "medium")
 
 
@@ -66,7 +66,7 @@ def test_refusals_leave_no_files_and_exit_2(tmp_path: Path, capsys: pytest.Captu
     root = tmp_path / "root"
     wrong = [
         (["run", "--teacher", "alp_gm"], "did you mean 'alp_gmm'"),
-        (["run", "--expert-knowledge", "hgih"], "'hgih' is no level"),
+        (["run", "--expert-knowledge", "hgih"], "unknown level of expert knowledge 'hgih'"),
         (["campaign", "--students", "pppo"], "did you mean 'ppo'"),
         (["campaign", "--challenges", "originall"], "did you mean 'original'"),
     ]

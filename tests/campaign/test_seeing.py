@@ -121,7 +121,7 @@ def test_history_holds_attempts_messages_and_the_traceback(one_failed: Path) -> 
     assert f"from step 0 of {SCHEDULE.steps:,}" in console.text
     assert "checkpoint of" in console.text
     assert console.text.rstrip().endswith("done")
-    with pytest.raises(ValueError, match="there is no run called 'other'"):
+    with pytest.raises(ValueError, match="unknown run 'other'"):
         history.show("other", one_failed)
 
 
@@ -134,7 +134,7 @@ def test_a_plan_again_holds_what_failed_or_is_named(one_failed: Path) -> None:
         assert [spec.run_id for spec in plan.runs] == [failed.run.run_id]
     with pytest.raises(ValueError, match="is done"):
         plan_again(str(one_failed), [done.run.run_id], failed=False)
-    with pytest.raises(ValueError, match="name runs"):
+    with pytest.raises(ValueError, match="pass run IDs or --failed"):
         plan_again(str(one_failed), (), failed=False)
 
 
@@ -169,7 +169,7 @@ def test_a_campaign_that_is_asked_to_stop_leaves_checkpoints_and_goes_on_later(t
     ended = execute_plan(what.plan(), tmp_path / "root", inline, None, Asking())
     assert "campaign 'short'" in asked[0]
     assert (ended.done, ended.stopped) == (0, 1)
-    assert "Nobody is running" in shown(tmp_path / "root")
+    assert "No campaign is running" in shown(tmp_path / "root")
     with pytest.raises(NotRunningError):
         ask_to_stop(Store.open(tmp_path / "root"))
     assert execute(what, tmp_path / "root", teachers=TeacherPlacement.INLINE).done == 1

@@ -67,7 +67,7 @@ def test_what_was_not_imported_is_said_and_is_the_exit_status(
 
 def test_bad_input_is_refused_with_status_2(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert run("import", "results", tmp_path / "none", "-o", tmp_path / "root") == 2
-    assert "none is no folder" in capsys.readouterr().err
+    assert "none is not a folder" in capsys.readouterr().err
     assert list(tmp_path.iterdir()) == []
 
 
@@ -114,10 +114,10 @@ def test_columns_of_other_names_are_refused_or_taken_by_position(
     ("content", "reason"),
     [
         ("1,2,3\n4,5,6\n", "tasks of 3 numbers; expected 2"),
-        ("stump_height,obstacle_spacing\n1,high\n", "is no list of tasks"),
-        ("stump_height,obstacle_spacing\n1,nan\n", "is no list of tasks"),
+        ("stump_height,obstacle_spacing\n1,high\n", "expected a list of tasks"),
+        ("stump_height,obstacle_spacing\n1,nan\n", "expected a list of tasks"),
         ("stump_height,obstacle_spacing\n1,-50\n", "outside the valid domain"),
-        ("", "is no list of tasks"),
+        ("", "expected a list of tasks"),
     ],
 )
 def test_files_that_are_no_test_set(

@@ -60,7 +60,7 @@ LEFT_OUT: dict[str, tuple[Callable[[Path], object], str]] = {
     "hostile pickle": (poison, r"env_params_save\.pkl was refused.*system"),
     "no configuration": (lambda f: (f / "config.json").unlink(), r"config\.json is missing.*steps_per_epoch"),
     "configuration cut off": (lambda f: (f / "config.json").write_text("{"), r"config\.json cannot be read"),
-    "no seed": (replace("config.json", '"seed": 1', '"seed": null'), "seed is no whole number"),
+    "no seed": (replace("config.json", '"seed": 1', '"seed": null'), "seed: expected a whole number"),
     "no progress": (lambda f: (f / "progress.txt").unlink(), r"neither progress\.txt nor progress\.csv"),
     "empty progress": (lambda f: (f / "progress.txt").write_text(""), r"progress\.txt has no column Epoch"),
     "header alone": (replace("progress.txt", "\n1\t", "\n"), r"progress\.txt"),
@@ -72,21 +72,24 @@ LEFT_OUT: dict[str, tuple[Callable[[Path], object], str]] = {
     "books of another training": (books(shorten), r"not of one training; copy both again"),
     "tasks of other size": (
         books(lambda b: b.update(env_params_train=[np.zeros(3)] * 500)),
-        r"env_params_train is no list of tasks of 2 finite numbers",
+        r"env_params_train is not a list of tasks of 2 finite numbers",
     ),
-    "objects for numbers": (books(lambda b: b.update(env_test_rewards=[{}])), "env_test_rewards is no list"),
-    "no returns": (books(lambda b: b.pop("env_train_rewards")), "env_train_rewards is no list of numbers"),
-    "return that is no number": (
+    "objects for numbers": (
+        books(lambda b: b.update(env_test_rewards=[{}])),
+        "env_test_rewards is not a list",
+    ),
+    "no returns": (books(lambda b: b.pop("env_train_rewards")), "env_train_rewards is not a list of numbers"),
+    "return that is not a number": (
         books(lambda b: b["env_test_rewards"].__setitem__(0, float("nan"))),
-        "is no finite number",
+        "is not a finite number",
     ),
-    "length that is no number of steps": (
+    "length that is not a number of steps": (
         books(lambda b: b["env_train_len"].__setitem__(0, -3)),
-        "no whole number of steps",
+        "is not a whole number of steps",
     ),
     "the same long list again and again": (
         books(lambda b: b.update(env_params_train=[[0.0] * 100_000] * 100_000)),
-        "env_params_train is no list of tasks",
+        "env_params_train is not a list of tasks",
     ),
     "list for books": (
         lambda f: (f / "env_params_save.pkl").write_bytes(pickle.dumps([1])),

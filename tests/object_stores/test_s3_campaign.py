@@ -71,7 +71,7 @@ def test_workers_write_into_the_bucket_what_one_process_writes_on_a_disk(
 def test_a_missing_bucket_is_refused_before_anything_starts(s3_environment: str) -> None:
     refused = execute("s3://no-such-bucket/root")
     assert refused.returncode == EXIT_REFUSED
-    assert "s3://no-such-bucket/root: there is no such bucket" in refused.stderr
+    assert "s3://no-such-bucket/root: the bucket does not exist" in refused.stderr
     assert "Traceback" not in refused.stderr
 
 

@@ -141,7 +141,7 @@ def test_a_missing_bucket_is_refused_by_name(s3_root: str) -> None:
     store = Store.open("s3://no-such-bucket/root")
     for check in (lambda: check_usable(store), lambda: Results(store)):
         with pytest.raises(
-            ObjectStoreError, match="s3://no-such-bucket/root: there is no such bucket; create"
+            ObjectStoreError, match="s3://no-such-bucket/root: the bucket does not exist; create"
         ):
             check()
 

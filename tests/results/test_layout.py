@@ -23,7 +23,7 @@ def test_other_files_are_never_taken_for_a_root(store: Store) -> None:
     store.write_bytes("thesis.tex", b"")
     with pytest.raises(ResultsRootError, match=r"thesis\.tex"):
         Committer(store)
-    with pytest.raises(ResultsRootError, match="no results root"):
+    with pytest.raises(ResultsRootError, match="not a results root"):
         Results(store)
     assert store.files() == ("thesis.tex",)
 

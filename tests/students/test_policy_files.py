@@ -166,8 +166,8 @@ class Evil:
 
 
 HOSTILE_TENSORS = {
-    "absent": (Path.unlink, "no such file"),
-    "a folder": (lambda path: (path.unlink(), path.mkdir()), "no such file"),
+    "absent": (Path.unlink, "does not exist"),
+    "a folder": (lambda path: (path.unlink(), path.mkdir()), "does not exist"),
     "empty": (bytes_changed(lambda _: b""), "no sound safetensors"),
     "truncated": (bytes_changed(lambda content: content[:-10]), "no sound safetensors"),
     "header beyond the file": (
@@ -193,7 +193,7 @@ HOSTILE_TENSORS = {
     "a pickle": (bytes_changed(lambda _: pickle.dumps(Evil())), "no sound safetensors"),
     "no tensors": (lambda path: save_file({}, path), "'hidden.0.weight' is missing"),
     "a tensor is missing": (tensors_changed(mean__bias=None), r"'mean\.bias' is missing"),
-    "a path for a name": (tensors_changed(**{"../../x": np.ones(1)}), r"'\.\./\.\./x' is no part"),
+    "a path for a name": (tensors_changed(**{"../../x": np.ones(1)}), r"'\.\./\.\./x' does not belong"),
     "another shape": (
         tensors_changed(mean__bias=np.zeros(3, np.float32)),
         r"'mean\.bias' is float32 \(3,\), expected float32 \(2,\)",
@@ -236,7 +236,7 @@ def hyperparameters(**changes: Any) -> Callable[[Path], None]:
 
 BOUNDS = {"low": [-1.0, -1.0], "high": [1.0, 1.0]}
 HOSTILE_SETTINGS = {
-    "absent": ("ppo", Path.unlink, "no such file"),
+    "absent": ("ppo", Path.unlink, "does not exist"),
     "truncated": ("ppo", bytes_changed(lambda content: content[:-20]), "no JSON"),
     "a list": ("ppo", bytes_changed(lambda _: b"[1, 2]"), "expected a JSON object, found list"),
     "no text": ("ppo", bytes_changed(lambda _: b"\xff\xfe\x00"), "no JSON"),
@@ -245,7 +245,7 @@ HOSTILE_SETTINGS = {
     "no version": ("ppo", settings(format_version=None), "format_version is None"),
     "true for a version": ("ppo", settings(format_version=True), "format_version is True"),
     "another student": ("ppo", settings(student="sac"), "of student 'sac', not of 'ppo'"),
-    "no hyper-parameters": ("ppo", settings(hyperparameters=[1]), "hyperparameters are no object"),
+    "no hyper-parameters": ("ppo", settings(hyperparameters=[1]), "hyperparameters: expected an object"),
     "no space": ("ppo", settings(action_space=None), "action_space None"),
     "a space of nothing": ("ppo", settings(action_space={"low": [], "high": []}), "action_space"),
     "half a space": ("ppo", settings(action_space={"low": [0, 0], "high": [1]}), "action_space"),

@@ -183,7 +183,7 @@ def test_the_command_writes_rows_and_shows_tables(tmp_path: Path, capsys: pytest
     [
         (["--teachers", "randm"], "did you mean 'random'"),
         (["--challenges", "easy"], "no simulated challenge 'easy'"),
-        (["--expert-knowledge", "some"], "'some' is no level"),
+        (["--expert-knowledge", "some"], "unknown level of expert knowledge 'some'"),
         (["-o", "rows.xlsx"], r".csv or .parquet"),
         (["-o", "nowhere/rows.csv"], "does not exist"),
     ],

@@ -132,7 +132,7 @@ def test_runs_that_cannot_be_meant(finished: Path, tmp_path: Path) -> None:
     (manifest,) = Results.open(finished).runs()
     with pytest.raises(ValueError, match=f"nobody.*{manifest.run.run_id}"):
         find_policy("nobody", finished)
-    with pytest.raises(ValueError, match="no results root"):
+    with pytest.raises(ValueError, match="a results root"):
         find_policy("nobody", tmp_path)
     with pytest.raises(ValueError, match=r"no spec\.json"):
         find_policy(str(tmp_path), finished)
@@ -162,7 +162,7 @@ def test_tasks() -> None:
         ("1", "expected 2 numbers"),
         ("1,2,3", "expected 2 numbers"),
         ("width=1", "no dimension 'width'"),
-        ("height=tall", "'tall' is no number"),
+        ("height=tall", "'tall': expected a number"),
     ],
 )
 def test_tasks_that_are_none(task: str, message: str) -> None:
@@ -178,7 +178,7 @@ def test_tasks_that_are_none(task: str, message: str) -> None:
         ("-o a.gif --task 3,99", "obstacle_spacing = 99"),
         ("-o a.gif --environment parkuor", "parkour"),
         ("-o a.gif --embodiment fsh", "fish"),
-        ("-o a.gif --policy sac-random --results missing", "no results root"),
+        ("-o a.gif --policy sac-random --results missing", "a results root"),
         ("-o a.gif --seed -1", "seed = -1"),
     ],
 )

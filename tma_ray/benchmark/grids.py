@@ -25,7 +25,9 @@ class Grid:
 
     def __post_init__(self) -> None:
         if dict(self.chosen) not in self._combinations():
-            raise ValueError(f"the choice {dict(self.chosen)} is no point of the grid {dict(self.values)}")
+            raise ValueError(
+                f"the choice {dict(self.chosen)} is not in the grid; expected values from {dict(self.values)}"
+            )
 
     def points(self, most: int | None = None) -> tuple[dict[str, Any], ...]:
         """Returns the paper's choice, then the other combinations, the last hyper-parameter changing fastest.

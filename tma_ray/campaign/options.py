@@ -123,7 +123,9 @@ def parse_levels(given: Sequence[str]) -> tuple[KnowledgeLevel, ...]:
     """
     unknown = [level for level in given if level not in list(KnowledgeLevel)]
     if unknown:
-        raise ValueError(f"expert knowledge {unknown[0]!r} is no level; expected {', '.join(KnowledgeLevel)}")
+        raise ValueError(
+            f"unknown level of expert knowledge {unknown[0]!r}: expected one of {', '.join(KnowledgeLevel)}"
+        )
     return tuple(KnowledgeLevel(level) for level in given)
 
 

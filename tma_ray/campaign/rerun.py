@@ -43,7 +43,7 @@ def plan_again(root: str, names: Sequence[str], *, failed: bool) -> Plan:
         chosen |= {m.run.run_id: m for m in results.runs() if m.status is RunStatus.FAILED}
     if not chosen:
         raise ValueError(
-            f"no run of {root} failed" if failed else "name runs, or say --failed for all that failed"
+            f"no run of {root} failed" if failed else "pass run IDs or --failed, for all that failed"
         )
     return Plan(NAME, f"{len(chosen)} runs again", tuple(_spec(m) for m in chosen.values()), ())
 

@@ -66,7 +66,7 @@ class Scheduler:
         committer: of the results root.
         settings: resources and placement of every run.
         view: shows the progress.
-        keep_lease: called before anything is published; raises if the root is no longer ours.
+        keep_lease: called before anything is published; raises if another campaign holds the root.
     """
 
     def __init__(

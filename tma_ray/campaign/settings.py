@@ -1,4 +1,4 @@
-"""Settings of a campaign's execution, which is no part of its results."""
+"""Settings of a campaign's execution, which do not change its results."""
 
 from __future__ import annotations
 

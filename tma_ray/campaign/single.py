@@ -9,11 +9,11 @@ from rich.console import Console
 
 from tma_ray.campaign.failures.stopping import StopSignals
 from tma_ray.campaign.monitor.progress import ProgressView, PublishedProgress, Snapshot, Standing
+from tma_ray.campaign.options import parse_levels
 from tma_ray.campaign.plan import CampaignSpec, lease_holder
 from tma_ray.campaign.script import EXIT_STOPPED
 from tma_ray.results import AttemptOutcome, Committer, HeartbeatWriter, Lease
 from tma_ray.runs import Cell, Placement, Schedule, Status, run_locally
-from tma_ray.tasks import KnowledgeLevel
 
 CAMPAIGN = "single_runs"
 
@@ -24,17 +24,14 @@ def run_single(options: argparse.Namespace) -> int:
     Raises:
         ValueError: what cannot run.
     """
-    if options.expert_knowledge not in list(KnowledgeLevel):
-        raise ValueError(
-            f"expert knowledge {options.expert_knowledge!r} is no level; expected {', '.join(KnowledgeLevel)}"
-        )
+    (level,) = parse_levels([options.expert_knowledge])
     cell = Cell(
         environment=options.environment,
         challenge=options.challenge,
         embodiment=options.embodiment,
         student=options.student,
         teacher=options.teacher,
-        expert_knowledge=KnowledgeLevel(options.expert_knowledge),
+        expert_knowledge=level,
         test_set=options.test_set,
     )
     given = {field.name: getattr(options, field.name, None) for field in fields(Schedule)}

@@ -15,7 +15,7 @@ def body_parameters(text: str) -> tuple[str, dict[str, float]]:
     """Returns a body's name or path without its parameters, and the parameters.
 
     Raises:
-        ValueError: a parameter that is no number, or is given twice.
+        ValueError: a parameter that is not a number, or is given twice.
 
     Examples:
         >>> body_parameters("spider:pairs_of_legs=3:size=1.2")

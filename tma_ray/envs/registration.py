@@ -66,7 +66,7 @@ def mastery_return(environment: Environment) -> float:
     That is its attribute `mastery_return`; without one, the benchmark's.
 
     Raises:
-        ValueError: the attribute is no finite number.
+        ValueError: the attribute is not a finite number.
     """
     if not environment.has_wrapper_attr("mastery_return"):
         return MASTERY_RETURN

@@ -149,7 +149,7 @@ def _properties(spec: RunSpec) -> dict[str, str]:
 
 
 def _examples(observations: spaces.Box) -> np.ndarray:
-    """Returns random observations (n, o): normal where there are no bounds, uniform between bounds."""
+    """Returns random observations (n, o): normal without bounds, uniform between bounds."""
     rng = np.random.default_rng(0)
     bounded = np.isfinite(observations.low) & np.isfinite(observations.high)
     low, high = (np.where(bounded, bound, 0.0) for bound in (observations.low, observations.high))

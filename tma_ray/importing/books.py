@@ -105,7 +105,7 @@ def vector(value: Any, name: str) -> Floats:
         plain = [_number(each) for each in value]
         if None not in plain:
             return np.array(plain, dtype=np.float64)
-    raise ValueError(f"{name} is no list of numbers")
+    raise ValueError(f"{name} is not a list of numbers")
 
 
 def _number(value: Any) -> float | None:
@@ -122,7 +122,7 @@ def vectors(content: Mapping[str, Any], name: str, size: int) -> Floats:
     """
     found = matrix(content.get(name), size)
     if found is None:
-        raise ValueError(f"{name} is no list of tasks of {size} finite numbers")
+        raise ValueError(f"{name} is not a list of tasks of {size} finite numbers")
     return found
 
 
@@ -174,9 +174,9 @@ def _check(tasks: Floats, test_tasks: Floats, numbers: Mapping[str, Floats]) -> 
                 f"{kind}ing episodes"
             )
         if not np.all(np.isfinite(returns)):
-            raise ValueError(f"a return of its {kind}ing episodes is no finite number")
+            raise ValueError(f"a return of its {kind}ing episodes is not a finite number")
         if not np.all((lengths >= 0) & (lengths <= 2**31 - 1) & (lengths == np.round(lengths))):
-            raise ValueError(f"a length of its {kind}ing episodes is no whole number of steps")
+            raise ValueError(f"a length of its {kind}ing episodes is not a whole number of steps")
 
 
 def _bounds(value: Any, size: int) -> Floats:

@@ -74,10 +74,10 @@ def find_seeds(source: Path) -> Found:
     A seed is a folder with a progress file; what it is of, the nearest folder says that has such a name.
 
     Raises:
-        ImportRefusedError: there is no such folder, or nothing in it.
+        ImportRefusedError: the folder does not exist or is empty.
     """
     if not source.is_dir():
-        raise ImportRefusedError(f"{source} is no folder: give the one that holds the experiments")
+        raise ImportRefusedError(f"{source} is not a folder: give the one that holds the experiments")
     seeds: list[SeedFolder] = []
     ignored: list[str] = []
     problems: dict[str, str] = {}

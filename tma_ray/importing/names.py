@@ -102,7 +102,7 @@ def parse(name: str) -> Setting:
             parts may come in any order, and any others between them.
 
     Raises:
-        UnknownNameError: something is missing, or is no name of the original.
+        UnknownNameError: something is missing, or not a name of the original.
 
     Examples:
         >>> parse("01-02_benchmark_parkour_RIAC_walker_type_fish").embodiment

@@ -199,7 +199,7 @@ def check_opcodes(data: bytes) -> None:
     """Refuses a pickle that would build anything but containers and what `find_class` grants.
 
     Raises:
-        PickleRefusal: it would, its parts are out of proportion, or it is no whole pickle.
+        PickleRefusal: it would, its parts are out of proportion, or it is incomplete.
     """
     walk, start = _Walk(), 0
     handlers, push = walk.handlers(), walk.stack.append
@@ -241,7 +241,7 @@ def _number(argument: bytes) -> int:
     try:
         return int(argument)
     except ValueError as error:
-        raise PickleRefusal("a place of its memo is no number") from error
+        raise PickleRefusal("a place of its memo is not a number") from error
 
 
 def _forbid(name: str, _: bytes) -> None:

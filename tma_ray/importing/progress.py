@@ -125,7 +125,9 @@ def _window(
     values = {name: float(value) if value else math.nan for name, value in zip(header, row, strict=True)}
     step = values[columns.step] * unit
     if not (math.isfinite(step) and step > 0 and step == int(step)):
-        raise DamagedSeedError(f"{path}, line {number}: {columns.step} = {values[columns.step]} is no step")
+        raise DamagedSeedError(
+            f"{path}, line {number}: {columns.step} = {values[columns.step]}: expected a step"
+        )
     return Window(
         step=int(step),
         mean_return=values[columns.mean_return],
@@ -150,7 +152,9 @@ def _config(path: Path) -> dict[str, Any]:
 def _whole(config: Mapping[str, Any], name: str, path: Path, least: int = 1) -> int:
     value = config.get(name)
     if type(value) is not int or value < least:
-        raise DamagedSeedError(f"{path}: {name} is no whole number of at least {least}; copy the file again")
+        raise DamagedSeedError(
+            f"{path}: {name}: expected a whole number of at least {least}; copy the file again"
+        )
     return value
 
 

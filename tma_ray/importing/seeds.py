@@ -57,7 +57,7 @@ def read_seed(folder: SeedFolder, progress: Progress, budget: int, largest_mebib
     that all have whole, with its `problem`.
 
     Raises:
-        DamagedSeedError: its files do not fit together, or there is no whole evaluation.
+        DamagedSeedError: its files do not fit together, or they hold no complete evaluation.
     """
     books = read_books(folder.books_file, folder.setting.environment, largest_mebibytes)
     asked = sum(window.evaluated for window in progress.windows)
@@ -105,7 +105,7 @@ def _tests(books: Books, evaluations: int, folder: SeedFolder) -> int:
 
 
 def _period(books: Books) -> int:
-    """Returns after how many test tasks they begin again; 0 if the returns are no whole evaluations."""
+    """Returns after how many test tasks they begin again; 0 if the returns are not complete evaluations."""
     tasks, count = books.test_tasks, len(books.test_returns)
     if not len(tasks) or count % len(tasks):
         return 0
@@ -119,7 +119,7 @@ def _period(books: Books) -> int:
 
 
 def _first(windows: tuple[Window, ...], evaluations: int) -> tuple[Window, ...]:
-    """Returns the windows up to the one with that evaluation, and those after it if there is no other."""
+    """Returns the windows up to the one with that evaluation, and those after it if it is the last."""
     places = [place for place, window in enumerate(windows) if window.evaluated]
     return windows if evaluations == len(places) else windows[: places[evaluations - 1] + 1]
 

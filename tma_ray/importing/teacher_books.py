@@ -106,7 +106,7 @@ def _boxes(boxes: Any, scores: Floats, size: int) -> tuple[ScoredBox, ...]:
 def _box(value: Any, score: float, size: int) -> ScoredBox:
     ends = matrix(value, size)
     if ends is None or len(ends) != 2 or not np.all(ends[0] <= ends[1]):
-        raise ValueError("a box is no pair of lows and highs")
+        raise ValueError("a box is not a pair of lows and highs")
     return ScoredBox(ends[0], ends[1], float(score))
 
 
@@ -160,7 +160,7 @@ def _array(value: Any) -> NDArray[np.float64]:
         return vector(value, "a scalar")
     if isinstance(value, int | float | np.ndarray):
         return np.asarray(value, dtype=np.float64)
-    raise ValueError("a scalar is no number")
+    raise ValueError("a scalar is not a number")
 
 
 def _parallel(books: Mapping[str, Any], names: tuple[str, ...], moments: str) -> list[tuple[Any, ...]]:

@@ -18,7 +18,7 @@ from tma_ray.tasks import TestSet
 
 ENDINGS: Final = (".csv", ".npy", ".pkl", ".pickle")
 WIDEST: Final = 100
-"""Numbers over which a row is no task of any environment."""
+"""Most numbers in a row that may be a task."""
 
 
 @dataclass(frozen=True)
@@ -47,7 +47,7 @@ def read_test_sets(source: Path, *, by_position: bool = False) -> tuple[list[Fou
         by_position: take columns in our order whatever their header calls them.
 
     Raises:
-        ImportRefusedError: there is no such place, or no test set in it.
+        ImportRefusedError: the place does not exist, or holds no test set.
     """
     if source.is_dir():
         paths = sorted(path for path in source.rglob("*") if path.suffix in ENDINGS and path.is_file())
@@ -90,7 +90,7 @@ def write_test_sets(found: Sequence[FoundTestSet], output: Path) -> list[Path]:
 def _read(path: Path, by_position: bool) -> FoundTestSet:
     names, tasks = _READERS[path.suffix](path) if path.suffix in _READERS else ((), None)
     if tasks is None:
-        raise DamagedSeedError(f"{path} is no list of tasks: rows of equally many finite numbers")
+        raise DamagedSeedError(f"{path}: expected a list of tasks, rows of equally many finite numbers")
     width = tasks.shape[1]
     environments = {len(dimensions): name for name, dimensions in DIMENSIONS.items()}
     if width not in environments:

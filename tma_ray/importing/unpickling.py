@@ -41,7 +41,7 @@ def load_pickle(path: Path, largest_mebibytes: int = LARGEST_MEBIBYTES) -> Any:
         largest_mebibytes: size over which it is refused, MiB.
 
     Raises:
-        RefusedPickleError: there is no such file, it is too large, no whole pickle, or asks for anything
+        RefusedPickleError: the file does not exist, is too large or incomplete, or asks for anything
             else; nothing that it asked for was imported, called or changed.
     """
     try:
@@ -67,7 +67,7 @@ def load_pickle(path: Path, largest_mebibytes: int = LARGEST_MEBIBYTES) -> Any:
 
 
 def _told(error: BaseException) -> str:
-    return f"it is no pickle of arrays and containers ({type(error).__name__}: {str(error)[:120]})"
+    return f"it is not a pickle of arrays and containers ({type(error).__name__}: {str(error)[:120]})"
 
 
 class _Unpickler(pickle.Unpickler):

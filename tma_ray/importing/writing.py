@@ -129,7 +129,7 @@ class ImportWriter:
     def _teacher_rows(self, seed: ImportedSeed) -> list[dict[str, Any]]:
         notes = self.notes.setdefault(seed.folder.name, [])
         if seed.books.samples is None:
-            notes.append("its probes were left out: periodical_samples is no list of tasks")
+            notes.append("its probes were left out: periodical_samples is not a list of tasks")
         if not len(seed.books.bounds):
             notes.append("its task space is unknown: env_param_bounds does not fit its tasks")
         try:

@@ -46,7 +46,7 @@ def _check_content(store: Store) -> None:
     foreign = [path for path in store.files() if not path.startswith(ours)]
     if foreign:
         raise ResultsRootError(
-            f"{store} is not empty ({foreign[0]}) and is no results root; choose a new or empty folder"
+            f"{store} is neither empty ({foreign[0]}) nor a results root; choose a new or empty folder"
         )
 
 
@@ -74,8 +74,8 @@ def check_root(store: Store) -> None:
     except FileNotFoundError:
         store.check_bucket()
         raise ResultsRootError(
-            f"{store} is no results root: it has no {ROOT_FILE}; name the folder or address that was given "
-            f"to tma-ray as --results"
+            f"{store} is not a results root: {ROOT_FILE} is missing; give the folder or address that "
+            f"was passed to --results"
         ) from None
     except (ValueError, KeyError, TypeError) as error:
         raise ResultsRootError(f"{store.where(ROOT_FILE)} is damaged: {error}") from error

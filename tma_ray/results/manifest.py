@@ -98,7 +98,7 @@ class Manifest:
         """Returns what `to_bytes` was called on.
 
         Raises:
-            DamagedFileError: `data` is no manifest.
+            DamagedFileError: `data` is not a manifest.
         """
         try:
             content = json.loads(data)
@@ -118,7 +118,7 @@ class Manifest:
 
         Raises:
             FileNotFoundError: the run has published nothing.
-            DamagedFileError: the file is no manifest.
+            DamagedFileError: the file is not a manifest.
         """
         path = manifest_path(run_id)
         try:

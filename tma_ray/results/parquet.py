@@ -51,7 +51,7 @@ def decode_rows(file: Any, first: int, count: int, columns: Sequence[str]) -> pa
     """Returns `count` rows from `first` on of an open Parquet file, reading the row groups that hold them.
 
     Raises:
-        OSError, pa.ArrowException: the bytes are no whole Parquet file.
+        OSError, pa.ArrowException: the bytes are not a complete Parquet file.
         IndexError: the file does not have so many rows.
     """
     parquet = pq.ParquetFile(file, page_checksum_verification=True)
@@ -70,7 +70,7 @@ def decode(data: bytes, columns: Sequence[str] | None = None) -> pa.Table:
     """Returns the rows of a Parquet file, all columns or these in this order.
 
     Raises:
-        OSError, pa.ArrowException: the bytes are no whole Parquet file.
+        OSError, pa.ArrowException: the bytes are not a complete Parquet file.
     """
     file = pq.ParquetFile(pa.BufferReader(data), page_checksum_verification=True)
     rows = file.read(None if columns is None else list(columns), use_threads=False)

@@ -61,7 +61,7 @@ def read_published(store: Store) -> pa.Table:
     Raises:
         FileNotFoundError: there is none.
         ValueError: the file has other columns.
-        OSError, pa.ArrowException: it is no whole Parquet file.
+        OSError, pa.ArrowException: it is not a complete Parquet file.
     """
     data = pa.BufferReader(store.read_bytes(PUBLISHED_FILE))
     table = pq.ParquetFile(data, page_checksum_verification=True).read()

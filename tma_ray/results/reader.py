@@ -86,7 +86,7 @@ class Results:
         meant = [name] if name in runs else [run for run in runs if run.startswith(name)]
         if len(meant) == 1:
             return runs[meant[0]]
-        problem = f"{len(meant)} runs begin with" if meant else "there is no run called"
+        problem = f"{len(meant)} runs begin with" if meant else "unknown run"
         shown = (meant or list(runs))[:SHOWN_RUNS]
         rest = ", …" if len(meant or runs) > SHOWN_RUNS else ""
         raise ValueError(f"{problem} {name!r}; {self.store} has {', '.join(shown) or 'no runs'}{rest}")

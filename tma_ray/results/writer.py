@@ -36,7 +36,9 @@ class RunWriter:
     def __init__(self, store: Store, run_id: str, attempt: int, committed: Sequence[PartFile] = ()) -> None:
         foreign = [part.path for part in committed if not part.path.startswith(staging_folder(run_id) + "/")]
         if foreign:
-            raise ValueError(f"{foreign[0]} is no part of run {run_id}; was the checkpoint taken by another?")
+            raise ValueError(
+                f"{foreign[0]} does not belong to run {run_id}: was the checkpoint another run's?"
+            )
         self.store = store
         self.run_id = run_id
         self.attempt = attempt

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True)
 class Placement:
-    """How a run is executed, which is no part of what it computes.
+    """Placement of a run, which does not change what it computes.
 
     Attributes:
         device: torch's name of where networks live.

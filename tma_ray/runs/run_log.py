@@ -61,6 +61,6 @@ class RunLog(logging.Handler):
         """Writes all messages so far, if there are new ones."""
         count = len(self._lines)
         if count > self._published:
-            with suppress(StorageError):  # a log is no reason to fail; the next publication holds it all
+            with suppress(StorageError):  # no run fails for its log; the next publication holds all
                 self._store.write_bytes(self._path, ("\n".join(self._lines) + "\n").encode())
                 self._published = count

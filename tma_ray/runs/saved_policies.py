@@ -90,7 +90,7 @@ def find_policy(name: str, results: str | Path) -> SavedPolicy:
         results: folder or URI of a results root.
 
     Raises:
-        ValueError: there is no such policy, or several runs could be meant.
+        ValueError: the policy does not exist, or several runs could be meant.
     """
     path = Path(name)
     if path.exists():
@@ -104,7 +104,7 @@ def _in_folder(store: Store, folder: str) -> SavedPolicy:
     path = f"{folder}/{SPEC_FILE}"
     if not store.exists(path):
         raise ValueError(
-            f"there is no saved policy in {store.where(folder)}: it has no {SPEC_FILE}; "
+            f"no policy is saved in {store.where(folder)}: {SPEC_FILE} is missing; "
             f"a run saves its policy when it ends"
         )
     try:

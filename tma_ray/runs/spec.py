@@ -62,7 +62,7 @@ class Plugin:
 
 @dataclass(frozen=True)
 class InputFile:
-    """A file that a run reads, told by its content; where it lay is no part of the run.
+    """A file that a run reads, told by its content; where it lay does not matter.
 
     Attributes:
         name: its name without the folder, under which results show it.

@@ -79,7 +79,7 @@ class InlineTeacher:
         """Reports a finished episode (none before the first) and asks for the next task.
 
         Raises:
-            ValueError: the teacher proposes something that is no task of its space.
+            ValueError: the teacher proposes something else than a task of its space.
         """
         query = None if episode is None else self._teacher.observe(episode)
         return self._reply(query)

@@ -143,7 +143,7 @@ class Student(ABC):
 
         Raises:
             PolicyFileError: as in `load_policy`.
-            ValueError: the policy is no row of layers.
+            ValueError: the policy is not a row of layers.
         """
         raise ValueError(
             f"student {cls.__name__} does not define policy_layers, which tells what it computes"

@@ -167,6 +167,6 @@ def policy_layers(name: str, folder: Path) -> nn.Sequential:
     Raises:
         UnknownNameError: no student answers to `name`.
         PolicyFileError: a file that no such student wrote.
-        ValueError: the policy is no row of layers, or its student does not tell.
+        ValueError: the policy is not a row of layers, or its student does not tell.
     """
     return STUDENTS.get(name).policy_layers(folder)

@@ -75,14 +75,14 @@ class StoredPolicy:
                 found, wanted = f"{tensor.dtype} {tensor.shape}", f"{kind} {tuple(shape)}"
                 self.refuse_tensors(f"tensor {name!r} is {found}, expected {wanted}")
         for name in sorted(self.tensors.keys() - expected.keys()):
-            self.refuse_tensors(f"tensor {name!r} is no part of the policy")
+            self.refuse_tensors(f"tensor {name!r} does not belong to the policy")
 
     def refuse_tensors(self, problem: str) -> NoReturn:
         """Raises a `PolicyFileError` about the tensors."""
         raise PolicyFileError(self.folder / TENSORS_FILE, f"{problem}; {_ADVICE}")
 
     def refuse(self, problem: str) -> NoReturn:
-        """Raises a `PolicyFileError` about what is no tensor."""
+        """Raises a `PolicyFileError` about what is not a tensor."""
         raise PolicyFileError(self.folder / POLICY_FILE, f"{problem}; {_ADVICE}")
 
 
@@ -138,7 +138,7 @@ def read_policy(folder: Path, student: str) -> StoredPolicy:
         )
     hyperparameters = content.get("hyperparameters")
     if not isinstance(hyperparameters, dict):
-        raise PolicyFileError(path, f"hyperparameters are no object; {_ADVICE}")
+        raise PolicyFileError(path, f"hyperparameters: expected an object; {_ADVICE}")
     observation_space, action_space = (
         _box(path, content, f"{kind}_space") for kind in ("observation", "action")
     )
@@ -168,7 +168,7 @@ def _tensors(path: Path) -> dict[str, NDArray[Any]]:
 
 def _bytes(path: Path) -> bytes:
     if not path.is_file():
-        problem = f"there is no such file; a saved policy is {POLICY_FILE} and {TENSORS_FILE}: {_ADVICE}"
+        problem = f"the file does not exist; a saved policy is {POLICY_FILE} and {TENSORS_FILE}: {_ADVICE}"
         raise PolicyFileError(path, problem)
     return path.read_bytes()
 

@@ -72,7 +72,7 @@ class ReplayBuffer:
         self._first_ending, self._next_ending = 1, 1  # numbers of the endings kept: [first, next)
 
     def add(self, transition: Transition, action: NDArray[np.float32]) -> None:
-        """Stores `transition`, and forgets the oldest if there is no room.
+        """Stores `transition`, and forgets the oldest if the buffer is full.
 
         Args:
             transition: what happened; its own action is not read.

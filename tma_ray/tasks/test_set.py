@@ -57,7 +57,7 @@ class TestSet:
         """Reads a test set: a header of dimension names, then one task a line.
 
         Raises:
-            ValueError: a line that is no task; the message names file and line.
+            ValueError: a line that does not hold a task; the message names file and line.
         """
         with path.open(newline="") as file:
             rows = [row for row in csv.reader(file) if row]

@@ -21,7 +21,7 @@ class Teacher(ABC):
     whose names end in an underscore: these, and the generator, are the teacher's complete state.
 
     The run calls `start` once, then in turn `sample`, `observe` and, if that returned a query,
-    `answer`, until there is no further query. Between episodes it may call `probe`.
+    `answer`, until it has none left. Between episodes it may call `probe`.
 
     Attributes:
         algorithm_version: part of the identity of every run: raised with each change that gives other

@@ -78,7 +78,7 @@ class CPPN:
         except FileNotFoundError as error:
             raise ValueError(f"no file of CPPN weights {str(path)!r}") from error
         except (zipfile.BadZipFile, EOFError, AttributeError, TypeError) as error:
-            raise ValueError(f"{path} is no .npz file of CPPN weights") from error
+            raise ValueError(f"{path} is not an .npz file of CPPN weights") from error
         except ValueError as error:
             raise ValueError(f"{path}: {error}") from error
 

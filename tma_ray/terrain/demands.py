@@ -46,7 +46,7 @@ CLIMBER_CLIMB = 8.0
 """Greatest rise or drop of the ceiling within the window, in m."""
 
 CLIMBER_GAP = 4.0
-"""Gap between creepers from which on they are no help, in m: the span of both arms; the ceiling remains."""
+"""Gap between creepers from which on they do not help, in m: the span of both arms; the ceiling remains."""
 
 Floats = NDArray[np.float64]
 

@@ -11,7 +11,7 @@ from tma_ray.tasks import TaskSpace, TeacherUpdate
 
 
 def check_tasks(tasks: Iterable[Any], space: TaskSpace, name: str) -> None:
-    """Refuses what is no float32 task of `space`, or outside it."""
+    """Refuses all but float32 tasks inside `space`."""
     for task in tasks:
         assert isinstance(task, np.ndarray), f"{name} gave {task!r}; expected a numpy array"
         assert task.dtype == np.float32, f"{name} gave {task.dtype} tasks; expected float32 (space.clip)"

@@ -76,7 +76,7 @@ class TeacherConformance:
         assert issubclass(self.teacher, Teacher), f"{self._name} does not inherit from Teacher"
         annotated = set(inspect.get_annotations(self.teacher))
         forgotten = sorted(annotated - set(self.teacher.__dataclass_fields__))
-        assert not forgotten, f"{self._name}: {forgotten} are no fields; decorate the class with @dataclass"
+        assert not forgotten, f"{self._name}: {forgotten} must be fields; decorate the class with @dataclass"
         needed = [
             field.name
             for field in dataclasses.fields(self.teacher)

@@ -1,4 +1,4 @@
-"""The exchange of simulated students with a teacher: an episode, then its queries until there are no more."""
+"""The exchange of simulated students with a teacher: an episode, then its queries until none is left."""
 
 from __future__ import annotations
 

@@ -93,7 +93,7 @@ def parse_task(text: str | None, space: TaskSpace, domain: TaskSpace, rng: np.ra
         try:
             values[name.strip()] = float(value)
         except ValueError:
-            raise ValueError(f"task {text!r}: {name} = {value!r} is no number") from None
+            raise ValueError(f"task {text!r}: {name} = {value!r}: expected a number") from None
     return check_task(list(values.values()), domain)
 
 

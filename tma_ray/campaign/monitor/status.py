@@ -73,7 +73,7 @@ def _sign_of_life(heartbeat: Heartbeat | None, now: float) -> str:
         return f"Running: {heartbeat.holder}; last heartbeat {age}."
     at = datetime.fromtimestamp(heartbeat.at, UTC).strftime("%Y-%m-%d %H:%M UTC")
     how = "it left" if heartbeat.ended else "its last heartbeat came"
-    return f"Nobody is running. {heartbeat.holder}: {how} {age} ({at})."
+    return f"No campaign is running. {heartbeat.holder}: {how} {age} ({at})."
 
 
 def _headline(runs: Sequence[RunState]) -> str:

@@ -57,7 +57,7 @@ def compact(root: str | Path) -> Compaction:
         root: a folder, or an ``s3://`` or ``gs://`` address.
 
     Raises:
-        ResultsRootError: there is no such root.
+        ResultsRootError: the root does not exist.
         RootInUseError: a campaign is running on it.
         DamagedFileError: a file cannot be read; nothing of its experiment was changed.
     """

@@ -23,7 +23,7 @@ def read_slice(store: Store, file: PartFile, columns: Sequence[str]) -> pa.Table
     Raises:
         FileNotFoundError: the file is not there.
         DamagedFileError: it has too few rows.
-        OSError, pa.ArrowException: it is no whole Parquet file.
+        OSError, pa.ArrowException: it is not a complete Parquet file.
     """
     first = file.first or 0
     try:

@@ -36,7 +36,7 @@ CONNECT_SECONDS: Final = 10.0
 PARAMETERS: Final = {"s3": ("region", "scheme", "endpoint_override"), "gs": ("scheme", "endpoint_override")}
 """What a URI may say after its question mark."""
 
-NO_BUCKET: Final = "there is no such bucket; create it, or correct the root"
+NO_BUCKET: Final = "the bucket does not exist; create it, or correct the root"
 
 _ADVICE: Final = {
     "NO_SUCH_BUCKET": NO_BUCKET,

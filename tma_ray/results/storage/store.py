@@ -151,7 +151,7 @@ class Store:
         """Refuses an object store whose bucket does not exist, which reads and lists like an empty one.
 
         Raises:
-            ObjectStoreError: there is no such bucket, or we may not list it.
+            ObjectStoreError: the bucket does not exist, or we may not list it.
         """
         if self.is_object_store:
             with explained(str(self)), suppress(FileNotFoundError):  # that is an empty folder
@@ -161,7 +161,7 @@ class Store:
         """Tries whether an object store lets us list, write, read and delete; leaves nothing there.
 
         Raises:
-            ObjectStoreError: it does not, or there is no such bucket.
+            ObjectStoreError: it does not, or the bucket does not exist.
         """
         if not self.is_object_store:
             return

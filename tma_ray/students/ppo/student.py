@@ -31,7 +31,7 @@ from tma_ray.students.sb3.stable_baselines import Experience, StableBaselinesStu
 NORMALISER_FILE = "normaliser.json"
 
 POLICY = "ppo"
-"""What saved policies say that they are; those of `StockPPO` are no different."""
+"""What saved policies say that they are; those of `StockPPO` say the same."""
 
 
 class PPO(StableBaselinesStudent[PPOHyperparameters, stable_baselines3.PPO]):

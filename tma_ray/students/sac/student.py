@@ -32,7 +32,7 @@ from tma_ray.students.sac.update import SQUASH_EPSILON, SACUpdate
 from tma_ray.students.sb3.stable_baselines import Experience, StableBaselinesStudent
 
 POLICY = "sac"
-"""What saved policies say that they are; those of `StockSAC` are no different."""
+"""What saved policies say that they are; those of `StockSAC` say the same."""
 
 
 class SAC(StableBaselinesStudent[SACHyperparameters, stable_baselines3.SAC]):

@@ -33,7 +33,7 @@ class Arrangement:
     """Where everything is, in pixels.
 
     Attributes:
-        world: the frame of the world, in its own proportions; empty if there is no room.
+        world: the frame of the world, in its own proportions; empty in a window that is too small.
         panel: behind sliders and text.
         sliders: each one's area.
         text: of the lines under the sliders.

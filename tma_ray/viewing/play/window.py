@@ -31,7 +31,7 @@ class Window:
         title: of the window.
 
     Raises:
-        ValueError: there is no display.
+        ValueError: no display is available.
     """
 
     def __init__(self, board: Board, size: tuple[int, int], title: str) -> None:
