@@ -9,6 +9,7 @@ from dataclasses import asdict, dataclass, field
 from enum import StrEnum
 from typing import Any, Final, Self
 
+from tma_ray.decoding import DamagedFileError, Natural, Sha256, decode_json
 from tma_ray.results import Store, check_path
 
 BASELINE_FILE: Final = "baseline.json"
@@ -40,14 +41,25 @@ class BaselineFile:
     """
 
     path: str
-    size: int
-    sha256: str
+    size: Natural
+    sha256: Sha256
+
+    def __post_init__(self) -> None:
+        check_path(self.path)
 
     @classmethod
     def of(cls, store: Store, path: str) -> Self:
         """Returns what the file at `path` is now."""
         data = store.read_bytes(path)
         return cls(path, len(data), hashlib.sha256(data).hexdigest())
+
+
+@dataclass(frozen=True)
+class _Format:
+    """What every version of `BASELINE_FILE` says first."""
+
+    format: str
+    format_version: int
 
 
 @dataclass(frozen=True)
@@ -72,9 +84,9 @@ class BaselineManifest:
 
     name: str
     kind: BaselineKind
-    schema_version: int
+    schema_version: Natural
     engine: str
-    physics_versions: tuple[int, ...]
+    physics_versions: tuple[Natural, ...]
     licence: str
     created: str
     software: str
@@ -98,22 +110,15 @@ class BaselineManifest:
         """
         where = store.where(BASELINE_FILE)
         try:
-            content = json.loads(store.read_bytes(BASELINE_FILE))
-            known = content.pop("format"), content.pop("format_version")
-            if known != (FORMAT, FORMAT_VERSION):
+            data = store.read_bytes(BASELINE_FILE)
+            kind = decode_json(data, _Format, where)
+            if (kind.format, kind.format_version) != (FORMAT, FORMAT_VERSION):
                 raise BaselineError(
-                    f"{where} is {known[0]!r} of version {known[1]!r}; expected {FORMAT!r} of version 1"
+                    f"{where} is {kind.format!r} of version {kind.format_version}; expected {FORMAT!r} of "
+                    f"version {FORMAT_VERSION}"
                 )
-            content["kind"] = BaselineKind(content["kind"])
-            for name in ("physics_versions", "caveats", "benchmark_versions"):
-                content[name] = tuple(content.get(name, ()))
-            content["files"] = tuple(BaselineFile(**file) for file in content["files"])
-            for file in content["files"]:
-                check_path(file.path)
-            return cls(**content)
+            return decode_json(data, cls, where)
         except FileNotFoundError:
             raise BaselineError(f"{store} is not a baseline: {BASELINE_FILE} is missing") from None
-        except BaselineError:
-            raise
-        except (ValueError, KeyError, TypeError, AttributeError) as error:
-            raise BaselineError(f"{where} is damaged: {error}") from error
+        except DamagedFileError as error:
+            raise BaselineError(str(error)) from error

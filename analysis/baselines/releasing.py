@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 import shutil
+from collections.abc import Sequence
 from dataclasses import replace
 from datetime import UTC, datetime
 from importlib.metadata import version
@@ -27,7 +28,7 @@ from analysis.frames import STATUSES, Frames, load
 from analysis.table import Table
 from analysis.table_results import table_results
 from analysis.tables import result_tables
-from tma_ray.results import CHIPMUNK, SCHEMA_VERSION, Store, copy_merged, holder_of
+from tma_ray.results import CHIPMUNK, SCHEMA_VERSION, Copy, Store, copy_merged, holder_of
 
 HELD: Final = {
     "campaigns": "campaign",
@@ -58,7 +59,7 @@ def release(
         name: of the release and its folder.
         output: folder in which that is made; the current one by default.
         licence: under which others may use it, an SPDX identifier such as ``CC-BY-4.0``.
-        partial: pack campaigns that are not done as well, and say so.
+        partial: pack campaigns that are not done or are damaged as well, and say so.
 
     Returns:
         The new folder.
@@ -67,7 +68,7 @@ def release(
         ResultsRootError: there is no such root.
         BaselineError: a campaign is at work on the root, a run is not done, the root holds none or is
             damaged, or the folder exists.
-        DamagedFileError: a file of the root cannot be read.
+        DamagedFileError: a newer version wrote columns that would be lost.
     """
     folder = _new_folder(name, output or Path())
     frames = load(root)
@@ -76,10 +77,12 @@ def release(
     aside = folder.parent / f".{name}-{uuid4().hex[:8]}"
     try:
         store = Store.open(aside)
-        left_out = copy_merged(frames.results, store)
+        copy = copy_merged(frames.results, store)
+        _refuse_damaged(copy.damaged, partial)
         shutil.rmtree(aside / "tmp", ignore_errors=True)
-        manifest = _manifest(frames, name, licence, missing, left_out, store)
-        text = card(manifest, _made(frames), tables=_tables(frames))
+        released = load(aside)
+        manifest = _manifest(released, name, licence, missing, copy, store)
+        text = card(manifest, _made(released), tables=_tables(released))
         (aside / CARD_FILE).write_text(text, encoding="utf-8")
         files = tuple(BaselineFile.of(store, path) for path in store.files())
         content = replace(manifest, files=files).to_bytes()
@@ -111,8 +114,7 @@ def _refuse_unfinished(frames: Frames, partial: bool) -> str:
     holder = holder_of(frames.results.store)
     if holder is not None:
         raise BaselineError(f"{holder} is at work on the root: wait for its end, or stop it first")
-    if frames.results.problems:
-        raise BaselineError(f"the root is damaged: {frames.results.problems[0]}")
+    _refuse_damaged(frames.results.problems, partial)
     if frames.cells.empty:
         raise BaselineError("the root holds no runs: there is nothing to release")
     runs = frames.cells.drop_duplicates("run_id")["status"]
@@ -124,8 +126,17 @@ def _refuse_unfinished(frames: Frames, partial: bool) -> str:
     return missing
 
 
+def _refuse_damaged(problems: Sequence[str], partial: bool) -> None:
+    if problems and not partial:
+        more = f" (and {len(problems) - 1} more)" if len(problems) > 1 else ""
+        raise BaselineError(
+            f"the root is damaged: {problems[0]}{more}; start its campaign again, which does damaged runs "
+            f"again, or leave out what is damaged with --partial"
+        )
+
+
 def _manifest(
-    frames: Frames, name: str, licence: str, missing: str, left_out: list[str], store: Store
+    frames: Frames, name: str, licence: str, missing: str, copy: Copy, store: Store
 ) -> BaselineManifest:
     cells = frames.cells.astype({"seed": object})
     columns = {title: cells[column].dropna().tolist() for title, column in HELD.items()}
@@ -137,10 +148,11 @@ def _manifest(
     counts = {"runs": len(frames.results.runs()), "evaluations": len(evaluations)}
     counts["policies"] = len({path.split("/")[1] for path in store.files("policies")})
     caveats = [*frames.warnings]
-    if left_out:
+    if copy.policy_files:
         caveats.append(
-            f"{len(left_out)} files of policies were left out, being neither JSON nor safetensors."
+            f"{len(copy.policy_files)} files of policies were left out, being neither JSON nor safetensors."
         )
+    caveats += [f"Left out, being damaged: {problem}" for problem in copy.damaged]
     if counts["policies"] < counts["runs"]:
         caveats.append(f"{counts['runs'] - counts['policies']} of {counts['runs']} runs have no policy here.")
     engines = " and ".join(sorted(cells["engine"].unique()))

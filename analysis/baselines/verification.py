@@ -12,7 +12,7 @@ import pyarrow as pa
 
 from analysis.baselines.catalogue import Baseline, find_baseline
 from analysis.baselines.manifest import BASELINE_FILE, BaselineFile, BaselineKind
-from tma_ray.results import Results, ResultsRootError, Store, read_published
+from tma_ray.results import ResultsRootError, Store, read_published, verify_root
 
 ENDINGS: Final = (".json", ".parquet", ".safetensors", ".md")
 """What files of a baseline are: nothing that runs when it is read."""
@@ -81,16 +81,16 @@ def _damage(store: Store, file: BaselineFile) -> Iterator[str]:
 
 def _damaged_runs(store: Store, baseline: Baseline) -> Iterator[str]:
     try:
-        results = Results(store)
+        found = verify_root(store)
     except ResultsRootError as error:
         yield str(error)
         return
-    yield from results.problems
+    yield from map(str, found.damage)
+    yield from (f"{path} belongs to no run" for path in found.unlisted)
     recorded = {file.path: file.sha256 for file in baseline.manifest.files}
-    for manifest in results.runs():
-        for file in manifest.files:
-            if recorded.get(file.path) != file.sha256:
-                yield f"run {manifest.run.run_id} refers to another {file.path} than the recorded one"
+    for path, sha256 in found.files:
+        if recorded.get(path) != sha256:
+            yield f"a run refers to another {path} than the recorded one"
     counted = baseline.manifest.holds.get("runs")
-    if len(results.runs()) != counted:
-        yield f"it has {len(results.runs())} runs that can be read, not {counted}"
+    if found.runs != counted:
+        yield f"it has {found.runs} runs that can be read, not {counted}"

@@ -64,7 +64,7 @@ def _keep(store: Store, frames: Frames, runs: set[str], best: str) -> None:
         if Path(path).parts[1] != best:
             store.delete(path)
     for path in store.files(f"{TABLES}/{Table.CELLS}"):
-        rows = decode(store.read_bytes(path))
+        rows = decode(Table.CELLS, store.read_bytes(path))
         kept = rows.filter([run_id in runs for run_id in rows["run_id"].to_pylist()])
         store.write_bytes(path, encode(Table.CELLS, kept))
 

@@ -5,6 +5,7 @@ from itertools import count
 from pathlib import Path
 from typing import Any
 
+import msgspec
 import numpy as np
 import pytest
 from results_examples import TASKS_PER_EVALUATION, make_record, make_rows, tree
@@ -69,7 +70,7 @@ def campaign_of_one_run(store: Store, record: RunRecord) -> None:
     done, parts = 0, []
     if store.exists(CHECKPOINT):
         checkpoint = json.loads(store.read_bytes(CHECKPOINT))
-        done, parts = checkpoint["done"], [PartFile.from_json(part) for part in checkpoint["parts"]]
+        done, parts = checkpoint["done"], msgspec.convert(checkpoint["parts"], list[PartFile])
     writer = RunWriter(store, record.run_id, attempt, parts)
     for number, step in enumerate(STEPS[done:], start=done + 1):
         for table, rows in make_rows(np.random.default_rng(step), step):

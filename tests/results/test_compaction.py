@@ -14,6 +14,7 @@ from tma_ray.results import (
     AttemptOutcome,
     AttemptRecord,
     Committer,
+    Copy,
     DamagedFileError,
     DamagedFileWarning,
     Lease,
@@ -211,16 +212,18 @@ def test_a_root_in_use_is_refused(root: Store) -> None:
     assert content(root) == before
 
 
-@pytest.mark.filterwarnings("ignore::tma_ray.results.DamagedFileWarning")
 @pytest.mark.parametrize("path", ["tables/episodes/run-02.parquet", "manifests/run-02.json"])
-def test_damage_stops_it_before_anything_is_changed(root: Store, path: str) -> None:
+def test_damaged_runs_are_named_and_stay_as_they_are(root: Store, path: str) -> None:
     data = root.read_bytes(path)
     root.write_bytes(path, data[: len(data) // 2])
-    before = tree(root, keep=lambda path: path.startswith(("tables", "manifests")))
-    with pytest.raises(DamagedFileError, match=path.replace(".", r"\.")):
-        compact(root)
-    after = tree(root)
-    assert {path: after.get(path) for path in before} == before
+    before = tree(root, keep=lambda path: "run-02" in path)
+    with pytest.warns(DamagedFileWarning, match=path.replace(".", r"\.")):
+        assert compact(root).runs == 4
+    assert tree(root, keep=lambda path: "run-02" in path) == before
+    root.write_bytes(path, data)
+    assert not Results(root).problems
+    assert compact(root).runs == 4, "all of its experiment"
+    assert len(Results(root).table(Table.EPISODES, ["run-00", "run-02"])) == 12
 
 
 def test_a_file_written_otherwise_than_it_should_be_is_noticed(
@@ -257,7 +260,7 @@ def test_a_copy_holds_all_that_is_said_of_the_runs(root: Store, tmp_path: object
     root.write_bytes("policies/run-01/policy.pkl", b"danger")
     before = content(root)
     target = Store(root.filesystem, f"{root.base}-copy")
-    assert copy_merged(Results(root), target) == ["policies/run-01/policy.pkl"]
+    assert copy_merged(Results(root), target) == Copy(("policies/run-01/policy.pkl",), ())
     assert content(target) == before
     assert content(root) == before
     assert target.files("policies") == ("policies/run-01/policy.json",)

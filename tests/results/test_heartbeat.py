@@ -1,5 +1,5 @@
 from tma_ray.results import Heartbeat, HeartbeatWriter, RunProgress, Store
-from tma_ray.results.heartbeat import HEARTBEAT_SECONDS, SILENT_SECONDS
+from tma_ray.results.holding.heartbeat import HEARTBEAT_SECONDS, SILENT_SECONDS
 from tma_ray.results.layout import HEARTBEAT_FILE
 
 

@@ -6,8 +6,8 @@ from pathlib import Path
 import pytest
 
 from tma_ray.results import Lease, NotRunningError, RootInUseError, Store, ask_to_stop, holder_of
+from tma_ray.results.holding.lease import STOP_CHECK_SECONDS
 from tma_ray.results.layout import LEASE_FILE
-from tma_ray.results.lease import STOP_CHECK_SECONDS
 
 
 class Clock:

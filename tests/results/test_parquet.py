@@ -22,7 +22,7 @@ def rows_of(table: Table) -> pa.Table:
 @pytest.mark.parametrize("table", DATA_TABLES)
 def test_rows_come_back_with_types_and_units(table: Table) -> None:
     rows = rows_of(table)
-    back = decode(encode(table, rows))
+    back = decode(table, encode(table, rows))
     assert back.schema.equals(SCHEMAS[table])
     assert back.to_pylist() == rows.to_pylist()
     assert back.schema.metadata[b"tma_ray.schema_version"] == b"1"
@@ -31,7 +31,7 @@ def test_rows_come_back_with_types_and_units(table: Table) -> None:
 
 @pytest.mark.parametrize("table", Table)
 def test_a_table_without_rows_keeps_its_columns(table: Table) -> None:
-    back = decode(encode(table, SCHEMAS[table].empty_table()))
+    back = decode(table, encode(table, SCHEMAS[table].empty_table()))
     assert back.schema.equals(SCHEMAS[table])
     assert len(back) == 0
 
@@ -62,7 +62,7 @@ def test_a_flipped_bit_is_noticed() -> None:
     data = bytearray(encode(Table.EPISODES, rows_of(Table.EPISODES)))
     data[40] ^= 1
     with pytest.raises((OSError, pa.ArrowException)):
-        decode(bytes(data))
+        decode(Table.EPISODES, bytes(data))
 
 
 def episodes(run_id: str, count: int) -> pa.Table:
@@ -84,11 +84,11 @@ def test_rows_of_many_runs_are_read_back_run_by_run(monkeypatch: pytest.MonkeyPa
     assert [groups.row_group(place).num_rows for place in range(groups.num_row_groups)] == [5, 1, 5, 5, 2, 2]
     first = 0
     for part in parts:
-        rows = parquet.decode_rows(pa.BufferReader(data), first, len(part), part.column_names)
+        rows = parquet.decode_rows(Table.EPISODES, pa.BufferReader(data), first, len(part), part.column_names)
         assert parquet.same_rows(Table.EPISODES, rows, part)
         first += len(part)
     with pytest.raises(IndexError, match="it has 20 rows, not 21"):
-        parquet.decode_rows(pa.BufferReader(data), 19, 2, ["step"])
+        parquet.decode_rows(Table.EPISODES, pa.BufferReader(data), 19, 2, ["step"])
 
 
 def test_rows_are_the_same_by_value_and_order() -> None:

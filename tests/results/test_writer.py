@@ -1,3 +1,4 @@
+from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
 
@@ -44,7 +45,7 @@ def test_any_split_over_parts_and_attempts_gives_the_same_files(
     committed: tuple[PartFile, ...] = ()
     resume_at = 0
     for attempt, (survives, lost_flushes) in enumerate([*kills, (INTERVALS, 0)]):
-        writer = RunWriter(store, "run-1", attempt, [PartFile.from_json(p.to_json()) for p in committed])
+        writer = RunWriter(store, "run-1", attempt, [replace(part) for part in committed])
         for interval in range(resume_at, max(survives, resume_at)):
             for table, rows in ROWS[interval]:
                 writer.add(table, rows)
@@ -69,7 +70,7 @@ def test_parts_hold_what_was_added_since_the_last_flush(store: Store) -> None:
     second = writer.flush()
     assert second[:-1] == first
     assert second[-1].path == "staging/run-1/attempt-002/part-00001/evaluations.parquet"
-    rows = decode(second[-1].read(store)).to_pylist()
+    rows = decode(second[-1].table, second[-1].read(store)).to_pylist()
     assert second[-1].rows == len(rows) == len(ROWS[2][0][1])
     assert {row["run_id"] for row in rows} == {"run-1"}
     assert [row["task_index"] for row in rows] == [row["task_index"] for row in ROWS[2][0][1]]
@@ -85,7 +86,7 @@ def test_an_attempt_never_touches_the_files_of_another(store: Store) -> None:
         writer.add(*rows[0])
         writer.flush()
     assert before.items() <= tree(store).items()
-    steps = decode(successor.finish()[0].read(store))["step"].to_pylist()
+    steps = decode(Table.EVALUATIONS, successor.finish()[0].read(store))["step"].to_pylist()
     assert sorted(set(steps)) == [ROWS[i][0][1][0]["step"] for i in (0, 1, 3)]
     assert all(earlier <= later for earlier, later in pairwise(steps))
 
@@ -99,14 +100,14 @@ def test_a_writer_made_anew_within_an_attempt_keeps_what_is_committed(store: Sto
     writer.add(*ROWS[3][0])
     parts = writer.flush()
     assert parts[:-1] == committed
-    steps = [decode(part.read(store))["step"][0].as_py() for part in parts]
+    steps = [decode(part.table, part.read(store))["step"][0].as_py() for part in parts]
     assert steps == [rows[0][1][0]["step"] for rows in ROWS[:4]]
 
 
 def test_every_data_table_ends_as_one_file_also_without_rows(store: Store) -> None:
     final = RunWriter(store, "run-1", 0).finish()
     assert [(file.table, file.rows) for file in final] == [(table, 0) for table in DATA_TABLES]
-    assert all(len(decode(file.read(store))) == 0 for file in final)
+    assert all(len(decode(file.table, file.read(store))) == 0 for file in final)
 
 
 GOOD = {"step": 1, "sample": 0, "task": [0.5]}

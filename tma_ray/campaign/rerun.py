@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 import argparse
-import json
 from collections.abc import Sequence
 
 from tma_ray.campaign.plan import Plan
 from tma_ray.campaign.script import carry_out
-from tma_ray.results import Manifest, Results, RunStatus
+from tma_ray.results import Inspector, Results, RunRecord, RunStatus
 from tma_ray.runs.plugins import import_plugins
 from tma_ray.runs.spec import RunSpec
 
@@ -45,14 +44,15 @@ def plan_again(root: str, names: Sequence[str], *, failed: bool) -> Plan:
         raise ValueError(
             f"no run of {root} failed" if failed else "pass run IDs or --failed, for all that failed"
         )
-    return Plan(NAME, f"{len(chosen)} runs again", tuple(_spec(m) for m in chosen.values()), ())
+    whole = [m for m in chosen.values() if m.status is RunStatus.DONE]
+    for manifest, found in Inspector(results.store).inspect_all(whole):
+        if not found.damage:
+            raise ValueError(f"run {manifest.run.run_id} is done: there is nothing to run again")
+    return Plan(NAME, f"{len(chosen)} runs again", tuple(_spec(m.run) for m in chosen.values()), ())
 
 
-def _spec(manifest: Manifest) -> RunSpec:
-    run = manifest.run
-    if manifest.status is RunStatus.DONE:
-        raise ValueError(f"run {run.run_id} is done: there is nothing to run again")
-    spec = RunSpec.from_dict(json.loads(run.spec))
+def _spec(run: RunRecord) -> RunSpec:
+    spec = RunSpec.from_json(run.spec, f"the spec of run {run.run_id}")
     if spec.run_id != run.run_id:
         raise ValueError(
             f"the spec of run {run.run_id} is not its own: its manifest was edited or is damaged"

@@ -24,9 +24,7 @@ from tma_ray.results import (
     AttemptOutcome,
     AttemptRecord,
     Committer,
-    DamagedFileError,
     PartFile,
-    RunStatus,
     StorageError,
 )
 from tma_ray.runs.checkpoints import Checkpoints
@@ -92,11 +90,9 @@ class Scheduler:
         Returns:
             How many ended how.
         """
-        for spec in specs:
-            if self._is_done(spec):
-                self._done += 1
-            else:
-                self._waiting.append(spec)
+        done = self._committer.call(Committer.done, [spec.run_id for spec in specs])
+        self._done = len(done)
+        self._waiting.extend(spec for spec in specs if spec.run_id not in done)
         self._total, self._total_steps = len(specs), sum(spec.schedule.steps for spec in specs)
         try:
             while self._waiting or self._running or self._retries:
@@ -111,14 +107,6 @@ class Scheduler:
                 ray.kill(running.actor)
             self._view.close(self._snapshot())
         return self._snapshot()
-
-    def _is_done(self, spec: RunSpec) -> bool:
-        try:
-            published = self._committer.call(Committer.manifest, spec.run_id)
-        except DamagedFileError:
-            logger.warning("the manifest of run %s is damaged; the run is done again", spec.run_id)
-            return False
-        return published is not None and published.status is RunStatus.DONE
 
     def _fill(self) -> None:
         self._waiting.extend(self._retries.due())

@@ -1,8 +1,11 @@
 """Results as Parquet tables: written by runs, published by one committer, read by anyone."""
 
+from tma_ray.decoding import DamagedFileError, DamagedFileWarning
 from tma_ray.results.committer import Committer, StaleAttemptError, accepted_manifest
 from tma_ray.results.engines import BOX2D, BOX2D_TEST_SET, CHIPMUNK
-from tma_ray.results.heartbeat import Heartbeat, HeartbeatWriter, RunProgress
+from tma_ray.results.holding.heartbeat import Heartbeat, HeartbeatWriter, RunProgress
+from tma_ray.results.holding.lease import Lease, NotRunningError, RootInUseError, ask_to_stop, holder_of
+from tma_ray.results.inspection import Damage, Inspector
 from tma_ray.results.layout import (
     CHECKPOINTS,
     LOGS,
@@ -17,17 +20,25 @@ from tma_ray.results.layout import (
     policy_folder,
     staged_policy,
 )
-from tma_ray.results.lease import Lease, NotRunningError, RootInUseError, ask_to_stop, holder_of
-from tma_ray.results.manifest import DamagedFileError, Manifest, PartFile
-from tma_ray.results.merging.compaction import Compaction, compact, copy_merged
+from tma_ray.results.manifest import Manifest, PartFile
+from tma_ray.results.merging.compaction import Compaction, compact
+from tma_ray.results.merging.copying import Copy, copy_merged
 from tma_ray.results.published import PUBLISHED_FILE, PUBLISHED_SCHEMA, read_published, write_published
-from tma_ray.results.reader import DamagedFileWarning, Results
-from tma_ray.results.records import AttemptOutcome, AttemptRecord, RunRecord, RunStatus
+from tma_ray.results.reader import Results
+from tma_ray.results.records import (
+    AttemptOutcome,
+    AttemptRecord,
+    RunRecord,
+    RunStatus,
+    SpecFacts,
+    spec_digest,
+)
 from tma_ray.results.rows import teacher_log_row
 from tma_ray.results.schema import DATA_TABLES, SCHEMA_VERSION, SCHEMAS, Table
 from tma_ray.results.storage.errors import DISK_FULL, StorageError, explained_disk, retry
 from tma_ray.results.storage.object_store import ObjectStoreError
 from tma_ray.results.storage.store import Store
+from tma_ray.results.verification import RootVerification, verify_root
 from tma_ray.results.writer import RunWriter
 
 __all__ = [
@@ -47,10 +58,13 @@ __all__ = [
     "AttemptRecord",
     "Committer",
     "Compaction",
+    "Copy",
+    "Damage",
     "DamagedFileError",
     "DamagedFileWarning",
     "Heartbeat",
     "HeartbeatWriter",
+    "Inspector",
     "Lease",
     "Manifest",
     "NotRunningError",
@@ -59,10 +73,12 @@ __all__ = [
     "Results",
     "ResultsRootError",
     "RootInUseError",
+    "RootVerification",
     "RunProgress",
     "RunRecord",
     "RunStatus",
     "RunWriter",
+    "SpecFacts",
     "StaleAttemptError",
     "StorageError",
     "Store",
@@ -82,7 +98,9 @@ __all__ = [
     "policy_folder",
     "read_published",
     "retry",
+    "spec_digest",
     "staged_policy",
     "teacher_log_row",
+    "verify_root",
     "write_published",
 ]

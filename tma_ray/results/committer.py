@@ -2,13 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+import logging
+import re
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict
 from pathlib import Path, PurePosixPath
 from typing import Any, Final, Self
 
+from tma_ray.decoding import DamagedFileError
+from tma_ray.results.inspection import Inspector
 from tma_ray.results.layout import (
     CHECKPOINTS,
+    LOGS,
     STAGING,
     check_id,
     create_root,
@@ -18,15 +23,23 @@ from tma_ray.results.layout import (
     staging_folder,
     table_path,
 )
-from tma_ray.results.manifest import DamagedFileError, Manifest, PartFile
+from tma_ray.results.manifest import Manifest, PartFile
+from tma_ray.results.merging.shared_files import UNREADABLE
 from tma_ray.results.parquet import decode, encode
 from tma_ray.results.records import AttemptRecord, RunRecord, RunStatus
 from tma_ray.results.rows import to_arrow
 from tma_ray.results.schema import DATA_TABLES, SCHEMAS, Table
+from tma_ray.results.storage.errors import StorageError
 from tma_ray.results.storage.store import Store
 
 TEMPORARY_SECONDS: Final = 3600.0
 """Age over which a half-made file is taken to be left by a killed process, s."""
+
+
+ATTEMPT: Final = re.compile(r"attempt-(\d{1,9})")
+"""In the names of files that an attempt writes, its number."""
+
+logger = logging.getLogger(__name__)
 
 
 class StaleAttemptError(RuntimeError):
@@ -36,19 +49,30 @@ class StaleAttemptError(RuntimeError):
 def accepted_manifest(store: Store, run_id: str, attempt: int) -> Manifest | None:
     """Returns what a run has published, None if nothing, as long as `attempt` may go on with it.
 
+    A damaged manifest counts as none: it is replaced by the next that the attempt publishes.
+
     Raises:
         StaleAttemptError: a later attempt is accepted, or the run is done.
-        DamagedFileError: the manifest cannot be read.
     """
-    try:
-        published = Manifest.load(store, run_id)
-    except FileNotFoundError:
+    published = _readable(store, run_id)
+    if published is None:
         return None
     if published.status is RunStatus.DONE:
         raise StaleAttemptError(f"run {run_id} is done; attempt {attempt} may not publish")
     if published.attempt > attempt:
         raise StaleAttemptError(f"run {run_id}: attempt {attempt} is stale, {published.attempt} is accepted")
     return published
+
+
+def _readable(store: Store, run_id: str) -> Manifest | None:
+    """Returns the manifest of a run, None if there is none or it is damaged, which is logged."""
+    try:
+        return Manifest.load(store, run_id)
+    except FileNotFoundError:
+        return None
+    except DamagedFileError as error:
+        logger.warning("%s; it is written anew", error)
+        return None
 
 
 class Committer:
@@ -93,12 +117,33 @@ class Committer:
         Raises:
             StaleAttemptError: the run is done.
         """
-        published = self.manifest(run.run_id)
-        attempt = published.attempt + 1 if published else 0
-        self._accept(run.run_id, attempt)
+        published = _readable(self.store, run.run_id)
+        attempt = published.attempt + 1 if published else next_attempt(self.store, run.run_id)
+        accepted_manifest(self.store, run.run_id, attempt)
         files = published.files if published else ()
         self._replace(published, Manifest(run, RunStatus.RUNNING, attempt, files))
         return attempt
+
+    def done(self, run_ids: Iterable[str]) -> set[str]:
+        """Returns which of some runs are done and whole.
+
+        All their files are read and compared with their checksums. A run that is damaged is taken back, which
+        is logged, and may be started again.
+
+        Raises:
+            StorageError: the storage refuses to read.
+        """
+        readable = (_readable(self.store, run_id) for run_id in run_ids)
+        published = [manifest for manifest in readable if manifest and manifest.status is RunStatus.DONE]
+        whole = set()
+        for manifest, found in Inspector(self.store).inspect_all(published):
+            if found.damage:
+                logger.warning("%s; the run is done again", found.damage[0])
+                error = f"it was done, and is damaged: {found.damage[0]}"
+                self._replace(manifest, Manifest(manifest.run, RunStatus.FAILED, manifest.attempt, (), error))
+            else:
+                whole.add(manifest.run.run_id)
+        return whole
 
     def publish(self, run: RunRecord, attempt: int, parts: Sequence[PartFile]) -> None:
         """Makes the parts of a committed checkpoint the visible rows of the run.
@@ -112,7 +157,7 @@ class Committer:
             StaleAttemptError: a later attempt is accepted, or the run is done.
             FileNotFoundError: a part is not there.
         """
-        published = self._accept(run.run_id, attempt)
+        published = accepted_manifest(self.store, run.run_id, attempt)
         known = set(published.files) if published else set()
         for part in parts:
             if part not in known and not self.store.exists(part.path):
@@ -136,9 +181,9 @@ class Committer:
             raise ValueError(f"a run ends with one file for each of {', '.join(DATA_TABLES)}; got {final}")
         moved = tuple(file.at(table_path(file.table, run.run_id)) for file in final)
         done = Manifest(run, RunStatus.DONE, attempt, moved)
-        published = self.manifest(run.run_id)
+        published = _readable(self.store, run.run_id)
         if published != done:
-            published = self._accept(run.run_id, attempt)
+            published = accepted_manifest(self.store, run.run_id, attempt)
             for source, destination in zip(final, moved, strict=True):
                 if self.store.exists(source.path):
                     source.read(self.store)
@@ -155,7 +200,7 @@ class Committer:
         Raises:
             StaleAttemptError: a later attempt is accepted, or the run is done.
         """
-        published = self._accept(run.run_id, attempt)
+        published = accepted_manifest(self.store, run.run_id, attempt)
         files = published.files if published else ()
         self._replace(published, Manifest(run, RunStatus.FAILED, attempt, files, error))
 
@@ -182,18 +227,9 @@ class Committer:
         self.store.clear_temporaries(TEMPORARY_SECONDS)
         for place in (STAGING, CHECKPOINTS):
             for run_id in sorted({PurePosixPath(path).parts[1] for path in self.store.files(place)}):
-                published = self._readable_manifest(run_id)
+                published = _readable(self.store, run_id)
                 if published is not None and published.status is RunStatus.DONE:
                     self.store.delete(f"{place}/{check_id(run_id)}")
-
-    def _readable_manifest(self, run_id: str) -> Manifest | None:
-        try:
-            return self.manifest(run_id)
-        except DamagedFileError:
-            return None
-
-    def _accept(self, run_id: str, attempt: int) -> Manifest | None:
-        return accepted_manifest(self.store, run_id, attempt)
 
     def _move_policy(self, run_id: str, attempt: int) -> None:
         for path in self.store.files(staged_policy(run_id, attempt)):
@@ -211,8 +247,32 @@ class Committer:
         self, table: Table, name: str, rows: Sequence[Mapping[str, Any]], key: tuple[str, ...]
     ) -> None:
         path = table_path(table, name)
-        before = decode(self.store.read_bytes(path)).to_pylist() if self.store.exists(path) else []
+        before = self._rows_before(table, path)
         to_arrow(table, SCHEMAS[table], rows)  # refuses wrong columns before they are merged
         merged = {tuple(row[column] for column in key): row for row in [*before, *rows]}
         ordered = [merged[identity] for identity in sorted(merged)]
         self.store.write_bytes(path, encode(table, to_arrow(table, SCHEMAS[table], ordered)))
+
+    def _rows_before(self, table: Table, path: str) -> list[dict[str, Any]]:
+        """Returns the rows of a file that is about to be replaced; none if it is damaged, which is logged."""
+        try:
+            rows: list[dict[str, Any]] = decode(table, self.store.read_bytes(path)).to_pylist()
+        except FileNotFoundError:
+            return []
+        except UNREADABLE as error:
+            if isinstance(error, StorageError):
+                raise
+            logger.warning("%s is damaged and is written anew: %s", self.store.where(path), error)
+            return []
+        return rows
+
+
+def next_attempt(store: Store, run_id: str) -> int:
+    """Returns a number over that of every attempt at a run that has left a trace.
+
+    For runs without a manifest that can be read: no two attempts may ever write to the same files.
+    """
+    folders = (staging_folder(run_id), f"{CHECKPOINTS}/{check_id(run_id)}", f"{LOGS}/{run_id}")
+    names = (path.removeprefix(f"{folder}/") for folder in folders for path in store.files(folder))
+    found = [int(number) for name in names for number in ATTEMPT.findall(name)]
+    return 1 + max(found, default=-1)

@@ -4,9 +4,15 @@ from __future__ import annotations
 
 import json
 import re
+import warnings
+from dataclasses import asdict, dataclass
 from pathlib import PurePosixPath
-from typing import Final
+from typing import Final, NoReturn
 
+import pyarrow as pa
+
+from tma_ray.decoding import DamagedFileError, DamagedFileWarning, Natural, decode_json
+from tma_ray.results.parquet import schema_version
 from tma_ray.results.schema import SCHEMA_VERSION, Table
 from tma_ray.results.storage.store import TEMPORARY, Store
 
@@ -21,6 +27,19 @@ TABLES: Final = "tables"
 CHECKPOINTS: Final = "checkpoints"
 POLICIES: Final = "policies"
 LOGS: Final = "logs"
+
+
+@dataclass(frozen=True)
+class RootFile:
+    """The content of `ROOT_FILE`.
+
+    Attributes:
+        format: what the folder is.
+        schema_version: of all that is in it.
+    """
+
+    format: str
+    schema_version: Natural
 
 
 class ResultsRootError(ValueError):
@@ -39,7 +58,7 @@ def check_usable(store: Store) -> None:
 
 
 def _check_content(store: Store) -> None:
-    if store.exists(ROOT_FILE):
+    if store.exists(ROOT_FILE) or _version_of_tables(store) is not None:
         check_root(store)
         return
     ours = (LEASE_FILE, STOP_FILE, f"{TEMPORARY}/")
@@ -51,41 +70,69 @@ def _check_content(store: Store) -> None:
 
 
 def create_root(store: Store) -> None:
-    """Makes an empty place a results root; leaves one of this version as it is.
+    """Makes an empty place a results root; leaves one of this version as it is, and mends its `ROOT_FILE`.
 
     Raises:
         ResultsRootError: other files are there, or a root of another version.
     """
     _check_content(store)
-    if not store.exists(ROOT_FILE):
-        content = {"format": FORMAT, "schema_version": SCHEMA_VERSION}
-        store.write_bytes(ROOT_FILE, json.dumps(content, indent=1).encode())
+    content = RootFile(FORMAT, SCHEMA_VERSION)
+    if _root_file(store) != content:
+        store.write_bytes(ROOT_FILE, json.dumps(asdict(content), indent=1).encode())
 
 
 def check_root(store: Store) -> None:
     """Refuses what is not a results root of this version.
 
+    Where `ROOT_FILE` is missing or damaged, the version is that which the tables name.
+
     Raises:
         ResultsRootError: no results root, or one written by another version.
     """
-    try:
-        content = json.loads(store.read_bytes(ROOT_FILE))
-        known, version = content["format"], content["schema_version"]
-    except FileNotFoundError:
-        store.check_bucket()
+    content = _root_file(store)
+    if content is None or isinstance(content, DamagedFileError):
+        version = _version_of_tables(store)
+        if version is None:
+            _refuse(store, content)
+        problem = content or f"{store.where(ROOT_FILE)} is missing"
+        warnings.warn(f"{problem}; its tables are of version {version}", DamagedFileWarning, stacklevel=2)
+        content = RootFile(FORMAT, version)
+    if content.format != FORMAT:
+        raise ResultsRootError(f"{store.where(ROOT_FILE)} is of format {content.format!r}, not {FORMAT!r}")
+    if content.schema_version != SCHEMA_VERSION:
         raise ResultsRootError(
-            f"{store} is not a results root: {ROOT_FILE} is missing; give the folder or address that "
-            f"was passed to --results"
-        ) from None
-    except (ValueError, KeyError, TypeError) as error:
-        raise ResultsRootError(f"{store.where(ROOT_FILE)} is damaged: {error}") from error
-    if known != FORMAT:
-        raise ResultsRootError(f"{store.where(ROOT_FILE)} is of format {known!r}, not {FORMAT!r}")
-    if version != SCHEMA_VERSION:
-        raise ResultsRootError(
-            f"{store} has schema version {version}; this tma_ray reads and writes version {SCHEMA_VERSION}. "
-            f"Use the tma_ray that wrote it, or another root"
+            f"{store} has schema version {content.schema_version}; this tma_ray reads and writes version "
+            f"{SCHEMA_VERSION}. Use the tma_ray that wrote it, or another root"
         )
+
+
+def _root_file(store: Store) -> RootFile | DamagedFileError | None:
+    try:
+        return decode_json(store.read_bytes(ROOT_FILE), RootFile, store.where(ROOT_FILE))
+    except FileNotFoundError:
+        return None
+    except DamagedFileError as error:
+        return error
+
+
+def _version_of_tables(store: Store) -> int | None:
+    """Returns the schema version that a table of runs names, None if none can be read."""
+    for path in store.files(f"{TABLES}/{Table.RUNS}"):
+        try:
+            return store.read_parts(path, schema_version)
+        except (OSError, ValueError, KeyError, pa.ArrowException):
+            continue
+    return None
+
+
+def _refuse(store: Store, problem: DamagedFileError | None) -> NoReturn:
+    if problem is not None:
+        raise ResultsRootError(f"{problem}; there are no tables either that tell its version") from problem
+    store.check_bucket()
+    raise ResultsRootError(
+        f"{store} is not a results root: {ROOT_FILE} is missing; give the folder or address that was passed "
+        f"to --results"
+    )
 
 
 def check_id(name: str) -> str:

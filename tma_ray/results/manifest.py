@@ -4,18 +4,15 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Mapping
 from dataclasses import asdict, dataclass, replace
+from pathlib import PurePosixPath
 from typing import Any, Self
 
-from tma_ray.results.layout import check_path, manifest_path
-from tma_ray.results.records import RunRecord, RunStatus
+from tma_ray.decoding import DamagedFileError, Natural, Sha256, SmallNatural, decode_json
+from tma_ray.results.layout import TABLES, check_path, manifest_path, staging_folder, table_path
+from tma_ray.results.records import RunRecord, RunStatus, check_spec
 from tma_ray.results.schema import Table
 from tma_ray.results.storage.store import Store
-
-
-class DamagedFileError(ValueError):
-    """A file whose content is not what was written; the message names it."""
 
 
 @dataclass(frozen=True)
@@ -32,9 +29,12 @@ class PartFile:
 
     table: Table
     path: str
-    rows: int
-    sha256: str
-    first: int | None = None
+    rows: Natural
+    sha256: Sha256
+    first: Natural | None = None
+
+    def __post_init__(self) -> None:
+        check_path(self.path)
 
     @classmethod
     def write(cls, store: Store, path: str, table: Table, rows: int, data: bytes) -> Self:
@@ -63,12 +63,6 @@ class PartFile:
         value = asdict(self)
         return value if self.first is not None else {k: v for k, v in value.items() if k != "first"}
 
-    @classmethod
-    def from_json(cls, value: Mapping[str, Any]) -> Self:
-        """Returns what `to_json` was called on."""
-        path, first = check_path(value["path"]), value.get("first")
-        return cls(Table(value["table"]), path, value["rows"], value["sha256"], first)
-
 
 @dataclass(frozen=True)
 class Manifest:
@@ -84,7 +78,7 @@ class Manifest:
 
     run: RunRecord
     status: RunStatus
-    attempt: int
+    attempt: SmallNatural
     files: tuple[PartFile, ...] = ()
     error: str | None = None
 
@@ -93,42 +87,51 @@ class Manifest:
         content = asdict(self) | {"files": [file.to_json() for file in self.files]}
         return json.dumps(content, indent=1).encode()
 
-    @classmethod
-    def from_bytes(cls, data: bytes) -> Self:
-        """Returns what `to_bytes` was called on.
-
-        Raises:
-            DamagedFileError: `data` is not a manifest.
-        """
-        try:
-            content = json.loads(data)
-            return cls(
-                run=RunRecord(**content["run"]),
-                status=RunStatus(content["status"]),
-                attempt=content["attempt"],
-                files=tuple(PartFile.from_json(file) for file in content["files"]),
-                error=content["error"],
-            )
-        except (ValueError, KeyError, TypeError, AttributeError) as error:
-            raise DamagedFileError(f"not a manifest: {error!r}") from error
-
-    @classmethod
-    def load(cls, store: Store, run_id: str) -> Self:
+    @staticmethod
+    def load(store: Store, run_id: str) -> Manifest:
         """Returns the manifest of a run.
 
         Raises:
             FileNotFoundError: the run has published nothing.
-            DamagedFileError: the file is not a manifest.
+            DamagedFileError: as `load_manifest` does.
         """
-        path = manifest_path(run_id)
-        try:
-            manifest = cls.from_bytes(store.read_bytes(path))
-            if manifest.run.run_id != run_id:
-                raise DamagedFileError(f"it is about another run, {manifest.run.run_id!r}")
-            return manifest
-        except DamagedFileError as error:
-            raise DamagedFileError(f"{store.where(path)} is damaged: {error}") from error
+        return load_manifest(store, manifest_path(run_id))
+
+    def check(self, run_id: str) -> None:
+        """Refuses a manifest that cannot be that of `run_id`.
+
+        Raises:
+            ValueError: that of another run, one whose spec is not its own, or one that lists files of others.
+        """
+        if self.run.run_id != run_id:
+            raise ValueError(f"it is about another run, {self.run.run_id!r}")
+        check_spec(self.run)
+        for file in self.files:
+            own = file.path == table_path(file.table, run_id) or file.path.startswith(
+                f"{staging_folder(run_id)}/"
+            )
+            shared = file.first is not None and file.path.startswith(f"{TABLES}/{file.table}/")
+            if not (own or shared):
+                raise ValueError(f"it lists {file.path}, which is no file of run {run_id}")
+        listed = [(file.path, file.first) for file in self.files]
+        if len(set(listed)) < len(listed):
+            raise ValueError("it lists a file twice")
 
     def row(self) -> dict[str, Any]:
         """Returns the row of the table of runs."""
         return {**asdict(self.run), "status": self.status.value, "error": self.error}
+
+
+def load_manifest(store: Store, path: str) -> Manifest:
+    """Returns the manifest at `path`.
+
+    Raises:
+        FileNotFoundError: there is none.
+        DamagedFileError: the file is no manifest, that of another run, or lists what cannot be this run's.
+    """
+    manifest = decode_json(store.read_bytes(path), Manifest, store.where(path))
+    try:
+        manifest.check(PurePosixPath(path).name.removesuffix(".json"))
+    except ValueError as error:
+        raise DamagedFileError(f"{store.where(path)} is damaged: {error}") from error
+    return manifest

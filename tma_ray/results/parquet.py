@@ -9,7 +9,9 @@ from typing import Any, Final
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from tma_ray.results.schema import SCHEMAS, Table
+from tma_ray.decoding import DamagedFileError
+from tma_ray.results.rows import completed
+from tma_ray.results.schema import SCHEMAS, VERSION_KEY, Table
 
 ROW_GROUP_ROWS: Final = 1 << 17
 """Rows of a row group: several runs' evaluations, and a few megabytes of episodes."""
@@ -47,11 +49,12 @@ def encode_together(table: Table, parts: Iterable[pa.Table]) -> bytes:
     return bytes(sink.getvalue())
 
 
-def decode_rows(file: Any, first: int, count: int, columns: Sequence[str]) -> pa.Table:
+def decode_rows(table: Table, file: Any, first: int, count: int, columns: Sequence[str]) -> pa.Table:
     """Returns `count` rows from `first` on of an open Parquet file, reading the row groups that hold them.
 
     Raises:
-        OSError, pa.ArrowException: the bytes are not a complete Parquet file.
+        OSError, pa.ArrowException: the bytes are not a complete Parquet file of this table.
+        DamagedFileError: it lacks a column.
         IndexError: the file does not have so many rows.
     """
     parquet = pq.ParquetFile(file, page_checksum_verification=True)
@@ -62,25 +65,75 @@ def decode_rows(file: Any, first: int, count: int, columns: Sequence[str]) -> pa
         raise IndexError(f"it has {parquet.metadata.num_rows} rows, not {first + count}")
     groups = [i for i, end in enumerate(ends) if end > first and (i == 0 or ends[i - 1] < first + count)]
     skipped = ends[groups[0] - 1] if groups and groups[0] else 0
-    rows = parquet.read_row_groups(groups, list(columns), use_threads=False)
-    return rows.select(list(columns)).slice(first - skipped, count)
+    rows = parquet.read_row_groups(groups, _present(parquet, columns), use_threads=False)
+    return _completed(table, columns, rows).slice(first - skipped, count)
 
 
-def decode(data: bytes, columns: Sequence[str] | None = None) -> pa.Table:
-    """Returns the rows of a Parquet file, all columns or these in this order.
+def decode(table: Table, data: bytes, columns: Sequence[str] | None = None) -> pa.Table:
+    """Returns the rows of a Parquet file with all columns of its table, or these in this order.
 
     Raises:
-        OSError, pa.ArrowException: the bytes are not a complete Parquet file.
+        OSError, pa.ArrowException: the bytes are not a complete Parquet file of this table.
+        DamagedFileError: it lacks a column.
     """
     file = pq.ParquetFile(pa.BufferReader(data), page_checksum_verification=True)
-    rows = file.read(None if columns is None else list(columns), use_threads=False)
-    return rows if columns is None else rows.select(columns)
+    names = SCHEMAS[table].names if columns is None else columns
+    return _completed(table, names, file.read(_present(file, names), use_threads=False))
+
+
+def opened(data: bytes) -> pq.ParquetFile:
+    """Returns a Parquet file of which only the end was read: how many rows and which columns it has.
+
+    Raises:
+        OSError, pa.ArrowException: the bytes are no Parquet file.
+    """
+    return pq.ParquetFile(pa.BufferReader(data))
+
+
+def schema_version(file: Any) -> int:
+    """Returns the schema version that an open Parquet file names.
+
+    Raises:
+        OSError, pa.ArrowException: the bytes are no Parquet file.
+        KeyError: it names none.
+        ValueError: likewise.
+    """
+    return int((pq.read_schema(file).metadata or {})[VERSION_KEY.encode()])
+
+
+def unreadable_rows(data: bytes) -> Iterator[tuple[int, int]]:
+    """Yields first and end of the rows of each row group in which a page is damaged.
+
+    Raises:
+        OSError, pa.ArrowException: the bytes are no Parquet file at all.
+    """
+    file, first = pq.ParquetFile(pa.BufferReader(data), page_checksum_verification=True), 0
+    for group in range(file.num_row_groups):
+        count = file.metadata.row_group(group).num_rows
+        try:
+            file.read_row_group(group, use_threads=False)
+        except (OSError, pa.ArrowException):
+            yield first, first + count
+        first += count
 
 
 def same_rows(table: Table, rows: pa.Table, others: pa.Table) -> bool:
     """Tells whether two tables would be the same file: the same values in the same order, NaN included."""
     alike = _canonical(table, rows).equals(_canonical(table, others))
     return alike or encode(table, rows) == encode(table, others)  # NaN equals itself as bytes only
+
+
+def _present(file: pq.ParquetFile, columns: Sequence[str]) -> list[str]:
+    """Returns those of `columns` that are in `file`; of others, one that says how many rows there are."""
+    there = file.schema_arrow.names
+    return [name for name in columns if name in there] or there[:1]
+
+
+def _completed(table: Table, columns: Sequence[str], rows: pa.Table) -> pa.Table:
+    try:
+        return completed(SCHEMAS[table], columns, rows)
+    except KeyError as error:
+        raise DamagedFileError(f"it has no column {error}, which {table} has always had") from error
 
 
 def _write_group(writer: pq.ParquetWriter, table: Table, parts: Sequence[pa.Table]) -> None:

@@ -9,6 +9,8 @@ from typing import Any, Final
 import pyarrow as pa
 import pyarrow.parquet as pq
 
+from tma_ray.decoding import DamagedFileError
+from tma_ray.results.rows import completed
 from tma_ray.results.schema import SCHEMA_VERSION
 from tma_ray.results.storage.store import Store
 
@@ -60,11 +62,12 @@ def read_published(store: Store) -> pa.Table:
 
     Raises:
         FileNotFoundError: there is none.
-        ValueError: the file has other columns.
+        DamagedFileError: the file lacks a column.
         OSError, pa.ArrowException: it is not a complete Parquet file.
     """
     data = pa.BufferReader(store.read_bytes(PUBLISHED_FILE))
     table = pq.ParquetFile(data, page_checksum_verification=True).read()
-    if not table.schema.equals(PUBLISHED_SCHEMA):
-        raise ValueError(f"{store.where(PUBLISHED_FILE)} has the columns {', '.join(table.schema.names)}")
-    return table
+    try:
+        return completed(PUBLISHED_SCHEMA, PUBLISHED_SCHEMA.names, table)
+    except KeyError as error:
+        raise DamagedFileError(f"{store.where(PUBLISHED_FILE)} has no column {error}") from error

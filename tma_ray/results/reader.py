@@ -3,18 +3,25 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from pathlib import Path, PurePosixPath
+from pathlib import Path
 from typing import Final, Self, TypeAlias, TypeVar
 
 import numpy as np
 import pyarrow as pa
 import pyarrow.compute as pc
 
+from tma_ray.decoding import DamagedFileError, DamagedFileWarning
 from tma_ray.results.layout import MANIFESTS, TABLES, check_root, manifest_path
-from tma_ray.results.manifest import DamagedFileError, Manifest, PartFile
-from tma_ray.results.merging.shared_files import by_appearance, read_slice, read_slices, shared_by_path
+from tma_ray.results.manifest import Manifest, PartFile, load_manifest
+from tma_ray.results.merging.shared_files import (
+    UNREADABLE,
+    by_appearance,
+    read_slice,
+    read_slices,
+    shared_by_path,
+)
 from tma_ray.results.parquet import decode
 from tma_ray.results.rows import to_arrow
 from tma_ray.results.schema import DATA_TABLES, SCHEMAS, Table
@@ -23,10 +30,8 @@ from tma_ray.results.storage.store import Store
 S = TypeVar("S")
 T = TypeVar("T")
 
-_Shared: TypeAlias = dict[str, Mapping[PartFile, pa.Table] | Exception]
-"""Rows of runs in shared files by path, or why one could not be read."""
-
-_UNREADABLE: Final = (OSError, pa.ArrowException, DamagedFileError)
+_Shared: TypeAlias = dict[PartFile, pa.Table | Exception]
+"""Rows of runs in shared files, or why they could not be read."""
 
 SHOWN_RUNS: Final = 5
 """How many runs a message names."""
@@ -35,10 +40,6 @@ RUN_ID: Final = "run_id"
 """The column that all tables of runs have."""
 
 _THREADS: Final = 16  # more than cores: they wait for disks and object stores
-
-
-class DamagedFileWarning(UserWarning):
-    """A file of a results root could not be read; the rest was."""
 
 
 class Results:
@@ -63,8 +64,7 @@ class Results:
         self.problems: list[str] = []
         # Threads wait for object stores; for small local files they would wait for each other.
         threads = _THREADS if store.is_object_store else 1
-        run_ids = [PurePosixPath(path).stem for path in store.files(MANIFESTS)]
-        found = self._map(self._load, run_ids, threads)
+        found = self._map(self._load, store.files(MANIFESTS), threads)
         self._manifests = tuple(manifest for manifest in found if manifest is not None)
 
     @classmethod
@@ -131,28 +131,23 @@ class Results:
             rows = to_arrow(table, SCHEMAS[table], [manifest.row() for manifest in self.runs()])
         else:
             paths = self.store.files(f"{TABLES}/{table}")
-            found = self._map(self._file_rows, paths)
+            found = self._map(lambda path: self._file_rows(table, path), paths)
             rows = _joined(table, SCHEMAS[table].names, [part for part in found if part is not None])
             rows = _each_once(rows) if table is Table.ATTEMPTS else rows
         if run_ids is None:
             return rows
         return rows.filter(pc.is_in(rows["run_id"].cast(pa.string()), pa.array(list(run_ids), pa.string())))
 
-    def _file_rows(self, path: str) -> pa.Table | None:
-        return self._tried(path, lambda: decode(self.store.read_bytes(path)))
+    def _file_rows(self, table: Table, path: str) -> pa.Table | None:
+        return self._tried(path, lambda: decode(table, self.store.read_bytes(path)))
 
     def _shared(self, chosen: Sequence[Manifest], table: Table, columns: Sequence[str]) -> _Shared:
         """Reads the files that many of the chosen runs share, each once."""
         files = (file for manifest in chosen for file in manifest.files if file.table is table)
-        paths = shared_by_path(files)
-
-        def read(path: str) -> Mapping[PartFile, pa.Table] | Exception:
-            try:
-                return read_slices(self.store, paths[path], columns)
-            except _UNREADABLE as error:
-                return error
-
-        return dict(zip(paths, self._map(read, paths), strict=True))
+        found = self._map(
+            lambda sharing: read_slices(self.store, sharing, columns), shared_by_path(files).values()
+        )
+        return {file: rows for slices in found for file, rows in slices.items()}
 
     def _run_rows(
         self, manifest: Manifest, table: Table, columns: Sequence[str], shared: _Shared
@@ -162,8 +157,12 @@ class Results:
         for file in files:
             try:
                 found.append(self._file_slice(file, columns, shared))
-            except _UNREADABLE as error:
-                fresh = self._load(manifest.run.run_id) if isinstance(error, FileNotFoundError) else None
+            except UNREADABLE as error:
+                fresh = (
+                    self._load(manifest_path(manifest.run.run_id))
+                    if isinstance(error, FileNotFoundError)
+                    else None
+                )
                 # Parts go when a run ends, and files when they are merged.
                 if fresh is not None and fresh.files != manifest.files:
                     return self._run_rows(fresh, table, columns, {})
@@ -172,21 +171,24 @@ class Results:
 
     def _file_slice(self, file: PartFile, columns: Sequence[str], shared: _Shared) -> pa.Table:
         if file.first is None:
-            return decode(file.read(self.store), columns)
+            rows = decode(file.table, file.read(self.store), columns)
+            if len(rows) != file.rows:
+                raise DamagedFileError(f"it has {len(rows)} rows, but its manifest says {file.rows}")
+            return rows
         if not file.rows:
             return SCHEMAS[file.table].empty_table().select(columns)
-        slices = shared.get(file.path)
-        if isinstance(slices, Exception):
-            raise slices
-        return slices[file] if slices else read_slice(self.store, file, columns)
+        rows = shared[file] if file in shared else read_slice(self.store, file, columns)
+        if isinstance(rows, Exception):
+            raise rows
+        return rows
 
-    def _load(self, run_id: str) -> Manifest | None:
-        return self._tried(manifest_path(run_id), lambda: Manifest.load(self.store, run_id))
+    def _load(self, path: str) -> Manifest | None:
+        return self._tried(path, lambda: load_manifest(self.store, path))
 
     def _tried(self, path: str, read: Callable[[], T]) -> T | None:
         try:
             return read()
-        except _UNREADABLE as error:
+        except UNREADABLE as error:
             self._report(path, error)
             return None
 

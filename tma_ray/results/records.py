@@ -2,9 +2,18 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import hashlib
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from datetime import datetime
 from enum import StrEnum
+from typing import Any, Final
+
+from tma_ray.decoding import Natural, SmallNatural, decode_json
+
+HASHED_ID: Final = re.compile(r".*-s\d+-([0-9a-f]{12})")
+"""An id that `run_id` of a spec has made: its end is the spec's `digest`."""
 
 
 class RunStatus(StrEnum):
@@ -45,10 +54,10 @@ class RunRecord:
     teacher: str
     expert_knowledge: str
     test_set: str
-    steps: int
-    seed: int
-    physics_version: int
-    benchmark_version: int = 0
+    steps: Natural
+    seed: Natural
+    physics_version: SmallNatural
+    benchmark_version: SmallNatural = 0
 
 
 class AttemptOutcome(StrEnum):
@@ -90,3 +99,67 @@ class AttemptRecord:
     def __post_init__(self) -> None:
         if self.started_at.tzinfo is None:
             raise ValueError(f"started_at {self.started_at} has no time zone; use datetime.now(UTC)")
+
+
+@dataclass(frozen=True)
+class ScheduleFacts:
+    """What readers use of a spec's schedule.
+
+    Attributes:
+        steps: training budget, environment steps.
+    """
+
+    steps: Natural | None = None
+
+
+@dataclass(frozen=True)
+class SpecFacts:
+    """What readers use of a run's spec; None or empty where the spec does not say.
+
+    Attributes:
+        engine: what simulated the worlds, of imported runs.
+        environment: name of the environment.
+        challenge: name of the variant of the environment.
+        student: name of the deep-RL algorithm.
+        teacher: name of the ACL algorithm.
+        seed: of the run.
+        mastery_threshold: episodic return over which a task is mastered.
+        schedule: its budget.
+        plugins: sources of what does not ship with tma_ray, by part of the run.
+        task_space: dimensions of what the teacher chooses from.
+    """
+
+    engine: str | None = None
+    environment: str | None = None
+    challenge: str | None = None
+    student: str | None = None
+    teacher: str | None = None
+    seed: Natural | None = None
+    mastery_threshold: float | None = None
+    schedule: ScheduleFacts = field(default_factory=ScheduleFacts)
+    plugins: Mapping[str, Any] = field(default_factory=dict)
+    task_space: tuple[Mapping[str, str | float], ...] = ()
+
+
+def spec_digest(spec: str) -> str:
+    """Returns the hash of a spec, JSON with sorted keys, of which the end of its run's id is made."""
+    return hashlib.sha256(spec.encode()).hexdigest()
+
+
+def check_spec(run: RunRecord) -> None:
+    """Refuses a record whose spec is not that of its id, or says something else than its columns.
+
+    Ids of imported runs are hashes of their source files instead, and are not compared.
+
+    Raises:
+        ValueError: the message names the field.
+    """
+    facts = decode_json(run.spec, SpecFacts, f"the spec of run {run.run_id}")
+    hashed = HASHED_ID.fullmatch(run.run_id)
+    if hashed and facts.engine is None and not spec_digest(run.spec).startswith(hashed[1]):
+        raise ValueError(f"its spec does not hash to the end of the run's id, {run.run_id}")
+    told = {name: getattr(facts, name) for name in ("environment", "challenge", "student", "teacher", "seed")}
+    told["steps"] = facts.schedule.steps
+    for name, value in told.items():
+        if value is not None and value != getattr(run, name):
+            raise ValueError(f"its {name} is {getattr(run, name)!r}, but its spec says {value!r}")

@@ -1,13 +1,14 @@
-"""Rows by column name to Arrow, refusing by name what does not fit."""
+"""Rows to Arrow tables of today's columns: from names and values, or from files of other columns."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+import numpy as np
 import pyarrow as pa
 
-from tma_ray.results.schema import Table
+from tma_ray.results.schema import Table, default_of
 from tma_ray.tasks import TeacherUpdate
 
 
@@ -28,15 +29,55 @@ def teacher_log_row(step: int, episode: int, update: TeacherUpdate) -> dict[str,
 
 
 def to_arrow(table: Table, schema: pa.Schema, rows: Sequence[Mapping[str, Any]]) -> pa.Table:
-    """Returns `rows` with the columns of `schema`; a nullable one may be left out.
+    """Returns `rows` with the columns of `schema`; one that is nullable or has a default may be left out.
 
     Raises:
         ValueError: a column missing, unknown, or of a wrong type; the message names table and column.
     """
+    defaults = _defaults(schema)
     for row in rows:
-        _check_names(table, schema, row)
-    columns = [_column(table, field, [row.get(field.name) for row in rows]) for field in schema]
+        _check_names(table, schema, {**defaults, **row})
+    columns = [
+        _column(table, field, [row.get(field.name, defaults.get(field.name)) for row in rows])
+        for field in schema
+    ]
     return pa.Table.from_arrays(columns, schema=schema)
+
+
+def completed(schema: pa.Schema, names: Sequence[str], rows: pa.Table) -> pa.Table:
+    """Returns `rows` of a file with the columns `names` of `schema`, whatever columns the file has.
+
+    A column that came into the schema later is null or has the default that the schema names; one that this
+    schema does not know is left out.
+
+    Raises:
+        KeyError: a column is missing that has always been there.
+        pa.ArrowException: a column is of another type.
+    """
+    columns = []
+    for name in names:
+        field = schema.field(name)
+        if name in rows.column_names:
+            columns.append(_typed(rows.column(name), field.type))
+        else:
+            value = pa.array([default_of(field)], field.type)
+            columns.append(value.take(pa.array(np.zeros(len(rows), np.int32))))
+    return pa.Table.from_arrays(columns, schema=pa.schema([schema.field(name) for name in names]))
+
+
+def _typed(column: pa.ChunkedArray, kind: pa.DataType) -> pa.ChunkedArray:
+    return column if column.type == kind else column.cast(kind)
+
+
+def _defaults(schema: pa.Schema) -> dict[str, Any]:
+    """Returns the defaults that columns of `schema` name."""
+    found = {}
+    for field in schema:
+        try:
+            found[field.name] = default_of(field)
+        except KeyError:
+            continue
+    return found
 
 
 def _check_names(table: Table, schema: pa.Schema, row: Mapping[str, Any]) -> None:

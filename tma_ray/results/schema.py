@@ -1,18 +1,26 @@
 """The tables of a results root: their columns, types and units.
 
-A column that may be absent says so by being nullable; every other one is required in every row.
+A column that may be absent says so by being nullable; every other one is required in every row. A column
+that is added later is nullable or names a default, which is what rows of older files have there.
 """
 
 from __future__ import annotations
 
+import json
 from collections.abc import Mapping
 from enum import StrEnum
-from typing import Final
+from typing import Any, Final
 
 import pyarrow as pa
 
 SCHEMA_VERSION: Final = 1
-"""Version of tables, manifests and layout together; raise it when any of them changes its meaning."""
+"""Version of tables, manifests and layout together; raise it when any of them changes its meaning.
+
+Columns and fields may be added without that: see `default_of`.
+"""
+
+VERSION_KEY: Final = "tma_ray.schema_version"
+"""Under which the metadata of every file of a table names the version."""
 
 
 class Table(StrEnum):
@@ -44,6 +52,24 @@ _GAUSSIAN = pa.struct(
     [("weight", pa.float64()), ("mean", _VECTOR), ("covariance", pa.list_(pa.field("element", _VECTOR)))]
 )
 _BOX = pa.struct([("low", _VECTOR), ("high", _VECTOR), ("score", pa.float64())])
+
+
+DEFAULT: Final = b"default"
+"""Key of a column's metadata: JSON of what rows have that were written before there was the column."""
+
+
+def default_of(field: pa.Field) -> Any:
+    """Returns what rows have in a column that did not exist when they were written.
+
+    Raises:
+        KeyError: it has always existed: it is neither nullable, nor does it name a default.
+    """
+    metadata = field.metadata or {}
+    if DEFAULT in metadata:
+        return json.loads(metadata[DEFAULT])
+    if field.nullable:
+        return None
+    raise KeyError(field.name)
 
 
 def _column(name: str, kind: pa.DataType, unit: str = "", *, nullable: bool = False) -> pa.Field:
@@ -130,9 +156,7 @@ _COLUMNS: Final[Mapping[Table, tuple[pa.Field, ...]]] = {
 }
 
 SCHEMAS: Final[Mapping[Table, pa.Schema]] = {
-    table: pa.schema(
-        columns, metadata={"tma_ray.table": table, "tma_ray.schema_version": str(SCHEMA_VERSION)}
-    )
+    table: pa.schema(columns, metadata={"tma_ray.table": table, VERSION_KEY: str(SCHEMA_VERSION)})
     for table, columns in _COLUMNS.items()
 }
 """Columns in order; field metadata "unit" tells what the numbers count."""

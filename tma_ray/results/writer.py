@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import Any, Final
+from typing import Any
 
 import pyarrow as pa
 
@@ -13,8 +13,6 @@ from tma_ray.results.parquet import decode, encode
 from tma_ray.results.rows import to_arrow
 from tma_ray.results.schema import DATA_TABLES, SCHEMAS, Table
 from tma_ray.results.storage.store import Store
-
-_ROW_SCHEMAS: Final = {table: SCHEMAS[table].remove(0) for table in DATA_TABLES}  # run_id is ours
 
 
 class RunWriter:
@@ -56,9 +54,10 @@ class RunWriter:
         Raises:
             ValueError: a column missing, unknown, or of a wrong type; the message names it.
         """
-        if table not in _ROW_SCHEMAS:
+        if table not in DATA_TABLES:
             raise ValueError(f"a run writes {', '.join(DATA_TABLES)}; {table} is written by the committer")
-        self._buffer[table].append(to_arrow(table, _ROW_SCHEMAS[table], rows))
+        # The first column, run_id, is ours to fill.
+        self._buffer[table].append(to_arrow(table, SCHEMAS[table].remove(0), rows))
 
     def flush(self) -> tuple[PartFile, ...]:
         """Writes the rows added since the last call as the next part; returns all parts of the run so far."""
@@ -88,7 +87,7 @@ class RunWriter:
         return tuple(self._merge(table, [p for p in parts if p.table is table]) for table in DATA_TABLES)
 
     def _merge(self, table: Table, parts: Sequence[PartFile]) -> PartFile:
-        rows = [SCHEMAS[table].empty_table(), *(decode(part.read(self.store)) for part in parts)]
+        rows = [SCHEMAS[table].empty_table(), *(decode(table, part.read(self.store)) for part in parts)]
         return self._write(final_path(self.run_id, self.attempt, table), table, pa.concat_tables(rows))
 
     def _write(self, path: str, table: Table, rows: pa.Table) -> PartFile:

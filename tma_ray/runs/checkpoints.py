@@ -9,12 +9,11 @@ import tempfile
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path, PurePosixPath
-from typing import Any
 
+from tma_ray.decoding import DamagedFileError, Natural, Sha256, decode_json
 from tma_ray.results import (
     CHECKPOINTS,
     DISK_FULL,
-    DamagedFileError,
     PartFile,
     Store,
     check_id,
@@ -39,8 +38,25 @@ class StateFile:
     """
 
     path: str
-    sha256: str
-    size: int
+    sha256: Sha256
+    size: Natural
+
+    def __post_init__(self) -> None:
+        check_path(self.path)
+
+
+@dataclass(frozen=True)
+class _Index:
+    """The content of an index file: a `Checkpoint` but its name."""
+
+    step: Natural
+    fingerprint: str
+    parts: tuple[PartFile, ...]
+    files: Mapping[str, StateFile]
+
+    def __post_init__(self) -> None:
+        for path in self.files:
+            check_path(path)
 
 
 @dataclass(frozen=True)
@@ -76,17 +92,10 @@ class Checkpoint:
         """Returns what `to_bytes` was called on.
 
         Raises:
-            ValueError: no index, or one that names files elsewhere.
-            KeyError: a field is missing.
-            TypeError: a field is of another type.
-            AttributeError: likewise.
+            DamagedFileError: no index, or one that names files elsewhere.
         """
-        content: dict[str, Any] = json.loads(data)
-        files = {check_path(path): StateFile(**file) for path, file in content["files"].items()}
-        for file in files.values():
-            check_path(file.path)
-        parts = tuple(PartFile.from_json(part) for part in content["parts"])
-        return cls(name, content["step"], content["fingerprint"], parts, files)
+        index = decode_json(data, _Index, f"the index of checkpoint {name}")
+        return cls(name, **vars(index))
 
 
 class Checkpoints:
@@ -179,7 +188,7 @@ class Checkpoints:
                 target.write_bytes(data)
             for part in checkpoint.parts:
                 part.read(self._store)
-        except (ValueError, KeyError, TypeError, AttributeError, FileNotFoundError, DamagedFileError):
+        except (FileNotFoundError, DamagedFileError):
             return None
         return checkpoint
 

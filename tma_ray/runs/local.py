@@ -5,7 +5,7 @@ from __future__ import annotations
 import traceback
 from collections.abc import Callable, Sequence
 
-from tma_ray.results import AttemptOutcome, Committer, PartFile, RunStatus, StorageError, retry
+from tma_ray.results import AttemptOutcome, Committer, PartFile, StorageError, retry
 from tma_ray.runs.attempt import Attempt
 from tma_ray.runs.checkpoints import Checkpoints
 from tma_ray.runs.placement import Placement, Status
@@ -37,8 +37,7 @@ def run_locally(
         StorageError: the root refused to take what was written for long; the run can be taken up again.
         Exception: whatever the run's parts raise, after the run is marked as failed.
     """
-    published = committer.manifest(spec.run_id)
-    if published is not None and published.status is RunStatus.DONE:
+    if committer.done([spec.run_id]):
         return AttemptOutcome.DONE
     return _attempt(spec, committer, placement or Placement(), should_stop, on_status)
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import tempfile
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -13,6 +12,7 @@ import numpy as np
 from gymnasium import spaces
 from numpy.typing import NDArray
 
+from tma_ray.decoding import DamagedFileError
 from tma_ray.results import Results, Store, policy_folder
 from tma_ray.runs.spec import RunSpec
 from tma_ray.students import PolicyFileError, load_policy
@@ -108,9 +108,7 @@ def _in_folder(store: Store, folder: str) -> SavedPolicy:
             f"a run saves its policy when it ends"
         )
     try:
-        spec = RunSpec.from_dict(json.loads(store.read_bytes(path)))
-    except (ValueError, KeyError, TypeError, AttributeError, RecursionError) as error:
-        raise ValueError(
-            f"{store.where(path)} is not the spec of a run ({error!r:.200}); copy the folder again"
-        ) from error
+        spec = RunSpec.from_json(store.read_bytes(path), store.where(path))
+    except DamagedFileError as error:
+        raise ValueError(f"{error}; copy the folder again") from error
     return SavedPolicy(store, folder, spec)

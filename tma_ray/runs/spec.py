@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 import json
 import re
 from collections.abc import Mapping
@@ -14,8 +13,9 @@ from typing import Any, Self
 import numpy as np
 
 from tma_ray.benchmark import BENCHMARK_VERSION
+from tma_ray.decoding import DamagedFileError, decode_json
 from tma_ray.part_names import base_name
-from tma_ray.results import RunRecord
+from tma_ray.results import RunRecord, SpecFacts, spec_digest
 from tma_ray.tasks import Dimension, KnowledgeLevel, Task, TaskSpace, TestSet
 
 ABSENT_IF_EMPTY = ("resets", "cuts", "algorithm_versions", "inputs")
@@ -228,10 +228,31 @@ class RunSpec:
             }
         )
 
+    @classmethod
+    def from_json(cls, text: str | bytes, where: str) -> Self:
+        """Returns the spec whose `to_dict` is the JSON in `text`.
+
+        Args:
+            text: JSON.
+            where: name of the file, for messages.
+
+        Raises:
+            DamagedFileError: it is no spec; the message names the file and, where known, the field.
+            ValueError: it is that of an imported run, which another engine simulated.
+        """
+        facts = decode_json(text, SpecFacts, where)
+        content = decode_json(text, dict[str, Any], where)
+        if facts.engine is not None:
+            return cls.from_dict(content)  # refuses it
+        try:
+            return cls.from_dict(content)
+        except (ValueError, KeyError, TypeError, AttributeError) as error:
+            raise DamagedFileError(f"{where} is no spec of a run: {error!r:.200}") from error
+
 
 def _float32(rows: list[list[float]]) -> Task:
     return np.array(rows, dtype=np.float32)
 
 
 def _digest(content: Mapping[str, Any]) -> str:
-    return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()
+    return spec_digest(json.dumps(content, sort_keys=True))

@@ -8,8 +8,9 @@ from dataclasses import replace
 
 import pyarrow as pa
 
+from tma_ray.decoding import DamagedFileError
 from tma_ray.results.layout import table_path
-from tma_ray.results.manifest import DamagedFileError, Manifest, PartFile
+from tma_ray.results.manifest import Manifest, PartFile
 from tma_ray.results.parquet import decode_rows, encode, encode_together, same_rows
 from tma_ray.results.reader import Results
 from tma_ray.results.schema import DATA_TABLES, SCHEMAS, Table
@@ -63,22 +64,20 @@ def pack(
     for table in DATA_TABLES:
         for run_id, file in _pack_table(results, list(slices), target, (table, name), tick):
             slices[run_id].append(file)
-    rows = [rows_about(results, table, list(slices)) for table in (Table.RUNS, Table.ATTEMPTS)]
-    for table, content in zip((Table.RUNS, Table.ATTEMPTS), rows, strict=True):
-        PartFile.write(target, table_path(table, name), table, len(content), encode(table, content)).read(
-            target
-        )
+    for table in (Table.RUNS, Table.ATTEMPTS):
+        rows, path = results.table(table, list(slices)), table_path(table, name)
+        PartFile.write(target, path, table, len(rows), encode(table, rows)).read(target)
     return [replace(manifest, files=tuple(slices[manifest.run.run_id])) for manifest in manifests]
 
 
-def rows_about(results: Results, table: Table, run_ids: Sequence[str] | None = None) -> pa.Table:
-    """Returns rows of a table, of some runs or of all.
+def _rows_of(results: Results, table: Table, run_id: str) -> pa.Table:
+    """Returns the rows of one run.
 
     Raises:
         DamagedFileError: some cannot be read.
     """
     before = len(results.problems)
-    rows = results.table(table, run_ids)
+    rows = results.table(table, [run_id])
     if len(results.problems) > before:
         raise DamagedFileError(f"nothing was merged: {results.problems[before]}")
     return rows
@@ -97,7 +96,7 @@ def _pack_table(
     def parts() -> Iterator[pa.Table]:
         for run_id in run_ids:
             tick()
-            rows = rows_about(results, table, [run_id])
+            rows = _rows_of(results, table, run_id)
             counts[run_id] = len(rows)
             yield rows
 
@@ -108,9 +107,11 @@ def _pack_table(
     stored, first = pa.BufferReader(written.read(target)), 0
     for run_id in run_ids:
         tick()
-        expected = rows_about(results, table, [run_id])
+        expected = _rows_of(results, table, run_id)
         found = (
-            decode_rows(stored, first, counts[run_id], SCHEMAS[table].names) if counts[run_id] else expected
+            decode_rows(table, stored, first, counts[run_id], SCHEMAS[table].names)
+            if counts[run_id]
+            else expected
         )
         if not same_rows(table, found, expected):
             raise DamagedFileError(

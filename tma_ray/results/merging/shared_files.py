@@ -9,9 +9,13 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.compute as pc
 
-from tma_ray.results.manifest import DamagedFileError, PartFile
-from tma_ray.results.parquet import decode, decode_rows
+from tma_ray.decoding import INT64_MAX, DamagedFileError
+from tma_ray.results.manifest import PartFile
+from tma_ray.results.parquet import decode, decode_rows, unreadable_rows
 from tma_ray.results.storage.store import Store
+
+UNREADABLE: Final = (OSError, pa.ArrowException, DamagedFileError)
+"""What reading a damaged file raises."""
 
 FEW: Final = 8
 """Up to so many runs are read by their row groups alone; for more a file is read whole."""
@@ -27,33 +31,66 @@ def read_slice(store: Store, file: PartFile, columns: Sequence[str]) -> pa.Table
     """
     first = file.first or 0
     try:
-        return store.read_parts(file.path, lambda data: decode_rows(data, first, file.rows, columns))
+        return store.read_parts(
+            file.path, lambda data: decode_rows(file.table, data, first, file.rows, columns)
+        )
     except IndexError as error:
         raise DamagedFileError(f"{store.where(file.path)} is damaged: {error}") from error
 
 
 def read_slices(
     store: Store, files: Sequence[PartFile], columns: Sequence[str]
-) -> Mapping[PartFile, pa.Table]:
-    """Returns the rows of each run in one file.
+) -> Mapping[PartFile, pa.Table | Exception]:
+    """Returns the rows of each run in one file, or why they cannot be read.
 
     Args:
         store: the results root.
         files: runs' rows in the same file.
         columns: which columns, in this order.
-
-    Raises:
-        FileNotFoundError: the file is not there.
-        DamagedFileError: it is not what was written.
-        OSError, pa.ArrowException: likewise.
     """
     if len(files) <= FEW:
-        return {file: read_slice(store, file, columns) for file in files}
-    rows = decode(files[0].read(store), columns)
-    for file in files:
-        if (file.first or 0) + file.rows > len(rows):
-            raise DamagedFileError(f"{store.where(file.path)} has {len(rows)} rows: too few for {file}")
-    return {file: rows.slice(file.first or 0, file.rows) for file in files}
+        return {file: _tried(store, file, columns) for file in files}
+    try:
+        rows = decode(files[0].table, files[0].read(store), columns)
+    except UNREADABLE as error:
+        damage = error
+    else:
+        return {file: _slice(store, file, rows) for file in files}
+    hit = damaged_rows(store, files[0].path)
+    return {file: damage if is_hit(file, hit) else _tried(store, file, columns) for file in files}
+
+
+def damaged_rows(store: Store, path: str) -> tuple[tuple[int, int], ...]:
+    """Returns first and end of rows that cannot be read of a file whose checksum is not the recorded one.
+
+    Pages have checksums of their own, so that damage can be told from the rest. Where no page is damaged it
+    is what describes them all, and no row can be trusted.
+    """
+    try:
+        found = tuple(unreadable_rows(store.read_bytes(path)))
+    except UNREADABLE:
+        found = ()
+    return found or ((0, INT64_MAX),)
+
+
+def is_hit(file: PartFile, damaged: Sequence[tuple[int, int]]) -> bool:
+    """Tells whether rows of a run are among those that `damaged_rows` returned."""
+    first = file.first or 0
+    return any(first < end and start < first + file.rows for start, end in damaged)
+
+
+def _slice(store: Store, file: PartFile, rows: pa.Table) -> pa.Table | Exception:
+    first = file.first or 0
+    if first + file.rows > len(rows):
+        return DamagedFileError(f"{store.where(file.path)} has {len(rows)} rows: too few for {file}")
+    return rows.slice(first, file.rows)
+
+
+def _tried(store: Store, file: PartFile, columns: Sequence[str]) -> pa.Table | Exception:
+    try:
+        return read_slice(store, file, columns)
+    except UNREADABLE as error:
+        return error
 
 
 def shared_by_path(files: Iterable[PartFile]) -> dict[str, list[PartFile]]:

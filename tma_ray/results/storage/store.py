@@ -2,17 +2,17 @@
 
 from __future__ import annotations
 
-import os
 import shutil
 import time
-from collections.abc import Callable
-from contextlib import AbstractContextManager, nullcontext, suppress
+from collections.abc import Callable, Iterator
+from contextlib import AbstractContextManager, contextmanager, nullcontext, suppress
 from pathlib import Path, PurePosixPath
 from typing import Any, Final, Self, TypeVar, cast
 from uuid import uuid4
 
 from pyarrow import fs
 
+from tma_ray.results.storage.disk import locked_folder, make_folder, sync_folder, write_file
 from tma_ray.results.storage.errors import explained_disk
 from tma_ray.results.storage.object_store import (
     NO_BUCKET,
@@ -123,11 +123,37 @@ class Store:
         target = self.full_path(path)
         with self._explained(path):
             if self._local:
-                self._write_local(Path(target), data)
+                write_file(Path(target), self._temporary(), data)
                 return
             self._make_parent(target)
             with self.filesystem.open_output_stream(target, compression=None) as stream:
                 stream.write(data)  # one write: an object store publishes even an interrupted stream
+
+    def create(self, path: str, data: bytes) -> bool:
+        """Writes a new file as `write_bytes` does; returns False and changes nothing if there is one.
+
+        On a disk exactly one of several processes makes it; elsewhere two may write at the same instant.
+        """
+        if not self._local:
+            if self.exists(path):
+                return False
+            self.write_bytes(path, data)
+            return True
+        with self._explained(path):
+            return write_file(Path(self.full_path(path)), self._temporary(), data, exclusive=True)
+
+    @contextmanager
+    def locked(self) -> Iterator[None]:
+        """Keeps other processes of this machine out of blocks under the same lock.
+
+        The lock is the system's, on the root's folder, and ends with its process. Where there is none, as in
+        object stores, or where it is not to be had for `LOCK_SECONDS`, the block is entered without.
+        """
+        if not self._local:
+            yield
+            return
+        with locked_folder(Path(self.base)):
+            yield
 
     def exists(self, path: str) -> bool:
         """Tells whether there is a file at `path`."""
@@ -185,8 +211,8 @@ class Store:
             self._make_parent(new)
             if self._local:
                 Path(old).replace(new)
-                _sync_folder(Path(new).parent)
-                _sync_folder(Path(old).parent)
+                sync_folder(Path(new).parent)
+                sync_folder(Path(old).parent)
             else:
                 self.filesystem.move(old, new)
 
@@ -253,43 +279,14 @@ class Store:
             return explained(self.where(path))
         return explained_disk(self.where(path)) if self._local else nullcontext()
 
-    def _write_local(self, target: Path, data: bytes) -> None:
-        temporary = self._temporary()
-        _make_folder(target.parent)
-        try:
-            with temporary.open("wb") as file:
-                file.write(data)
-                file.flush()
-                os.fsync(file.fileno())
-            temporary.replace(target)
-        finally:
-            temporary.unlink(missing_ok=True)
-        _sync_folder(target.parent)
-
     def _temporary(self) -> Path:
         folder = Path(self.base, TEMPORARY)
-        _make_folder(folder)
+        make_folder(folder)
         return folder / uuid4().hex
 
     def _make_parent(self, full: str) -> None:
         folder = PurePosixPath(full).parent
         if self._local:
-            _make_folder(Path(folder))
+            make_folder(Path(folder))
         elif not self.is_object_store:  # they have no folders to make
             self.filesystem.create_dir(str(folder), recursive=True)
-
-
-def _make_folder(folder: Path) -> None:
-    """Makes a folder and its parents durably: each new name is synced in the folder that holds it."""
-    missing = [path for path in (folder, *folder.parents) if not path.exists()]
-    for path in reversed(missing):
-        path.mkdir(exist_ok=True)
-        _sync_folder(path.parent)
-
-
-def _sync_folder(folder: Path) -> None:
-    descriptor = os.open(folder, os.O_RDONLY)
-    try:
-        os.fsync(descriptor)
-    finally:
-        os.close(descriptor)

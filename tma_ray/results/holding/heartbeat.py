@@ -9,6 +9,7 @@ from contextlib import suppress
 from dataclasses import asdict, dataclass, field
 from typing import Final, Self
 
+from tma_ray.decoding import DamagedFileError, Natural, Seconds, decode_json
 from tma_ray.results.layout import HEARTBEAT_FILE
 from tma_ray.results.storage.errors import StorageError
 from tma_ray.results.storage.store import Store
@@ -29,7 +30,7 @@ class RunProgress:
         steps_per_second: environment steps per second.
     """
 
-    step: int
+    step: Natural
     steps_per_second: float
 
 
@@ -45,7 +46,7 @@ class Heartbeat:
     """
 
     holder: str
-    at: float
+    at: Seconds
     runs: Mapping[str, RunProgress] = field(default_factory=dict)
     ended: bool = False
 
@@ -53,15 +54,16 @@ class Heartbeat:
     def load(cls, store: Store) -> Self | None:
         """Returns the last heartbeat on a root; None if there is none, or none that can be read."""
         try:
-            content = json.loads(store.read_bytes(HEARTBEAT_FILE))
-            runs = {run: RunProgress(**pace) for run, pace in content["runs"].items()}
-            return cls(str(content["holder"]), float(content["at"]), runs, bool(content["ended"]))
-        except (FileNotFoundError, ValueError, KeyError, TypeError, AttributeError):
+            return decode_json(store.read_bytes(HEARTBEAT_FILE), cls, store.where(HEARTBEAT_FILE))
+        except (FileNotFoundError, DamagedFileError):
             return None  # of no consequence: it only tells more than the manifests do
 
     def alive(self, now: float) -> bool:
-        """Tells whether its campaign is running, as far as one can know at `now`."""
-        return not self.ended and now - self.at < SILENT_SECONDS
+        """Tells whether its campaign is running, as far as one can know at `now`.
+
+        A sign from the future is none: the clock of who gave it is wrong.
+        """
+        return not self.ended and abs(now - self.at) < SILENT_SECONDS
 
     def write(self, store: Store) -> None:
         """Replaces the root's heartbeat by this one."""

@@ -1,0 +1,1 @@
+"""Who holds a results root, and its signs of life."""

@@ -1,0 +1,262 @@
+"""One campaign at a time on a results root."""
+
+from __future__ import annotations
+
+import logging
+import math
+import time
+from collections.abc import Callable
+from types import TracebackType
+from typing import Final, NoReturn, Self
+from uuid import uuid4
+
+from tma_ray.decoding import DamagedFileError
+from tma_ray.results.holding.heartbeat import Heartbeat
+from tma_ray.results.holding.lease_file import LeaseFile, Process, Standing, StopRequest
+from tma_ray.results.layout import LEASE_FILE, STOP_FILE
+from tma_ray.results.storage.store import Store
+
+LEASE_SECONDS: Final = 120.0
+"""Age over which a lease that nobody renewed is taken to be that of a killed process, s."""
+
+STOP_CHECK_SECONDS: Final = 3.0
+"""How often a campaign looks whether it was asked to stop, s."""
+
+SETTLING_SECONDS: Final = 1.0
+"""Time in an object store after which what others wrote at the same instant has arrived, as a rule, s."""
+
+logger = logging.getLogger(__name__)
+
+
+class NotRunningError(ValueError):
+    """No campaign holds the results root."""
+
+
+class RootInUseError(RuntimeError):
+    """Another campaign holds the results root, or has taken it over."""
+
+
+class Lease:
+    """Holds a results root as long as it is renewed, several times within `seconds`.
+
+    On a disk of this machine exactly one of several that ask at once gets it: it is looked at and written
+    under a lock of the folder, and a new one is made by an exclusive link. An object store has neither
+    through pyarrow: the lease is written, and read again after `SETTLING_SECONDS`, so that two get it only
+    if the request of one of them took longer than that. The first renewal then refuses one, a quarter of
+    `seconds` later at most. A folder shared over a network has the link, and the lock where it offers locks.
+
+    The lease of a process that is known to be dead, because it ran on this machine, is free at once. So is
+    one that cannot be read, unless a heartbeat shows that a campaign lives; a holder that finds its own
+    damaged writes it anew. Of one from the future, clocks tell nothing: it is watched for half of `seconds`,
+    in which a living holder renews it twice, and is free if nothing has changed.
+
+    A request to an object store that was sent before the lease was lost, and is still being tried, may
+    arrive after another campaign has begun. Files stay whole then, and checksums tell of a part that was
+    replaced.
+
+    Args:
+        store: the results root.
+        holder: who asks, for the other's message: campaign, host, process.
+        seconds: after how long without renewal the lease may be taken over, s.
+        clock: current time, s since 1970; a holder whose clock is late by `seconds` is taken for dead.
+        sleep: waits so many s.
+    """
+
+    def __init__(
+        self,
+        store: Store,
+        holder: str,
+        seconds: float = LEASE_SECONDS,
+        clock: Callable[[], float] = time.time,
+        sleep: Callable[[float], None] = time.sleep,
+    ) -> None:
+        self.store = store
+        self.holder = holder
+        self.seconds = seconds
+        self._clock = clock
+        self._sleep = sleep
+        self._token = uuid4().hex
+        self._renewed_at = 0.0
+        self._asked, self._looked_at = False, -math.inf
+
+    def __enter__(self) -> Self:
+        self.acquire()
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.release()
+
+    def acquire(self) -> None:
+        """Takes the lease if it is free, released, damaged, or no longer renewed.
+
+        Raises:
+            RootInUseError: another campaign renewed it less than `seconds` ago, or while it was watched.
+        """
+        silent = self._watched()
+        with self.store.locked():
+            current = self._takeable(silent)
+            if current is not None:
+                self._write()
+            elif not self.store.create(LEASE_FILE, self._content()):
+                self._refuse(LeaseFile.load(self.store))
+        if self.store.is_object_store:
+            self._sleep(SETTLING_SECONDS)
+        self.renew()  # reads back what another one may have written within the same instant
+
+    def renew(self) -> None:
+        """Gives a sign of life; to be called before anything is published after a pause.
+
+        Raises:
+            RootInUseError: another campaign has taken the lease over; publish nothing more.
+        """
+        with self.store.locked():
+            try:
+                current = LeaseFile.load(self.store)
+            except DamagedFileError as error:
+                logger.warning("%s; it is written anew", error)
+            else:
+                if current is None or current.token != self._token:
+                    taker = current.holder if current else "nobody: its lease file is gone"
+                    raise RootInUseError(f"{self.holder} has lost {self.store} to {taker}; start it again")
+            self._write()
+
+    def keep(self) -> None:
+        """Renews the lease if a quarter of its time has passed; cheap enough for every turn of a loop.
+
+        Raises:
+            RootInUseError: as `renew`.
+        """
+        if self._clock() - self._renewed_at >= self.seconds / 4:
+            self.renew()
+
+    def release(self) -> None:
+        """Gives the lease back; one that was taken over stays with its holder."""
+        with self.store.locked():
+            try:
+                current = LeaseFile.load(self.store)
+                ours = current is not None and current.token == self._token
+            except DamagedFileError:
+                ours = True
+            if ours:
+                self.store.delete(STOP_FILE)
+                self.store.delete(LEASE_FILE)
+
+    def asked_to_stop(self) -> bool:
+        """Tells whether `ask_to_stop` was called for this holder; cheap enough for every turn of a loop."""
+        if not self._asked and self._clock() - self._looked_at >= STOP_CHECK_SECONDS:
+            self._looked_at = self._clock()
+            try:
+                request = StopRequest.load(self.store)
+            except DamagedFileError as error:
+                logger.warning("%s; ask again with tma-ray stop", error)
+                self.store.delete(STOP_FILE)
+                request = None
+            self._asked = request is not None and (
+                request.token == self._token or request.holder == self.holder
+            )
+        return self._asked
+
+    def _watched(self) -> LeaseFile | None:
+        """Returns a lease from the future, after watching that nobody renews it; None for any other."""
+        current = _readable(self.store)
+        if current is None or current.standing(self._clock(), self.seconds) is not Standing.AHEAD:
+            return None
+        ahead = current.renewed_at - self._clock()
+        logger.warning(
+            "the lease of %s on %s is %.0f s ahead of the clock here; watching it for %.0f s",
+            current.holder,
+            self.store,
+            ahead,
+            self.seconds / 2,
+        )
+        self._sleep(self.seconds / 2)
+        return current
+
+    def _takeable(self, silent: LeaseFile | None) -> LeaseFile | Exception | None:
+        """Returns what is to be replaced, None if there is nothing; `silent` may be taken over.
+
+        Raises:
+            RootInUseError: its holder lives.
+        """
+        try:
+            current = LeaseFile.load(self.store)
+        except DamagedFileError as error:
+            heartbeat = Heartbeat.load(self.store)
+            if heartbeat is not None and heartbeat.alive(self._clock()):
+                self._refuse(LeaseFile(heartbeat.holder, "", heartbeat.at))
+            logger.warning("%s; no campaign gives signs of life: it is taken over", error)
+            return error
+        if current is None or current.token == self._token or current == silent:
+            return current
+        if current.standing(self._clock(), self.seconds) is not Standing.DEAD:
+            self._refuse(current)
+        return current
+
+    def _refuse(self, current: LeaseFile | None) -> NoReturn:
+        if current is None:
+            raise RootInUseError(f"another campaign has started and left {self.store} meanwhile; try again")
+        age = max(0.0, self._clock() - current.renewed_at)
+        raise RootInUseError(
+            f"{self.store} is in use by {current.holder}, last sign of life {age:.0f} s ago; "
+            f"stop that campaign, wait {self.seconds - age:.0f} s if it is dead, or use another root"
+        )
+
+    def _content(self) -> bytes:
+        self._renewed_at = self._clock()
+        return LeaseFile(self.holder, self._token, self._renewed_at, Process.this()).to_bytes()
+
+    def _write(self) -> None:
+        self.store.write_bytes(LEASE_FILE, self._content())
+
+
+def ask_to_stop(store: Store, seconds: float = LEASE_SECONDS) -> str:
+    """Asks the campaign that holds a results root to leave with checkpoints; returns how it is called.
+
+    From any machine that sees the root. The campaign looks every few seconds.
+
+    Raises:
+        NotRunningError: nobody holds the root.
+    """
+    now = time.time()
+    try:
+        current = LeaseFile.load(store)
+    except DamagedFileError as error:
+        heartbeat = Heartbeat.load(store)
+        if heartbeat is None or not heartbeat.alive(now):
+            raise NotRunningError(
+                f"{error}, and no campaign gives signs of life: there is nothing to stop"
+            ) from error
+        StopRequest(holder=heartbeat.holder).write(store)
+        return heartbeat.holder
+    if current is None:
+        raise NotRunningError(f"no campaign is running on {store}: there is nothing to stop")
+    if current.standing(now, seconds) is Standing.DEAD:
+        raise NotRunningError(f"{current.holder} is dead: there is nothing to stop on {store}")
+    StopRequest(token=current.token).write(store)
+    return current.holder
+
+
+def holder_of(store: Store, seconds: float = LEASE_SECONDS) -> str | None:
+    """Returns how the campaign is called that holds a results root, None if nobody alive does.
+
+    Where the lease cannot be read, or is from the future, the last heartbeat tells.
+    """
+    now, heartbeat = time.time(), Heartbeat.load(store)
+    beating = heartbeat.holder if heartbeat is not None and heartbeat.alive(now) else None
+    try:
+        current = LeaseFile.load(store)
+    except DamagedFileError:
+        return beating
+    if current is None:
+        return None
+    standing = current.standing(now, seconds)
+    return current.holder if standing is Standing.ALIVE else beating if standing is Standing.AHEAD else None
+
+
+def _readable(store: Store) -> LeaseFile | None:
+    try:
+        return LeaseFile.load(store)
+    except DamagedFileError:
+        return None

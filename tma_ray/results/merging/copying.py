@@ -1,0 +1,89 @@
+"""Copying what a root says of its runs to another place, files merged, damage left behind."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import PurePosixPath
+from typing import Final
+
+from tma_ray.decoding import DamagedFileError
+from tma_ray.results.inspection import Inspector
+from tma_ray.results.layout import POLICIES, TABLES, create_root, manifest_path
+from tma_ray.results.manifest import Manifest
+from tma_ray.results.merging.packing import experiments_of, grouped, pack
+from tma_ray.results.merging.shared_files import UNREADABLE
+from tma_ray.results.parquet import decode, encode
+from tma_ray.results.reader import Results
+from tma_ray.results.schema import Table
+from tma_ray.results.storage.store import Store
+
+POLICY_FILES: Final = (".json", ".safetensors")
+"""Endings of the files of policies that are copied: nothing that runs when it is read."""
+
+
+@dataclass(frozen=True)
+class Copy:
+    """What a copy of a root lacks.
+
+    Attributes:
+        policy_files: that were left out, since they are neither JSON nor safetensors.
+        damaged: a message for each run and file that was left out, since it is damaged.
+    """
+
+    policy_files: tuple[str, ...]
+    damaged: tuple[str, ...]
+
+
+def copy_merged(results: Results, target: Store) -> Copy:
+    """Copies all that a root says of its runs, and their policies, to an empty place, files merged.
+
+    What is damaged is left out.
+
+    Args:
+        results: the root.
+        target: where another one is made.
+
+    Raises:
+        DamagedFileError: a file was written by a newer version, with columns that would be lost.
+        ResultsRootError: `target` is not empty.
+    """
+    sound, damaged = _inspected(results)
+    create_root(target)
+    for name, manifests in grouped(sound, experiments_of(results)).items():
+        for manifest in pack(results, manifests, target, name, lambda: None):
+            target.write_bytes(manifest_path(manifest.run.run_id), manifest.to_bytes())
+    for path in results.store.files(f"{TABLES}/{Table.CELLS}"):
+        try:
+            cells = decode(Table.CELLS, results.store.read_bytes(path))
+        except UNREADABLE as error:
+            damaged.append(f"{path}: {error}")
+        else:
+            target.write_bytes(path, encode(Table.CELLS, cells))
+    ours = {manifest.run.run_id for manifest in sound}
+    left_out = []
+    for path in results.store.files(POLICIES):
+        if path.endswith(POLICY_FILES) and PurePosixPath(path).parts[1] in ours:
+            target.write_bytes(path, results.store.read_bytes(path))
+        else:
+            left_out.append(path)
+    return Copy(tuple(left_out), tuple(dict.fromkeys([*results.problems, *damaged])))
+
+
+def _inspected(results: Results) -> tuple[list[Manifest], list[str]]:
+    """Returns the runs of a root whose files are whole, and what is the matter with others."""
+    sound: list[Manifest] = []
+    damaged: list[str] = []
+    for manifest, found in Inspector(results.store).inspect_all(results.runs()):
+        if found.newer:
+            raise DamagedFileError(newer_version(results.store, found.newer[0]))
+        damaged += map(str, found.damage)
+        sound += [] if found.damage else [manifest]
+    return sound, damaged
+
+
+def newer_version(store: Store, path: str) -> str:
+    """Returns why a file with columns that this version does not know is neither merged nor copied."""
+    return (
+        f"{store.where(path)} was written by a newer tma_ray, with columns that this one would lose: it was "
+        f"left as it is; use that version"
+    )

@@ -1,0 +1,94 @@
+"""Files of a disk: written durably and whole, made exclusively, guarded by locks of the system."""
+
+from __future__ import annotations
+
+import fcntl
+import os
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Final
+
+LOCK_SECONDS: Final = 5.0
+"""How long to wait for a lock that another process keeps, which may be frozen, s."""
+
+LOCK_PAUSE: Final = 0.005
+"""Between two tries to get it, s."""
+
+
+def write_file(target: Path, temporary: Path, data: bytes, *, exclusive: bool = False) -> bool:
+    """Writes a file by way of a `temporary` one, atomically and durably.
+
+    Args:
+        target: where to.
+        temporary: a name in an existing folder of the same file system; nothing is left there.
+        data: the content.
+        exclusive: only if there is no file yet.
+
+    Returns:
+        False if it was to be new and is not.
+    """
+    make_folder(target.parent)
+    try:
+        with temporary.open("wb") as file:
+            file.write(data)
+            file.flush()
+            os.fsync(file.fileno())
+        if exclusive:
+            target.hardlink_to(temporary)
+        else:
+            temporary.replace(target)
+    except FileExistsError:
+        return False
+    finally:
+        temporary.unlink(missing_ok=True)
+    sync_folder(target.parent)
+    return True
+
+
+@contextmanager
+def locked_folder(folder: Path) -> Iterator[None]:
+    """Keeps other processes out of blocks under the lock of the same folder, which is made if need be.
+
+    The lock ends with its process. Where the file system has none, or it is not to be had for `LOCK_SECONDS`,
+    the block is entered without.
+    """
+    make_folder(folder)
+    descriptor = os.open(folder, os.O_RDONLY)
+    try:
+        _lock(descriptor)
+        yield
+    finally:
+        os.close(descriptor)
+
+
+def make_folder(folder: Path) -> None:
+    """Makes a folder and its parents durably: each new name is synced in the folder that holds it."""
+    missing = [path for path in (folder, *folder.parents) if not path.exists()]
+    for path in reversed(missing):
+        path.mkdir(exist_ok=True)
+        sync_folder(path.parent)
+
+
+def sync_folder(folder: Path) -> None:
+    """Makes the names in a folder survive a crash of the machine."""
+    descriptor = os.open(folder, os.O_RDONLY)
+    try:
+        os.fsync(descriptor)
+    finally:
+        os.close(descriptor)
+
+
+def _lock(descriptor: int) -> None:
+    """Locks an open folder, unless its file system has no locks or another process keeps it too long."""
+    deadline = time.monotonic() + LOCK_SECONDS
+    while time.monotonic() < deadline:
+        try:
+            fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            time.sleep(LOCK_PAUSE)
+        except OSError:
+            return
+        else:
+            return
