@@ -46,7 +46,6 @@ CHANGES = (
     Change("docs/policies.md", '", "walker"', '", "again"', "walker is there by then"),
     Change("notebooks/README.md", "' jupyterlab", "'", "the tests do without JupyterLab"),
     Change("examples/README.md", "report ../staircase", "report ../results", "its campaign is only planned"),
-    Change("README.md", "mine:Teacher", "frontier_teacher:Frontier", "a teacher that there is"),
     Change("docs/simulated_students.md", "--seeds 10 ", "--teachers random,riac ", "all take minutes"),
     Change("*", "pytest test_frontier_teacher.py", "pytest -k hyperparameters test_frontier_teacher.py",
            "tests/test_examples.py has all of the kit pass"),
