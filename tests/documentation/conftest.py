@@ -17,7 +17,7 @@ from tma_ray.campaign.costs import estimation
 from tma_ray.campaign.costs.speed import Throughput
 from tma_ray.cli import main
 
-RELEASE_FOLDERS = ROOT / "tests" / "results" / "importing" / "release_folders.py"
+RELEASE_FOLDERS = ROOT / "tests" / "importing" / "release_folders.py"
 """Writes folders in the format of the original release's results."""
 
 LINKED = ("experiments", "docs", "cluster.yaml")
