@@ -14,7 +14,7 @@ import pandas as pd
 from matplotlib.axes import Axes
 
 from tma_ray.results import Results, Table
-from tma_ray.viewing.rendering import Scenario, render
+from tma_ray.viewing.rendering import EpisodeSettings, render
 
 sys.path.append(str(Path(__file__).parents[2] / "benchmarks"))
 from milieus import BODIES, random_return
@@ -57,7 +57,7 @@ def film(challenge: str, rows: pd.DataFrame, folder: Path) -> Path:
     last = rows[rows.step == rows.step.max()]
     best = last.loc[last.episodic_return.idxmax()]
     path = folder / f"learned_{challenge.removeprefix('easy_')}.gif"
-    render(Scenario(best.run_id, best.root, steps=FILM_STEPS, every=STEPS_PER_FRAME), path)
+    render(EpisodeSettings(best.run_id, best.root, steps=FILM_STEPS, every=STEPS_PER_FRAME), path)
     return path
 
 

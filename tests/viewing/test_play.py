@@ -16,35 +16,34 @@ from PIL import Image
 
 from tma_ray.cli import main
 from tma_ray.tasks import Dimension
-from tma_ray.viewing.play.arrangement import arrange
-from tma_ray.viewing.play.board import Board
-from tma_ray.viewing.play.playing import Played, film, play
+from tma_ray.viewing.play.layout import compute_layout
+from tma_ray.viewing.play.playing import PlaySettings, Window, play, record
 from tma_ray.viewing.play.session import REST, SPEEDS, Session
-from tma_ray.viewing.play.slider import Slider
-from tma_ray.viewing.play.window import Window
-from tma_ray.viewing.rendering import Scenario, render
-from tma_ray.viewing.stage import Performance, Stage, open_stage
+from tma_ray.viewing.play.view import SessionView
+from tma_ray.viewing.play.widgets import Slider
+from tma_ray.viewing.rendered_environment import RenderedEnvironment, RenderSettings, open_rendered
+from tma_ray.viewing.rendering import EpisodeSettings, render
 
 SIZE = (500, 460)
 FRAME = 1 / 50
 
 
 @pytest.fixture(scope="module")
-def stage() -> Iterator[Stage]:
-    opened = open_stage(Performance(results="nowhere"))
+def rendered() -> Iterator[RenderedEnvironment]:
+    opened = open_rendered(RenderSettings(results="nowhere"))
     yield opened
     opened.close()
 
 
 @pytest.fixture
-def session(stage: Stage) -> Session:
-    return Session(stage, [np.array([1.0, 3.0])], seed=3)
+def session(rendered: RenderedEnvironment) -> Session:
+    return Session(rendered, [np.array([1.0, 3.0])], seed=3)
 
 
 @pytest.fixture
 def window(session: Session, monkeypatch: pytest.MonkeyPatch) -> Iterator[Window]:
     monkeypatch.setenv("SDL_VIDEODRIVER", "dummy")
-    shown = Window(Board(session), SIZE, "test")
+    shown = Window(SessionView(session), SIZE, "test")
     yield shown
     shown.close()
 
@@ -61,7 +60,7 @@ def pixels(window: Window) -> np.ndarray:
     return pygame.surfarray.array3d(window.surface)
 
 
-def board_of(window: Window) -> Board:
+def board_of(window: Window) -> SessionView:
     return window._board
 
 
@@ -69,10 +68,10 @@ def test_time_passes_at_the_pace_of_the_world(session: Session) -> None:
     for _ in range(10):
         session.advance(FRAME / 2)
     assert session.steps == 5
-    session.faster(1)
+    session.change_speed(1)
     session.advance(FRAME)
     assert session.steps == 7
-    session.faster(-100)
+    session.change_speed(-100)
     assert session.speed == SPEEDS[0]
     session.advance(3600)  # a machine that slept does not make up for it
     assert session.steps < 9
@@ -91,14 +90,14 @@ def test_an_episode_is_the_same_again_and_that_of_render(session: Session, tmp_p
     session.restart()
     assert session.steps == 0
     assert played() == first
-    outcome = render(Scenario(task="1,3", seed=3, steps=60), tmp_path / "a.png")
-    assert outcome.episodic_return == first
+    episode = render(EpisodeSettings(task="1,3", seed=3, steps=60), tmp_path / "a.png")
+    assert episode.episodic_return == first
     session.next()
     assert played() != first
 
 
-def test_an_ended_episode_rests_and_then_the_next_task_comes(stage: Stage) -> None:
-    session = Session(stage, [np.array([0.0, 6.0]), np.array([2.0, 1.0])])
+def test_an_ended_episode_rests_and_then_the_next_task_comes(rendered: RenderedEnvironment) -> None:
+    session = Session(rendered, [np.array([0.0, 6.0]), np.array([2.0, 1.0])])
     while not session.over:
         session.step()
     steps = session.steps
@@ -109,13 +108,13 @@ def test_an_ended_episode_rests_and_then_the_next_task_comes(stage: Stage) -> No
     assert (session.steps, session.episode, session.task.tolist()) == (0, 1, [2.0, 1.0])
 
 
-def test_what_is_mastered_is_told_by_the_threshold(session: Session, stage: Stage) -> None:
+def test_what_is_mastered_is_told_by_the_threshold(session: Session, rendered: RenderedEnvironment) -> None:
     session.step()
     assert not session.mastered
-    assert "not mastered" in Board(session).status()
-    session.stage = replace(stage, threshold=session.episodic_return - 1)
+    assert "not mastered" in SessionView(session).status()
+    session.rendered = replace(rendered, threshold=session.episodic_return - 1)
     assert session.mastered
-    assert "mastered" in Board(session).status()
+    assert "mastered" in SessionView(session).status()
 
 
 def test_a_task_outside_the_valid_domain_is_refused(session: Session) -> None:
@@ -124,10 +123,10 @@ def test_a_task_outside_the_valid_domain_is_refused(session: Session) -> None:
 
 
 def test_dragging_a_slider_chooses_a_task_when_it_is_let_go(window: Window) -> None:
-    board, session = board_of(window), board_of(window).session
+    view, session = board_of(window), board_of(window).session
     window.turn(5 * FRAME)
     assert session.steps == 5
-    slider = board.sliders[0]
+    slider = view.sliders[0]
     y = slider.area.top + 27
     mouse(pygame.MOUSEBUTTONDOWN, (slider.x_of(1.0), y))
     mouse(pygame.MOUSEMOTION, (slider.x_of(6.0), y + 200))
@@ -150,11 +149,11 @@ def test_dragging_a_slider_chooses_a_task_when_it_is_let_go(window: Window) -> N
 
 
 def test_keys(window: Window) -> None:
-    board, session = board_of(window), board_of(window).session
+    view, session = board_of(window), board_of(window).session
     press(pygame.K_SPACE, " ")
     window.turn(FRAME)
     assert session.paused
-    assert "paused" in board.status()
+    assert "paused" in view.status()
     press(pygame.K_s, "s")
     press(pygame.K_s, "S")
     window.turn(FRAME)
@@ -171,8 +170,8 @@ def test_keys(window: Window) -> None:
     press(pygame.K_n, "n")
     window.turn(0)
     assert session.task.tolist() != [1.0, 3.0]
-    assert session.stage.space.contains(session.task)
-    assert board.sliders[0].value == session.task[0]
+    assert session.rendered.space.contains(session.task)
+    assert view.sliders[0].value == session.task[0]
 
 
 def test_lidars_can_be_hidden(window: Window) -> None:
@@ -225,16 +224,16 @@ def test_the_command_ends_well_when_its_window_is_closed(monkeypatch: pytest.Mon
     monkeypatch.setenv("SDL_VIDEODRIVER", "dummy")
     seen = []
 
-    def shut(board: Board, event: pygame.event.Event) -> None:
-        handle(board, event)
-        board.open = False
+    def shut(view: SessionView, event: pygame.event.Event) -> None:
+        handle(view, event)
+        view.open = False
 
     def turn(window: Window, seconds: float) -> bool:
         seen.append(window.surface.get_size())
         pygame.event.post(pygame.event.Event(pygame.QUIT))
         return original(window, seconds)
 
-    handle, original = Board.handle, Window.turn
+    handle, original = SessionView.handle, Window.turn
     monkeypatch.setattr(Window, "turn", turn)
     assert main(["play", "--size", "600x500", "--task", "1,2", "--policy", "zero"]) == 0
     assert seen == [(600, 500)]
@@ -244,7 +243,7 @@ def test_the_command_ends_well_when_its_window_is_closed(monkeypatch: pytest.Mon
 @pytest.mark.parametrize("size", [(840, 760), (400, 320), (480, 900), (1600, 600), (700, 420)])
 @pytest.mark.parametrize("count", [1, 2, 6, 9])
 def test_nothing_overlaps(size: tuple[int, int], count: int) -> None:
-    places = arrange(size, (600, 400), count, lambda width: 2 if width > 400 else 4)
+    places = compute_layout(size, (600, 400), count, lambda width: 2 if width > 400 else 4)
     areas = [*places.sliders, places.text]
     assert not any(first.colliderect(second) for i, first in enumerate(areas) for second in areas[:i])
     assert all(places.panel.contains(area) for area in areas)
@@ -272,19 +271,19 @@ def test_long_names_stay_inside_their_slider(width: int) -> None:
 
 
 def test_sliders_are_for_what_varies_and_mark_the_task_space() -> None:
-    stage = open_stage(Performance("zero", "nowhere", "parkour", "fish"))
-    board = Board(Session(stage, [stage.space.centre]))
-    names = [slider.domain.name for slider in board.sliders.values()]
+    rendered = open_rendered(RenderSettings("zero", "nowhere", "parkour", "fish"))
+    view = SessionView(Session(rendered, [rendered.space.centre]))
+    names = [slider.domain.name for slider in view.sliders.values()]
     assert names == ["theta_1", "theta_2", "theta_3", "water_level", "creepers_height", "creepers_spacing"]
-    first = board.sliders[0]
+    first = view.sliders[0]
     assert (first.domain.low, first.domain.high, *first.usual) == (-2, 2, -0.35, 0.05)
-    stage.close()
+    rendered.close()
 
 
 def test_a_video_shows_the_tasks_one_after_the_other(tmp_path: Path) -> None:
     path = tmp_path / "a.gif"
-    played = Played(tasks=("0.5,3", "1,4"), policy="zero", steps=9, every=4, size=(420, 400))
-    first, second = film(played, path)
+    settings = PlaySettings(tasks=("0.5,3", "1,4"), policy="zero", steps=9, every=4, size=(420, 400))
+    first, second = record(settings, path)
     assert [first.task.tolist(), second.task.tolist()] == [[0.5, 3.0], [1.0, 4.0]]
     assert first.steps == second.steps == 9
     with Image.open(path) as gif:
@@ -297,7 +296,7 @@ def test_a_video_shows_the_tasks_one_after_the_other(tmp_path: Path) -> None:
 def test_an_mp4_is_the_same_for_the_same_seed(tmp_path: Path) -> None:
     frames = []
     for name, seed in (("a", 1), ("b", 1), ("c", 2)):
-        film(Played(seed=seed, steps=6, every=2, size=(420, 400)), tmp_path / f"{name}.mp4")
+        record(PlaySettings(seed=seed, steps=6, every=2, size=(420, 400)), tmp_path / f"{name}.mp4")
         with av.open(str(tmp_path / f"{name}.mp4")) as video:
             frames.append([frame.to_ndarray(format="rgb24") for frame in video.decode(video=0)])
     assert [len(each) for each in frames] == [4, 4, 4]
@@ -339,11 +338,11 @@ def test_the_command_refuses_before_anything_opens(
 def test_a_task_is_refused_before_a_window_opens(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("SDL_VIDEODRIVER", "dummy")
     with pytest.raises(ValueError, match="stump_height = 99"):
-        play(Played(tasks=("99,1",)))
+        play(PlaySettings(tasks=("99,1",)))
     assert not pygame.display.get_init()
     monkeypatch.setenv("SDL_VIDEODRIVER", "nonsense")
     with pytest.raises(ValueError, match="no display: use -o"):
-        play(Played())
+        play(PlaySettings())
 
 
 def test_the_command_says_how_it_went(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

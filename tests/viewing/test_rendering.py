@@ -21,7 +21,7 @@ from tma_ray.results import Results
 from tma_ray.runs.saved_policies import find_policy
 from tma_ray.tasks import TaskSpace
 from tma_ray.viewing.pictures import write_frames
-from tma_ray.viewing.rendering import Scenario, parse_task, render
+from tma_ray.viewing.rendering import EpisodeSettings, parse_task, render
 
 SPACE = TaskSpace.from_bounds({"height": (0, 3), "spacing": (0, 6)})
 DOMAIN = TaskSpace.from_bounds({"height": (-3, 9), "spacing": (0, 6)})
@@ -42,8 +42,8 @@ def colours(*levels: int) -> list[np.ndarray]:
 
 def test_a_gif_moves_at_the_pace_of_the_simulation(tmp_path: Path) -> None:
     path = tmp_path / "a.gif"
-    outcome = render(Scenario(environment="parkour", embodiment="fish", steps=9, every=3), path)
-    assert outcome.steps == 9
+    episode = render(EpisodeSettings(environment="parkour", embodiment="fish", steps=9, every=3), path)
+    assert episode.steps == 9
     assert path.read_bytes().startswith(b"GIF89a")
     with Image.open(path) as gif:
         assert gif.size == (600, 400)
@@ -58,7 +58,7 @@ def test_a_gif_moves_at_the_pace_of_the_simulation(tmp_path: Path) -> None:
 
 def test_a_png_is_the_last_frame(tmp_path: Path) -> None:
     path = tmp_path / "a.png"
-    render(Scenario(policy="zero", task="1.5,3", seed=4, steps=7), path)
+    render(EpisodeSettings(policy="zero", task="1.5,3", seed=4, steps=7), path)
     environment = make_environment("stump_tracks", embodiment="classic_bipedal", render_mode="rgb_array")
     environment.reset(seed=4, options={"task": [1.5, 3.0]})
     for _ in range(7):
@@ -81,7 +81,9 @@ def test_an_mp4_holds_all_frames(tmp_path: Path) -> None:
 def test_the_same_scenario_gives_the_same_file_and_the_seed_another(tmp_path: Path) -> None:
     files = [tmp_path / f"{index}.gif" for index in range(3)]
     for path, seed in zip(files, (1, 1, 2), strict=True):
-        render(Scenario(environment="parkour", embodiment="climbing_chimpanzee", seed=seed, steps=4), path)
+        render(
+            EpisodeSettings(environment="parkour", embodiment="climbing_chimpanzee", seed=seed, steps=4), path
+        )
     first, same, other = (path.read_bytes() for path in files)
     assert first == same != other
 
@@ -98,16 +100,16 @@ def test_a_run_is_played_in_its_world_by_its_policy(finished: Path, tmp_path: Pa
         expected += reward
     saved = finished / "policies" / run_id
     for name in (run_id, run_id[:5], str(saved), str(saved / "policy.json")):
-        outcome = render(Scenario(name, finished, seed=3, steps=5), tmp_path / "a.png")
-        assert outcome.episodic_return == pytest.approx(expected)
-        np.testing.assert_array_equal(outcome.task, [1.5, 3.0])
+        episode = render(EpisodeSettings(name, finished, seed=3, steps=5), tmp_path / "a.png")
+        assert episode.episodic_return == pytest.approx(expected)
+        np.testing.assert_array_equal(episode.task, [1.5, 3.0])
 
 
 def test_a_policy_needs_the_body_it_was_trained_with(finished: Path, tmp_path: Path) -> None:
     (manifest,) = Results.open(finished).runs()
-    scenario = Scenario(manifest.run.run_id, finished, embodiment="spider", steps=1)
+    settings = EpisodeSettings(manifest.run.run_id, finished, embodiment="spider", steps=1)
     with pytest.raises(ValueError, match=r"trained in stump_tracks with classic_bipedal"):
-        render(scenario, tmp_path / "a.png")
+        render(settings, tmp_path / "a.png")
     assert not list(tmp_path.iterdir())
 
 
@@ -117,15 +119,15 @@ def test_a_damaged_policy_is_named_where_it_lies(finished: Path, tmp_path: Path)
     shutil.copytree(finished / "policies" / manifest.run.run_id, folder)
     (folder / "checkpoints").mkdir()
     (folder / "checkpoints" / "policy.json").write_text("[]")  # of the same name, but no part of the policy
-    scenario = Scenario(str(folder), steps=1)
-    assert render(scenario, tmp_path / "a.png").steps == 1
+    settings = EpisodeSettings(str(folder), steps=1)
+    assert render(settings, tmp_path / "a.png").steps == 1
     (folder / "policy.safetensors").write_bytes(b"PK")
     with pytest.raises(ValueError, match=f"^{folder}/policy.safetensors: no sound safetensors file"):
-        render(scenario, tmp_path / "b.png")
+        render(settings, tmp_path / "b.png")
     for content in ("[]", "{", "{}"):
         (folder / "spec.json").write_text(content)
         with pytest.raises(ValueError, match=f"^{folder}/spec.json is not the spec of a run"):
-            render(scenario, tmp_path / "b.png")
+            render(settings, tmp_path / "b.png")
 
 
 def test_runs_that_cannot_be_meant(finished: Path, tmp_path: Path) -> None:
@@ -141,7 +143,7 @@ def test_runs_that_cannot_be_meant(finished: Path, tmp_path: Path) -> None:
 def test_an_environment_that_cannot_be_drawn(tmp_path: Path) -> None:
     spec = small_spec(tmp_path)
     with pytest.raises(ValueError, match="cannot be drawn"):
-        render(Scenario(environment=spec.environment, embodiment="", steps=1), tmp_path / "a.png")
+        render(EpisodeSettings(environment=spec.environment, embodiment="", steps=1), tmp_path / "a.png")
 
 
 def test_tasks() -> None:
@@ -205,7 +207,7 @@ def test_the_command_says_how_it_went(tmp_path: Path, capsys: pytest.CaptureFixt
 def test_without_pyav_an_mp4_names_the_remedy(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "av", None)
     with pytest.raises(ValueError, match=r"pip install 'tma_ray\[render\]'"):
-        render(Scenario(steps=1), tmp_path / "a.mp4")
+        render(EpisodeSettings(steps=1), tmp_path / "a.mp4")
 
 
 def test_a_file_appears_when_it_is_complete(tmp_path: Path) -> None:

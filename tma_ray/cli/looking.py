@@ -79,13 +79,15 @@ def _add_render(parser: argparse.ArgumentParser) -> None:
 
 
 def _render(options: argparse.Namespace) -> int:
-    from tma_ray.viewing.rendering import Scenario, render
+    from tma_ray.viewing.rendering import EpisodeSettings, render
 
-    given = {name: value for name, value in vars(options).items() if name in Scenario.__dataclass_fields__}
-    outcome = render(Scenario(**given), options.output)
-    success = "mastered" if outcome.success else "not mastered"
-    end = f"ended after {outcome.steps}" if outcome.ended else f"left after {outcome.steps}"
-    print(f"{options.output}: {end} steps, return {outcome.episodic_return:.1f}, {success}")
+    given = {
+        name: value for name, value in vars(options).items() if name in EpisodeSettings.__dataclass_fields__
+    }
+    episode = render(EpisodeSettings(**given), options.output)
+    success = "mastered" if episode.success else "not mastered"
+    end = f"ended after {episode.steps}" if episode.ended else f"left after {episode.steps}"
+    print(f"{options.output}: {end} steps, return {episode.episodic_return:.1f}, {success}")
     return 0
 
 

@@ -65,16 +65,18 @@ def _export(options: argparse.Namespace) -> int:
 
 
 def _play(options: argparse.Namespace) -> int:
-    from tma_ray.viewing.play.playing import Played, film, parse_size, play
+    from tma_ray.viewing.play.playing import PlaySettings, parse_size, play, record
 
-    given = {name: value for name, value in vars(options).items() if name in Played.__dataclass_fields__}
+    given = {
+        name: value for name, value in vars(options).items() if name in PlaySettings.__dataclass_fields__
+    }
     given["size"] = parse_size(options.size) if options.size else None
     given["tasks"] = tuple(options.tasks or (None,))
-    played = Played(**given)
+    settings = PlaySettings(**given)
     if options.output is None:
-        play(played)
+        play(settings)
         return 0
-    for episode in film(played, options.output):
+    for episode in record(settings, options.output):
         end = f"ended after {episode.steps}" if episode.ended else f"left after {episode.steps}"
         mastered = "mastered" if episode.mastered else "not mastered"
         task = ", ".join(f"{value:g}" for value in episode.task)

@@ -67,12 +67,12 @@ def _video(root: str, wanted: WantedVideo, folder: Path) -> Video:
     from analysis.report.videos import Video
     from tma_ray.runs.saved_policies import find_policy
     from tma_ray.runs.streams import evaluation_seeds
-    from tma_ray.viewing.rendering import Scenario, render
+    from tma_ray.viewing.rendering import EpisodeSettings, render
 
     ending = ".mp4" if find_spec("av") else ".gif"
     file = folder / f"{wanted.name}{ending}"
     world = evaluation_seeds(find_policy(wanted.run_id, root).spec.test_set)[wanted.task_index]
-    scenario = Scenario(
+    settings = EpisodeSettings(
         policy=wanted.run_id, results=root, task=wanted.task, seed=world, steps=LONGEST, every=EVERY[ending]
     )
-    return Video(wanted, file, render(scenario, file).episodic_return)
+    return Video(wanted, file, render(settings, file).episodic_return)

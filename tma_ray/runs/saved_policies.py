@@ -19,7 +19,7 @@ from tma_ray.students import PolicyFileError, load_policy
 
 T = TypeVar("T")
 
-Player = Callable[[NDArray[np.float32]], NDArray[np.float32]]
+StepPolicy = Callable[[NDArray[np.float32]], NDArray[np.float32]]
 """Takes an observation (o,) and returns an action (a,)."""
 
 SPEC_FILE = "spec.json"
@@ -58,8 +58,8 @@ class SavedPolicy:
             where = self.store.where(f"{self.folder}/{error.file.name}")
             raise PolicyFileError(where, error.problem) from error
 
-    def load(self, observations: spaces.Box, actions: spaces.Box) -> Player:
-        """Returns it as a player that acts without exploration.
+    def load(self, observations: spaces.Box, actions: spaces.Box) -> StepPolicy:
+        """Returns a function from observation to action that acts without exploration.
 
         Raises:
             PolicyFileError: one of its files is missing, damaged or of another format.

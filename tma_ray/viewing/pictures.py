@@ -26,7 +26,7 @@ QUALITY = 20
 
 
 def check_picture(path: Path) -> None:
-    """Refuses a file that `write_frames` could not write.
+    """Refuses a file that `write_frames` could not draw_text.
 
     Raises:
         ValueError: another ending than .mp4, .gif and .png, no such folder or one that cannot be written

@@ -8,15 +8,15 @@ from pathlib import Path
 
 import numpy as np
 
-from tma_ray.runs.saved_policies import Player
+from tma_ray.runs.saved_policies import StepPolicy
 from tma_ray.tasks import Task, TaskSpace, check_task
 from tma_ray.viewing.pictures import Frame, check_picture, write_frames
-from tma_ray.viewing.stage import Performance, Stage, open_stage
+from tma_ray.viewing.rendered_environment import RenderedEnvironment, RenderSettings, open_rendered
 
 
 @dataclass(frozen=True)
-class Scenario(Performance):
-    """What to render: one episode.
+class EpisodeSettings(RenderSettings):
+    """Settings of one rendered episode.
 
     Attributes:
         task: as `parse_task` takes it.
@@ -26,11 +26,11 @@ class Scenario(Performance):
 
 
 @dataclass
-class Outcome:
-    """What has happened in the episode so far.
+class RenderedEpisode:
+    """Outcome of a rendered episode so far.
 
     Attributes:
-        task: that it was played on (d,).
+        task: that was played (d,).
         steps: how many were taken.
         episodic_return: sum of rewards.
         ended: whether the episode is over.
@@ -44,7 +44,7 @@ class Outcome:
     success: bool = False
 
 
-def render(scenario: Scenario, output: Path) -> Outcome:
+def render(settings: EpisodeSettings, output: Path) -> RenderedEpisode:
     """Plays an episode into the file `output`: .mp4 or .gif, or .png for its last frame.
 
     Raises:
@@ -52,16 +52,16 @@ def render(scenario: Scenario, output: Path) -> Outcome:
             that cannot be drawn, or a task outside its valid domain; all before anything is played.
     """
     check_picture(output)
-    stage = open_stage(scenario)
+    rendered = open_rendered(settings)
     try:
-        tasks, actions = (np.random.default_rng([scenario.seed, stream]) for stream in range(2))
-        outcome = Outcome(parse_task(scenario.task, stage.space, stage.domain, tasks))
-        every = 0 if output.suffix == ".png" else scenario.every
-        frames = _play(stage, stage.player(actions), scenario, outcome, every)
-        write_frames(output, frames, stage.frame_rate / scenario.every)
+        tasks, actions = (np.random.default_rng([settings.seed, stream]) for stream in range(2))
+        episode = RenderedEpisode(parse_task(settings.task, rendered.space, rendered.domain, tasks))
+        every = 0 if output.suffix == ".png" else settings.every
+        frames = _play(rendered, rendered.acting_policy(actions), settings, episode, every)
+        write_frames(output, frames, rendered.frame_rate / settings.every)
     finally:
-        stage.close()
-    return outcome
+        rendered.close()
+    return episode
 
 
 def parse_task(text: str | None, space: TaskSpace, domain: TaskSpace, rng: np.random.Generator) -> Task:
@@ -97,16 +97,22 @@ def parse_task(text: str | None, space: TaskSpace, domain: TaskSpace, rng: np.ra
     return check_task(list(values.values()), domain)
 
 
-def _play(stage: Stage, player: Player, scenario: Scenario, outcome: Outcome, every: int) -> Iterator[Frame]:
+def _play(
+    rendered: RenderedEnvironment,
+    policy: StepPolicy,
+    settings: EpisodeSettings,
+    episode: RenderedEpisode,
+    every: int,
+) -> Iterator[Frame]:
     """Yields a frame every `every` steps, the first and the last included; for 0 the last alone."""
-    environment = stage.environment
-    observation, _ = environment.reset(seed=scenario.seed, options={"task": outcome.task})
-    while outcome.steps < scenario.steps and not outcome.ended:
-        if every and outcome.steps % every == 0:
-            yield stage.frame()
-        observation, reward, terminated, truncated, info = environment.step(player(observation))
-        outcome.steps += 1
-        outcome.episodic_return += float(reward)
-        outcome.ended = bool(terminated or truncated)
-        outcome.success = bool(info.get("success", False))
-    yield stage.frame()
+    environment = rendered.environment
+    observation, _ = environment.reset(seed=settings.seed, options={"task": episode.task})
+    while episode.steps < settings.steps and not episode.ended:
+        if every and episode.steps % every == 0:
+            yield rendered.frame()
+        observation, reward, terminated, truncated, info = environment.step(policy(observation))
+        episode.steps += 1
+        episode.episodic_return += float(reward)
+        episode.ended = bool(terminated or truncated)
+        episode.success = bool(info.get("success", False))
+    yield rendered.frame()

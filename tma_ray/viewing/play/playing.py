@@ -2,25 +2,39 @@
 
 from __future__ import annotations
 
+import os
 import re
+import sys
 from collections.abc import Iterator, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Final
 
 import numpy as np
+import pygame
 
 from tma_ray.tasks import Task
 from tma_ray.viewing.pictures import Frame, check_picture, write_frames
-from tma_ray.viewing.play.board import Board
 from tma_ray.viewing.play.session import Session
-from tma_ray.viewing.play.window import SMALLEST, Window, check_display
+from tma_ray.viewing.play.view import SessionView
+from tma_ray.viewing.rendered_environment import RenderedEnvironment, RenderSettings, open_rendered
 from tma_ray.viewing.rendering import parse_task
-from tma_ray.viewing.stage import Performance, Stage, open_stage
+
+FRAMES_PER_SECOND: Final = 60
+"""At most."""
+
+SMALLEST: Final = (400, 320)
+"""Width and height that may be asked for, in pixels; whoever makes a window smaller sees less."""
+
+NO_DISPLAY: Final = "no display: use -o FILE.mp4 or -o FILE.gif to make a video without one"
+
+_WITHOUT_SCREEN: Final = ("dummy", "offscreen")
 
 
 @dataclass(frozen=True)
-class Played(Performance):
-    """What to play: episode k has the seed plus k; `steps` and `every` are of a video.
+class PlaySettings(RenderSettings):
+    """Settings of live play: episode k has the seed plus k; `steps` and `every` are of a video.
 
     Attributes:
         tasks: each as `parse_task` takes it; played one after the other. None is the middle of the space.
@@ -39,10 +53,10 @@ class Played(Performance):
 
 @dataclass
 class PlayedEpisode:
-    """How an episode of a video went.
+    """Outcome of an episode of a video.
 
     Attributes:
-        task: that it was played on (d,).
+        task: that was played (d,).
         steps: how many were taken.
         episodic_return: sum of rewards.
         ended: whether it was over by itself.
@@ -57,23 +71,23 @@ class PlayedEpisode:
 
 
 @dataclass
-class _Film:
-    board: Board
+class _Recording:
+    view: SessionView
     size: tuple[int, int]
-    played: Played
+    settings: PlaySettings
     episodes: list[PlayedEpisode] = field(default_factory=list)
 
     def frames(self) -> Iterator[Frame]:
         """Yields a frame every few steps of each episode, its first and its last included."""
-        session = self.board.session
+        session = self.view.session
         for number in range(len(session.tasks)):
             if number:
                 session.next()
-            while session.steps < self.played.steps and not session.over:
-                if session.steps % self.played.every == 0:
-                    yield self.board.picture(self.size)
+            while session.steps < self.settings.steps and not session.over:
+                if session.steps % self.settings.every == 0:
+                    yield self.view.picture(self.size)
                 session.step()
-            yield self.board.picture(self.size)
+            yield self.view.picture(self.size)
             self.episodes.append(
                 PlayedEpisode(
                     session.task, session.steps, session.episodic_return, session.over, session.mastered
@@ -93,7 +107,7 @@ def parse_size(text: str) -> tuple[int, int]:
     return int(found[1]), int(found[2])
 
 
-def play(played: Played) -> None:
+def play(settings: PlaySettings) -> None:
     """Shows a policy in a window until it is closed.
 
     Raises:
@@ -101,44 +115,110 @@ def play(played: Played) -> None:
             or a task outside its valid domain; all before a window opens.
     """
     check_display()
-    stage, tasks = _open(played)
+    rendered, tasks = _open(settings)
     try:
-        board = Board(Session(stage, tasks, played.seed))
-        window = Window(board, played.size or board.best_size, _title(stage))
+        view = SessionView(Session(rendered, tasks, settings.seed))
+        window = Window(view, settings.size or view.best_size, _title(rendered))
         try:
             window.run()
         finally:
             window.close()
     finally:
-        stage.close()
+        rendered.close()
 
 
-def film(played: Played, output: Path) -> list[PlayedEpisode]:
+def record(settings: PlaySettings, output: Path) -> list[PlayedEpisode]:
     """Plays each task once into the file `output`: .mp4 or .gif, or .png for the last frame; no window opens.
 
     Raises:
         ValueError: a file that cannot be written, and as `play` does; all before anything is played.
     """
     check_picture(output)
-    stage, tasks = _open(played)
+    rendered, tasks = _open(settings)
     try:
-        board = Board(Session(stage, tasks, played.seed), help_shown=False)
-        made = _Film(board, played.size or board.best_size, played)
-        write_frames(output, made.frames(), stage.frame_rate / played.every)
+        view = SessionView(Session(rendered, tasks, settings.seed), help_shown=False)
+        made = _Recording(view, settings.size or view.best_size, settings)
+        write_frames(output, made.frames(), rendered.frame_rate / settings.every)
     finally:
-        stage.close()
+        rendered.close()
     return made.episodes
 
 
-def _open(played: Played) -> tuple[Stage, Sequence[Task]]:
-    stage = open_stage(played)
+def _open(settings: PlaySettings) -> tuple[RenderedEnvironment, Sequence[Task]]:
+    rendered = open_rendered(settings)
     try:
-        rng = np.random.default_rng([played.seed, 0])
-        return stage, [parse_task(task, stage.space, stage.domain, rng) for task in played.tasks]
+        rng = np.random.default_rng([settings.seed, 0])
+        return rendered, [parse_task(task, rendered.space, rendered.domain, rng) for task in settings.tasks]
     except ValueError:
-        stage.close()
+        rendered.close()
         raise
 
 
-def _title(stage: Stage) -> str:
-    return f"tma_ray: {stage.policy} in {type(stage.environment.unwrapped).__name__}"
+def _title(rendered: RenderedEnvironment) -> str:
+    return f"tma_ray: {rendered.policy} in {type(rendered.environment.unwrapped).__name__}"
+
+
+class Window:
+    """Shows a view, whose session goes on.
+
+    Args:
+        view: what is shown.
+        size: at first; the user may change it.
+        title: of the window.
+
+    Raises:
+        ValueError: no display is available.
+    """
+
+    def __init__(self, view: SessionView, size: tuple[int, int], title: str) -> None:
+        check_display()
+        self._board = view
+        try:
+            pygame.display.init()  # no sound, no joysticks
+            if pygame.display.get_driver() in _WITHOUT_SCREEN and "SDL_VIDEODRIVER" not in os.environ:
+                raise pygame.error("only drivers without a screen")
+            pygame.display.set_caption(title)
+            self._surface = pygame.display.set_mode(size, pygame.RESIZABLE)
+        except pygame.error as error:
+            pygame.display.quit()
+            raise ValueError(f"{NO_DISPLAY} ({error})") from error
+        self._clock = pygame.time.Clock()
+
+    @property
+    def surface(self) -> pygame.Surface:
+        """What is shown now."""
+        return self._surface
+
+    def run(self) -> None:
+        """Shows frames until somebody leaves, also with Ctrl-C."""
+        self._clock.tick()
+        with suppress(KeyboardInterrupt):
+            while self.turn(self._clock.tick(FRAMES_PER_SECOND) / 1000):
+                pass
+
+    def turn(self, seconds: float) -> bool:
+        """Takes up what was asked for, goes on for `seconds` and shows that; returns whether to go on."""
+        for event in pygame.event.get():
+            self._board.handle(event)
+        if self._board.open:
+            self._board.session.advance(seconds)
+            self._surface = pygame.display.get_surface() or self._surface
+            if min(self._surface.get_size()) > 0:
+                self._board.draw(self._surface, self._clock.get_fps())
+            pygame.display.flip()
+        return self._board.open
+
+    def close(self) -> None:
+        """Closes it, and nothing else of pygame."""
+        pygame.display.quit()
+
+
+def check_display() -> None:
+    """Refuses a machine without a display, as far as its environment tells.
+
+    Raises:
+        ValueError: there is none.
+    """
+    named = any(os.environ.get(name) for name in ("DISPLAY", "WAYLAND_DISPLAY", "SDL_VIDEODRIVER"))
+    if sys.platform.startswith("linux") and not named:
+        raise ValueError(NO_DISPLAY)

@@ -9,7 +9,7 @@ from typing import Final
 import numpy as np
 
 from tma_ray.tasks import Task, check_task
-from tma_ray.viewing.stage import Stage
+from tma_ray.viewing.rendered_environment import RenderedEnvironment
 
 SPEEDS: Final = (0.125, 0.25, 0.5, 1.0, 2.0, 4.0, 8.0)
 """How many times as fast as the world's own time a session can go."""
@@ -27,12 +27,12 @@ class Session:
     Episode number k has the seed `seed` + k, and is the same whenever it is played.
 
     Args:
-        stage: where, and who acts.
+        rendered: the environment, with the policy that acts in it.
         tasks: to play (n, d).
         seed: of the first episode, and of random tasks.
 
     Attributes:
-        stage: where, and who acts.
+        rendered: the environment, with the policy that acts in it.
         tasks: that are played in turn.
         task: of this episode (d,).
         episode: its number.
@@ -43,10 +43,10 @@ class Session:
         speed: times as fast as the world's own time.
     """
 
-    def __init__(self, stage: Stage, tasks: Sequence[Task], seed: int = 0) -> None:
-        self.stage = stage
+    def __init__(self, rendered: RenderedEnvironment, tasks: Sequence[Task], seed: int = 0) -> None:
+        self.rendered = rendered
         self.over = False
-        self.tasks = [check_task(task, stage.domain) for task in tasks]
+        self.tasks = [check_task(task, rendered.domain) for task in tasks]
         self.seed = seed
         self._random_tasks = np.random.default_rng([seed, 2])
         self.paused, self.speed = False, 1.0
@@ -58,13 +58,13 @@ class Session:
         self._due, self._rested = 0.0, 0.0
         self.steps, self.episodic_return, self.over = 0, 0.0, False
         seed = self.seed + self.episode
-        self._player = self.stage.player(np.random.default_rng([seed, 1]))
-        self._observation, _ = self.stage.environment.reset(seed=seed, options={"task": self.task})
+        self._policy = self.rendered.acting_policy(np.random.default_rng([seed, 1]))
+        self._observation, _ = self.rendered.environment.reset(seed=seed, options={"task": self.task})
 
     @property
     def mastered(self) -> bool:
         """Whether the return so far is over the threshold."""
-        return self.episodic_return > self.stage.threshold
+        return self.episodic_return > self.rendered.threshold
 
     def restart(self) -> None:
         """Begins the same episode again."""
@@ -82,15 +82,15 @@ class Session:
         Raises:
             ValueError: the environment cannot build it.
         """
-        self.tasks, self._turn = [check_task(task, self.stage.domain)], 0
+        self.tasks, self._turn = [check_task(task, self.rendered.domain)], 0
         self.episode += 1
         self._begin()
 
     def choose_randomly(self) -> None:
         """Begins an episode of a task drawn from the task space."""
-        self.choose(self.stage.space.sample(self._random_tasks))
+        self.choose(self.rendered.space.sample(self._random_tasks))
 
-    def faster(self, notches: int) -> None:
+    def change_speed(self, notches: int) -> None:
         """Changes the speed by so many of `SPEEDS`."""
         index = SPEEDS.index(self.speed) + notches
         self.speed = SPEEDS[min(max(index, 0), len(SPEEDS) - 1)]
@@ -99,8 +99,8 @@ class Session:
         """Takes one step, unless the episode is over."""
         if self.over:
             return
-        action = self._player(self._observation)
-        self._observation, reward, terminated, truncated, _ = self.stage.environment.step(action)
+        action = self._policy(self._observation)
+        self._observation, reward, terminated, truncated, _ = self.rendered.environment.step(action)
         self.steps += 1
         self.episodic_return += float(reward)
         self.over = bool(terminated or truncated)
@@ -114,7 +114,7 @@ class Session:
             if self._rested >= REST:
                 self.next()
             return
-        self._due += min(seconds, LONGEST_WAIT) * self.speed * float(self.stage.frame_rate)
+        self._due += min(seconds, LONGEST_WAIT) * self.speed * float(self.rendered.frame_rate)
         for _ in itertools.repeat(None, int(self._due)):
             self.step()
         self._due -= int(self._due)

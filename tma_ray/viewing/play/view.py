@@ -12,10 +12,9 @@ from tma_ray.envs import Look
 from tma_ray.envs.drawing.canvas import pixels_of
 from tma_ray.envs.drawing.palette import GRIP_HOLDING, Colour
 from tma_ray.viewing.pictures import Frame
-from tma_ray.viewing.play.arrangement import LINE, Arrangement, arrange, panel_height
-from tma_ray.viewing.play.lettering import FAINT, INK, TEXT_SIZE, broken, font, signed, write
+from tma_ray.viewing.play.layout import LINE, Layout, compute_layout, panel_height
 from tma_ray.viewing.play.session import Session
-from tma_ray.viewing.play.slider import Slider
+from tma_ray.viewing.play.widgets import FAINT, INK, TEXT_SIZE, Slider, draw_text, font, signed, wrapped
 
 PAPER: Final[Colour] = (247, 248, 250)
 DARK: Final[Colour] = (226, 230, 236)
@@ -28,7 +27,7 @@ WIDTH: Final = 840
 """Of a window or video whose size was not given, in pixels."""
 
 
-class Board:
+class SessionView:
     """Draws a session and lets it be changed.
 
     Sliders are for the dimensions that vary in the task space.
@@ -45,18 +44,18 @@ class Board:
 
     def __init__(self, session: Session, help_shown: bool = True) -> None:
         self.session, self.open = session, True
-        stage = session.stage
-        self._environment = stage.environment
+        rendered = session.rendered
+        self._environment = rendered.environment
         self._can_look = self._environment.has_wrapper_attr("look")
         if self._can_look:
             self._see(replace(self._look, smooth=False))
-        frame = stage.frame()
+        frame = rendered.frame()
         self._frame_size = frame.shape[1], frame.shape[0]
         help_line = [*HELP[:-1], LIDARS_HELP, HELP[-1]] if self._can_look else list(HELP)
         self._help = help_line if help_shown else []
         self.sliders = {
-            index: Slider(stage.domain.dimensions[index], (dimension.low, dimension.high), 0.0)
-            for index, dimension in enumerate(stage.space.dimensions)
+            index: Slider(rendered.domain.dimensions[index], (dimension.low, dimension.high), 0.0)
+            for index, dimension in enumerate(rendered.space.dimensions)
             if dimension.high > dimension.low
         }
         self._keys = self._bindings()
@@ -80,11 +79,11 @@ class Board:
             if slider.handle(event):
                 task = self.session.task.copy()
                 task[index] = slider.value
-                self.session.choose(self.session.stage.domain.clip(task))
+                self.session.choose(self.session.rendered.domain.clip(task))
 
-    def arrangement(self, size: tuple[int, int]) -> Arrangement:
+    def layout(self, size: tuple[int, int]) -> Layout:
         """Returns where everything is on a surface of some size."""
-        return arrange(size, self._frame_size, len(self.sliders), self._line_count)
+        return compute_layout(size, self._frame_size, len(self.sliders), self._line_count)
 
     def draw(self, surface: pygame.Surface, frames_per_second: float | None = None) -> None:
         """Draws everything.
@@ -93,7 +92,7 @@ class Board:
             surface: of any size.
             frames_per_second: how often this is drawn; not shown if None.
         """
-        places = self.arrangement(surface.get_size())
+        places = self.layout(surface.get_size())
         surface.fill(DARK)
         self._draw_world(surface, places.world)
         surface.fill(PAPER, places.panel)
@@ -133,14 +132,14 @@ class Board:
             "s": self._step,
             "r": session.restart,
             "n": session.choose_randomly,
-            "+": lambda: session.faster(1),
-            "=": lambda: session.faster(1),  # where + is on the same key
-            "-": lambda: session.faster(-1),
+            "+": lambda: session.change_speed(1),
+            "=": lambda: session.change_speed(1),  # where + is on the same key
+            "-": lambda: session.change_speed(-1),
             "l": self._switch_lidars,
             "q": self._leave,
             pygame.K_ESCAPE: self._leave,
-            pygame.K_KP_PLUS: lambda: session.faster(1),
-            pygame.K_KP_MINUS: lambda: session.faster(-1),
+            pygame.K_KP_PLUS: lambda: session.change_speed(1),
+            pygame.K_KP_MINUS: lambda: session.change_speed(-1),
         }
 
     def _pause(self) -> None:
@@ -168,18 +167,18 @@ class Board:
     def _draw_world(self, surface: pygame.Surface, place: pygame.Rect) -> None:
         if min(place.size) < 1:
             return
-        frame = self.session.stage.frame()
+        frame = self.session.rendered.frame()
         drawn = pygame.image.frombuffer(frame.tobytes(), (frame.shape[1], frame.shape[0]), "RGB")
         surface.blit(pygame.transform.smoothscale(drawn, place.size), place)
 
     def _line_count(self, width: int) -> int:
-        help_lines = len(broken(self._help, width, font(TEXT_SIZE)))
+        help_lines = len(wrapped(self._help, width, font(TEXT_SIZE)))
         return 1 + help_lines  # of the status as much as fits a line
 
     def _write(self, surface: pygame.Surface, place: pygame.Rect, frames_per_second: float | None) -> None:
         letters, session = font(TEXT_SIZE), self.session
-        status = broken(self.status(frames_per_second), place.width, letters)
+        status = wrapped(self.status(frames_per_second), place.width, letters)
         colour = MASTERED if session.mastered else GRIP_HOLDING if session.over else INK
-        write(surface, status[0], place.topleft, letters, colour)
-        for number, line in enumerate(broken(self._help, place.width, letters), start=1):
-            write(surface, line, (place.left, place.top + number * LINE), letters, FAINT)
+        draw_text(surface, status[0], place.topleft, letters, colour)
+        for number, line in enumerate(wrapped(self._help, place.width, letters), start=1):
+            draw_text(surface, line, (place.left, place.top + number * LINE), letters, FAINT)

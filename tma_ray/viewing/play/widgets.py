@@ -1,16 +1,24 @@
-"""A slider: one number between two bounds."""
+"""Widgets of live play: a slider, and text with all signs of the units, cut and wrapped to fit."""
 
 from __future__ import annotations
 
+from functools import cache
+from pathlib import Path
 from typing import Final
 
 import pygame
+from matplotlib import get_data_path
 
 from tma_ray.envs.drawing.palette import HEAD, LIMB, Colour
 from tma_ray.tasks import Dimension
-from tma_ray.viewing.play.lettering import FAINT, INK, SMALL_SIZE, TEXT_SIZE, fitted, font, signed, write
 
-HEIGHT: Final = 62
+TEXT_SIZE, SMALL_SIZE = 13, 11
+"""Heights of letters, in pixels."""
+
+INK: Final[Colour] = (38, 44, 56)
+FAINT: Final[Colour] = (112, 120, 134)
+
+SLIDER_HEIGHT: Final = 62
 """Of a slider with its text, in pixels."""
 
 KNOB: Final = 8
@@ -19,6 +27,53 @@ KNOB: Final = 8
 TRACK: Final[Colour] = (206, 211, 220)
 _TRACK_Y: Final = 27
 _GAP: Final = 8
+
+
+@cache
+def font(size: int, bold: bool = False) -> pygame.font.Font:
+    """Returns a font; nothing but fonts is initialised."""
+    pygame.font.init()
+    name = "DejaVuSans-Bold.ttf" if bold else "DejaVuSans.ttf"
+    return pygame.font.Font(Path(get_data_path()) / "fonts" / "ttf" / name, size)
+
+
+def signed(number: str) -> str:
+    """Returns a number as text with a minus sign instead of a hyphen."""
+    return number.replace("-", "\N{MINUS SIGN}")
+
+
+def elided(text: str, width: int, letters: pygame.font.Font) -> str:
+    """Returns `text`, or its beginning and an ellipsis, not wider than `width` pixels."""
+    if letters.size(text)[0] <= width:
+        return text
+    while text and letters.size(f"{text}…")[0] > width:
+        text = text[:-1].rstrip()
+    return f"{text}…" if text else ""
+
+
+def wrapped(parts: list[str], width: int, letters: pygame.font.Font, gap: str = "  ·  ") -> list[str]:
+    """Returns lines not wider than `width` pixels, each with as many of the `parts` as fit."""
+    lines: list[str] = []
+    for part in parts:
+        longer = f"{lines[-1]}{gap}{part}" if lines else part
+        if lines and letters.size(longer)[0] <= width:
+            lines[-1] = longer
+        else:
+            lines.append(elided(part, width, letters))
+    return lines
+
+
+def draw_text(
+    surface: pygame.Surface,
+    text: str,
+    place: tuple[int, int],
+    letters: pygame.font.Font,
+    colour: Colour = INK,
+    right: bool = False,
+) -> None:
+    """Writes `text` with its upper left corner, or its upper right one, at `place`."""
+    drawn = letters.render(text, True, colour)
+    surface.blit(drawn, drawn.get_rect(topright=place) if right else place)
 
 
 class Slider:
@@ -41,7 +96,7 @@ class Slider:
     def __init__(self, domain: Dimension, usual: tuple[float, float], value: float) -> None:
         self.domain, self.usual, self.value = domain, usual, value
         self.dragged = False
-        self.area = pygame.Rect(0, 0, 200, HEIGHT)
+        self.area = pygame.Rect(0, 0, 200, SLIDER_HEIGHT)
 
     def handle(self, event: pygame.event.Event) -> bool:
         """Follows the mouse; returns whether it was let go of, so that its value is chosen."""
@@ -85,18 +140,18 @@ class Slider:
         area, small = self.area, font(SMALL_SIZE)
         value = signed(f"{self.value:.3g}")
         bold = font(TEXT_SIZE, bold=True)
-        write(surface, value, area.topright, bold, right=True)
-        name = fitted(
+        draw_text(surface, value, area.topright, bold, right=True)
+        name = elided(
             self.domain.name.replace("_", " "), area.width - bold.size(value)[0] - _GAP, font(TEXT_SIZE)
         )
-        write(surface, name, area.topleft, font(TEXT_SIZE), INK)
+        draw_text(surface, name, area.topleft, font(TEXT_SIZE), INK)
         below = area.top + _TRACK_Y + KNOB + 3
         low, high = signed(f"{self.domain.low:g}"), signed(f"{self.domain.high:g}")
-        write(surface, low, (area.left, below), small, FAINT)
-        write(surface, high, (area.right, below), small, FAINT, right=True)
+        draw_text(surface, low, (area.left, below), small, FAINT)
+        draw_text(surface, high, (area.right, below), small, FAINT, right=True)
         room = area.width - 2 * max(small.size(low)[0], small.size(high)[0]) - 2 * _GAP
-        unit = fitted(self.domain.unit, room, small)
-        write(surface, unit, (area.centerx - small.size(unit)[0] // 2, below), small, FAINT)
+        unit = elided(self.domain.unit, room, small)
+        draw_text(surface, unit, (area.centerx - small.size(unit)[0] // 2, below), small, FAINT)
 
     def _track(self) -> tuple[float, float]:
         return self.area.left + KNOB, max(self.area.width - 2 * KNOB, 1)

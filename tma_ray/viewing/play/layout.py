@@ -9,7 +9,7 @@ from typing import Final
 
 import pygame
 
-from tma_ray.viewing.play.slider import HEIGHT as SLIDER_HEIGHT
+from tma_ray.viewing.play.widgets import SLIDER_HEIGHT
 
 MARGIN: Final = 14
 LINE: Final = 19
@@ -29,7 +29,7 @@ Lines = Callable[[int], int]
 
 
 @dataclass(frozen=True)
-class Arrangement:
+class Layout:
     """Where everything is, in pixels.
 
     Attributes:
@@ -45,7 +45,7 @@ class Arrangement:
     text: pygame.Rect
 
 
-def arrange(size: tuple[int, int], frame: tuple[int, int], sliders: int, lines: Lines) -> Arrangement:
+def compute_layout(size: tuple[int, int], frame: tuple[int, int], sliders: int, lines: Lines) -> Layout:
     """Returns the panel beneath the world or beside it, whichever leaves more room for the world.
 
     Args:
@@ -85,7 +85,7 @@ def _grid(width: int, sliders: int, column: int = COLUMN) -> tuple[int, int]:
 
 def _whole(
     room: pygame.Rect, panel: pygame.Rect, frame: tuple[int, int], sliders: int, grid: tuple[int, int]
-) -> Arrangement:
+) -> Layout:
     rows, columns = grid
     share = (panel.width - MARGIN) / columns
     areas = tuple(
@@ -101,7 +101,7 @@ def _whole(
     text = pygame.Rect(
         panel.left + MARGIN, top, panel.width - 2 * MARGIN, max(panel.bottom - MARGIN - top, 0)
     )
-    return Arrangement(_fitting(room, frame), panel, areas, text)
+    return Layout(_fitting(room, frame), panel, areas, text)
 
 
 def _fitting(room: pygame.Rect, frame: tuple[int, int]) -> pygame.Rect:

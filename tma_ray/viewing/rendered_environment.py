@@ -1,4 +1,4 @@
-"""An environment that can be drawn, and who acts in it."""
+"""Environments that draw frames, with the trained, random or zero policy that acts in them."""
 
 from __future__ import annotations
 
@@ -10,10 +10,10 @@ import numpy as np
 from gymnasium import spaces
 
 from tma_ray.envs import ENVIRONMENTS, Environment, make_environment, mastery_return
-from tma_ray.runs.saved_policies import Player, SavedPolicy, find_policy
+from tma_ray.runs.saved_policies import SavedPolicy, StepPolicy, find_policy
 from tma_ray.tasks import TaskSpace
 from tma_ray.viewing.pictures import Frame
-from tma_ray.viewing.policies import RANDOM, ZERO, random_player, zero_player
+from tma_ray.viewing.policies import RANDOM, ZERO, random_policy, zero_policy
 
 DEFAULT_ENVIRONMENT, DEFAULT_EMBODIMENT = "stump_tracks", "classic_bipedal"
 FRAME_RATE = 50
@@ -21,11 +21,11 @@ FRAME_RATE = 50
 
 
 @dataclass(frozen=True)
-class Performance:
-    """Who plays where, and how much of it is shown.
+class RenderSettings:
+    """Settings of rendering: policy, environment, and how much is shown.
 
     Attributes:
-        policy: "random" (uniform actions), "zero" (none), the folder of a saved policy, or a run of
+        policy: "random" (uniform actions), "zero" (all zero), the folder of a saved policy, or a run of
             `results`: its id or an unambiguous beginning of it.
         results: folder or URI of a results root.
         environment: registered name or ``module:Name``; None for that of the run, else Stump Tracks.
@@ -52,12 +52,12 @@ class Performance:
 
 
 @dataclass
-class Stage:
-    """An environment that draws frames, and who acts in it.
+class RenderedEnvironment:
+    """An environment that draws frames, with the policy that acts in it.
 
     Attributes:
         environment: with the render mode "rgb_array".
-        policy: "random", "zero", or what a trained one was called.
+        policy: "random", "zero", or the run of a trained one.
         trained: the trained policy, if it is one.
         space: tasks that a teacher may choose.
         domain: tasks that the environment can build.
@@ -66,7 +66,7 @@ class Stage:
 
     environment: Environment
     policy: str
-    trained: Player | None
+    trained: StepPolicy | None
     space: TaskSpace
     domain: TaskSpace
     threshold: float
@@ -76,16 +76,16 @@ class Stage:
         """Steps of the environment in a second."""
         return Fraction(self.environment.metadata.get("render_fps", FRAME_RATE))
 
-    def player(self, rng: np.random.Generator) -> Player:
-        """Returns who acts; `rng` draws random actions."""
+    def acting_policy(self, rng: np.random.Generator) -> StepPolicy:
+        """Returns the policy that acts; `rng` draws random actions."""
         actions = self.environment.action_space
         assert isinstance(actions, spaces.Box)
         if self.trained is not None:
             return self.trained
-        return zero_player(actions) if self.policy == ZERO else random_player(actions, rng)
+        return zero_policy(actions) if self.policy == ZERO else random_policy(actions, rng)
 
     def frame(self) -> Frame:
-        """Returns what is to be seen now (height, width, 3)."""
+        """Returns the current frame (height, width, 3)."""
         return np.asarray(self.environment.render(), dtype=np.uint8)
 
     def close(self) -> None:
@@ -93,15 +93,15 @@ class Stage:
         self.environment.close()
 
 
-def open_stage(performance: Performance) -> Stage:
-    """Returns the stage of a performance, all of which has been checked.
+def open_rendered(settings: RenderSettings) -> RenderedEnvironment:
+    """Returns the environment that settings describe, all of which has been checked.
 
     Raises:
         ValueError: no such policy or one that does not fit, or an environment that cannot be drawn.
     """
-    policy = performance.policy
-    saved = None if policy in (RANDOM, ZERO) else find_policy(policy, performance.results)
-    made = _make(performance.environment, performance.embodiment, saved)
+    policy = settings.policy
+    saved = None if policy in (RANDOM, ZERO) else find_policy(policy, settings.results)
+    made = _make(settings.environment, settings.embodiment, saved)
     try:
         observations, actions = made.observation_space, made.action_space
         if not (isinstance(observations, spaces.Box) and isinstance(actions, spaces.Box)):
@@ -111,7 +111,7 @@ def open_stage(performance: Performance) -> Stage:
         if space.names != domain.names:  # the policy of one environment in another
             space = made.get_wrapper_attr("task_space")
         trained = None if saved is None else saved.load(observations, actions)
-        return Stage(
+        return RenderedEnvironment(
             made, saved.spec.run_id if saved else policy, trained, space, domain, mastery_return(made)
         )
     except ValueError:
