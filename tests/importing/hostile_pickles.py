@@ -43,12 +43,12 @@ def call(function: bytes, *arguments: bytes) -> bytes:
     return b"\x80\x04}" + text("env_params_train") + function + b"(" + b"".join(arguments) + b"tRs."
 
 
-def books_with(value: Any, protocol: int = 4) -> bytes:
+def history_with(value: Any, protocol: int = 4) -> bytes:
     return pickle.dumps({"env_params_train": value}, protocol=protocol)
 
 
 def shell(trace: str) -> bytes:
-    return books_with(Calls(os.system, f"touch {trace}"))
+    return history_with(Calls(os.system, f"touch {trace}"))
 
 
 def shell_of_protocol_0(trace: str) -> bytes:
@@ -60,11 +60,11 @@ def instance_of_protocol_0(trace: str) -> bytes:
 
 
 def evaluation(trace: str) -> bytes:
-    return books_with(Calls(eval, program(trace)))
+    return history_with(Calls(eval, program(trace)))
 
 
 def execution(trace: str) -> bytes:
-    return books_with(Calls(exec, program(trace)))
+    return history_with(Calls(exec, program(trace)))
 
 
 def execution_of_python_2(trace: str) -> bytes:
@@ -76,11 +76,11 @@ def attribute(trace: str) -> bytes:
 
 
 def partial(trace: str) -> bytes:
-    return books_with(Calls(functools.partial(exec, program(trace))))
+    return history_with(Calls(functools.partial(exec, program(trace))))
 
 
 def mapping(trace: str) -> bytes:
-    return books_with(list_of_map(trace))
+    return history_with(list_of_map(trace))
 
 
 def list_of_map(trace: str) -> Any:
@@ -121,7 +121,7 @@ def numpy_member(trace: str) -> bytes:
 
 
 def numpy_writer(trace: str) -> bytes:
-    return books_with(Calls(np.savetxt, trace, [1.0]))
+    return history_with(Calls(np.savetxt, trace, [1.0]))
 
 
 def copy_reconstructor(trace: str) -> bytes:
@@ -146,15 +146,15 @@ def pandas_frame(trace: str) -> bytes:
 
 
 def object_array(trace: str) -> bytes:
-    return books_with(np.array([Calls(os.system, f"touch {trace}")], dtype=object))
+    return history_with(np.array([Calls(os.system, f"touch {trace}")], dtype=object))
 
 
 def plain_object_array(_: str) -> bytes:
-    return books_with(np.array([{"a": 1}, None], dtype=object))
+    return history_with(np.array([{"a": 1}, None], dtype=object))
 
 
 def record_array(_: str) -> bytes:
-    return books_with(np.zeros(2, dtype=[("a", "O"), ("b", "f8")]))
+    return history_with(np.zeros(2, dtype=[("a", "O"), ("b", "f8")]))
 
 
 def new_instance(trace: str) -> bytes:

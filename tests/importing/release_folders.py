@@ -69,35 +69,35 @@ class Release:
     def sac(self, experiment: str, seed: int = 0, mastered: Sequence[int] = (), **changes: Any) -> Path:
         """Writes a seed of SAC that masters so many of 100 tasks at each evaluation; returns its folder."""
         steps = [EPOCH * (number + 1) for number in range(self.evaluations)]
-        books = self.books(experiment, seed, steps, mastered or [10 * (i + 1) for i in range(len(steps))])
-        rows = [self._sac_row(number, books, steps) for number in range(len(steps))]
+        history = self.history(experiment, seed, steps, mastered or [10 * (i + 1) for i in range(len(steps))])
+        rows = [self._sac_row(number, history, steps) for number in range(len(steps))]
         folder = self._folder(experiment, seed)
         lines = ["\t".join(SAC_COLUMNS), *("\t".join(map(str, row)) for row in rows)]
         (folder / "progress.txt").write_text("\n".join(lines) + "\n")
         config = {"exp_name": experiment, "seed": seed, "steps_per_epoch": EPOCH, "gamma": 0.99}
         (folder / "config.json").write_text(json.dumps(config | {"env_fn": "<function>", "logger": {}}))
-        self._dump(folder, books | changes)
+        self._dump(folder, history | changes)
         (folder / "simple_save").mkdir()
         return folder
 
     def ppo(self, experiment: str, seed: int = 0, mastered: Sequence[int] = (), **changes: Any) -> Path:
         """Writes a seed of PPO, which is evaluated after its first 20,000 steps as well."""
         steps = [20_000, *(EPOCH * (number + 1) for number in range(self.evaluations))]
-        books = self.books(experiment, seed, steps, mastered or [5 * (i + 1) for i in range(len(steps))])
+        history = self.history(experiment, seed, steps, mastered or [5 * (i + 1) for i in range(len(steps))])
         folder = self._folder(experiment, seed)
         with (folder / "progress.csv").open("w", newline="") as file:
             writer = csv.DictWriter(file, PPO_COLUMNS, restval="0.5")
             writer.writeheader()
             for number, step in enumerate(steps):
-                tests = np.array(books["env_test_rewards"][TESTS * number : TESTS * (number + 1)])
+                tests = np.array(history["env_test_rewards"][TESTS * number : TESTS * (number + 1)])
                 mean = {"eprewmean": 50.0 + number, "eplenmean": float(EPISODE)}
                 writer.writerow({"misc/total_timesteps": step, "eval_eprewmean": tests.mean()} | mean)
         (folder / "vars.pkl").write_bytes(b"never read")
         (folder / "checkpoints").mkdir()
-        self._dump(folder, books | changes)
+        self._dump(folder, history | changes)
         return folder
 
-    def books(
+    def history(
         self, experiment: str, seed: int, steps: Sequence[int], mastered: Sequence[int]
     ) -> dict[str, Any]:
         """Returns what a teacher records of a training that is evaluated at `steps`."""
@@ -121,7 +121,7 @@ class Release:
                 for number in range(steps[-1] // 250_000)
             ],
             "periodical_infos": [{"bk_index": number, "task_infos": None} for number in range(4)],
-            **teacher_books(experiment, rng, episodes, len(pairs)),
+            **teacher_records(experiment, rng, episodes, len(pairs)),
         }
 
     def _folder(self, experiment: str, seed: int) -> Path:
@@ -131,15 +131,15 @@ class Release:
         self.written[f"{experiment}/{name}_s{seed}"] = folder
         return folder
 
-    def _sac_row(self, number: int, books: Mapping[str, Any], steps: Sequence[int]) -> list[float]:
+    def _sac_row(self, number: int, history: Mapping[str, Any], steps: Sequence[int]) -> list[float]:
         per_window = EPOCH // EPISODE
-        train = np.array(books["env_train_rewards"][per_window * number : per_window * (number + 1)])
-        tests = np.array(books["env_test_rewards"][TESTS * number : TESTS * (number + 1)])
+        train = np.array(history["env_train_rewards"][per_window * number : per_window * (number + 1)])
+        tests = np.array(history["env_test_rewards"][TESTS * number : TESTS * (number + 1)])
         sides = (*_four(train), *_four(tests), float(EPISODE), 500.0, steps[number], 100.0)
         return [number + 1, *sides]
 
-    def _dump(self, folder: Path, books: Mapping[str, Any]) -> None:
-        data = pickle.dumps(dict(books), protocol=self.protocol)
+    def _dump(self, folder: Path, history: Mapping[str, Any]) -> None:
+        data = pickle.dumps(dict(history), protocol=self.protocol)
         if self.protocol < 4:
             data = data.replace(b"numpy._core", self.spelling.encode())
         (folder / "env_params_save.pkl").write_bytes(data)
@@ -163,8 +163,8 @@ def returns_of_tests(rng: np.random.Generator, mastered: int) -> NDArray[np.floa
     return returns
 
 
-def teacher_books(experiment: str, rng: np.random.Generator, episodes: int, size: int) -> dict[str, Any]:
-    """Returns the books that teachers have besides, with three updates."""
+def teacher_records(experiment: str, rng: np.random.Generator, episodes: int, size: int) -> dict[str, Any]:
+    """Returns the history that teachers have besides, with three updates."""
     moments = [episodes // 4, episodes // 2, episodes]
     low, high = np.zeros(size), np.ones(size)
     if "GMM" in experiment:

@@ -10,7 +10,7 @@ from release_folders import Release, stumps
 
 from tma_ray.benchmark import load_test_set
 from tma_ray.cli import main
-from tma_ray.importing.books import DIMENSIONS
+from tma_ray.importing.teacher_history import DIMENSIONS
 from tma_ray.terrain.cppn import CPPN, SHAPES
 
 PARKOUR = DIMENSIONS["parkour"]

@@ -20,29 +20,29 @@ NAME = stumps("ALP-GMM", 1)
 BAD = f"{NAME}/{NAME}_s1"
 
 
-def change_books(folder: Path, change: Callable[[dict[str, Any]], object]) -> None:
+def change_history(folder: Path, change: Callable[[dict[str, Any]], object]) -> None:
     path = folder / "env_params_save.pkl"
-    books = pickle.loads(path.read_bytes())
-    change(books)
-    path.write_bytes(pickle.dumps(books))
+    history = pickle.loads(path.read_bytes())
+    change(history)
+    path.write_bytes(pickle.dumps(history))
 
 
-def cut_returns(books: dict[str, Any]) -> None:
+def cut_returns(history: dict[str, Any]) -> None:
     for name in ("env_test_rewards", "env_test_len", "env_params_test"):
-        del books[name][-30:]
+        del history[name][-30:]
 
 
-def shorten(books: dict[str, Any]) -> None:
+def shorten(history: dict[str, Any]) -> None:
     for name in ("env_params_train", "env_train_rewards", "env_train_len"):
-        del books[name][200:]
+        del history[name][200:]
 
 
 def replace(name: str, old: str, new: str) -> Callable[[Path], object]:
     return lambda folder: (folder / name).write_text((folder / name).read_text().replace(old, new))
 
 
-def books(change: Callable[[dict[str, Any]], object]) -> Callable[[Path], object]:
-    return lambda folder: change_books(folder, change)
+def history(change: Callable[[dict[str, Any]], object]) -> Callable[[Path], object]:
+    return lambda folder: change_history(folder, change)
 
 
 def truncate(folder: Path) -> None:
@@ -67,33 +67,39 @@ LEFT_OUT: dict[str, tuple[Callable[[Path], object], str]] = {
     "other columns": (replace("progress.txt", "EpLen", "Len"), r"progress\.txt has no column EpLen"),
     "word for a number": (replace("progress.txt", "\n1\t", "\none\t"), r"progress\.txt, line 2: expected 13"),
     "steps that fall": (replace("progress.txt", "\n2\t", "\n1\t"), "steps do not rise"),
-    "evaluation cut off": (books(cut_returns), r"170 returns.*2 evaluations: one is cut off; copy both"),
-    "unequal lengths": (books(lambda b: b["env_train_len"].pop()), r"500 tasks, 500 returns and 499 lengths"),
-    "books of another training": (books(shorten), r"not of one training; copy both again"),
+    "evaluation cut off": (history(cut_returns), r"170 returns.*2 evaluations: one is cut off; copy both"),
+    "unequal lengths": (
+        history(lambda b: b["env_train_len"].pop()),
+        "500 tasks, 500 returns and 499 lengths",
+    ),
+    "history of another training": (history(shorten), r"not of one training; copy both again"),
     "tasks of other size": (
-        books(lambda b: b.update(env_params_train=[np.zeros(3)] * 500)),
+        history(lambda b: b.update(env_params_train=[np.zeros(3)] * 500)),
         r"env_params_train is not a list of tasks of 2 finite numbers",
     ),
     "objects for numbers": (
-        books(lambda b: b.update(env_test_rewards=[{}])),
+        history(lambda b: b.update(env_test_rewards=[{}])),
         "env_test_rewards is not a list",
     ),
-    "no returns": (books(lambda b: b.pop("env_train_rewards")), "env_train_rewards is not a list of numbers"),
+    "no returns": (
+        history(lambda b: b.pop("env_train_rewards")),
+        "env_train_rewards is not a list",
+    ),
     "return that is not a number": (
-        books(lambda b: b["env_test_rewards"].__setitem__(0, float("nan"))),
+        history(lambda b: b["env_test_rewards"].__setitem__(0, float("nan"))),
         "is not a finite number",
     ),
     "length that is not a number of steps": (
-        books(lambda b: b["env_train_len"].__setitem__(0, -3)),
+        history(lambda b: b["env_train_len"].__setitem__(0, -3)),
         "is not a whole number of steps",
     ),
     "the same long list again and again": (
-        books(lambda b: b.update(env_params_train=[[0.0] * 100_000] * 100_000)),
+        history(lambda b: b.update(env_params_train=[[0.0] * 100_000] * 100_000)),
         "env_params_train is not a list of tasks",
     ),
-    "list for books": (
+    "list for history": (
         lambda f: (f / "env_params_save.pkl").write_bytes(pickle.dumps([1])),
-        "holds no books of a teacher",
+        "does not hold a teacher history",
     ),
 }
 
@@ -148,7 +154,7 @@ def test_a_progress_file_shorter_than_its_books_is_imported_as_far_as_both_go(
     path = release.sac(NAME, seed=1) / "progress.txt"
     path.write_text("".join(path.read_text().splitlines(keepends=True)[:-1]))
     done = import_results(release.root, tmp_path / "root")
-    assert "its progress file has 1 evaluations and its books have 2" in done.unfinished[BAD]
+    assert "its progress file has 1 evaluations and its teacher history has 2" in done.unfinished[BAD]
     frames = load(tmp_path / "root")
     (run,) = [run.run.run_id for run in frames.results.runs() if run.run.seed == 1]
     assert len(frames.results.table(Table.EVALUATIONS, [run])) == TESTS
@@ -213,7 +219,7 @@ def test_a_seed_of_ppo_without_its_number(release: Release, tmp_path: Path) -> N
 def test_what_a_teacher_recorded_may_be_damaged_without_its_results(
     release: Release, tmp_path: Path, change: Callable[[dict[str, Any]], object], note: str
 ) -> None:
-    change_books(release.sac(NAME, mastered=[1, 2]), change)
+    change_history(release.sac(NAME, mastered=[1, 2]), change)
     done = import_results(release.root, tmp_path / "root")
     assert done.finished == 1
     (notes,) = done.notes.values()

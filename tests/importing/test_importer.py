@@ -57,33 +57,35 @@ def test_a_seed_of_sac(release: Release) -> None:
 def test_every_number_of_the_books_is_where_it_belongs(release: Release) -> None:
     name = stumps("RIAC", 2)
     release.sac(name, mastered=[5, 60])
-    books = release.books(name, 0, [EPOCH, 2 * EPOCH], [5, 60])
+    history = release.history(name, 0, [EPOCH, 2 * EPOCH], [5, 60])
     _, frames = imported(release)
     evaluations = rows(frames, Table.EVALUATIONS)
     assert [row["step"] for row in evaluations] == [EPOCH] * TESTS + [2 * EPOCH] * TESTS
     assert [row["task_index"] for row in evaluations] == [*range(TESTS)] * 2
-    assert [row["episodic_return"] for row in evaluations] == books["env_test_rewards"]
-    assert [row["length"] for row in evaluations] == books["env_test_len"]
-    assert np.array_equal([row["task"] for row in evaluations], books["env_params_test"])
+    assert [row["episodic_return"] for row in evaluations] == history["env_test_rewards"]
+    assert [row["length"] for row in evaluations] == history["env_test_len"]
+    assert np.array_equal([row["task"] for row in evaluations], history["env_params_test"])
     episodes = rows(frames, Table.EPISODES)
-    assert np.array_equal([row["task"] for row in episodes], books["env_params_train"])
-    assert [row["episodic_return"] for row in episodes] == books["env_train_rewards"]
+    assert np.array_equal([row["task"] for row in episodes], history["env_params_train"])
+    assert [row["episodic_return"] for row in episodes] == history["env_train_rewards"]
     assert [row["step"] for row in episodes] == [EPISODE * (i + 1) for i in range(len(episodes))]
-    assert [row["success"] for row in episodes] == [r > 230 for r in books["env_train_rewards"]]
+    assert [row["success"] for row in episodes] == [r > 230 for r in history["env_train_rewards"]]
     assert all(row["world_task"] is None for row in episodes)
     curriculum = rows(frames, Table.CURRICULUM)
     assert [row["step"] for row in curriculum] == [
         s for s in (500_000, 750_000, 1_000_000) for _ in range(100)
     ]
     assert np.array_equal(
-        [row["task"] for row in curriculum], np.concatenate(books["periodical_samples"][1:])
+        [row["task"] for row in curriculum], np.concatenate(history["periodical_samples"][1:])
     )
 
 
 def test_training_windows_are_those_of_the_progress_file(release: Release) -> None:
     name = stumps("Random", 2)
     release.sac(name)
-    returns = np.array(release.books(name, 0, [EPOCH, 2 * EPOCH], [1, 1])["env_train_rewards"]).reshape(2, -1)
+    returns = np.array(release.history(name, 0, [EPOCH, 2 * EPOCH], [1, 1])["env_train_rewards"]).reshape(
+        2, -1
+    )
     _, frames = imported(release)
     windows = pd.DataFrame(rows(frames, Table.TRAINING))
     assert windows["step"].tolist() == [EPOCH, 2 * EPOCH]
@@ -103,7 +105,7 @@ def test_a_seed_of_ppo_has_steps_of_its_own_and_its_seed_in_the_name(release: Re
     assert frames.evaluations["step"].unique().tolist() == [20_000, EPOCH, 2 * EPOCH]
     assert mastered(frames) == [0, 7, 21]
     assert frames.training["mean_return"].tolist() == [50, 51, 52]
-    assert frames.training["std_return"].gt(0).all()  # the file has none: of the books' episodes
+    assert frames.training["std_return"].gt(0).all()  # the file has none: of the history' episodes
 
 
 @pytest.mark.parametrize("label", TEACHERS)

@@ -11,12 +11,12 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hostile_pickles import HARMFUL, HARMS, Calls, Harm, books_with, shell
+from hostile_pickles import HARMFUL, HARMS, Calls, Harm, history_with, shell
 
 from tma_ray.importing import RefusedPickleError, load_pickle
 from tma_ray.importing.unpickling import _GRANTED
 
-BOOKS = {
+HISTORY = {
     "vectors": [np.array([0.5, 2.0], dtype=np.float32), np.array([1.0, -3.0], dtype=np.float32)],
     "matrix": np.asfortranarray(np.arange(12.0).reshape(3, 4)),
     "big endian": np.arange(3, dtype=">i4"),
@@ -51,14 +51,14 @@ def traced(harm: Harm, tmp_path: Path) -> tuple[Path, Path]:
 @pytest.mark.parametrize("protocol", range(6))
 @pytest.mark.parametrize("core", ["numpy.core", "numpy._core"])
 def test_arrays_numbers_and_containers_of_every_protocol(tmp_path: Path, protocol: int, core: str) -> None:
-    data = pickle.dumps(BOOKS, protocol=protocol)
+    data = pickle.dumps(HISTORY, protocol=protocol)
     if protocol < 4:  # later ones write how long a name is
         data = data.replace(b"numpy._core", core.encode())
-    path = tmp_path / "books.pkl"
+    path = tmp_path / "history.pkl"
     path.write_bytes(data)
     found = load_pickle(path)
-    assert list(found) == list(BOOKS)
-    assert all(same(found[name], value) for name, value in BOOKS.items())
+    assert list(found) == list(HISTORY)
+    assert all(same(found[name], value) for name, value in HISTORY.items())
 
 
 @pytest.mark.parametrize("module", ["numpy.core.multiarray", "numpy._core.multiarray"])
@@ -134,8 +134,8 @@ def test_what_was_refused_changes_nothing_for_the_next(tmp_path: Path) -> None:
         (tmp_path / "a.pkl").write_bytes(harm(str(tmp_path / "trace")))
         with pytest.raises(RefusedPickleError):
             load_pickle(tmp_path / "a.pkl")
-    (tmp_path / "a.pkl").write_bytes(pickle.dumps(BOOKS))
-    assert same(load_pickle(tmp_path / "a.pkl")["nested"], BOOKS["nested"])
+    (tmp_path / "a.pkl").write_bytes(pickle.dumps(HISTORY))
+    assert same(load_pickle(tmp_path / "a.pkl")["nested"], HISTORY["nested"])
     assert np.dtype("f8").byteorder == "="
 
 
@@ -146,7 +146,7 @@ def test_what_was_refused_changes_nothing_for_the_next(tmp_path: Path) -> None:
 )
 @pytest.mark.parametrize("protocol", [2, 5])
 def test_other_harmless_objects_are_refused_too(tmp_path: Path, value: Any, protocol: int) -> None:
-    (tmp_path / "a.pkl").write_bytes(books_with(value, protocol))
+    (tmp_path / "a.pkl").write_bytes(history_with(value, protocol))
     with pytest.raises(RefusedPickleError, match=r"a\.pkl was refused"):
         load_pickle(tmp_path / "a.pkl")
 
@@ -166,8 +166,8 @@ def test_a_file_that_is_not_there(tmp_path: Path) -> None:
 
 def test_a_hostile_value_deep_inside_good_books(tmp_path: Path) -> None:
     trace = tmp_path / "trace"
-    books = {**BOOKS, "periodical_infos": [{"task_infos": [Calls(os.system, f"touch {trace}")]}]}
-    (tmp_path / "a.pkl").write_bytes(pickle.dumps(books))
+    history = {**HISTORY, "periodical_infos": [{"task_infos": [Calls(os.system, f"touch {trace}")]}]}
+    (tmp_path / "a.pkl").write_bytes(pickle.dumps(history))
     with pytest.raises(RefusedPickleError):
         load_pickle(tmp_path / "a.pkl")
     assert not trace.exists()

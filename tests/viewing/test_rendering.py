@@ -136,7 +136,7 @@ def test_runs_that_cannot_be_meant(finished: Path, tmp_path: Path) -> None:
         find_policy("nobody", finished)
     with pytest.raises(ValueError, match="a results root"):
         find_policy("nobody", tmp_path)
-    with pytest.raises(ValueError, match=r"no spec\.json"):
+    with pytest.raises(ValueError, match=r"spec\.json is missing"):
         find_policy(str(tmp_path), finished)
 
 

@@ -12,7 +12,7 @@ from typing import Final
 from tma_ray.importing.errors import ImportRefusedError
 from tma_ray.importing.names import Setting, UnknownNameError, is_named, parse
 
-BOOKS_FILE: Final = "env_params_save.pkl"
+HISTORY_FILE: Final = "env_params_save.pkl"
 PROGRESS_FILES: Final = {"progress.txt": "sac", "progress.csv": "ppo"}
 """Students by the file that each keeps of its progress."""
 IGNORED: Final = "ignore"
@@ -42,9 +42,9 @@ class SeedFolder:
         return self.path / names[self.student]
 
     @property
-    def books_file(self) -> Path:
+    def history_file(self) -> Path:
         """The pickle with what its teacher recorded."""
-        return self.path / BOOKS_FILE
+        return self.path / HISTORY_FILE
 
     @property
     def seed_of_name(self) -> int | None:
@@ -110,9 +110,9 @@ def _student_of(files: set[str]) -> str | None:
     found = [student for name, student in PROGRESS_FILES.items() if name in files]
     if len(found) > 1:
         raise UnknownNameError(f"it has {' and '.join(PROGRESS_FILES)}: keep the one of its student")
-    if not found and BOOKS_FILE in files:
+    if not found and HISTORY_FILE in files:
         raise UnknownNameError(
-            f"it has {BOOKS_FILE} and neither {' nor '.join(PROGRESS_FILES)}: copy the seed again"
+            f"it has {HISTORY_FILE} and neither {' nor '.join(PROGRESS_FILES)}: copy the seed again"
         )
     return found[0] if found else None
 

@@ -12,7 +12,7 @@ from functools import partial
 from typing import Final
 
 DEEPEST: Final = 100
-"""How deep containers may be nested; those of the original's books are less than ten deep."""
+"""How deep containers may be nested; those of the original's history are less than ten deep."""
 
 MEMO_GAP: Final = 100_000
 """How far a memo index may be ahead of the number of memoised values; optimised pickles leave gaps."""

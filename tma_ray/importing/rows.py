@@ -19,8 +19,8 @@ Rows = list[dict[str, Any]]
 
 def evaluation_rows(seed: ImportedSeed, test_set: str) -> Iterator[Rows]:
     """Yields the rows of each evaluation."""
-    books, tests = seed.books, seed.tests
-    tasks = books.test_tasks.astype(np.float32)
+    history, tests = seed.history, seed.tests
+    tasks = history.test_tasks.astype(np.float32)
     for number, step in enumerate(seed.evaluated):
         first = number * tests
         yield [
@@ -29,8 +29,8 @@ def evaluation_rows(seed: ImportedSeed, test_set: str) -> Iterator[Rows]:
                 "test_set": test_set,
                 "task_index": index,
                 "task": tasks[(first + index) % len(tasks)],
-                "episodic_return": float(books.test_returns[first + index]),
-                "length": int(books.test_lengths[first + index]),
+                "episodic_return": float(history.test_returns[first + index]),
+                "length": int(history.test_lengths[first + index]),
             }
             for index in range(tests)
         ]
@@ -38,7 +38,7 @@ def evaluation_rows(seed: ImportedSeed, test_set: str) -> Iterator[Rows]:
 
 def episode_rows(seed: ImportedSeed) -> Rows:
     """Returns the rows of the training episodes; the step of one is the sum of all lengths until its end."""
-    books, ends = seed.books, episode_ends(seed)
+    history, ends = seed.history, episode_ends(seed)
     return [
         {
             "step": int(step),
@@ -49,7 +49,7 @@ def episode_rows(seed: ImportedSeed) -> Rows:
             "success": bool(episodic_return > MASTERY_RETURN),
         }
         for number, (step, task, episodic_return, length) in enumerate(
-            zip(ends, books.tasks.astype(np.float32), books.returns, books.lengths, strict=True)
+            zip(ends, history.tasks.astype(np.float32), history.returns, history.lengths, strict=True)
         )
     ]
 
@@ -60,7 +60,7 @@ def training_rows(seed: ImportedSeed) -> Rows:
     first = 0
     for window in seed.windows:
         last = int(np.searchsorted(ends, window.step, side="right"))
-        returns = seed.books.returns[first:last]
+        returns = seed.history.returns[first:last]
         std = window.std_return if np.isfinite(window.std_return) or not len(returns) else returns.std()
         rows.append(
             {
@@ -79,9 +79,9 @@ def training_rows(seed: ImportedSeed) -> Rows:
 def curriculum_rows(seed: ImportedSeed) -> Iterator[Rows]:
     """Yields the rows of each probe; of a teacher that had nothing to tell yet there are none.
 
-    The books do not say when a probe was: they lie 250,000 steps apart, the last at or before the end.
+    The history does not say when a probe was: probes lie 250,000 steps apart, the last at or before the end.
     """
-    samples = seed.books.samples or ()
+    samples = seed.history.samples or ()
     whole = seed.windows[-1].step // PROBE_INTERVAL
     first = 0 if len(samples) == whole + 1 else 1
     for number, tasks in enumerate(samples, start=first):
@@ -94,5 +94,5 @@ def curriculum_rows(seed: ImportedSeed) -> Iterator[Rows]:
 
 def episode_ends(seed: ImportedSeed) -> NDArray[np.int64]:
     """Returns the environment steps until the end of each training episode (n,)."""
-    ends: NDArray[np.int64] = np.cumsum(seed.books.lengths).astype(np.int64)
+    ends: NDArray[np.int64] = np.cumsum(seed.history.lengths).astype(np.int64)
     return ends

@@ -1,4 +1,4 @@
-"""One seed as it is imported: its progress and its books held against each other."""
+"""One seed as it is imported: its progress and its history held against each other."""
 
 from __future__ import annotations
 
@@ -8,16 +8,16 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from tma_ray.importing.books import Books, read_books
 from tma_ray.importing.errors import DamagedSeedError
 from tma_ray.importing.folders import SeedFolder
 from tma_ray.importing.progress import Progress, Window
+from tma_ray.importing.teacher_history import TeacherHistory, read_teacher_history
 
 LONGEST_EPISODE = 2000
-"""Environment steps after which the original cuts an episode; one that runs at the end is in no book."""
+"""Environment steps after which the original cuts an episode; the history lacks one that runs at the end."""
 
 TOLERANCE = 0.01
-"""By which share of the training the episodes of the books may fall short besides."""
+"""By which share of the training the episodes of the history may fall short besides."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -27,8 +27,8 @@ class ImportedSeed:
     Attributes:
         folder: where it lies.
         progress: what its progress file tells.
-        windows: of it, those that the books bear out.
-        books: what its teacher recorded, as far as the last window.
+        windows: of it, those that the history confirms.
+        history: what its teacher recorded, as far as the last window.
         tests: tasks of an evaluation.
         budget: environment steps that were planned.
         problem: why it did not get to its end, empty if it did.
@@ -38,7 +38,7 @@ class ImportedSeed:
     folder: SeedFolder
     progress: Progress
     windows: tuple[Window, ...]
-    books: Books
+    history: TeacherHistory
     tests: int
     budget: int
     problem: str
@@ -59,25 +59,25 @@ def read_seed(folder: SeedFolder, progress: Progress, budget: int, largest_mebib
     Raises:
         DamagedSeedError: its files do not fit together, or they hold no complete evaluation.
     """
-    books = read_books(folder.books_file, folder.setting.environment, largest_mebibytes)
+    history = read_teacher_history(folder.history_file, folder.setting.environment, largest_mebibytes)
     asked = sum(window.evaluated for window in progress.windows)
     if not asked:
         raise DamagedSeedError(f"{folder.progress_file} has no evaluation in it: nothing to import")
-    tests = _tests(books, asked, folder)
-    recorded = len(books.test_returns) // tests
+    tests = _tests(history, asked, folder)
+    recorded = len(history.test_returns) // tests
     windows = _first(progress.windows, min(asked, recorded))
-    ends = np.cumsum(books.lengths)
+    ends = np.cumsum(history.lengths)
     last = windows[-1].step
     short = last - (int(ends[-1]) if len(ends) else 0)
     most = LONGEST_EPISODE + TOLERANCE * last
     if short > most or (recorded == asked and -short > most):
         raise DamagedSeedError(
-            f"{folder.books_file} has episodes of {last - short:,} steps, and {folder.progress_file.name} "
+            f"{folder.history_file} has episodes of {last - short:,} steps, and {folder.progress_file.name} "
             f"goes to {last:,}: they are not of one training; copy both again"
         )
     problem = _problem(progress, asked, recorded, last, budget)
     return ImportedSeed(
-        folder, progress, windows, _until(books, ends, last), tests, budget, problem, _digest(folder)
+        folder, progress, windows, _until(history, ends, last), tests, budget, problem, _digest(folder)
     )
 
 
@@ -87,26 +87,26 @@ def _problem(progress: Progress, asked: int, recorded: int, last: int, budget: i
     if progress.cut:
         reasons.append("the last line of its progress file is not whole")
     if recorded != asked and not (progress.cut and recorded == asked + 1):
-        reasons.append(f"its progress file has {asked} evaluations and its books have {recorded}")
+        reasons.append(f"its progress file has {asked} evaluations and its teacher history has {recorded}")
     if last < budget:
         reasons.append(f"it ends after {last:,} of {budget:,} steps")
     return "; ".join(reasons)
 
 
-def _tests(books: Books, evaluations: int, folder: SeedFolder) -> int:
+def _tests(history: TeacherHistory, evaluations: int, folder: SeedFolder) -> int:
     """Returns how many tasks an evaluation has: after so many, the test tasks begin again."""
-    count, period = len(books.test_returns), _period(books)
+    count, period = len(history.test_returns), _period(history)
     if period == 0 or count == 0 or (period == count and evaluations != 1):
         raise DamagedSeedError(
-            f"{folder.books_file} has {count:,} returns on {len(books.test_tasks):,} test tasks, and "
+            f"{folder.history_file} has {count:,} returns on {len(history.test_tasks):,} test tasks, and "
             f"{folder.progress_file.name} {evaluations} evaluations: one is cut off; copy both again"
         )
     return period
 
 
-def _period(books: Books) -> int:
+def _period(history: TeacherHistory) -> int:
     """Returns after how many test tasks they begin again; 0 if the returns are not complete evaluations."""
-    tasks, count = books.test_tasks, len(books.test_returns)
+    tasks, count = history.test_tasks, len(history.test_returns)
     if not len(tasks) or count % len(tasks):
         return 0
     if count != len(tasks):
@@ -124,24 +124,24 @@ def _first(windows: tuple[Window, ...], evaluations: int) -> tuple[Window, ...]:
     return windows if evaluations == len(places) else windows[: places[evaluations - 1] + 1]
 
 
-def _until(books: Books, ends: NDArray[np.float64], step: int) -> Books:
+def _until(history: TeacherHistory, ends: NDArray[np.float64], step: int) -> TeacherHistory:
     count = int(np.searchsorted(ends, step, side="right"))
-    return Books(
-        books.tasks[:count],
-        books.returns[:count],
-        books.lengths[:count],
-        books.test_tasks,
-        books.test_returns,
-        books.test_lengths,
-        books.bounds,
-        books.samples,
-        books.teacher,
+    return TeacherHistory(
+        history.tasks[:count],
+        history.returns[:count],
+        history.lengths[:count],
+        history.test_tasks,
+        history.test_returns,
+        history.test_lengths,
+        history.bounds,
+        history.samples,
+        history.teacher,
     )
 
 
 def _digest(folder: SeedFolder) -> str:
     found = hashlib.sha256(repr(_identity(folder)).encode())
-    for path in (folder.progress_file, folder.books_file):
+    for path in (folder.progress_file, folder.history_file):
         with path.open("rb") as file:
             found.update(hashlib.file_digest(file, "sha256").digest())
     return found.hexdigest()

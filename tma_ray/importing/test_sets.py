@@ -11,8 +11,8 @@ from typing import Any, Final
 
 import numpy as np
 
-from tma_ray.importing.books import DIMENSIONS, Floats, entries, matrix
 from tma_ray.importing.errors import DamagedSeedError, ImportRefusedError
+from tma_ray.importing.teacher_history import DIMENSIONS, Floats, entries, matrix
 from tma_ray.importing.unpickling import LARGEST_MEBIBYTES, load_pickle
 from tma_ray.tasks import TestSet
 

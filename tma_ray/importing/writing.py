@@ -11,7 +11,6 @@ from typing import Any, Final
 
 import numpy as np
 
-from tma_ray.importing.books import DIMENSIONS
 from tma_ray.importing.errors import ImportRefusedError
 from tma_ray.importing.names import WITHOUT_KNOWLEDGE
 from tma_ray.importing.rows import (
@@ -22,7 +21,8 @@ from tma_ray.importing.rows import (
     training_rows,
 )
 from tma_ray.importing.seeds import ImportedSeed
-from tma_ray.importing.teacher_books import teacher_rows
+from tma_ray.importing.teacher_history import DIMENSIONS
+from tma_ray.importing.teacher_log import teacher_rows
 from tma_ray.results.committer import Committer
 from tma_ray.results.engines import BOX2D, BOX2D_TEST_SET, NO_PHYSICS_VERSION
 from tma_ray.results.records import RunRecord
@@ -128,9 +128,9 @@ class ImportWriter:
 
     def _teacher_rows(self, seed: ImportedSeed) -> list[dict[str, Any]]:
         notes = self.notes.setdefault(seed.folder.name, [])
-        if seed.books.samples is None:
+        if seed.history.samples is None:
             notes.append("its probes were left out: periodical_samples is not a list of tasks")
-        if not len(seed.books.bounds):
+        if not len(seed.history.bounds):
             notes.append("its task space is unknown: env_param_bounds does not fit its tasks")
         try:
             return teacher_rows(seed)
@@ -163,7 +163,7 @@ class ImportWriter:
         setting = seed.folder.setting
         parkour = setting.environment == "parkour"
         plain = _TEST_SETS.get(setting.embodiment, "parkour_walking") if parkour else "stump_tracks"
-        tasks = seed.books.test_tasks[: seed.tests].astype(np.float32)
+        tasks = seed.history.test_tasks[: seed.tests].astype(np.float32)
         digest = hashlib.sha256(tasks.tobytes()).hexdigest()[:8]
         name = f"{BOX2D_TEST_SET}{plain}"
         return name if self._tests.setdefault(name, digest) == digest else f"{name}-{digest}"
@@ -212,7 +212,7 @@ def _comparison(row: Mapping[str, Any]) -> tuple[str, ...]:
 
 def _spec(seed: ImportedSeed, level: str, test_set: str) -> dict[str, Any]:
     """Returns what is known of a run, as specs of ours have it, and the engine, which those have not."""
-    setting, books = seed.folder.setting, seed.books
+    setting, history = seed.folder.setting, seed.history
     names = DIMENSIONS[setting.environment]
     steps = seed.evaluated
     options = {"embodiment": setting.embodiment}
@@ -225,13 +225,13 @@ def _spec(seed: ImportedSeed, level: str, test_set: str) -> dict[str, Any]:
         "challenge": setting.challenge,
         "task_space": [
             {"name": name, "low": low, "high": high, "unit": ""}
-            for name, (low, high) in zip(names, books.bounds.tolist(), strict=False)
+            for name, (low, high) in zip(names, history.bounds.tolist(), strict=False)
         ],
         "mastery_threshold": MASTERY_RETURN,
         "test_set": {
             "name": test_set,
             "dimensions": list(names),
-            "tasks": books.test_tasks[: seed.tests].astype(np.float32).tolist(),
+            "tasks": history.test_tasks[: seed.tests].astype(np.float32).tolist(),
         },
         "student": seed.folder.student,
         "student_hyperparameters": dict(seed.progress.hyperparameters),

@@ -8,14 +8,14 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from tma_ray.importing.books import Floats, in_proportion, matrix, vector
 from tma_ray.importing.rows import episode_ends
 from tma_ray.importing.seeds import ImportedSeed
+from tma_ray.importing.teacher_history import Floats, in_proportion, matrix, vector
 from tma_ray.results.rows import teacher_log_row
 from tma_ray.tasks import ScoredBox, TeacherUpdate, WeightedGaussian
 
 Update = tuple[float, TeacherUpdate]
-"""When, in the clock of the teacher's books, and what."""
+"""Time in the clock of the teacher's history, and the update."""
 
 _EPISODES: Final = "episodes"
 _LOSSES: Final = {
@@ -26,17 +26,17 @@ _LOSSES: Final = {
 
 
 def teacher_rows(seed: ImportedSeed) -> list[dict[str, Any]]:
-    """Returns the rows of the teacher log, as far as the books allow; none for a teacher without books.
+    """Returns the rows of the teacher log, as far as the history allows; none for a teacher without one.
 
     Raises:
-        ValueError: its books are not what this teacher's are; the message says what.
+        ValueError: its history is not one of this teacher; the message says why.
     """
     teacher = seed.folder.setting.teacher
     reader = _READERS.get(teacher)
     if reader is None:
         return []
     ends, last = episode_ends(seed), seed.windows[-1].step
-    clock, updates = reader(seed.books.teacher, seed.books.tasks.shape[1])
+    clock, updates = reader(seed.history.teacher, seed.history.tasks.shape[1])
     rows = []
     for moment, update in updates:
         if clock == _EPISODES:
@@ -55,9 +55,9 @@ def teacher_rows(seed: ImportedSeed) -> list[dict[str, Any]]:
 Reader = Callable[[Mapping[str, Any], int], tuple[str, Iterator[Update]]]
 
 
-def _mixtures(books: Mapping[str, Any], size: int) -> tuple[str, Iterator[Update]]:
+def _mixtures(history: Mapping[str, Any], size: int) -> tuple[str, Iterator[Update]]:
     names = ("weights", "means", "covariances")
-    fits, moments = _parallel(books, names, _EPISODES), vector(books.get(_EPISODES), _EPISODES)
+    fits, moments = _parallel(history, names, _EPISODES), vector(history.get(_EPISODES), _EPISODES)
     return _EPISODES, (
         (moment, TeacherUpdate(gaussians=_gaussians(fit, size), scalars={"components": float(len(fit[0]))}))
         for moment, fit in zip(moments, fits, strict=True)
@@ -86,10 +86,10 @@ def _plain(value: Any, size: int) -> bool:
     return len(shapes) == 1 and max(max(shapes), default=0) <= 2 * size + 2
 
 
-def _regions(books: Mapping[str, Any], size: int) -> tuple[str, Iterator[Update]]:
+def _regions(history: Mapping[str, Any], size: int) -> tuple[str, Iterator[Update]]:
     splits, moments = (
-        _parallel(books, ("all_boxes", "all_alps"), "split_iterations"),
-        books["split_iterations"],
+        _parallel(history, ("all_boxes", "all_alps"), "split_iterations"),
+        history["split_iterations"],
     )
     return _EPISODES, (
         (moment, TeacherUpdate(boxes=_boxes(boxes, vector(alps, "all_alps"), size)))
@@ -110,8 +110,8 @@ def _box(value: Any, score: float, size: int) -> ScoredBox:
     return ScoredBox(ends[0], ends[1], float(score))
 
 
-def _one_box(books: Mapping[str, Any], size: int) -> tuple[str, Iterator[Update]]:
-    boxes, moments = _parallel(books, ("task_space",), _EPISODES), vector(books.get(_EPISODES), _EPISODES)
+def _one_box(history: Mapping[str, Any], size: int) -> tuple[str, Iterator[Update]]:
+    boxes, moments = _parallel(history, ("task_space",), _EPISODES), vector(history.get(_EPISODES), _EPISODES)
     return _EPISODES, (
         (moment, TeacherUpdate(boxes=(_box(box, np.nan, size),)))
         for moment, (box,) in zip(moments, boxes, strict=True)
@@ -121,8 +121,11 @@ def _one_box(books: Mapping[str, Any], size: int) -> tuple[str, Iterator[Update]
 def _losses(teacher: str) -> Reader:
     names = _LOSSES[teacher]
 
-    def read(books: Mapping[str, Any], _: int) -> tuple[str, Iterator[Update]]:
-        losses, moments = _parallel(books, tuple(names), _EPISODES), vector(books.get(_EPISODES), _EPISODES)
+    def read(history: Mapping[str, Any], _: int) -> tuple[str, Iterator[Update]]:
+        losses, moments = (
+            _parallel(history, tuple(names), _EPISODES),
+            vector(history.get(_EPISODES), _EPISODES),
+        )
         return _EPISODES, (
             (moment, TeacherUpdate(scalars=_named(tuple(names.values()), values)))
             for moment, values in zip(moments, losses, strict=True)
@@ -131,9 +134,9 @@ def _losses(teacher: str) -> Reader:
     return read
 
 
-def _one_gaussian(books: Mapping[str, Any], size: int) -> tuple[str, Iterator[Update]]:
+def _one_gaussian(history: Mapping[str, Any], size: int) -> tuple[str, Iterator[Update]]:
     names = ("mean", "covariance", "algo_iterations", "kl")
-    parts, moments = _parallel(books, names, "steps"), vector(books.get("steps"), "steps")
+    parts, moments = _parallel(history, names, "steps"), vector(history.get("steps"), "steps")
 
     def updates() -> Iterator[Update]:
         for moment, (mean, covariance, iteration, divergence) in zip(moments, parts, strict=True):
@@ -163,18 +166,18 @@ def _array(value: Any) -> NDArray[np.float64]:
     raise ValueError("a scalar is not a number")
 
 
-def _parallel(books: Mapping[str, Any], names: tuple[str, ...], moments: str) -> list[tuple[Any, ...]]:
-    """Returns what the books have at each moment, of several names."""
+def _parallel(history: Mapping[str, Any], names: tuple[str, ...], moments: str) -> list[tuple[Any, ...]]:
+    """Returns the entries of several names at each moment."""
     for name in (*names, moments):
-        if not isinstance(books.get(name), list | tuple | np.ndarray):
+        if not isinstance(history.get(name), list | tuple | np.ndarray):
             raise ValueError(f"{name} is not there, or no list")
-        if not in_proportion(books[name]):
+        if not in_proportion(history[name]):
             raise ValueError(f"{name} has more entries than a training leads to")
-    lengths = {name: len(books[name]) for name in (*names, moments)}
+    lengths = {name: len(history[name]) for name in (*names, moments)}
     if len(set(lengths.values())) > 1:
         told = ", ".join(f"{name} {count:,}" for name, count in lengths.items())
         raise ValueError(f"its entries do not fit together: {told}")
-    return list(zip(*(books[name] for name in names), strict=True))
+    return list(zip(*(history[name] for name in names), strict=True))
 
 
 _READERS: Final[Mapping[str, Reader]] = {

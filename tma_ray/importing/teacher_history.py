@@ -1,4 +1,4 @@
-"""The record that a seed's teacher kept: ``env_params_save.pkl``, read by the restricted unpickler."""
+"""The teacher history of a seed: ``env_params_save.pkl``, read by the restricted unpickler."""
 
 from __future__ import annotations
 
@@ -23,14 +23,14 @@ DIMENSIONS = {
 """Names of the task dimensions, in the original's order, which is ours."""
 
 MOST_ENTRIES = 5_000_000
-"""Of lists in one of the books together; RIAC's regions of 20 million steps are a tenth of that."""
+"""Of the lists in one entry of a history together; RIAC's regions of 20 million steps are a tenth of that."""
 
 Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)
-class Books:
-    """The books of one seed: n training episodes, k test episodes, tasks of d dimensions.
+class TeacherHistory:
+    """The teacher history of one seed: n training episodes, k test episodes, tasks of d dimensions.
 
     Attributes:
         tasks: of the training episodes (n, d).
@@ -40,8 +40,8 @@ class Books:
         test_returns: of the test episodes (k,), evaluation after evaluation.
         test_lengths: of the same (k,), environment steps.
         bounds: of the task space (d, 2); empty where they cannot be told.
-        samples: tasks that the teacher was probed for, an array for each time; None where there are none
-            or they cannot be told.
+        samples: probed tasks, an array for each probe; None where there are none or they cannot be
+            told.
         teacher: what else it recorded, by name.
     """
 
@@ -56,17 +56,17 @@ class Books:
     teacher: Mapping[str, Any] = field(repr=False)
 
 
-def read_books(path: Path, environment: str, largest_mebibytes: int) -> Books:
-    """Returns the books of a seed.
+def read_teacher_history(path: Path, environment: str, largest_mebibytes: int) -> TeacherHistory:
+    """Returns the teacher history of a seed.
 
     Raises:
-        DamagedSeedError: there are none, they may not be read, or their parts do not fit together.
+        DamagedSeedError: it is missing, may not be read, or its parts do not fit together.
     """
     if not path.exists():
         raise DamagedSeedError(f"{path} is missing: copy it too")
     content = load_pickle(path, largest_mebibytes)
     if not isinstance(content, dict):
-        raise DamagedSeedError(f"{path} holds no books of a teacher: copy it again")
+        raise DamagedSeedError(f"{path} does not hold a teacher history: copy it again")
     size = len(DIMENSIONS[environment])
     try:
         tasks = vectors(content, "env_params_train", size)
@@ -78,7 +78,7 @@ def read_books(path: Path, environment: str, largest_mebibytes: int) -> Books:
         _check(tasks, test_tasks, numbers)
     except ValueError as error:
         raise DamagedSeedError(f"{path}: {error}; copy it again") from error
-    return Books(
+    return TeacherHistory(
         tasks=tasks,
         returns=numbers["env_train_rewards"],
         lengths=numbers["env_train_len"],
