@@ -12,13 +12,13 @@ from analysis.style import label, teacher_order
 from analysis.table import Cell, Table, with_best
 from analysis.table_results import TableResults
 from tma_ray.benchmark import (
-    KNOWLEDGE_NEEDS,
+    KNOWLEDGE_REQUIREMENTS,
     ORIGINAL_SPACE,
     PARKOUR,
     STUMP_TRACKS_CHALLENGES,
     TEACHER_GRIDS,
     Matrix,
-    Need,
+    Requirement,
     find_challenge,
 )
 from tma_ray.tasks import KnowledgeLevel
@@ -105,9 +105,9 @@ def knowledge_needs() -> Table:
         "target_distribution": "Target distribution",
         "mastery_range": "Reward mastery range",
     }
-    teachers = sorted(KNOWLEDGE_NEEDS, key=teacher_order)
+    teachers = sorted(KNOWLEDGE_REQUIREMENTS, key=teacher_order)
     cells = {
-        (teacher, column): Cell(words=getattr(KNOWLEDGE_NEEDS[teacher], column).value)
+        (teacher, column): Cell(words=getattr(KNOWLEDGE_REQUIREMENTS[teacher], column).value)
         for teacher in teachers
         for column in columns
     }
@@ -165,8 +165,8 @@ def _number(row: pd.Series) -> Cell:
 
 def _absent(teacher: str, level: str) -> str:
     """Returns why there is no result of `teacher` at `level`."""
-    needs = KNOWLEDGE_NEEDS.get(teacher)
-    if needs and needs.mastery_range is Need.REQUIRED and level == KnowledgeLevel.NONE:
+    needs = KNOWLEDGE_REQUIREMENTS.get(teacher)
+    if needs and needs.mastery_range is Requirement.REQUIRED and level == KnowledgeLevel.NONE:
         return "cannot run without the reward mastery range"
     return "not run"
 

@@ -34,7 +34,7 @@ from tma_ray.physics.pymunk_engine import PymunkEngine
 Tasks = dict[str, list[float]]
 STUMPS: Tasks = {"flat": [0.0, 6.0], "usual": [1.5, 3.0], "crowded": [1.5, 0.0]}
 TERRAINS: Tasks = {
-    milieu: [-0.1, 0.9, 0.1, water, 0.25, 2.0, 2.0, 10.0] for milieu, water in (("dry", 0.0), ("wet", 1.0))
+    medium: [-0.1, 0.9, 0.1, water, 0.25, 2.0, 2.0, 10.0] for medium, water in (("dry", 0.0), ("wet", 1.0))
 }
 WORLDS: dict[str, tuple[type[BodyEnvironment], Tasks]] = {
     "stump_tracks": (StumpTracks, STUMPS),

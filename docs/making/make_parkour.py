@@ -174,7 +174,7 @@ def swing(engine: Engine, seed: int = 0) -> Acting:
 
 def engine_of(body: Embodiment) -> Engine:
     """Returns the engine that Parkour has for `body`."""
-    return make_engine(body, Rules("parkour", body.lidars, observes_milieu=True))
+    return make_engine(body, Rules("parkour", body.lidars, observes_medium=True))
 
 
 def play(view: View, body: Embodiment, terrain: Terrain) -> tuple[Engine, NDArray[np.float32]]:

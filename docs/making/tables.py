@@ -12,7 +12,7 @@ from typing import Any
 import pyarrow as pa
 
 from tma_ray import cli
-from tma_ray.benchmark import CHALLENGES, KNOWLEDGE_NEEDS, challenges_of, load_test_set
+from tma_ray.benchmark import CHALLENGES, KNOWLEDGE_REQUIREMENTS, challenges_of, load_test_set
 from tma_ray.embodiments import embodiment_names, load_embodiment
 from tma_ray.envs import ENVIRONMENTS, make_environment
 from tma_ray.results import SCHEMAS, Table
@@ -73,14 +73,14 @@ def teacher(name: str) -> str:
     return f"{line}\n\n{hyperparameters(kind)}" if has_any else f"{line} It has no hyper-parameters."
 
 
-def knowledge_needs() -> str:
+def knowledge_requirements() -> str:
     """Returns what each teacher makes of each piece of expert knowledge."""
     head = ("teacher", "initial distribution", "target distribution", "range of returns", "runs at level")
     return markdown(
         head,
         [
             (f"`{name}`", *dataclasses.astuple(needs), ", ".join(_levels(name)))
-            for name, needs in KNOWLEDGE_NEEDS.items()
+            for name, needs in KNOWLEDGE_REQUIREMENTS.items()
         ],
     )
 
@@ -254,7 +254,7 @@ GENERATED: dict[str, Callable[[], str]] = {
     **{f"teacher {name}": lambda name=name: teacher(name) for name in TEACHERS.names()},
     "student ppo": lambda: hyperparameters(PPOHyperparameters),
     "student sac": lambda: hyperparameters(SACHyperparameters),
-    "knowledge needs": knowledge_needs,
+    "knowledge requirements": knowledge_requirements,
     **{f"challenges {name}": lambda name=name: challenges(name) for name in ENVIRONMENTS.names()},
     **{f"task space {name}": lambda name=name: task_space(name) for name in ENVIRONMENTS.names()},
     "embodiments": embodiments,

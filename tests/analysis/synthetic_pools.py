@@ -48,11 +48,11 @@ def parkour(teacher: str, values: dict[str, Sequence[float]], **changes: Any) ->
     """Yields cells of Parkour, one for each value of each body, with seeds of their own."""
     seeds = iter(range(1000))
     for body, numbers in values.items():
-        milieu = PARKOUR[body]
+        locomotion = PARKOUR[body]
         place = {
             "environment": "parkour",
-            "experiment": f"parkour_{milieu}",
-            "test_set": f"parkour_{milieu}",
+            "experiment": f"parkour_{locomotion}",
+            "test_set": f"parkour_{locomotion}",
             "embodiment": body,
         }
         for value in numbers:

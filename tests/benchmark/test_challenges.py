@@ -139,11 +139,11 @@ def test_parkours_test_tasks_are_feasible_and_ordered_in_each_source(name: str, 
 
 def test_easy_pieces_of_parkour_are_gentle() -> None:
     cppn, rng = CPPN.load(), np.random.default_rng(0)
-    for milieu, body_type in (("walking", "walker"), ("swimming", "swimmer"), ("climbing", "climber")):
-        space = find_challenge("parkour", f"easy_{milieu}").task_space
+    for locomotion, body_type in (("walking", "walker"), ("swimming", "swimmer"), ("climbing", "climber")):
+        space = find_challenge("parkour", f"easy_{locomotion}").task_space
         for task in space.sample(rng, 50):
             demanded = demands(parkour(task, rng, cppn=cppn), body_type)
-            assert max(demanded.values()) <= 1, (milieu, task.tolist())
+            assert max(demanded.values()) <= 1, (locomotion, task.tolist())
             if body_type == "walker":
                 assert demanded["rise"] * WALKER_RISE < 0.8
                 assert demanded["drop"] * WALKER_DROP < 0.8

@@ -119,7 +119,7 @@ def test_observation_layout(name: str) -> None:
 @pytest.mark.parametrize("name", BODIES)
 def test_observation_size(name: str, environment: str) -> None:
     body = load_embodiment(name)
-    rules = Rules(environment, body.lidars, observes_milieu=environment == "parkour")
+    rules = Rules(environment, body.lidars, observes_medium=environment == "parkour")
     assert observation_size(step_arrays(body, rules)) == BODIES[name]["observation_size"][environment]
 
 

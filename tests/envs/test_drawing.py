@@ -30,7 +30,7 @@ def world(swinging: bool = False, **changes: float) -> Terrain:
 
 def scene(body: str, terrain: Terrain, steps: int = 0) -> Scene:
     embodiment = load_embodiment(body)
-    engine = make_engine(embodiment, Rules("parkour", embodiment.lidars, observes_milieu=True))
+    engine = make_engine(embodiment, Rules("parkour", embodiment.lidars, observes_medium=True))
     observation = engine.reset(terrain, 0.0)
     for _ in range(steps):
         observation, *_ = engine.step(np.ones(embodiment.action_size))

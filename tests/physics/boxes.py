@@ -9,7 +9,7 @@ from tma_ray.physics import Rules
 from tma_ray.terrain import Terrain
 from tma_ray.terrain.stump_tracks import stump_tracks
 
-RULES = Rules("parkour", LidarLayout.FULL, observes_milieu=True)
+RULES = Rules("parkour", LidarLayout.FULL, observes_medium=True)
 
 
 def corners(width: float, height: float) -> np.ndarray:

@@ -22,7 +22,7 @@ SHIPPED = CPPN.load()
 
 def parkour_rules(body: Embodiment) -> Rules:
     """Returns the rules of Parkour for `body`, as its environment has them."""
-    return Rules("parkour", body.lidars, observes_milieu=True)
+    return Rules("parkour", body.lidars, observes_medium=True)
 
 
 def parkour_world(

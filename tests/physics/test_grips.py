@@ -76,7 +76,7 @@ def test_climbers_start_hanging_by_both_hands(name: str) -> None:
     engine = engine_on(terrain, name)
     assert engine.grips.tolist() == [[CEILING, CEILING]] * 2
     assert grip_values(engine, engine.observation) == [1.0] * 4
-    assert engine.milieu.tolist() == [0, 0]
+    assert engine.medium.tolist() == [0, 0]
     assert HANGING_STEPS == 6
 
 

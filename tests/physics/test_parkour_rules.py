@@ -34,7 +34,7 @@ def lived(name: str, terrain, steps: int) -> list[float]:
     ("name", "terrain"),
     [("fish", dry), ("classic_bipedal", deep), ("spider", deep), ("climbing_chimpanzee", deep)],
 )
-def test_the_601st_step_in_the_wrong_milieu_kills_and_the_602nd_shows_it(name: str, terrain) -> None:
+def test_the_601st_step_in_the_wrong_medium_kills_and_the_602nd_shows_it(name: str, terrain) -> None:
     assert lived(name, terrain, 605) == [0.0] * 602 + [1.0] * 4
 
 
@@ -42,15 +42,15 @@ def test_the_601st_step_in_the_wrong_milieu_kills_and_the_602nd_shows_it(name: s
     ("name", "terrain"),
     [("fish", deep), ("classic_bipedal", dry), ("amphibious_bipedal", dry), ("amphibious_bipedal", deep)],
 )
-def test_the_right_milieu_does_not_kill(name: str, terrain) -> None:
+def test_the_right_medium_does_not_kill(name: str, terrain) -> None:
     assert not any(lived(name, terrain, 650))
 
 
 def test_a_breath_of_air_starts_the_count_anew() -> None:
     engine = engine_for("classic_bipedal")
     engine.reset(deep(), 0.0)
-    engine.milieu[0] = 600
-    engine.milieu[:] = 0, 1
+    engine.medium[0] = 600
+    engine.medium[:] = 0, 1
     assert not any(engine.step(np.zeros(4))[0][DEAD] for _ in range(500))
 
 
@@ -58,7 +58,7 @@ def test_the_dead_do_not_act_and_pay_nothing() -> None:
     engines = [engine_for("fish") for _ in range(2)]
     for engine in engines:
         engine.reset(dry(), 0.0)
-        engine.milieu[1] = 601
+        engine.medium[1] = 601
     for _ in range(50):
         before = engines[0].state[BODIES["fish"].head, 0]
         (seen, reward, _), (resting, unmoved, _) = (
@@ -73,7 +73,7 @@ def test_the_dead_do_not_act_and_pay_nothing() -> None:
 def test_dead_hands_let_go() -> None:
     engine = engine_for("climbing_chimpanzee")
     engine.reset(dry(), 0.0)
-    engine.milieu[0] = 601
+    engine.medium[0] = 601
     assert np.all(engine.grips[:, 1] == CEILING)
     engine.step(np.ones(12))
     assert np.all(engine.grips[:, 1] == NOTHING)

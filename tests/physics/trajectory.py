@@ -30,7 +30,7 @@ def digest(engine: Engine, seed: int, steps: int = 150, terrain: Terrain | None 
         observation, reward, ended = engine.step(action)
         content.update(observation.tobytes() + np.float64(reward).tobytes() + bytes([ended]))
         content.update(engine.state.tobytes() + engine.contacts.tobytes())
-        content.update(engine.grips.tobytes() + engine.milieu.tobytes())
+        content.update(engine.grips.tobytes() + engine.medium.tobytes())
     return content.hexdigest()
 
 

@@ -127,7 +127,7 @@ def test_a_teacher_without_its_knowledge_is_refused_by_name() -> None:
 
 
 @pytest.mark.parametrize(
-    ("embodiment", "milieu"),
+    ("embodiment", "locomotion"),
     [
         ("classic_bipedal", "walking"),
         ("amphibious_bipedal", "walking"),
@@ -135,9 +135,9 @@ def test_a_teacher_without_its_knowledge_is_refused_by_name() -> None:
         ("climbing_chimpanzee", "climbing"),
     ],
 )
-def test_parkour_tests_bodies_where_they_live(embodiment: str, milieu: str) -> None:
+def test_parkour_tests_bodies_where_they_live(embodiment: str, locomotion: str) -> None:
     spec = spec_of(environment="parkour", embodiment=embodiment)
-    assert spec.test_set.name == f"parkour_{milieu}"
+    assert spec.test_set.name == f"parkour_{locomotion}"
     assert len(spec.test_set) == 100
 
 

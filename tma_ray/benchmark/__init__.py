@@ -1,4 +1,4 @@
-"""The benchmark as data: challenges, task spaces, test sets, experiments, needs, the paper's results."""
+"""The benchmark as data: challenges, test sets, experiments, knowledge requirements, the paper's results."""
 
 from tma_ray.benchmark.challenges import (
     CHALLENGES,
@@ -10,6 +10,11 @@ from tma_ray.benchmark.challenges import (
 )
 from tma_ray.benchmark.experiments import EXPERIMENTS, TEACHERS, Experiment, find_experiment
 from tma_ray.benchmark.grids import PPO_GRID, TEACHER_GRIDS, Grid
+from tma_ray.benchmark.knowledge_requirements import (
+    KNOWLEDGE_REQUIREMENTS,
+    KnowledgeRequirements,
+    Requirement,
+)
 from tma_ray.benchmark.matrices import (
     CASE_STUDIES,
     MATRICES,
@@ -19,7 +24,6 @@ from tma_ray.benchmark.matrices import (
     Matrix,
     select,
 )
-from tma_ray.benchmark.needs import KNOWLEDGE_NEEDS, KnowledgeNeeds, Need
 from tma_ray.benchmark.paper import PaperResult, paper_results
 from tma_ray.benchmark.tiers import SIZES, Size, Tier
 from tma_ray.benchmark.version import BENCHMARK_VERSION
@@ -29,7 +33,7 @@ __all__ = [
     "CASE_STUDIES",
     "CHALLENGES",
     "EXPERIMENTS",
-    "KNOWLEDGE_NEEDS",
+    "KNOWLEDGE_REQUIREMENTS",
     "MATRICES",
     "ORIGINAL_SPACE",
     "PARKOUR",
@@ -41,10 +45,10 @@ __all__ = [
     "Challenge",
     "Experiment",
     "Grid",
-    "KnowledgeNeeds",
+    "KnowledgeRequirements",
     "Matrix",
-    "Need",
     "PaperResult",
+    "Requirement",
     "Size",
     "Tier",
     "challenges_of",

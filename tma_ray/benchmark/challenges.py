@@ -100,9 +100,9 @@ def _parkour(
 
 
 def _easy_parkour(
-    milieu: str, theta: tuple[tuple[float, float], ...], water: float, delta: float
+    locomotion: str, theta: tuple[tuple[float, float], ...], water: float, delta: float
 ) -> Challenge:
-    """Returns an easy piece of Parkour for the bodies of one milieu, with tests drawn from it."""
+    """Returns an easy piece of Parkour for the bodies of one kind of locomotion, with tests drawn from it."""
     bounds = {
         **dict(zip(("theta_1", "theta_2", "theta_3"), theta, strict=True)),
         "water_level": (water, water),
@@ -113,10 +113,10 @@ def _easy_parkour(
     }
     return Challenge(
         environment="parkour",
-        name=f"easy_{milieu}",
-        title=f"Parkour, easy {milieu}",
+        name=f"easy_{locomotion}",
+        title=f"Parkour, easy {locomotion}",
         task_space=TaskSpace.from_bounds(bounds, PARKOUR_UNITS),
-        test_set=f"parkour_easy_{milieu}",
+        test_set=f"parkour_easy_{locomotion}",
         easy_task=None,
     )
 
@@ -160,9 +160,9 @@ challenges: almost 80 % of the tasks are unfeasible, half are flat ground, the s
 after 7 and 14 of 20 million steps, every dimension is cut in four and shuffled, or there are several bodies
 and students (`matrices` says which). All are tested on the original's grid. Then a corner of it in
 which every working student learns to walk: for trying out students, bodies and settings. Of Parkour,
-the three spaces of appendix C (its experiment takes the medium one, the original; each milieu has test
-tasks), the easy one with so little water that there is none to see, in which the paper lets a chimpanzee
-learn to climb, and an easy piece for each milieu: gentle dry ground, deep water, a nearly flat ceiling."""
+the three spaces of appendix C (its experiment takes the medium one, the original; each kind of locomotion has
+test tasks), the easy one with so little water that there is none to see, in which the paper lets a chimpanzee
+learn to climb, and an easy piece for each kind: gentle dry ground, deep water, a nearly flat ceiling."""
 
 
 def challenges_of(environment: str) -> dict[str, Challenge]:

@@ -60,10 +60,10 @@ class Matrix:
         return tuple(itertools.product(teachers, students))
 
 
-def _parkour(milieu: str, embodiment: str, first_seed: int) -> Matrix:
+def _parkour(locomotion: str, embodiment: str, first_seed: int) -> Matrix:
     """Returns a third of the Parkour experiment: one body, with 16 seeds of its own."""
     return Matrix(
-        name=f"parkour_{milieu}",
+        name=f"parkour_{locomotion}",
         environment="parkour",
         challenge="original",
         embodiments=(embodiment,),

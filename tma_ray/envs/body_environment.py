@@ -188,7 +188,7 @@ def embodiment_of(embodiment: str | Path | Embodiment) -> Embodiment:
 def _observation_space(size: int, rules: Rules) -> spaces.Space[Observation]:
     """Returns bounds that always hold; joints have none, since one that is hit hard overshoots its limits."""
     low, high = np.full(size, -np.inf, np.float32), np.full(size, np.inf, np.float32)
-    if rules.observes_milieu:
+    if rules.observes_medium:
         low[4:6], high[4:6] = 0.0, 1.0
         low[-2 * LIDARS : -LIDARS], high[-2 * LIDARS :] = 0.0, 1.0
         low[-LIDARS:] = -1.0

@@ -1,4 +1,4 @@
-"""Parkour: uneven ground, ceiling, creepers and water, for every milieu (paper, section 4.2, appendix B)."""
+"""Parkour: uneven ground, ceiling, creepers and water, for every medium (paper, section 4.2, appendix B)."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ class Parkour(BodyEnvironment):
     Observations are the head's angle and velocities; whether the head is under water, and whether the body is
     dead; each joint's angle, speed and contact; what each grip sensor touches and holds (0 or 1 each); ten
     lidars, and what each hits (-1 water, 1 a creeper, 0 ground, ceiling or nothing). Reward is progress,
-    less head tilt and the cost of actions. Too many consecutive steps in the wrong milieu kill: actions
+    less head tilt and the cost of actions. Too many consecutive steps in the wrong medium kill: actions
     become 0, and the episode goes on. A critical part that touches the ground (a climber's) ends it with
     -100; passing the goal ends it too. Bodies with grip sensors start hanging from the ceiling.
     See `BodyEnvironment` for actions, `reset` and `info`.
@@ -105,7 +105,7 @@ class Parkour(BodyEnvironment):
         layout = body.lidars if lidars is None else LidarLayout(lidars)
         self._cppn = CPPN.load(cppn_weights)
         self._swinging_creepers = swinging_creepers
-        super().__init__(body, Rules("parkour", layout, observes_milieu=True), render_mode)
+        super().__init__(body, Rules("parkour", layout, observes_medium=True), render_mode)
 
     def build(self, task: Task, rng: np.random.Generator) -> Terrain:
         """Returns the world of `task`; `rng` draws one height per creeper."""

@@ -13,7 +13,7 @@ from tma_ray.tasks import Task, TaskSpace
 from tma_ray.terrain import Terrain
 from tma_ray.terrain.stump_tracks import stump_tracks
 
-RULES = Rules("stump_tracks", LidarLayout.DOWN, observes_milieu=False)
+RULES = Rules("stump_tracks", LidarLayout.DOWN, observes_medium=False)
 """All bodies look down and ahead, as in the original release."""
 
 _UNITS = {"stump_height": "terrain steps", "obstacle_spacing": "m"}

@@ -46,7 +46,7 @@ class CompiledEngine:
         self._addresses = floats.ctypes.data, len(floats), integers.ctypes.data, len(integers)
         self._simulation = simulation = simulation_in(*self._memory)
         self.state, self.contacts = simulation.state, simulation.contacts
-        self.grips, self.milieu = simulation.grips, simulation.milieu
+        self.grips, self.medium = simulation.grips, simulation.medium
         self._action, self._action_shape = simulation.action, simulation.action.shape
         self._observation_size = observation_size(self.arrays)
         self._release: Any = None
@@ -92,7 +92,7 @@ class CompiledEngine:
 
     def _build(self, terrain: Terrain, push: float) -> None:
         simulation, forces = self._simulation, (GRAVITY, push * TIME_STEP)
-        simulation.grips[:], simulation.holds[:], simulation.milieu[:] = NOTHING, 0, 0
+        simulation.grips[:], simulation.holds[:], simulation.medium[:] = NOTHING, 0, 0
         simulation.wet[:] = 0
         shapes, swinging = build(
             self._body, terrain, chains(terrain), self.settings, forces, simulation.handles

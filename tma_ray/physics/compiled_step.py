@@ -143,7 +143,7 @@ def step(floats: Floats, integers: Integers, observation: NDArray[np.float32]) -
     """
     body, simulation = body_in(floats, integers), simulation_in(floats, integers)
     world, swinging = world_in(floats, integers)
-    alive = survives(simulation.milieu, body)
+    alive = survives(simulation.medium, body)
     cost = command_motors(simulation.action, alive, body, simulation.commands)
     if math.isnan(cost):
         return cost, False
@@ -152,9 +152,9 @@ def step(floats: Floats, integers: Integers, observation: NDArray[np.float32]) -
     move_creepers(world, swinging)
     soak(simulation, body, world.water_y, floats[DURATION])
     take_hold(simulation, body, world, swinging, floats[ERROR_BIAS])
-    state, contacts, milieu = simulation.state, simulation.contacts, simulation.milieu
-    observe(state, contacts, milieu, simulation.grips, body, world, observation)
-    breathe(state, world.water_y, body, milieu)
+    state, contacts, medium = simulation.state, simulation.contacts, simulation.medium
+    observe(state, contacts, medium, simulation.grips, body, world, observation)
+    breathe(state, world.water_y, body, medium)
     reward, ended, floats[BEFORE] = judge(state, contacts, body, world.goal_x, cost, floats[BEFORE])
     return reward, ended
 

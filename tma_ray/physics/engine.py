@@ -63,7 +63,7 @@ class Engine(Protocol):
         state: (p, 6) as kernels.py has it, rewritten by every step.
         contacts: pieces of ground and of ceiling that each part touches (p, 2), rewritten by every step.
         grips: what each grip sensor touches and holds (g, 2) as grips.py has it, rewritten by every step.
-        milieu: consecutive steps under water and outside it (2,), rewritten by every step.
+        medium: consecutive steps under water and outside it (2,), rewritten by every step.
         arrays: what the kernels know of the body.
     """
 
@@ -71,7 +71,7 @@ class Engine(Protocol):
     state: NDArray[np.float64]
     contacts: NDArray[np.int64]
     grips: NDArray[np.int64]
-    milieu: NDArray[np.int64]
+    medium: NDArray[np.int64]
 
     @property
     def creeper_poses(self) -> NDArray[np.float64]:
@@ -118,5 +118,5 @@ def first_steps(engine: Engine, hanging: bool) -> NDArray[np.float32]:
         action[motors:] = 1.0
     for _ in range(HANGING_STEPS if hanging else 1):
         observation = engine.step(action)[0]
-        engine.milieu[:] = 0
+        engine.medium[:] = 0
     return observation

@@ -40,7 +40,7 @@ def command_motors(action: Floats, alive: bool, body: StepArrays, commands: Floa
 
     Args:
         action: of motors, then of grip sensors (j + g,); all 0 afterwards if the body is dead.
-        alive: whether the body has survived its milieu.
+        alive: whether the body has survived its medium.
         body: the body.
         commands: written.
 
@@ -64,27 +64,27 @@ def command_motors(action: Floats, alive: bool, body: StepArrays, commands: Floa
 
 
 @kernel
-def survives(milieu: Integers, body: StepArrays) -> bool:
+def survives(medium: Integers, body: StepArrays) -> bool:
     """Tells whether the body is alive after consecutive steps under water and outside it (2,)."""
-    drowned = 0 <= body.survivable[0] < milieu[0]
-    dried = 0 <= body.survivable[1] < milieu[1]
+    drowned = 0 <= body.survivable[0] < medium[0]
+    dried = 0 <= body.survivable[1] < medium[1]
     return not (drowned or dried)
 
 
 @kernel
-def breathe(state: Floats, water_y: float, body: StepArrays, milieu: Integers) -> None:
-    """Counts a step in `milieu` (2,): under water or outside it, where the head is. The dead do not count."""
-    if survives(milieu, body):
+def breathe(state: Floats, water_y: float, body: StepArrays, medium: Integers) -> None:
+    """Counts a step in `medium` (2,): under water or outside it, where the head is. The dead do not count."""
+    if survives(medium, body):
         submerged = state[body.head, 1] <= water_y
-        milieu[0] = milieu[0] + 1 if submerged else 0
-        milieu[1] = 0 if submerged else milieu[1] + 1
+        medium[0] = medium[0] + 1 if submerged else 0
+        medium[1] = 0 if submerged else medium[1] + 1
 
 
 @kernel
 def observe(
     state: Floats,
     contacts: Integers,
-    milieu: Integers,
+    medium: Integers,
     grips: Integers,
     body: StepArrays,
     world: World,
@@ -93,13 +93,13 @@ def observe(
     """Writes what the body senses, in the release's units and order.
 
     That is its head; whether the head is under water and the body was dead when it acted; joints and
-    contacts; what each grip sensor touches and holds; lidars, and what they hit. Rules say whether the milieu
+    contacts; what each grip sensor touches and holds; lidars, and what they hit. Rules say whether the medium
     is observed.
 
     Args:
         state: (p, 6).
         contacts: (p, 2).
-        milieu: consecutive steps under water and outside it before this one (2,).
+        medium: consecutive steps under water and outside it before this one (2,).
         grips: what each sensor touches and holds (g, 2).
         body: the body.
         world: the world.
@@ -111,9 +111,9 @@ def observe(
     observation[2] = VELOCITY_X_SCALE * head[3]
     observation[3] = VELOCITY_Y_SCALE * head[4]
     at = 4
-    if body.observes_milieu:
+    if body.observes_medium:
         observation[at] = 1.0 if head[1] <= world.water_y else 0.0
-        observation[at + 1] = 0.0 if survives(milieu, body) else 1.0
+        observation[at + 1] = 0.0 if survives(medium, body) else 1.0
         at += 2
     for joint in range(len(body.joint_parts)):
         a, b = state[body.joint_parts[joint, 0]], state[body.joint_parts[joint, 1]]
@@ -138,7 +138,7 @@ def _observe_lidars(head: Floats, body: StepArrays, world: World, observation: N
     for ray in range(rays):
         fraction, kind = look(head[0], head[1], body.rays[ray], world)
         observation[ray] = fraction
-        if body.observes_milieu:
+        if body.observes_medium:
             observation[rays + ray] = kind
 
 

@@ -54,7 +54,7 @@ class Simulation(NamedTuple):
         forces: of the water on each part (p, 3), as `water_forces` writes them.
         points: where the sensors are (g, 2), in m.
         contacts: (p, 2).
-        milieu: consecutive steps under water and outside it (2,).
+        medium: consecutive steps under water and outside it (2,).
         wet: 1 if there are forces of water, else 0 (1,).
         grips: what each sensor touches and holds (g, 2).
         handles: pointers to the space, p bodies, j motors, h limits and h pivots (1 + p + j + 2 h,).
@@ -69,7 +69,7 @@ class Simulation(NamedTuple):
     forces: Floats
     points: Floats
     contacts: Integers
-    milieu: Integers
+    medium: Integers
     wet: Integers
     grips: Integers
     handles: Integers
@@ -86,7 +86,7 @@ def new_memory(body: StepArrays, all_joints: int, settings: SolverSettings, coun
             INTEGERS + (2 + p + 3 * j + p + 1 + g) + (2 * p + 3 + 2 * g + 1 + p + j + 2 * h + g), np.int64
         ),
     )
-    memory.integers[:SUBSTEPS] = p, j, r, v, g, h, body.head, body.observes_milieu, body.may_touch_ceiling
+    memory.integers[:SUBSTEPS] = p, j, r, v, g, h, body.head, body.observes_medium, body.may_touch_ceiling
     memory.integers[[SUBSTEPS, COUNT_CONTACT]] = settings.substeps, count_contact
     memory.floats[:2] = body.torque_cost, body.upright_weight
     memory.floats[[DURATION, ERROR_BIAS]] = TIME_STEP / settings.substeps, settings.joint_error_bias
@@ -157,7 +157,7 @@ def simulation_in(floats: Floats, integers: Integers) -> Simulation:
     forces, points = left[: 3 * p], left[3 * p : 3 * p + 2 * g]
     rest = integers[INTEGERS + 2 + p + 3 * j + p + 1 + g :]
     contacts, rest = rest[: 2 * p], rest[2 * p :]
-    milieu, wet, rest = rest[:2], rest[2:3], rest[3:]
+    medium, wet, rest = rest[:2], rest[2:3], rest[3:]
     grips, rest = rest[: 2 * g], rest[2 * g :]
     many = 1 + p + j + 2 * h
     return Simulation(
@@ -169,7 +169,7 @@ def simulation_in(floats: Floats, integers: Integers) -> Simulation:
         forces.reshape(p, 3),
         points.reshape(g, 2),
         contacts.reshape(p, 2),
-        milieu,
+        medium,
         wet,
         grips.reshape(g, 2),
         rest[:many],

@@ -47,7 +47,7 @@ class PymunkEngine:
         self.grips = np.full((grips, 2), NOTHING, dtype=np.int64)
         self._grip_points, self._rotations = np.zeros((grips, 2)), np.zeros((parts, 2))
         self._forces, self._torques = np.zeros((parts, 3)), np.zeros(motors)
-        self.milieu = np.zeros(2, dtype=np.int64)
+        self.medium = np.zeros(2, dtype=np.int64)
         self._observation_size = observation_size(self.arrays)
         self._action, self._commands = np.zeros(body.action_size), np.zeros((motors, 2))
         self._buffer = batch.Buffer()
@@ -59,7 +59,7 @@ class PymunkEngine:
         if hangs:
             terrain = hung(terrain, self._body, self.arrays)
         self._build(terrain, push)
-        self.grips[:], self.milieu[:], self._wet, self._shaping = NOTHING, 0, False, 0.0
+        self.grips[:], self.medium[:], self._wet, self._shaping = NOTHING, 0, False, 0.0
         self._held: dict[int, pymunk.PivotJoint] = {}
         return first_steps(self, hangs)
 
@@ -71,7 +71,7 @@ class PymunkEngine:
         if values.shape != self._action.shape:
             raise ValueError(f"an action has shape {self._action.shape}, got {values.shape}")
         self._action[:] = values
-        alive = survives(self.milieu, self.arrays)
+        alive = survives(self.medium, self.arrays)
         cost = command_motors(self._action, alive, self.arrays, self._commands)
         if math.isnan(cost):
             raise ValueError(f"an action must be finite, got {values.tolist()}")
@@ -81,8 +81,8 @@ class PymunkEngine:
         self._read_state(self._space)
         self._take_hold(self._space)
         observation = np.empty(self._observation_size, dtype=np.float32)
-        observe(self.state, self.contacts, self.milieu, self.grips, self.arrays, self._world, observation)
-        breathe(self.state, self._world.water_y, self.arrays, self.milieu)
+        observe(self.state, self.contacts, self.medium, self.grips, self.arrays, self._world, observation)
+        breathe(self.state, self._world.water_y, self.arrays, self.medium)
         reward, terminated, self._shaping = judge(
             self.state, self.contacts, self.arrays, self._world.goal_x, cost, self._shaping
         )

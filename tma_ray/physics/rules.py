@@ -32,12 +32,12 @@ class Rules(NamedTuple):
     Attributes:
         environment: name, whose critical parts count.
         lidars: where the rays point.
-        observes_milieu: whether observations tell water, death and what the lidars hit.
+        observes_medium: whether observations tell water, death and what the lidars hit.
     """
 
     environment: str
     lidars: LidarLayout
-    observes_milieu: bool
+    observes_medium: bool
 
 
 class StepArrays(NamedTuple):
@@ -45,7 +45,7 @@ class StepArrays(NamedTuple):
 
     Attributes:
         head: index of the head.
-        observes_milieu: 1 if observations tell of the milieu, else 0.
+        observes_medium: 1 if observations tell of the medium, else 0.
         may_touch_ceiling: 1 if critical parts may touch the ceiling, else 0.
         survivable: consecutive steps that the body survives under water and outside it (2,), or NO_LIMIT.
         critical: parts whose contact ends the episode (p,).
@@ -67,7 +67,7 @@ class StepArrays(NamedTuple):
     """
 
     head: int
-    observes_milieu: int
+    observes_medium: int
     may_touch_ceiling: int
     survivable: Integers
     critical: Integers
@@ -95,7 +95,7 @@ def step_arrays(body: Embodiment, rules: Rules) -> StepArrays:
     angles = lidar_angles(rules.lidars)
     return StepArrays(
         head=body.head,
-        observes_milieu=int(rules.observes_milieu),
+        observes_medium=int(rules.observes_medium),
         may_touch_ceiling=int(body.may_touch_ceiling),
         survivable=np.array([NO_LIMIT if limit is None else limit for limit in limits], dtype=np.int64),
         critical=np.array([rules.environment in part.critical for part in body.parts], dtype=np.int64),
@@ -131,8 +131,8 @@ def lidar_angles(layout: LidarLayout) -> Floats:
 def observation_size(body: StepArrays) -> int:
     """Returns the number of values that `observe` writes."""
     contacts, rays = int(np.sum(body.contact_part >= 0)), len(body.rays)
-    milieu = 2 + rays if body.observes_milieu else 0
-    return 4 + 2 * len(body.motors) + contacts + 2 * len(body.grips) + rays + milieu
+    medium = 2 + rays if body.observes_medium else 0
+    return 4 + 2 * len(body.motors) + contacts + 2 * len(body.grips) + rays + medium
 
 
 def _bounds(body: Embodiment, index: int) -> tuple[float, ...]:

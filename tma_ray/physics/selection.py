@@ -97,7 +97,7 @@ def _try_compiled() -> None:
     from tma_ray.terrain.stump_tracks import stump_tracks  # here, since it loads numba
 
     body = load_embodiment("classic_bipedal")
-    rules = Rules("stump_tracks", LidarLayout.DOWN, observes_milieu=True)
+    rules = Rules("stump_tracks", LidarLayout.DOWN, observes_medium=True)
     terrain = stump_tracks(np.array([1.0, 0.5], dtype=np.float32), np.random.default_rng(0))
     actions = np.random.default_rng(1).uniform(-1.0, 1.0, (TRIAL_STEPS, body.action_size))
     fast, oracle = (_engine_class(name)(body, rules) for name in ("compiled", "pymunk"))

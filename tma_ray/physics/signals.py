@@ -30,7 +30,7 @@ class Signal:
 
 def observation_signals(body: Embodiment, rules: Rules) -> tuple[Signal, ...]:
     """Returns what an observation of `body` under `rules` consists of, in order."""
-    return (*_head(), *(_milieu() if rules.observes_milieu else ()), *_limbs(body), *_lidars(rules))
+    return (*_head(), *(_medium_signals() if rules.observes_medium else ()), *_limbs(body), *_lidars(rules))
 
 
 def action_signals(body: Embodiment) -> tuple[Signal, ...]:
@@ -61,7 +61,7 @@ def _head() -> Iterator[Signal]:
     yield Signal("head", "vertical velocity", f"{1 / VELOCITY_Y_SCALE:.4g} m/s")
 
 
-def _milieu() -> Iterator[Signal]:
+def _medium_signals() -> Iterator[Signal]:
     yield Signal("head", "whether it is under water")
     yield Signal("body", "whether it is dead")
 
@@ -82,7 +82,7 @@ def _lidars(rules: Rules) -> Iterator[Signal]:
     first, last = np.rad2deg(lidar_angles(rules.lidars)[[0, -1]])
     directions = f"rays from {first:.0f}° to {last:.0f}° (0° is down, 90° ahead, 180° up)"
     yield Signal("lidars", f"distance to what each meets, 1 for nothing; {directions}", _RANGE, LIDARS)
-    if rules.observes_milieu:
+    if rules.observes_medium:
         yield Signal("lidars", "what each meets: -1 water, 1 a creeper, 0 anything else", size=LIDARS)
 
 

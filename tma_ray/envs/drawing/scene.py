@@ -25,7 +25,7 @@ class Scene:
         grips: whether each grip sensor touches and holds something (g, 2).
         lidars: where the rays end (r, 2), in m.
         hits: what each ray hits (r,): -1 water, 1 a creeper, 0 anything else.
-        dead: whether the body has been in the wrong milieu for too long.
+        dead: whether the body has been in the wrong medium for too long.
     """
 
     poses: Floats
@@ -41,7 +41,7 @@ def scene_of(engine: Engine, terrain: Terrain, observation: NDArray[np.float32])
     """Returns what there is to see of `engine`, whose last observation (o,) ends with what the lidars saw."""
     poses, body = engine.state[:, :3], engine.arrays
     rays = len(body.rays)
-    if body.observes_milieu:
+    if body.observes_medium:
         distances, hits, dead = observation[-2 * rays : -rays], observation[-rays:], observation[5] > 0
     else:
         distances, hits, dead = observation[-rays:], np.zeros(rays, np.float32), False

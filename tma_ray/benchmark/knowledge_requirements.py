@@ -7,8 +7,8 @@ from dataclasses import dataclass
 from enum import StrEnum
 
 
-class Need(StrEnum):
-    """What a teacher makes of a piece of expert knowledge."""
+class Requirement(StrEnum):
+    """The use that a teacher makes of a piece of expert knowledge."""
 
     REQUIRED = "required"
     OPTIONAL = "optional"
@@ -16,8 +16,8 @@ class Need(StrEnum):
 
 
 @dataclass(frozen=True)
-class KnowledgeNeeds:
-    """What a teacher makes of each piece of `tma_ray.tasks.ExpertKnowledge`.
+class KnowledgeRequirements:
+    """The use that a teacher makes of each piece of `tma_ray.tasks.ExpertKnowledge`.
 
     The distributions are there at every level, the initial one placed at random unless an expert knows
     better, so that a teacher that requires one still runs without knowledge. The range of returns is told
@@ -30,21 +30,21 @@ class KnowledgeNeeds:
             mastered.
     """
 
-    initial_distribution: Need
-    target_distribution: Need
-    mastery_range: Need
+    initial_distribution: Requirement
+    target_distribution: Requirement
+    mastery_range: Requirement
 
 
-REQUIRED, OPTIONAL, IGNORED = Need
+REQUIRED, OPTIONAL, IGNORED = Requirement
 
-KNOWLEDGE_NEEDS: Mapping[str, KnowledgeNeeds] = {
-    "random": KnowledgeNeeds(IGNORED, IGNORED, IGNORED),
-    "adr": KnowledgeNeeds(REQUIRED, IGNORED, REQUIRED),
-    "alp_gmm": KnowledgeNeeds(OPTIONAL, IGNORED, IGNORED),
-    "covar_gmm": KnowledgeNeeds(OPTIONAL, IGNORED, IGNORED),
-    "goal_gan": KnowledgeNeeds(OPTIONAL, IGNORED, REQUIRED),
-    "riac": KnowledgeNeeds(IGNORED, IGNORED, IGNORED),
-    "setter_solver": KnowledgeNeeds(IGNORED, OPTIONAL, REQUIRED),
-    "spdl": KnowledgeNeeds(REQUIRED, REQUIRED, IGNORED),
+KNOWLEDGE_REQUIREMENTS: Mapping[str, KnowledgeRequirements] = {
+    "random": KnowledgeRequirements(IGNORED, IGNORED, IGNORED),
+    "adr": KnowledgeRequirements(REQUIRED, IGNORED, REQUIRED),
+    "alp_gmm": KnowledgeRequirements(OPTIONAL, IGNORED, IGNORED),
+    "covar_gmm": KnowledgeRequirements(OPTIONAL, IGNORED, IGNORED),
+    "goal_gan": KnowledgeRequirements(OPTIONAL, IGNORED, REQUIRED),
+    "riac": KnowledgeRequirements(IGNORED, IGNORED, IGNORED),
+    "setter_solver": KnowledgeRequirements(IGNORED, OPTIONAL, REQUIRED),
+    "spdl": KnowledgeRequirements(REQUIRED, REQUIRED, IGNORED),
 }
 """By name of the teacher (paper, section 3); Random, which is not among them there, uses nothing."""
