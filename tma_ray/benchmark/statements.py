@@ -30,7 +30,7 @@ class Reading:
 
 
 class Relation(StrEnum):
-    """How two readings compare; the first three by Welch's test at 0.05."""
+    """Relation between two readings; the first three by Welch's test at 0.05."""
 
     BETTER = "better"
     WORSE = "worse"
@@ -101,5 +101,5 @@ class Claim:
 
     @property
     def needed(self) -> int:
-        """How many of the statements must hold."""
+        """Number of the statements that must hold."""
         return len(self.statements) if self.at_least is None else self.at_least

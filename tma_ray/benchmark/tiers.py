@@ -21,7 +21,7 @@ class Tier(StrEnum):
 
 @dataclass(frozen=True)
 class Size:
-    """What a tier makes of every experiment; None leaves that as the experiment has it.
+    """Changes of a tier to every experiment; None leaves that as the experiment has it.
 
     Attributes:
         students: who learns instead of the experiment's students.

@@ -30,7 +30,7 @@ CONCURRENT_CALLS = 4
 
 @dataclass(frozen=True)
 class Report:
-    """What a seed actor tells the scheduler.
+    """Message of a seed actor to the scheduler.
 
     Attributes:
         record: of the attempt, as if its process were lost now.

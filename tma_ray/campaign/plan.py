@@ -16,7 +16,7 @@ from tma_ray.tasks import KnowledgeLevel
 
 @dataclass(frozen=True)
 class Plan:
-    """What a campaign executes.
+    """The runs and cells that a campaign executes.
 
     Attributes:
         name: of the campaign.

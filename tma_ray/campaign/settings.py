@@ -18,7 +18,7 @@ DEVICES = ("cpu", "cuda", "mps", "xpu")
 
 
 class TeacherPlacement(StrEnum):
-    """Where teachers run; results do not depend on it."""
+    """Placement of teachers; results do not depend on it."""
 
     ACTOR = "actor"
     """In an actor of their own, on the node of their seed."""
@@ -28,7 +28,7 @@ class TeacherPlacement(StrEnum):
 
 @dataclass(frozen=True)
 class Resources:
-    """What one run occupies.
+    """Resources that one run occupies.
 
     Attributes:
         cpus: cores; also the number of torch threads (at least 1).
@@ -66,7 +66,7 @@ class Resources:
 
 @dataclass(frozen=True)
 class Settings:
-    """How a campaign is executed.
+    """Settings of a campaign's execution.
 
     Attributes:
         resources: of one run.
@@ -121,5 +121,5 @@ class Settings:
 
     @property
     def placement(self) -> Placement:
-        """What a run is told of its execution."""
+        """Settings of execution that a run is given."""
         return Placement(self.device, self.resources.threads, self.checkpoint_seconds, self.outage_seconds)

@@ -10,7 +10,7 @@ from tma_ray.embodiments.parts import GripSensor, Joint, Part
 
 
 class BodyType(StrEnum):
-    """How a body moves (paper, section 4.2)."""
+    """Kind of locomotion of a body (paper, section 4.2)."""
 
     WALKER = "walker"
     SWIMMER = "swimmer"
@@ -19,7 +19,7 @@ class BodyType(StrEnum):
 
 
 class LidarLayout(StrEnum):
-    """Where a body looks in Parkour: from below to ahead, from ahead to above, or all of it."""
+    """Directions of a body's lidars in Parkour: from below to ahead, from ahead to above, or all."""
 
     DOWN = "down"
     UP = "up"
@@ -107,7 +107,7 @@ class Embodiment:
 
     @property
     def stretched(self) -> bool:
-        """Whether the body is drawn with a joint stretched."""
+        """True if the body is drawn with a joint stretched."""
         return any(joint.anchor_b is not None for joint in self.joints)
 
     @property
@@ -117,7 +117,7 @@ class Embodiment:
 
     @property
     def hangs(self) -> bool:
-        """Whether the body starts hanging from the ceiling, where there is one."""
+        """True if the body starts hanging from the ceiling, where there is one."""
         return bool(self.grip_sensors)
 
     def part_index(self, name: str) -> int:

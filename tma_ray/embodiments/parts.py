@@ -84,12 +84,12 @@ class Joint:
 
     @property
     def passive(self) -> bool:
-        """Whether the joint has no motor."""
+        """True if the joint has no motor."""
         return self.motor_torque == 0 and self.motor_speed == 0
 
     @property
     def anchors(self) -> tuple[Point, Point]:
-        """Where the joint is anchored on `part_a` and on `part_b`, relative to the spawn point, in m."""
+        """Anchors of the joint on `part_a` and on `part_b`, relative to the spawn point, in m."""
         return self.anchor, self.anchor if self.anchor_b is None else self.anchor_b
 
 

@@ -85,12 +85,12 @@ class BodyEnvironment(gymnasium.Env[Observation, NDArray[np.float32]]):
 
     @property
     def observation_signals(self) -> tuple[Signal, ...]:
-        """What an observation consists of, in order."""
+        """The values of an observation, in order."""
         return observation_signals(self.embodiment, self.rules)
 
     @property
     def action_signals(self) -> tuple[Signal, ...]:
-        """What an action consists of, in order."""
+        """The values of an action, in order."""
         return action_signals(self.embodiment)
 
     @abstractmethod

@@ -33,7 +33,7 @@ COMPARED: Final = 256
 
 @dataclass(frozen=True)
 class Export:
-    """What was written.
+    """Files of an export.
 
     Attributes:
         folder: where.

@@ -40,7 +40,7 @@ class ExportedFile:
 
 @dataclass(frozen=True)
 class OnnxFacts:
-    """What a card says of the ONNX file.
+    """Facts that a card states of the ONNX file.
 
     Attributes:
         file: name of the file.

@@ -61,7 +61,7 @@ class ValueRow:
 
 @dataclass(frozen=True)
 class History:
-    """What a results root knows of a run.
+    """History of a run, as its results root holds it.
 
     Attributes:
         evaluations: in order.

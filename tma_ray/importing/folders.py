@@ -55,7 +55,7 @@ class SeedFolder:
 
 @dataclass(frozen=True)
 class Found:
-    """What a source holds.
+    """Content of a source.
 
     Attributes:
         seeds: in order of their names.

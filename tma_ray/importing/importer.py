@@ -23,7 +23,7 @@ _DAMAGE: Final = (OSError, ValueError, TypeError, LookupError, ArithmeticError, 
 
 @dataclass(frozen=True)
 class Imported:
-    """What came of an import.
+    """Outcome of an import.
 
     Attributes:
         finished: runs that got to their end.

@@ -68,7 +68,7 @@ class UnknownNameError(ValueError):
 
 @dataclass(frozen=True)
 class Setting:
-    """What was trained: everything of a cell but the student, which the seed's files tell.
+    """An experiment of the original: everything of a cell but the student, which the seed's files tell.
 
     Attributes:
         environment: our name.

@@ -52,7 +52,7 @@ _TWO_LINES: Final = b"ci"
 
 
 class PickleRefusal(ValueError):  # noqa: N818 - a reason, which its catcher makes an error about a file
-    """What is wrong with a pickle."""
+    """Reason why a pickle is refused."""
 
 
 class _Walk:

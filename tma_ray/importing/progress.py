@@ -36,7 +36,7 @@ class Window:
 
 @dataclass(frozen=True)
 class Progress:
-    """What a progress file tells.
+    """Content of a progress file.
 
     Attributes:
         windows: its whole lines.
@@ -55,7 +55,7 @@ class Progress:
 
 @dataclass(frozen=True)
 class _Columns:
-    """What the columns of a file are called."""
+    """Names of the columns of a file."""
 
     step: str
     mean_return: str

@@ -22,7 +22,7 @@ TOLERANCE = 0.01
 
 @dataclass(frozen=True, eq=False)
 class ImportedSeed:
-    """What is imported of a seed.
+    """Content of a seed as it is imported.
 
     Attributes:
         folder: where it lies.

@@ -87,7 +87,7 @@ class _Unpickler(pickle.Unpickler):
 
 
 class _StandIn:
-    """What a name of a pickle stands for: nothing that a pickle could change or make a subclass of."""
+    """Stand-in for a name of a pickle, which no pickle can change or make a subclass of."""
 
     __slots__ = ("_make",)
     _make: Callable[..., Any] | None

@@ -78,14 +78,14 @@ class CompiledEngine:
 
     @property
     def creeper_poses(self) -> NDArray[np.float64]:
-        """Where the creepers are (c, 4); see `Engine`."""
+        """Poses of the creepers (c, 4); see `Engine`."""
         if self._release is None:
             raise RuntimeError("this engine has no world yet: call reset first")
         return self._world[0].poses
 
     @property
     def addresses(self) -> tuple[int, ...]:
-        """Where the memory of the present world lies, as `step_worlds` takes it."""
+        """Addresses of the present world's memory, as `step_worlds` takes them."""
         if self._release is None:
             raise RuntimeError("this engine has no world yet: call reset first")
         return self._addresses

@@ -29,7 +29,7 @@ HANGING_STEPS = 6
 
 
 class SolverSettings(NamedTuple):
-    """How Chipmunk solves contacts and joints; see docs/fidelity.md for the measurements behind them.
+    """Settings of Chipmunk's solver; see docs/fidelity.md for the measurements behind them.
 
     Attributes:
         iterations: solver iterations per substep.

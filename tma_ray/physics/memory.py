@@ -43,7 +43,7 @@ class Memory(NamedTuple):
 
 
 class Simulation(NamedTuple):
-    """What changes while p parts and h joints, j of them with motors, and g grip sensors are simulated.
+    """State of a simulation of p parts and h joints, j of them with motors, and g grip sensors.
 
     Attributes:
         action: (j + g,).

@@ -90,7 +90,7 @@ class PymunkEngine:
 
     @property
     def creeper_poses(self) -> NDArray[np.float64]:
-        """Where the creepers are (c, 4); see `Engine`."""
+        """Poses of the creepers (c, 4); see `Engine`."""
         if self._space is None:
             raise RuntimeError("this engine has no world yet: call reset first")
         return self._world.poses

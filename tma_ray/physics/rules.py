@@ -27,7 +27,7 @@ Integers = NDArray[np.int64]
 
 
 class Rules(NamedTuple):
-    """What differs between environments beside their terrain.
+    """Differences between environments beside their terrain.
 
     Attributes:
         environment: name, whose critical parts count.
@@ -41,7 +41,7 @@ class Rules(NamedTuple):
 
 
 class StepArrays(NamedTuple):
-    """What the kernels know of a body with p parts, v corners, j motors, g grip sensors and r lidar rays.
+    """Constants of a body for the kernels: p parts, v corners, j motors, g grip sensors, r lidar rays.
 
     Attributes:
         head: index of the head.

@@ -11,7 +11,7 @@ from tma_ray.terrain import FIXED, Terrain
 
 
 class World(NamedTuple):
-    """What sensors, water and grips meet.
+    """Terrain, water and creepers as sensors and grips meet them.
 
     Attributes:
         ground: lidar segments as in Terrain (m, 4).

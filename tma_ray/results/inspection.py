@@ -40,7 +40,7 @@ class Damage:
 
 @dataclass(frozen=True)
 class Inspection:
-    """What was found in the files of one run.
+    """Findings in the files of one run.
 
     Attributes:
         damage: what is not as it was written.

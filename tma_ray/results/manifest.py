@@ -66,7 +66,7 @@ class PartFile:
 
 @dataclass(frozen=True)
 class Manifest:
-    """What a run has published.
+    """Published files and state of a run.
 
     Attributes:
         run: what the run is.

@@ -17,7 +17,7 @@ HASHED_ID: Final = re.compile(r".*-s\d+-([0-9a-f]{12})")
 
 
 class RunStatus(StrEnum):
-    """How far a run is, to readers."""
+    """Status of a run, to readers."""
 
     RUNNING = "running"
     DONE = "done"
@@ -26,7 +26,7 @@ class RunStatus(StrEnum):
 
 @dataclass(frozen=True)
 class RunRecord:
-    """What a run is: its row of the table of runs.
+    """Description of a run: its row of the table of runs.
 
     Attributes:
         run_id: hash of the effective spec and seed.
@@ -61,7 +61,7 @@ class RunRecord:
 
 
 class AttemptOutcome(StrEnum):
-    """How an attempt at a run ended."""
+    """Outcome of an attempt at a run."""
 
     DONE = "done"
     STOPPED = "stopped"
@@ -103,7 +103,7 @@ class AttemptRecord:
 
 @dataclass(frozen=True)
 class ScheduleFacts:
-    """What readers use of a spec's schedule.
+    """Facts of a spec's schedule that readers use.
 
     Attributes:
         steps: training budget, environment steps.
@@ -114,7 +114,7 @@ class ScheduleFacts:
 
 @dataclass(frozen=True)
 class SpecFacts:
-    """What readers use of a run's spec; None or empty where the spec does not say.
+    """Facts of a run's spec that readers use; None or empty where the spec does not say.
 
     Attributes:
         engine: what simulated the worlds, of imported runs.

@@ -29,7 +29,7 @@ SPEC_FILE: Final = "spec.json"
 
 @dataclass(frozen=True)
 class RootVerification:
-    """What was found in a results root.
+    """Findings in a results root.
 
     Attributes:
         runs: how many have a manifest that can be read.

@@ -71,7 +71,7 @@ class Cell:
 
 @dataclass(frozen=True)
 class _Setting:
-    """What challenge and environment say together."""
+    """Settings that challenge and environment make together."""
 
     challenge: str
     task_space: TaskSpace

@@ -24,7 +24,7 @@ class Placement:
 
 @dataclass(frozen=True)
 class Status:
-    """What a running attempt says of itself.
+    """Status of a running attempt.
 
     Attributes:
         step: environment steps of the run.

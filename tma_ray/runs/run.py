@@ -25,7 +25,7 @@ STUDENT = "student"
 
 @dataclass
 class Progress:
-    """Where a run stands; part of every checkpoint.
+    """Progress of a run; part of every checkpoint.
 
     Attributes:
         step: environment steps played.
@@ -91,7 +91,7 @@ class Run:
 
     @property
     def finished(self) -> bool:
-        """Whether the budget is spent and the last evaluation done."""
+        """True if the budget is spent and the last evaluation done."""
         return self.progress.step >= self.spec.schedule.steps
 
     def advance(self) -> Episode | None:

@@ -24,7 +24,7 @@ ABSENT_IF_EMPTY = ("resets", "cuts", "algorithm_versions", "inputs")
 
 @dataclass(frozen=True)
 class Schedule:
-    """How long a run trains and when it is looked at (paper, appendix C), in environment steps.
+    """Budget of a run, and intervals of evaluation and probes (paper, appendix C), in environment steps.
 
     Attributes:
         steps: training budget.

@@ -17,7 +17,7 @@ from tma_ray.teachers import make_teacher
 
 @dataclass(frozen=True)
 class Reply:
-    """What a teacher answers to an episode: the next task, or a question that comes before it.
+    """Reply of a teacher to an episode: the next task, or a query that comes before it.
 
     Attributes:
         task: the next task float32 (d,), None while `query` waits for its answer.
@@ -33,7 +33,7 @@ class Reply:
 
 
 class TeacherLink(Protocol):
-    """How a run talks to its teacher, in this process or another."""
+    """Interface of a run to its teacher, in this process or another."""
 
     def exchange(self, episode: Episode | None) -> Reply:
         """Reports a finished episode (none before the first) and asks for the next task."""

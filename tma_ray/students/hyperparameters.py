@@ -14,7 +14,7 @@ H = TypeVar("H")
 
 
 class MatmulPrecision(StrEnum):
-    """How torch multiplies float32 matrices during updates.
+    """Precision of torch's products of float32 matrices during updates.
 
     Attributes:
         HIGHEST: in float32.

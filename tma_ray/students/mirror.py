@@ -50,7 +50,7 @@ class Mirror:
 
     @property
     def arrays(self) -> tuple[FloatArray, IntArray, FloatArray, IntArray]:
-        """What `apply` takes before the inputs."""
+        """Arrays that `apply` takes before the inputs."""
         return self._weights, self._sizes, self._work, self._active
 
     def sample_squashed(

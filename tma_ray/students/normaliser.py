@@ -72,7 +72,7 @@ class Normaliser:
 
     @property
     def statistics(self) -> tuple[NDArray[np.float64], NDArray[np.float64], float]:
-        """What `scaled` takes after the observations."""
+        """Statistics that `scaled` takes after the observations."""
         return self._mean, self._variance, self.observation_clip
 
     def normalise_reward(self, reward: float) -> float:
@@ -81,7 +81,7 @@ class Normaliser:
 
     @property
     def reward_scale(self) -> float:
-        """What rewards are divided by, and values of normalised rewards are multiplied by."""
+        """Divisor of rewards, and factor of the values of normalised rewards."""
         return math.sqrt(self._return_variance + EPSILON)
 
     def save(self, path: Path) -> None:

@@ -42,7 +42,7 @@ class PolicyFileError(ValueError):
 
 @dataclass(frozen=True)
 class StoredPolicy:
-    """What `read_policy` found.
+    """Content of a saved policy, as `read_policy` found it.
 
     Attributes:
         folder: where it lies.

@@ -54,7 +54,7 @@ class Rollout:
 
     @property
     def is_full(self) -> bool:
-        """Whether an update is due."""
+        """True if an update is due."""
         return self._size == len(self.rewards)
 
     def clear(self) -> None:

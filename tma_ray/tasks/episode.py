@@ -57,7 +57,7 @@ class Trajectory:
 
 
 class QueryKind(StrEnum):
-    """What a teacher may ask of the run between `observe` and the next `sample`."""
+    """Kinds of queries that a teacher may make between `observe` and the next `sample`."""
 
     STATE_VALUES = "state_values"
     """V(s) of observations under the current student: float64 (n,)."""
@@ -110,7 +110,7 @@ class ScoredBox:
 
 @dataclass(frozen=True)
 class TeacherUpdate:
-    """What a teacher says of itself after an update, drawable for any teacher."""
+    """State of a teacher after an update, drawable for any teacher."""
 
     gaussians: tuple[WeightedGaussian, ...] = ()
     boxes: tuple[ScoredBox, ...] = ()

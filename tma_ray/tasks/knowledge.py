@@ -50,7 +50,7 @@ class Gaussian:
 
 @dataclass(frozen=True, eq=False)
 class ExpertKnowledge:
-    """What the expert hands to a teacher (paper, appendix C, expert knowledge setups).
+    """Knowledge that an expert gives to a teacher (paper, appendix C, expert knowledge setups).
 
     Attributes:
         level: how much is known.

@@ -14,7 +14,7 @@ from tma_ray.teachers.mixtures import Array, Mixture
 
 
 class CovarianceProgress(StrEnum):
-    """What the covariance of time and return says about learning progress.
+    """Learning progress from the covariance of time and return.
 
     Attributes:
         ABSOLUTE: its absolute value, so that forgetting counts as much as learning.

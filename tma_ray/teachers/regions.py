@@ -23,7 +23,7 @@ class Cut(NamedTuple):
 
 @dataclass(frozen=True)
 class Split:
-    """How a region was divided: its cut, and the indices of its left and right part."""
+    """Division of a region: its cut, and the indices of its left and right part."""
 
     cut: Cut
     left: int
@@ -53,7 +53,7 @@ class Region:
 
     @property
     def full(self) -> bool:
-        """Whether it holds as many episodes as it can."""
+        """True if it holds as many episodes as it can."""
         return len(self.returns) == self.returns.maxlen
 
     @property

@@ -98,7 +98,7 @@ class _Ray:
 
 @dataclass(frozen=True, eq=False)
 class _Problem:
-    """What to maximise, in coordinates in which the current distribution is the standard Gaussian.
+    """Objective to maximise, in coordinates in which the current distribution is the standard Gaussian.
 
     Attributes:
         points: contexts (n, d).

@@ -96,7 +96,7 @@ class CPPN:
 
     @cached_property
     def _from_x(self) -> Floats:
-        """What x, alike in all tasks, brings to the first layer (blocks, 50, 64)."""
+        """Contribution of x, alike in all tasks, to the first layer (blocks, 50, 64)."""
         x = np.arange(POINTS, dtype=np.float32) / np.float32(POINTS - 1)
         return np.outer(x, self.weights["w1"][0]).reshape(-1, BLOCK, UNITS)
 

@@ -96,7 +96,7 @@ class TeacherConformance:
         )
 
     def test_hyperparameters_never_change(self) -> None:
-        """What is learned goes into attributes that end in an underscore, not into fields."""
+        """Checks that what is learned goes into attributes that end in an underscore, not into fields."""
         teacher = self._started(self.scenarios[0])
         before = copy.deepcopy(hyperparameters_of(teacher))
         play(teacher, self.scenarios[0], 0, self.episodes // 2)
@@ -241,7 +241,7 @@ class TeacherConformance:
 
 
 def _global_state() -> dict[str, Any]:
-    """What every part of a process shares; torch's only if something has imported it."""
+    """Returns the state that every part of a process shares; torch's only if something has imported it."""
     state: dict[str, Any] = {
         "random": random.getstate(),
         "numpy.random": pickle.dumps(np.random.get_state()),  # noqa: NPY002 - compared, not used

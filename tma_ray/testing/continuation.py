@@ -33,7 +33,7 @@ class Saved:
 
 @dataclass(frozen=True)
 class Job:
-    """What the new process is told: where to find the teacher, and what to play on.
+    """Instructions for the new process: where to find the teacher, and what to play on.
 
     Attributes:
         module: where the teacher is defined.

@@ -36,7 +36,7 @@ are mastered now and then."""
 
 
 class Pupil(StrEnum):
-    """How the returns of a play come about: by a formula of task and episode, so that it can be resumed."""
+    """Source of a play's returns: a formula of task and episode, so that it can be resumed."""
 
     IMPROVING = "improving"
     """Masters a share of the tasks that grows with time, the easiest first; at the limit now and then."""
@@ -64,7 +64,7 @@ class Scenario:
 
     @cached_property
     def landscape(self) -> ShuffledSpace:
-        """Where tasks really lie; with one interval per dimension, where the teacher sees them."""
+        """The real places of tasks; with one interval per dimension, those that the teacher sees."""
         return ShuffledSpace.shuffle(self.space, np.random.default_rng(3), cuts=4 if self.rugged else 1)
 
     def started(
@@ -132,7 +132,7 @@ def _state_values(observations: NDArray[np.float32]) -> NDArray[np.float64]:
 
 
 def _returns(observations: NDArray[np.float32]) -> NDArray[np.float64]:
-    """What the improving pupil expects (n,) of initial observations (n, 2): difficulty and skill."""
+    """Returns the improving pupil's expectations (n,) of observations (n, 2): difficulty and skill."""
     difficulty, skill = observations.astype(np.float64).T
     returns: NDArray[np.float64] = 300 - 400 * np.clip(difficulty - skill, 0, 1)
     return returns

@@ -31,7 +31,7 @@ POINTS = 20
 
 @dataclass(frozen=True)
 class SimulatedRun:
-    """What came of one run.
+    """Outcome of one simulated run.
 
     Attributes:
         challenge: name of the simulated challenge.

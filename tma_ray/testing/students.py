@@ -62,7 +62,7 @@ MOST_REGIONS = 10_000
 
 @dataclass(frozen=True)
 class Aptitude:
-    """What distinguishes one simulated student from another; symbols as in the module's equations.
+    """Parameters of one simulated student; symbols as in the module's equations.
 
     The defaults were fixed by looking at Random alone on the original challenge: it should master a middling
     share of the test tasks in 10,000 episodes, and still be learning at their end. No other teacher was run

@@ -37,7 +37,7 @@ Kind = tuple[Any, ...]
 
 @dataclass(frozen=True)
 class Cost:
-    """What a plan costs.
+    """Cost of a plan.
 
     Attributes:
         throughputs: of each kind of run.

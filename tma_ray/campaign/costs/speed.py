@@ -37,7 +37,7 @@ CHUNKS = ("steps_per_update", "n_steps", "train_freq")
 
 @dataclass(frozen=True)
 class Throughput:
-    """How fast one kind of run is here, alone on its cores.
+    """Measured speed of one kind of run on this machine, alone on its cores.
 
     Attributes:
         label: student, environment and body.

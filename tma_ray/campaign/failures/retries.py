@@ -14,7 +14,7 @@ FIRST_PAUSE, LONGEST_PAUSE = 1.0, 300.0
 
 @dataclass
 class _History:
-    """What happened to a run: how often it was lost, and on which nodes."""
+    """Losses of a run: how many, and on which nodes."""
 
     losses: int = 0
     nodes: list[str] = field(default_factory=list)

@@ -23,7 +23,7 @@ class StopSignals:
 
     @property
     def requested(self) -> bool:
-        """Whether a stop was asked for."""
+        """True if a stop was asked for."""
         return self._requested.is_set()
 
     def __enter__(self) -> Self:

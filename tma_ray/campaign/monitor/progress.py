@@ -22,7 +22,7 @@ MOST_ROWS = 20
 
 @dataclass(frozen=True)
 class Standing:
-    """Where one run stands: its id, its budget in steps, and its status."""
+    """Progress of one run: its id, its budget in steps, and its status."""
 
     run_id: str
     steps: int
@@ -31,7 +31,7 @@ class Standing:
 
 @dataclass(frozen=True)
 class Snapshot:
-    """Where a campaign stands.
+    """Progress of a campaign at one moment.
 
     Attributes:
         total: runs of the campaign.

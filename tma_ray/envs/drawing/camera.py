@@ -52,12 +52,12 @@ class View(NamedTuple):
 
     @property
     def right(self) -> float:
-        """Where the right edge is (x), in m."""
+        """The right edge (x), in m."""
         return self.left + WIDTH / self.scale
 
     @property
     def top(self) -> float:
-        """Where the upper edge is (y), in m."""
+        """The upper edge (y), in m."""
         return self.bottom + HEIGHT / self.scale
 
 

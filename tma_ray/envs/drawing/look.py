@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True)
 class Look:
-    """How an environment draws its frames.
+    """Settings of an environment's frames.
 
     Attributes:
         lidars: whether their rays are drawn.

@@ -16,7 +16,7 @@ Floats = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Scene:
-    """What a frame shows.
+    """Content of a frame.
 
     Attributes:
         poses: x, y, angle of every part's frame (p, 3), in m and rad.

@@ -23,7 +23,7 @@ SILENT_SECONDS: Final = 120.0
 
 @dataclass(frozen=True)
 class RunProgress:
-    """Where a running run stands, newer than what it has published.
+    """Progress of a running run, newer than its published one.
 
     Attributes:
         step: environment steps.

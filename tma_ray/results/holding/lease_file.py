@@ -14,7 +14,7 @@ from tma_ray.results.storage.store import Store
 
 
 class Standing(Enum):
-    """Whether the holder of a lease lives, as far as the lease tells."""
+    """State of a lease's holder, as far as the lease tells."""
 
     ALIVE = auto()
     """Renewed a short while ago."""
@@ -58,7 +58,7 @@ class Process:
 
 @dataclass(frozen=True)
 class LeaseFile:
-    """What a holder says.
+    """Content of a lease.
 
     Attributes:
         holder: campaign, host and process, for messages.

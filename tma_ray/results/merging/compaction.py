@@ -27,7 +27,7 @@ from tma_ray.results.storage.store import Store
 
 @dataclass(frozen=True)
 class Compaction:
-    """What a compaction came to.
+    """Outcome of a compaction.
 
     Attributes:
         runs: whose files were merged.

@@ -23,7 +23,7 @@ POLICY_FILES: Final = (".json", ".safetensors")
 
 @dataclass(frozen=True)
 class Copy:
-    """What a copy of a root lacks.
+    """Runs and files that a copy of a root lacks.
 
     Attributes:
         policy_files: that were left out, since they are neither JSON nor safetensors.

@@ -19,7 +19,7 @@ JOURNAL: Final = "compacting.json"
 
 @dataclass(frozen=True)
 class Journal:
-    """What is to be deleted in the end, by this call or, if it is killed, by the next.
+    """Files to delete in the end, by this call or, if it is killed, by the next.
 
     Attributes:
         unless_used: files that go if no manifest lists them.

@@ -86,7 +86,7 @@ class Store:
 
     @property
     def is_object_store(self) -> bool:
-        """Whether the root is in a bucket, which every process opens with credentials of its own."""
+        """True if the root is in a bucket, which every process opens with credentials of its own."""
         return self.filesystem.type_name in _OBJECT_STORES
 
     def where(self, path: str) -> str:

@@ -72,7 +72,7 @@ def as_student(algorithm: type[BaseAlgorithm]) -> type[Student]:
 
 
 class AlgorithmStudent(StableBaselinesStudent[Any, Any]):
-    """What students of on-policy and of off-policy algorithms share.
+    """Base of the students of on-policy and of off-policy algorithms.
 
     Attributes:
         algorithm: constructs the model.

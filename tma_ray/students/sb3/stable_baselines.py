@@ -26,7 +26,7 @@ leave_compiler_out()
 
 
 class Hyperparameters(Protocol):
-    """What the hyper-parameters of all these students have."""
+    """Hyper-parameters that all these students have."""
 
     @property
     def gamma(self) -> float:
@@ -42,7 +42,7 @@ M = TypeVar("M", bound=BaseAlgorithm)
 
 
 class Experience(NamedTuple):
-    """What became of saved buffers and statistics.
+    """State of saved buffers and statistics.
 
     Attributes:
         counters: what JSON keeps of them.

@@ -30,7 +30,7 @@ Lines = Callable[[int], int]
 
 @dataclass(frozen=True)
 class Layout:
-    """Where everything is, in pixels.
+    """Places of everything, in pixels.
 
     Attributes:
         world: the frame of the world, in its own proportions; empty in a window that is too small.

@@ -186,7 +186,7 @@ class Window:
 
     @property
     def surface(self) -> pygame.Surface:
-        """What is shown now."""
+        """The surface that is shown now."""
         return self._surface
 
     def run(self) -> None:

@@ -63,7 +63,7 @@ class Session:
 
     @property
     def mastered(self) -> bool:
-        """Whether the return so far is over the threshold."""
+        """True if the return so far is over the threshold."""
         return self.episodic_return > self.rendered.threshold
 
     def restart(self) -> None:
