@@ -74,7 +74,7 @@ def test_points_begin_with_the_choice_and_thin_out_evenly() -> None:
     assert grid.points(1) == ({"a": 2, "b": 1},)
     assert grid.points(3) == ({"a": 2, "b": 1}, {"a": 1, "b": 0}, {"a": 2, "b": 0})
     assert grid.points(99) == grid.points()
-    with pytest.raises(ValueError, match="no point of the grid"):
+    with pytest.raises(ValueError, match="not in the grid"):
         Grid({"a": (1,)}, chosen={"a": 2})
 
 

@@ -141,7 +141,7 @@ def test_tables_of_the_committer_are_refused(tmp_path: Path) -> None:
 
 def test_parts_of_another_run_are_refused(tmp_path: Path) -> None:
     part = PartFile(Table.EPISODES, "staging/run-10/attempt-000/part-00000/episodes.parquet", 1, "")
-    with pytest.raises(ValueError, match="no part of run run-1;"):
+    with pytest.raises(ValueError, match="does not belong to run run-1"):
         RunWriter(Store.open(tmp_path), "run-1", 1, [part])
 
 
