@@ -4,15 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-import numpy as np
 import pandas as pd
 
 from analysis.pairwise import nobody, pairs_of
 from analysis.pooling import COMPARED, PARTS, POOLED
-from analysis.resampling import (
-    RESAMPLES,
+from analysis.statistics.estimates import (
     Estimate,
-    bootstrap_interquartile_mean,
+    interquartile_mean_of,
     performance_profile,
     probability_of_improvement,
 )
@@ -29,22 +27,20 @@ ESTIMATE = list(Estimate.__dataclass_fields__)
 def interquartile_means(
     runs: pd.DataFrame,
     measure: str,
-    rng: np.random.Generator,
     by: Sequence[str] = POOLED,
     strata: Sequence[str] = PARTS,
 ) -> pd.DataFrame:
-    """Returns the interquartile mean of each group of runs, with its bootstrap interval.
+    """Returns the interquartile mean of each group of runs, with its interval.
 
     Args:
         runs: of `pooling.pool_runs`; those without the measure do not count, and no run counts twice.
         measure: column of `runs`.
-        rng: drawn from.
         by: columns that a group has in common, teacher among them; ``[*ACROSS, "teacher"]`` over challenges.
-        strata: columns within which runs are resampled; `CHALLENGES` over challenges.
+        strata: columns that tell the strata of a sample apart; `CHALLENGES` over challenges.
 
     Returns:
-        `by`, measure, value, low, high, n, reason (of `resampling.Estimate`), and missing: strata of other
-        teachers in which this one has no results, in words; empty where there are none.
+        `by`, measure, value, low, high, n, reason (of `statistics.estimates.Estimate`), and missing: strata
+        of other teachers in which this one has no results, in words; empty where there are none.
     """
     by, rows = list(by), []
     common = [column for column in by if column != "teacher"]
@@ -53,7 +49,7 @@ def interquartile_means(
         samples = {key: strata_of(_counted(group, measure, by), measure, strata) for key, group in groups}
         everywhere = {name for sample in samples.values() for name in sample}
         for key, sample in samples.items():
-            estimate = bootstrap_interquartile_mean(sample, rng, RESAMPLES)
+            estimate = interquartile_mean_of(sample)
             missing = "; ".join(sorted(everywhere - set(sample)))
             row = dict(zip(by, key, strict=True)) | {"measure": measure}
             rows.append(row | vars(estimate) | {"missing": missing})
@@ -63,7 +59,6 @@ def interquartile_means(
 def improvements(
     runs: pd.DataFrame,
     measure: str,
-    rng: np.random.Generator,
     reference: str | None = None,
     within: Sequence[str] = COMPARED,
     strata: Sequence[str] = PARTS,
@@ -73,22 +68,19 @@ def improvements(
     Args:
         runs: of `pooling.pool_runs`.
         measure: column of `runs`.
-        rng: drawn from.
         reference: the teacher that all others are set against; None for all pairs.
         within: columns that teachers must have in common to be compared; `ACROSS` over challenges.
-        strata: columns within which runs are compared and resampled; `CHALLENGES` over challenges.
+        strata: columns within which runs are compared; `CHALLENGES` over challenges.
 
     Returns:
-        `within`, measure, first, second, and value, low, high, n, reason of `resampling.Estimate`.
+        `within`, measure, first, second, and value, low, high, n, reason of `statistics.estimates.Estimate`.
     """
     within, rows = list(within), []
     for key, group in runs.groupby(within, dropna=False, sort=True):
         counted = _counted(group, measure, ["teacher"])
         samples = {str(name): strata_of(part, measure, strata) for name, part in counted.groupby("teacher")}
         for first, second in pairs_of(list(samples), reference):
-            estimate = vars(
-                probability_of_improvement(samples[first], samples.get(second, {}), rng, RESAMPLES)
-            )
+            estimate = vars(probability_of_improvement(samples[first], samples.get(second, {})))
             if second not in samples:
                 estimate |= {"reason": nobody(second)}
             names = {"measure": measure, "first": first, "second": second}
@@ -100,19 +92,17 @@ def profiles(
     runs: pd.DataFrame,
     measure: str,
     thresholds: Sequence[float],
-    rng: np.random.Generator,
     by: Sequence[str] = POOLED,
     strata: Sequence[str] = PARTS,
 ) -> pd.DataFrame:
-    """Returns the share of runs over each threshold, group by group, with bootstrap bands.
+    """Returns the share of runs over each threshold, group by group, with intervals.
 
     Args:
         runs: of `pooling.pool_runs`.
         measure: column of `runs`.
         thresholds: values of the measure.
-        rng: drawn from.
         by: columns that a group has in common; ``[*ACROSS, "teacher"]`` over challenges.
-        strata: columns within which runs are resampled; `CHALLENGES` over challenges.
+        strata: columns that tell the strata of a sample apart; `CHALLENGES` over challenges.
 
     Returns:
         `by`, measure, threshold, share, low, high, n, reason.
@@ -120,7 +110,7 @@ def profiles(
     by, rows = list(by), []
     for key, group in runs.groupby(by, dropna=False, sort=True):
         sample = strata_of(_counted(group, measure, by), measure, strata)
-        profile = performance_profile(sample, thresholds, rng, RESAMPLES)
+        profile = performance_profile(sample, thresholds)
         shared = dict(zip(by, key, strict=True)) | {"measure": measure}
         rows += [
             shared | {str(name): value for name, value in each.items()} for each in profile.to_dict("records")

@@ -38,8 +38,8 @@ CONDITIONS = {
 }
 """Columns that results must share, beside their place, to be compared, and what they are called."""
 
-FAMILY = ["environment", "expert_knowledge", "first", "second"]
-"""Tests between two teachers at one level, over all challenges, are corrected together."""
+FAMILY = [*COMPARED, "first"]
+"""Tests of one teacher against all others on a challenge are corrected together."""
 
 
 @dataclass(frozen=True)
@@ -135,8 +135,8 @@ def duels(runs: pd.DataFrame, teachers: Sequence[str]) -> pd.DataFrame:
     """Returns Welch's test of each of `teachers` against every other one, challenge by challenge.
 
     Returns:
-        Of `pairwise.pairwise`, with the teacher that is looked at first, and holm over the challenges of a
-        pair at one level.
+        Of `pairwise.pairwise`, with the teacher that is looked at first, and holm over all that it is tested
+        against on a challenge.
     """
     tests = pairwise(runs, MEASURE)
     swapped = tests.assign(
@@ -151,7 +151,7 @@ def duels(runs: pd.DataFrame, teachers: Sequence[str]) -> pd.DataFrame:
     )
     both = pd.concat([tests, swapped], ignore_index=True)
     both = both[both["first"].isin(teachers)].reset_index(drop=True)
-    both["holm"] = both.groupby(FAMILY)["p"].transform(holm)
+    both["holm"] = both.groupby(FAMILY, dropna=False)["p"].transform(holm)
     return both
 
 

@@ -46,10 +46,10 @@ FEW_SEEDS = 10
 
 
 def verdict(test: pd.Series) -> str:
-    """Returns what a test against Random found, in a word or two, or why there was none."""
+    """Returns the result of a test against Random in a word or two, corrected by Holm, or why there was none."""
     if test["reason"]:
         return str(test["reason"])
-    if not test["p"] < SIGNIFICANCE:
+    if not test["holm"] < SIGNIFICANCE:
         return "not distinguishable"
     return "better" if test["difference"] > 0 else "worse"
 
@@ -124,7 +124,7 @@ def _certainty(ranked: pd.DataFrame, tests: pd.DataFrame, measure: Measure) -> l
         sentences = ["No teacher does better than Random."]
     else:
         sentences = [_against_random(best, tests.loc[best], measure)]
-    also = "also " if not is_baseline(best) and tests.loc[best, "p"] < SIGNIFICANCE else ""
+    also = "also " if not is_baseline(best) and tests.loc[best, "holm"] < SIGNIFICANCE else ""
     return [*sentences, *_others(tests.drop(index=best, errors="ignore"), also), *_few(tests)]
 
 
@@ -135,11 +135,12 @@ def _against_random(teacher: str, test: pd.Series, measure: Measure) -> str:
     if test["reason"]:
         return f"{lead}; not tested ({test['reason']})."
     interval = f"95 % confidence interval {number(test['low'])} to {number(test['high'])}"
-    if test["p"] < SIGNIFICANCE:
-        return f"{lead} ({interval}), a significant difference (Welch's t-test, {p_value(test['p'])})."
+    found = f"Welch's t-test, {p_value(test['holm'])} after Holm"
+    if test["holm"] < SIGNIFICANCE:
+        return f"{lead} ({interval}), a significant difference ({found})."
     return (
         f"{lead} ({interval}), which may be chance: the seeds do not tell {label(teacher)} and Random apart "
-        f"(Welch's t-test, {p_value(test['p'])})."
+        f"({found})."
     )
 
 

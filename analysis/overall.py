@@ -14,9 +14,6 @@ from analysis.style import label, look
 
 MEASURE = "mastered_percent"
 
-SEED = 2021
-"""Of the bootstrap: the same results give the same intervals."""
-
 
 def overall_rows(runs: pd.DataFrame) -> list[dict[str, Any]]:
     """Returns a row for each teacher at each level and budget, the best first, as text.
@@ -26,14 +23,13 @@ def overall_rows(runs: pd.DataFrame) -> list[dict[str, Any]]:
 
     Returns:
         place, teacher, colour, n, mean (interquartile, of mastered tasks in per cent, with its 95 % interval
-        by stratified bootstrap), better (probability that a run is better than one of Random on the same
+        `statistics.estimates`), better (probability that a run is better than one of Random on the same
         challenge, with interval), missing (what others have results of and this one has not).
     """
     if runs.empty:
         return []
-    rng = np.random.default_rng(SEED)
-    means = interquartile_means(runs, MEASURE, rng, by=[*ACROSS, "teacher"], strata=CHALLENGES)
-    chances = improvements(runs, MEASURE, rng, reference=BASELINE, within=ACROSS, strata=CHALLENGES)
+    means = interquartile_means(runs, MEASURE, by=[*ACROSS, "teacher"], strata=CHALLENGES)
+    chances = improvements(runs, MEASURE, reference=BASELINE, within=ACROSS, strata=CHALLENGES)
     chances = chances.rename(columns={"first": "teacher"})
     table = means.merge(chances, on=[*ACROSS, "teacher"], how="left", suffixes=("", "_better"))
     table = table.sort_values([*ACROSS, "value"], ascending=[*[True] * len(ACROSS), False])

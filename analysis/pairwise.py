@@ -11,8 +11,8 @@ import pandas as pd
 
 from analysis.measures import NO_BASELINE, is_baseline
 from analysis.pooling import COMPARED, PARTS
-from analysis.power import detectable_difference
 from analysis.statistics import Comparison, describe, holm, welch
+from analysis.statistics.power import detectable_difference
 
 OTHER_PARTS = "other bodies or students"
 """Why two groups were not tested whose runs are not of the same bodies and students."""

@@ -11,8 +11,8 @@ from rich.console import Console
 from rich.table import Table
 
 from analysis.formatting import number
-from analysis.power import POWER, detectable_difference
 from analysis.statistics import SIGNIFICANCE, Description
+from analysis.statistics.power import POWER, detectable_difference
 from tma_ray.benchmark import paper_results
 
 COLUMNS = ["environment", "challenge", "seeds", "steadiest", "typical", "most_varied"]

@@ -14,14 +14,14 @@ from analysis.frames import Frames, load
 from analysis.measures import NO_BASELINE, is_baseline
 from analysis.pairwise import pairwise
 from analysis.pooling import COMPARED, POOLED, pooled
-from analysis.statistics import SIGNIFICANCE, holm
+from analysis.statistics import SIGNIFICANCE
 from analysis.student_pools import runs_after
 from analysis.style import challenge_title, label
 
 MEASURE = "mastered_percent"
 
-FAMILY = ["environment", "expert_knowledge", "teacher"]
-"""One teacher's tests against Random at one level, over all challenges, are corrected together."""
+TEACHER = ["environment", "expert_knowledge", "teacher"]
+"""Columns that tell the results of one sentence: a teacher's at one level, over all challenges."""
 
 
 def ranking(frames: Frames, share: float = 1.0) -> pd.DataFrame:
@@ -34,15 +34,14 @@ def ranking(frames: Frames, share: float = 1.0) -> pd.DataFrame:
     Returns:
         `pooling.POOLED`, runs, n, missing, mastered_percent_mean and _std, rank (1 for the highest mean of
         a comparison), and of Welch's test against Random: difference, low, high, p, reason, and holm: p
-        adjusted for all tests of that teacher at that level. Best first.
+        adjusted for all teachers of the comparison. Best first.
     """
     runs = runs_after(frames, share)
     table = pooled(runs, [MEASURE])
     tests = pairwise(runs, MEASURE, "random").rename(columns={"first": "teacher"})
-    columns = ["difference", "low", "high", "p", "reason"]
+    columns = ["difference", "low", "high", "p", "holm", "reason"]
     table = table.merge(tests[[*POOLED, *columns]], on=POOLED, how="left")
     table["reason"] = table["reason"].fillna("")
-    table["holm"] = table.groupby(FAMILY)["p"].transform(holm)
     means = table.groupby(COMPARED, dropna=False)[f"{MEASURE}_mean"]
     table["rank"] = means.rank(ascending=False, method="min")
     return table.sort_values([*COMPARED, "rank", "teacher"], ignore_index=True)
@@ -51,10 +50,10 @@ def ranking(frames: Frames, share: float = 1.0) -> pd.DataFrame:
 def sentences(table: pd.DataFrame) -> list[str]:
     """Returns what a `ranking` says of every teacher but Random, in plain words.
 
-    Differences count as found where p is under 0.05 after Holm's correction for the teacher's challenges.
+    Differences count as found where p is under 0.05 after Holm's correction for all teachers of a challenge.
     """
     said = []
-    for key, rows in table.groupby(FAMILY, sort=True):
+    for key, rows in table.groupby(TEACHER, sort=True):
         environment, level, teacher = map(str, key)
         tested = rows[rows["p"].notna()]
         if is_baseline(teacher) or tested.empty:

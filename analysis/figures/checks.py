@@ -38,5 +38,5 @@ def require_unique(table: pd.DataFrame, keys: Sequence[str], what: str) -> None:
 
 
 def significant(tests: pd.DataFrame) -> pd.DataFrame:
-    """Returns the rows of `tests` with a p-value under 0.05; NaN is none."""
-    return tests[tests["p"] < SIGNIFICANCE]
+    """Returns the rows of `tests` with a p-value under 0.05 after Holm's correction; NaN is none."""
+    return tests[tests["holm"] < SIGNIFICANCE]

@@ -120,7 +120,7 @@ def _stars(panel: CurvePanel, every: int) -> pd.DataFrame:
     empty = pd.DataFrame(columns=["line", "step", "difference"])
     if panel.tests is None or panel.tests.empty:
         return empty
-    require(panel.tests, ["step", "first", "second", "p", "difference"], f"tests of panel {panel.title!r}")
+    require(panel.tests, ["step", "first", "second", "holm", "difference"], f"tests of panel {panel.title!r}")
     due = panel.tests[(panel.tests["step"] > 0) & (panel.tests["step"] % every == 0)]
     if due.empty:
         raise ValueError(
@@ -189,7 +189,7 @@ def _star_handles(panels: Sequence[CurvePanel], stars: Sequence[pd.DataFrame]) -
     return [
         mark_handle(
             "*",
-            f"{word} {' or '.join(names)} (p < 0.05)",
+            f"{word} {' or '.join(names)} (p < 0.05 after Holm)",
             markersize=6,
             markerfacecolor=inside,
             markeredgewidth=0.6,

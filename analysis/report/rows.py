@@ -97,5 +97,5 @@ def _against_random(test: pd.Series) -> dict[str, str]:
     return {
         "verdict": verdict(test),
         "difference": f"{difference} [{number(test['low'])}, {number(test['high'])}]",
-        "p": p_value(test["p"]).removeprefix("p").removeprefix(" = ").strip(),
+        "p": p_value(test["holm"]).removeprefix("p").removeprefix(" = ").strip(),
     }

@@ -12,9 +12,9 @@ from analysis.frames import load
 from analysis.measures import NO_BASELINE
 from analysis.pairwise import OTHER_PARTS, pairwise
 from analysis.pooling import COMPARED, lend_baseline, pool_runs
-from analysis.power import detectable_difference
 from analysis.run_measures import evaluations_at, every
 from analysis.statistics import describe, holm
+from analysis.statistics.power import detectable_difference
 
 VALUES = {"adr": [1, 9, 4, 30], "alp_gmm": [40, 44, 39, 52], "random": [20, 25, 18, 11]}
 

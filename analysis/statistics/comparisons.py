@@ -1,57 +1,13 @@
-"""Means over seeds and Welch's t-test between two samples of seeds."""
+"""Welch's t-test between two samples of runs, or between published means and deviations."""
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass
 
-import numpy as np
 import pandas as pd
-from numpy.typing import ArrayLike, NDArray
 
-CONFIDENCE = 0.95
-"""Coverage of the confidence intervals."""
-
-SIGNIFICANCE = 0.05
-"""Two samples differ significantly when p is strictly under this (paper, appendix on results)."""
-
-
-@dataclass(frozen=True)
-class Description:
-    """A sample in four numbers; NaN where the sample is too small for one.
-
-    Attributes:
-        n: finite values in the sample.
-        mean: arithmetic mean.
-        std: standard deviation with n - 1 degrees of freedom; needs two values.
-    """
-
-    n: int
-    mean: float
-    std: float
-
-    @property
-    def standard_error(self) -> float:
-        """Standard error of the mean, std / sqrt(n)."""
-        return self.std / math.sqrt(self.n) if self.n else math.nan
-
-
-def describe(values: ArrayLike) -> Description:
-    """Returns n, mean, standard deviation and standard error of the finite ones among `values`."""
-    sample = _finite(values)
-    mean = float(sample.mean()) if sample.size else math.nan
-    std = float(sample.std(ddof=1)) if sample.size > 1 else math.nan
-    return Description(sample.size, mean, std)
-
-
-def mean_interval(sample: Description) -> tuple[float, float]:
-    """Returns the 95 % confidence interval of the mean, by Student's t; NaN under two values."""
-    if sample.n < 2:
-        return math.nan, math.nan
-    from scipy import stats  # as in `welch_from_statistics`
-
-    margin = float(stats.t.ppf((1 + CONFIDENCE) / 2, sample.n - 1)) * sample.standard_error
-    return sample.mean - margin, sample.mean + margin
+from analysis.statistics.samples import CONFIDENCE, SIGNIFICANCE, Description, describe
 
 
 @dataclass(frozen=True)
@@ -138,16 +94,6 @@ def standard_error_of_difference(first: Description, second: Description) -> tup
     return math.sqrt(sum(variances)), sum(variances) ** 2 / sum(parts)
 
 
-def holm(p_values: ArrayLike) -> NDArray[np.float64]:
-    """Returns Holm's adjustment of `p_values` (n,) for testing n hypotheses at once; NaN stays NaN."""
-    values = np.asarray(p_values, dtype=np.float64)
-    adjusted = np.full(values.shape, np.nan)
-    order = np.argsort(values)[: np.isfinite(values).sum()]  # NaN sorts last
-    steps = values[order] * np.arange(order.size, 0, -1)
-    adjusted[order] = np.minimum(np.maximum.accumulate(steps), 1.0)
-    return adjusted
-
-
 def _obstacle(first: Description, second: Description) -> str:
     if min(first.n, second.n) < 2:
         return "needs 2 seeds"
@@ -156,8 +102,3 @@ def _obstacle(first: Description, second: Description) -> str:
     if first.std == 0 and second.std == 0:
         return "no spread between seeds"
     return ""
-
-
-def _finite(values: ArrayLike) -> NDArray[np.float64]:
-    array = np.asarray(values, dtype=np.float64)
-    return array[np.isfinite(array)]

@@ -1,0 +1,59 @@
+"""Samples of runs: number, mean, standard deviation, and the interval of the mean."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+CONFIDENCE = 0.95
+"""Coverage of the confidence intervals."""
+
+SIGNIFICANCE = 0.05
+"""Two samples differ significantly when p is strictly under this (paper, appendix on results)."""
+
+
+@dataclass(frozen=True)
+class Description:
+    """A sample in four numbers; NaN where the sample is too small for one.
+
+    Attributes:
+        n: finite values in the sample.
+        mean: arithmetic mean.
+        std: standard deviation with n - 1 degrees of freedom; needs two values.
+    """
+
+    n: int
+    mean: float
+    std: float
+
+    @property
+    def standard_error(self) -> float:
+        """Standard error of the mean, std / sqrt(n)."""
+        return self.std / math.sqrt(self.n) if self.n else math.nan
+
+
+def describe(values: ArrayLike) -> Description:
+    """Returns n, mean, standard deviation and standard error of the finite ones among `values`."""
+    sample = finite(values)
+    mean = float(sample.mean()) if sample.size else math.nan
+    std = float(sample.std(ddof=1)) if sample.size > 1 else math.nan
+    return Description(sample.size, mean, std)
+
+
+def mean_interval(sample: Description) -> tuple[float, float]:
+    """Returns the 95 % confidence interval of the mean, by Student's t; NaN under two values."""
+    if sample.n < 2:
+        return math.nan, math.nan
+    from scipy import stats  # half of the time that `import analysis` takes otherwise
+
+    margin = float(stats.t.ppf((1 + CONFIDENCE) / 2, sample.n - 1)) * sample.standard_error
+    return sample.mean - margin, sample.mean + margin
+
+
+def finite(values: ArrayLike) -> NDArray[np.float64]:
+    """Returns the finite ones among `values` (n,)."""
+    array = np.asarray(values, dtype=np.float64)
+    return array[np.isfinite(array)]
