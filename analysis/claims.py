@@ -1,18 +1,18 @@
-"""Whether results bear out what the paper claims of its own."""
+"""Claims of the paper held against results: each is supported, refuted or undecided."""
 
 from __future__ import annotations
 
-import math
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
-from enum import StrEnum
 from functools import singledispatch
 from typing import Protocol
 
 import pandas as pd
 
 from analysis.formatting import number, p_value
-from analysis.statistics import SIGNIFICANCE, Comparison, Description, welch, welch_from_statistics
+from analysis.statistics import Comparison, Description, mean_interval, welch, welch_from_statistics
+from analysis.statistics.verdicts import Standing, contrary, equivalent, greater
 from analysis.style import label
 from tma_ray.benchmark.claims import CLAIMS
 from tma_ray.benchmark.statements import (
@@ -25,14 +25,6 @@ from tma_ray.benchmark.statements import (
     Scaled,
     Statement,
 )
-
-
-class Standing(StrEnum):
-    """What results say of a claim."""
-
-    HOLDS = "holds"
-    FAILS = "does not hold"
-    OPEN = "not enough data"
 
 
 @dataclass(frozen=True)
@@ -64,7 +56,7 @@ class Finding:
 
     Attributes:
         statement: what was claimed.
-        standing: whether it holds.
+        standing: by an interval against a margin.
         evidence: the numbers behind that, or what is missing.
     """
 
@@ -79,7 +71,7 @@ class Verdict:
 
     Attributes:
         claim: what was claimed.
-        standing: whether it holds.
+        standing: by an interval against a margin.
         findings: of each of its statements.
     """
 
@@ -88,12 +80,13 @@ class Verdict:
     findings: tuple[Finding, ...]
 
     def describe(self) -> str:
-        """Returns how many of the statements hold, in words."""
+        """Returns the number of statements of each standing, in words."""
         counts = {s: sum(finding.standing is s for finding in self.findings) for s in Standing}
-        text = f"{counts[Standing.HOLDS]} of {len(self.findings)} hold"
+        parts = [f"{counts[Standing.SUPPORTED]} of {len(self.findings)} statements supported"]
+        parts += [f"{counts[s]} {s}" for s in Standing if s is not Standing.SUPPORTED and counts[s]]
         if self.claim.needed < len(self.findings):
-            text += f", {self.claim.needed} are claimed"
-        return text + (f", {counts[Standing.OPEN]} are open" if counts[Standing.OPEN] else "")
+            parts.append(f"{self.claim.needed} {self.claim.threshold}")
+        return ", ".join(parts + ([self.claim.caveat] if self.claim.caveat else []))
 
 
 def judge(source: Source, claims: Sequence[Claim] = CLAIMS) -> list[Verdict]:
@@ -103,13 +96,13 @@ def judge(source: Source, claims: Sequence[Claim] = CLAIMS) -> list[Verdict]:
 
 def _judge(source: Source, claim: Claim) -> Verdict:
     findings = tuple(_finding(statement, source) for statement in claim.statements)
-    held = sum(finding.standing is Standing.HOLDS for finding in findings)
-    undecided = sum(finding.standing is Standing.OPEN for finding in findings)
-    standing = Standing.OPEN
-    if held >= claim.needed:
-        standing = Standing.HOLDS
-    elif held + undecided < claim.needed:
-        standing = Standing.FAILS
+    counts = Counter(finding.standing for finding in findings)
+    unknown = counts[Standing.UNDECIDED] + counts[Standing.NO_DATA]
+    standing = Standing.NO_DATA if counts[Standing.NO_DATA] == len(findings) else Standing.UNDECIDED
+    if counts[Standing.SUPPORTED] >= claim.needed:
+        standing = Standing.SUPPORTED
+    elif counts[Standing.SUPPORTED] + unknown < claim.needed:
+        standing = Standing.REFUTED
     return Verdict(claim, standing, findings)
 
 
@@ -124,7 +117,7 @@ def _(statement: Compared, source: Source) -> Finding:
     if first is None or second is None:
         return _missing(statement, statement.first if first is None else statement.second)
     test = _test(first, second)
-    return Finding(statement, _relation_holds(statement.relation, test), _evidence(statement, test))
+    return Finding(statement, _relation(statement.relation, test), _evidence(statement, test))
 
 
 @_finding.register
@@ -132,12 +125,18 @@ def _(statement: Bounded, source: Source) -> Finding:
     sample = source.sample(statement.reading)
     if sample is None or (statement.best_seed and sample.values is None):
         return _missing(statement, statement.reading)
-    value = sample.description.mean
     if statement.best_seed and sample.values is not None:
-        value = float(sample.values.max())
-    what = "best seed" if statement.best_seed else "mean"
-    evidence = f"{_name(statement.reading)}: {what} {number(value)} %, n = {sample.description.n}"
-    return Finding(statement, _standing(statement.least <= value <= statement.most), evidence)
+        best = float(sample.values.max())
+        evidence = f"{_name(statement.reading)}: best seed {number(best)} %, n = {sample.description.n}"
+        return Finding(statement, _certain(statement.least <= best <= statement.most), evidence)
+    low, high = _interval(sample.description)
+    standing = Standing.UNDECIDED
+    if statement.least <= low and high <= statement.most:
+        standing = Standing.SUPPORTED
+    elif low > statement.most or high < statement.least:
+        standing = Standing.REFUTED
+    mean = f"mean {number(sample.description.mean)} % [{number(low)}, {number(high)}]"
+    return Finding(statement, standing, f"{_name(statement.reading)}: {mean}, n = {sample.description.n}")
 
 
 @_finding.register
@@ -146,14 +145,22 @@ def _(statement: Ranked, source: Source) -> Finding:
         teacher: source.sample(_of(teacher, statement.reading))
         for teacher in source.teachers(statement.reading)
     }
-    means = {teacher: sample.description.mean for teacher, sample in samples.items() if sample is not None}
-    if statement.reading.teacher not in means or len(means) <= statement.top:
+    known = {teacher: sample for teacher, sample in samples.items() if sample is not None}
+    mine = known.pop(statement.reading.teacher, None)
+    if mine is None or len(known) < statement.top:
         return _missing(statement, statement.reading)
-    ranked = sorted(means, key=lambda teacher: -means[teacher])
-    place = ranked.index(statement.reading.teacher) + 1
-    order = ", ".join(f"{label(teacher)} {number(means[teacher])}" for teacher in ranked[:4])
-    evidence = f"{_name(statement.reading)}: place {place} of {len(ranked)} ({order})"
-    return Finding(statement, _standing(place <= statement.top), evidence)
+    ahead = Counter(_relation(Relation.BETTER, _test(other, mine)) for other in known.values())
+    standing = Standing.UNDECIDED
+    if ahead[Standing.SUPPORTED] >= statement.top:
+        standing = Standing.REFUTED
+    elif ahead[Standing.SUPPORTED] + ahead[Standing.UNDECIDED] < statement.top:
+        standing = Standing.SUPPORTED
+    place = 1 + sum(other.description.mean > mine.description.mean for other in known.values())
+    evidence = (
+        f"{_name(statement.reading)}: place {place} of {len(known) + 1} by mean; better are "
+        f"{ahead[Standing.SUPPORTED]} for certain, {ahead[Standing.UNDECIDED]} perhaps"
+    )
+    return Finding(statement, standing, evidence)
 
 
 @_finding.register
@@ -161,9 +168,18 @@ def _(statement: Scaled, source: Source) -> Finding:
     first, second = source.sample(statement.first), source.sample(statement.second)
     if first is None or second is None:
         return _missing(statement, statement.first if first is None else statement.second)
+    scaled = Description(
+        second.description.n,
+        statement.factor * second.description.mean,
+        statement.factor * second.description.std,
+    )
+    test = welch_from_statistics(first.description, scaled)
     mine, theirs = first.description.mean, second.description.mean
-    evidence = f"{_name(statement.first)}: {number(mine)} % beside {number(theirs)} %"
-    return Finding(statement, _standing(mine >= statement.factor * theirs), evidence)
+    evidence = (
+        f"{_name(statement.first)}: {number(mine)} % beside {number(theirs)} %; above {statement.factor:g} "
+        f"times that by {number(test.difference)} [{number(test.low)}, {number(test.high)}]"
+    )
+    return Finding(statement, greater(test.low, test.high, 0.0), evidence)
 
 
 def _test(first: Sample, second: Sample) -> Comparison:
@@ -172,37 +188,39 @@ def _test(first: Sample, second: Sample) -> Comparison:
     return welch_from_statistics(first.description, second.description)
 
 
-def _relation_holds(relation: Relation, test: Comparison) -> Standing:
-    if relation is Relation.LOWER:
-        return _standing(test.difference < 0) if math.isfinite(test.difference) else Standing.OPEN
-    if test.reason == "no spread between seeds":  # all seeds alike on both sides
-        significant = test.difference != 0
-    elif test.reason:
-        return Standing.OPEN
-    else:
-        significant = test.p < SIGNIFICANCE
-    better, worse = significant and test.difference > 0, significant and test.difference < 0
-    holds = {
-        Relation.BETTER: better,
-        Relation.WORSE: worse,
-        Relation.ALIKE: not significant,
-        Relation.NOT_BETTER: not better,
-    }
-    return _standing(holds[relation])
+def _relation(relation: Relation, test: Comparison) -> Standing:
+    low, high = test.low, test.high
+    match relation:
+        case Relation.BETTER:
+            return greater(low, high)
+        case Relation.NOT_BETTER:
+            return contrary(greater(low, high))
+        case Relation.WORSE:
+            return greater(-high, -low)
+        case Relation.LOWER:
+            return greater(-high, -low, 0.0)
+        case Relation.ALIKE:
+            return equivalent(low, high)
 
 
 def _evidence(statement: Compared, test: Comparison) -> str:
     beside = f"{_name(statement.first)} {number(test.difference)} points from {_name(statement.second)}"
-    p = test.reason or p_value(test.p)
-    return f"{beside} ({p}, n = {test.n} and {test.reference_n})"
+    interval = test.reason or f"95 % interval {number(test.low)} to {number(test.high)}, {p_value(test.p)}"
+    return f"{beside} ({interval}, n = {test.n} and {test.reference_n})"
 
 
 def _missing(statement: Statement, reading: Reading) -> Finding:
-    return Finding(statement, Standing.OPEN, f"{_name(reading)}: no complete results")
+    return Finding(statement, Standing.NO_DATA, f"{_name(reading)}: no complete results")
 
 
-def _standing(holds: bool) -> Standing:
-    return Standing.HOLDS if holds else Standing.FAILS
+def _certain(holds: bool) -> Standing:
+    return Standing.SUPPORTED if holds else Standing.REFUTED
+
+
+def _interval(sample: Description) -> tuple[float, float]:
+    """Returns the 95 % interval of a mean of shares, within 0 to 100; a point where all seeds are equal."""
+    low, high = mean_interval(sample)
+    return max(low, 0.0), min(high, 100.0)
 
 
 def _of(teacher: str, reading: Reading) -> Reading:

@@ -8,10 +8,16 @@ from pathlib import Path
 from rich.console import Console
 
 from analysis.claim_sources import RootSource
-from analysis.claims import Standing, Verdict, judge
+from analysis.claims import Verdict, judge
 from analysis.frames import Frames, load
+from analysis.statistics.verdicts import Standing
 
-STYLES = {Standing.HOLDS: "green", Standing.FAILS: "red", Standing.OPEN: "dim"}
+STYLES = {
+    Standing.SUPPORTED: "green",
+    Standing.REFUTED: "red",
+    Standing.UNDECIDED: "yellow",
+    Standing.NO_DATA: "dim",
+}
 
 
 def decided(verdicts: Sequence[Verdict]) -> list[Verdict]:
@@ -19,7 +25,7 @@ def decided(verdicts: Sequence[Verdict]) -> list[Verdict]:
     return [
         verdict
         for verdict in verdicts
-        if any(finding.standing is not Standing.OPEN for finding in verdict.findings)
+        if any(finding.standing is not Standing.NO_DATA for finding in verdict.findings)
     ]
 
 
@@ -29,7 +35,7 @@ def root_verdicts(frames: Frames) -> list[Verdict]:
 
 
 def show_claims(root: str | Path, details: bool = False, console: Console | None = None) -> None:
-    """Prints the paper's claims and whether they hold in the results of a root.
+    """Prints the paper's claims and their standing beside the results of a root.
 
     Args:
         root: results root.

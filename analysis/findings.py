@@ -46,7 +46,7 @@ FEW_SEEDS = 10
 
 
 def verdict(test: pd.Series) -> str:
-    """Returns the result of a test against Random in a word or two, corrected by Holm, or why there was none."""
+    """Returns the result of a test against Random in a word or two, after Holm, or why there was none."""
     if test["reason"]:
         return str(test["reason"])
     if not test["holm"] < SIGNIFICANCE:

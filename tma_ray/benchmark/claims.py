@@ -37,6 +37,12 @@ def _parkour(teacher: str, embodiment: str = "") -> Reading:
     return Reading(teacher, "original", LOW, "parkour", embodiment)
 
 
+def _beats_random(teacher: str, relation: Relation, share: float = 1.0) -> Compared:
+    """Returns `teacher` beside Random in Parkour, after a share of the training."""
+    first, second = (Reading(name, "original", LOW, "parkour", share=share) for name in (teacher, "random"))
+    return Compared(first, relation, second)
+
+
 def _top(teacher: str, count: int, share: float = 1.0) -> tuple[Ranked, ...]:
     """Returns that `teacher` is among the best at high knowledge, challenge by challenge."""
     return tuple(Ranked(Reading(teacher, challenge, HIGH, share=share), count) for challenge in CHALLENGES)
@@ -53,12 +59,13 @@ CLAIMS: tuple[Claim, ...] = (
             for challenge in CHALLENGES
         ),
         at_least=6,
+        ours=True,
     ),
     Claim(
         "adr_needs_an_easy_start",
-        "With low expert knowledge ADR is not better than Random on any challenge.",
+        "With low expert knowledge ADR is not significantly different from Random on any challenge.",
         SECTION_5,
-        _against_random("adr", Relation.NOT_BETTER, [LOW]),
+        _against_random("adr", Relation.ALIKE, [LOW]),
     ),
     Claim(
         "goal_gan_needs_an_easy_start",
@@ -106,6 +113,8 @@ CLAIMS: tuple[Claim, ...] = (
         SECTION_5,
         _against_random("spdl", Relation.WORSE, KnowledgeLevel),
         at_least=11,
+        caveat="one of the 11 rests on Random's result on mostly trivial without knowledge, an entry that "
+        "may be a slip: 10 without it",
     ),
     Claim(
         "easy_start_helps_adr",
@@ -142,6 +151,7 @@ CLAIMS: tuple[Claim, ...] = (
             if challenge != "forgetting_student"
         ),
         at_least=6,
+        ours=True,
     ),
     Claim(
         "goal_gan_leads_early",
@@ -156,6 +166,25 @@ CLAIMS: tuple[Claim, ...] = (
         "In Parkour the best three teachers use no expert knowledge: ALP-GMM, RIAC, Covar-GMM.",
         SECTION_5,
         tuple(Ranked(_parkour(teacher), 3) for teacher in ("alp_gmm", "riac", "covar_gmm")),
+    ),
+    Claim(
+        "parkour_alp_gmm_alone",
+        "In Parkour ALP-GMM is the only teacher better than Random throughout the training.",
+        APPENDIX_D,
+        (
+            *(_beats_random("alp_gmm", Relation.BETTER, share) for share in (0.25, 0.5, 0.75, 1.0)),
+            *(
+                _beats_random(teacher, Relation.NOT_BETTER)
+                for teacher in TEACHERS
+                if teacher not in ("alp_gmm", "random")
+            ),
+        ),
+    ),
+    Claim(
+        "parkour_setter_solver_ends_with_alp_gmm",
+        "In Parkour Setter-Solver is not different from ALP-GMM at the end of the training.",
+        APPENDIX_D,
+        (Compared(_parkour("setter_solver"), Relation.ALIKE, _parkour("alp_gmm")),),
     ),
     Claim(
         "parkour_stops_adr",

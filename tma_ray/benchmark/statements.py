@@ -30,11 +30,19 @@ class Reading:
 
 
 class Relation(StrEnum):
-    """Relation between two readings; the first three by Welch's test at 0.05."""
+    """Relation of one reading to another, by the 95 % interval of their difference and a margin.
+
+    Attributes:
+        BETTER: over the other.
+        WORSE: under the other.
+        ALIKE: not different by the margin or more.
+        NOT_BETTER: not over the other by the margin or more.
+        LOWER: under the other on average, however little.
+    """
 
     BETTER = "better"
     WORSE = "worse"
-    ALIKE = "not distinguishable"
+    ALIKE = "not different"
     NOT_BETTER = "not better"
     LOWER = "lower on average"
 
@@ -91,6 +99,8 @@ class Claim:
         source: where the paper makes it.
         statements: what it says of single results.
         at_least: how many of the statements must hold; None for all.
+        ours: whether `at_least` is our reading of a sentence without a number.
+        caveat: doubts about the results that the paper's sentence rests on.
     """
 
     name: str
@@ -98,8 +108,15 @@ class Claim:
     source: str
     statements: tuple[Statement, ...]
     at_least: int | None = None
+    ours: bool = False
+    caveat: str = ""
 
     @property
     def needed(self) -> int:
         """Number of the statements that must hold."""
         return len(self.statements) if self.at_least is None else self.at_least
+
+    @property
+    def threshold(self) -> str:
+        """Words for who says how many of the statements must hold."""
+        return "needed by our reading" if self.ours else "claimed"
