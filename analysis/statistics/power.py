@@ -99,7 +99,7 @@ def _critical_values(
     first, second = (std**2 / n * mine)[:, None], (other_std**2 / other_n * theirs)[None, :]
     freedom = (first + second) ** 2 / (first**2 / (n - 1) + second**2 / (other_n - 1))
     critical = special.stdtrit(freedom, 1 - significance / 2) * np.sqrt(first + second)
-    return critical, weights[:, None] * other_weights[None, :]
+    return np.asarray(critical, np.float64), weights[:, None] * other_weights[None, :]
 
 
 @lru_cache(maxsize=256)
@@ -109,7 +109,8 @@ def _variances(n: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
 
     nodes, weights = np.polynomial.legendre.leggauss(NODES)
     freedom = n - 1
-    return special.chdtri(freedom, (1 - nodes) / 2) / freedom, weights / 2
+    variances = np.asarray(special.chdtri(freedom, (1 - nodes) / 2) / freedom, np.float64)
+    return variances, np.asarray(weights / 2, np.float64)
 
 
 def _testable(first: Description, second: Description) -> bool:
