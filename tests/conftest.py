@@ -1,4 +1,4 @@
-"""In what order tests run, and a real S3 server on this machine for all tests of object stores."""
+"""How the suite runs (see `suite`), and a real S3 server on this machine for all tests of object stores."""
 
 from __future__ import annotations
 
@@ -17,29 +17,11 @@ import pytest
 # Tests share the cores already, and would wait for each other's threads.
 os.environ.setdefault("OMP_NUM_THREADS", "1")
 
+pytest_plugins = [f"suite.{name}" for name in ("costs", "distribution", "isolation", "kernels", "order")]
+
 BUCKET = "bucket"
 
-EARLY = ("chaos", "physics", "teachers", "testing", "runs")
-"""Folders that take longest, after the tests that share a Ray. The first compiles for all processes."""
-
 _number = count()
-
-
-def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Puts long tests first."""
-    items.sort(key=_turn)
-
-
-def _turn(item: pytest.Item) -> int:
-    """Returns when a test's turn comes: early ones have small numbers."""
-    if _shares_ray(item):
-        return 0
-    folder = item.path.parent.name
-    return 1 + (EARLY.index(folder) if folder in EARLY else len(EARLY))
-
-
-def _shares_ray(item: pytest.Item) -> bool:
-    return isinstance(item, pytest.Function) and "cluster" in item.fixturenames
 
 
 @pytest.fixture(scope="session")

@@ -2,20 +2,24 @@
 
 from __future__ import annotations
 
+import importlib
 import sys
 from pathlib import Path
+from types import ModuleType
 
 import numpy as np
 import pytest
+from frontier_teacher import Frontier
 from gymnasium.utils.env_checker import check_env
+from swing_up import SwingUp
 
 from tma_ray.testing import TeacherConformance
 
-sys.path.insert(0, str(Path(__file__).parents[1] / "examples"))
 
-from experiment import CAMPAIGN, Staircase
-from frontier_teacher import Frontier
-from swing_up import SwingUp
+@pytest.fixture(scope="module")
+def experiment() -> ModuleType:
+    """The experiment in one script, whose import makes its teacher's name known."""
+    return importlib.import_module("experiment")
 
 
 class TestFrontier(TeacherConformance):
@@ -23,7 +27,9 @@ class TestFrontier(TeacherConformance):
 
 
 class TestStaircase(TeacherConformance):
-    teacher = Staircase
+    @pytest.fixture(scope="class", autouse=True)
+    def _made_known(self, experiment: ModuleType) -> None:
+        TestStaircase.teacher = experiment.Staircase
 
 
 def test_a_teacher_takes_less_than_40_lines() -> None:
@@ -43,8 +49,8 @@ def test_the_pendulum_is_a_gymnasium_environment_that_builds_its_task() -> None:
         environment.reset(options={"task": [50, 1]})
 
 
-def test_the_experiment_is_planned() -> None:
-    plan = CAMPAIGN.plan()
+def test_the_experiment_is_planned(experiment: ModuleType) -> None:
+    plan = experiment.CAMPAIGN.plan()
     assert len(plan.runs) == 4
     assert {part for spec in plan.runs for part in spec.plugins} == {"environment", "student", "teacher"}
     assert {spec.mastery_threshold for spec in plan.runs} == {SwingUp.mastery_return}

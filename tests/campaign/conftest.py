@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import sys
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -12,7 +11,7 @@ import pytest
 from tma_ray.campaign.cluster import connect
 
 HELPERS = [str(Path(__file__).parent), str(Path(__file__).parents[1] / "runs")]
-sys.path.insert(0, HELPERS[1])  # worlds and run helpers are shared with the tests of runs
+"""Where workers find what tests import; this process is told in pyproject.toml."""
 
 
 @pytest.fixture(scope="session")

@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import os
 import signal
+import time
 from dataclasses import dataclass
 from pathlib import Path
 
 from tma_ray.tasks import Episode, Task
 from tma_ray.teachers.random import Random
+from tma_ray.teachers.riac import RIAC
 
 
 @dataclass
@@ -43,3 +45,18 @@ class Waiting(Random):
         if not Path(self.needed).exists():
             raise FileNotFoundError(f"{self.needed} is missing")
         return super().sample()
+
+
+@dataclass
+class Lingering(RIAC):
+    """Its run cannot end before a file is there: after some episodes each takes half a second until then."""
+
+    awaited: str = ""
+    hurried: int = 50
+    episodes_: int = 0
+
+    def observe(self, episode: Episode) -> None:
+        self.episodes_ += 1
+        if self.episodes_ > self.hurried and not Path(self.awaited).exists():
+            time.sleep(0.5)
+        super().observe(episode)

@@ -42,6 +42,12 @@ def idle(teacher: str, level: KnowledgeLevel = KnowledgeLevel.NONE) -> Cell:
     return replace(corridor(teacher, level), student="idle_student:Idle", student_hyperparameters={})
 
 
+def lingering(stopped: Path) -> Cell:
+    """Returns a cell whose run cannot end before `stopped` is there."""
+    settings = {"region_capacity": 20, "awaited": str(stopped)}
+    return replace(idle("misbehaving:Lingering"), teacher_hyperparameters=settings)
+
+
 def campaign(*cells: Cell, seeds: tuple[int, ...] = (0,)) -> Campaign:
     return Campaign("short", cells, seeds, SCHEDULE)
 
@@ -116,19 +122,19 @@ def test_a_killed_process_is_replaced_and_nothing_is_lost_or_doubled(tmp_path: P
 def test_a_stopped_campaign_leaves_checkpoints_and_continues_wherever_its_teachers_are(
     tmp_path: Path,
 ) -> None:
-    cells = (replace(idle("riac"), teacher_hyperparameters={"region_capacity": 20}),)
-    what = Campaign("long", cells, (0,), replace(SCHEDULE, steps=6_000))
+    what = campaign(lingering(tmp_path / "has stopped"))
     committer = Committer(Store.open(tmp_path / "stopped"))
     inline = settings(teachers=TeacherPlacement.INLINE)
     scheduler = Scheduler(committer, inline, quiet(), lambda: None)
     checkpoints = tmp_path / "stopped" / "checkpoints"
     ended = scheduler.execute(what.plan().runs, lambda: any(checkpoints.rglob("index.json")))
+    (tmp_path / "has stopped").touch()
     assert (ended.done, ended.stopped, ended.waiting) == (0, 1, 0)
     assert [row["outcome"] for row in rows(tmp_path / "stopped", Table.ATTEMPTS)] == ["stopped"]
-    committer.write_cells("long", what.plan().cell_rows)
-    ((state,),) = overview(tmp_path / "stopped", time.time()).campaigns["long"].values()
+    committer.write_cells("short", what.plan().cell_rows)
+    ((state,),) = overview(tmp_path / "stopped", time.time()).campaigns["short"].values()
     assert state.state == "interrupted"
-    assert 0 < state.step < 6_000
+    assert 0 < state.step < SCHEDULE.steps
     assert execute(what, tmp_path / "stopped", teachers=TeacherPlacement.ACTOR).done == 1
     assert len(rows(tmp_path / "stopped", Table.TEACHER_LOG)) > 3
     assert data_files(tmp_path / "stopped") == alone(what, tmp_path / "undisturbed")

@@ -11,7 +11,7 @@ from shutil import copytree
 import pytest
 from rich.console import Console
 from small_runs import SCHEDULE, rows
-from test_campaign import campaign, execute, idle, settings
+from test_campaign import campaign, execute, idle, lingering, settings
 
 from tma_ray.campaign.execution import execute_plan
 from tma_ray.campaign.monitor import history, status
@@ -152,8 +152,7 @@ def test_mended_runs_run_again_and_their_cells_are_done(failed_once: Path, one_f
 
 @pytest.mark.usefixtures("cluster")
 def test_a_campaign_that_is_asked_to_stop_leaves_checkpoints_and_goes_on_later(tmp_path: Path) -> None:
-    schedule = replace(SCHEDULE, steps=40_000, evaluation_interval=20_000, training_window=20_000)
-    what = replace(campaign(idle("random")), schedule=schedule)
+    what = campaign(lingering(tmp_path / "has stopped"))
     asked: list[str] = []
 
     class Asking:
@@ -167,6 +166,7 @@ def test_a_campaign_that_is_asked_to_stop_leaves_checkpoints_and_goes_on_later(t
 
     inline = settings(teachers=TeacherPlacement.INLINE)
     ended = execute_plan(what.plan(), tmp_path / "root", inline, None, Asking())
+    (tmp_path / "has stopped").touch()
     assert "campaign 'short'" in asked[0]
     assert (ended.done, ended.stopped) == (0, 1)
     assert "No campaign is running" in shown(tmp_path / "root")

@@ -4,16 +4,12 @@ from __future__ import annotations
 
 import dataclasses
 import re
-import sys
 from pathlib import Path
 
 import pytest
+import tables
 import yaml
 from blocks import PAGES, ROOT
-
-sys.path.insert(0, str(ROOT / "docs" / "making"))
-
-import tables
 
 from tma_ray import cli
 from tma_ray.embodiments import embodiment_names

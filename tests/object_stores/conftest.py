@@ -1,13 +1,9 @@
-"""Object stores meet whole runs: worlds and helpers are those of the tests of runs."""
+"""A proxy that disturbs requests."""
 
-import sys
 from collections.abc import Iterator
-from pathlib import Path
 
 import pytest
 from s3_proxy import Proxy
-
-sys.path.insert(0, str(Path(__file__).parents[1] / "runs"))
 
 
 @pytest.fixture

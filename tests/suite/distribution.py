@@ -1,0 +1,68 @@
+"""Which cases share a process when several test side by side: those of a module, and those of a service.
+
+A Ray, an S3 server or a browser is started by one process only. Their cases wait more than they compute, and
+come first, beside modules that only compute; all else comes in the session's order.
+"""
+
+from __future__ import annotations
+
+import pytest
+
+SERVICES: dict[str, tuple[str, ...]] = {
+    "cluster": (
+        "tests/campaign/test_campaign.py",
+        "tests/campaign/test_reach.py",
+        "tests/campaign/test_retries.py",
+        "tests/campaign/test_seeing.py",
+    ),
+    "browser": ("tests/analysis/test_pages_in_a_browser.py",),
+    "s3_server": (
+        "tests/analysis/test_baselines.py",
+        "tests/object_stores/test_s3_campaign.py",
+        "tests/object_stores/test_s3_killed_writer.py",
+        "tests/object_stores/test_s3_runs.py",
+        "tests/object_stores/test_s3_store.py",
+    ),
+}
+"""Modules that share a service, by the fixture that starts it, those that take longest first."""
+
+SERVICE_OF = {module: service for service, modules in SERVICES.items() for module in modules}
+
+
+@pytest.hookimpl(trylast=True)
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Puts cases of services first.
+
+    Raises:
+        UsageError: a module uses a service and is not listed above.
+    """
+    for item in items:
+        module, needed = _module(item.nodeid), set(SERVICES) & set(getattr(item, "fixturenames", ()))
+        if needed - {SERVICE_OF.get(module)}:
+            raise pytest.UsageError(f"{module} uses {', '.join(needed)}: list it in tests/suite/distribution.py")
+    turns = {service: turn for turn, service in enumerate(SERVICES)}
+    items.sort(key=lambda item: turns.get(scope(item.nodeid), len(turns)))
+
+
+@pytest.hookimpl(optionalhook=True)
+def pytest_xdist_make_scheduler(config: pytest.Config, log: object) -> object:
+    """Returns a scheduler that keeps a service's modules together, where it keeps a module's cases."""
+    if config.getoption("dist") != "loadscope":
+        return None
+    from xdist.scheduler import LoadScopeScheduling
+
+    class Scheduling(LoadScopeScheduling):
+        def _split_scope(self, nodeid: str) -> str:
+            return scope(nodeid)
+
+    return Scheduling(config, log)
+
+
+def scope(nodeid: str) -> str:
+    """Returns what a case shares a process with: its service, or its module."""
+    module = _module(nodeid)
+    return SERVICE_OF.get(module, module)
+
+
+def _module(nodeid: str) -> str:
+    return nodeid.partition("::")[0]

@@ -1,0 +1,66 @@
+"""Each case leaves names, environment and folder as it met them."""
+
+from __future__ import annotations
+
+import os
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from tma_ray.envs import ENVIRONMENTS
+from tma_ray.registry import Registry
+from tma_ray.students import STUDENTS
+from tma_ray.teachers import TEACHERS
+
+REGISTRIES: tuple[Registry, ...] = (TEACHERS, STUDENTS, ENVIRONMENTS)
+
+KEPT = ("_decorated", "_origins", "_sources")
+
+
+@pytest.fixture(autouse=True)
+def _names_of_a_case() -> Iterator[None]:
+    yield from _restored_registries()
+
+
+@pytest.fixture(scope="module", autouse=True)
+def _names_of_a_module() -> Iterator[None]:
+    yield from _restored_registries()
+
+
+def pytest_collection_finish() -> None:
+    """Refuses modules whose import, before any case, makes names known to all cases.
+
+    Raises:
+        UsageError: there is such a name.
+    """
+    known = [name for registry in REGISTRIES for name in registry._decorated]
+    if known:
+        raise pytest.UsageError(f"collecting made {known} known: import plug-ins within a fixture")
+
+
+def _restored_registries() -> Iterator[None]:
+    """Forgets plug-ins that were made known, with their modules: the next one may import them anew."""
+    before = [{name: dict(vars(registry)[name]) for name in KEPT} for registry in REGISTRIES]
+    modules = set(sys.modules)
+    yield
+    for registry, kept in zip(REGISTRIES, before, strict=True):
+        for name in set(registry._origins.values()) - set(kept["_origins"].values()) - modules:
+            sys.modules.pop(name, None)
+        for name, entries in kept.items():
+            vars(registry)[name].clear()
+            vars(registry)[name].update(entries)
+
+
+@pytest.fixture(autouse=True)
+def _restored_surroundings() -> Iterator[None]:
+    """Undoes changes of the environment's variables, the working directory, arguments and import path."""
+    variables, folder = dict(os.environ), Path.cwd()
+    arguments, path = list(sys.argv), list(sys.path)
+    yield
+    os.chdir(folder)
+    sys.argv[:], sys.path[:] = arguments, path
+    for name in set(os.environ) - set(variables) - {"PYTEST_CURRENT_TEST"}:
+        del os.environ[name]
+    os.environ.update({name: value for name, value in variables.items() if os.environ.get(name) != value})
