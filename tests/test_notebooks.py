@@ -39,6 +39,7 @@ def outputs(notebook: Any) -> list[Any]:
 
 
 @pytest.mark.parametrize("name", PICTURES)
+@pytest.mark.slow
 def test_the_notebook_runs_and_draws_what_it_promises(
     name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

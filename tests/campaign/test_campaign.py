@@ -83,6 +83,7 @@ def test_actors_give_the_files_of_a_run_in_one_process(tmp_path: Path) -> None:
     assert all(row["env_steps_per_second"] > 0 and row["host"] for row in attempts)
 
 
+@pytest.mark.slow
 def test_cells_share_runs_and_running_again_does_only_what_is_missing(tmp_path: Path) -> None:
     cells = [idle("random", level) for level in (KnowledgeLevel.NONE, KnowledgeLevel.LOW)]
     assert len(campaign(*cells).plan().runs) == 1

@@ -15,6 +15,8 @@ from small_runs import rows
 
 from tma_ray.results import Results, Table
 
+pytestmark = pytest.mark.slow
+
 ROOT = Path(__file__).parents[2]
 
 HELPER = "LEVEL = 0.25\n"
@@ -113,7 +115,6 @@ def test_a_script_that_starts_its_campaign_on_import_is_refused_before_anything_
     assert not (folder / "results").exists()
 
 
-@pytest.mark.slow
 def test_an_example_learns(address: str, tmp_path: Path) -> None:
     (tmp_path / "three.csv").write_text("mass,length\n0.2,0.6\n0.5,0.6\n1,0.5\n")
     arguments = (

@@ -79,6 +79,7 @@ class Network:
 
 
 @pytest.mark.usefixtures("cluster")
+@pytest.mark.slow
 def test_an_actor_out_of_sight_is_asked_again_and_not_replaced(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -93,6 +94,7 @@ def test_an_actor_out_of_sight_is_asked_again_and_not_replaced(
 
 
 @pytest.mark.usefixtures("cluster")
+@pytest.mark.slow
 def test_who_is_silent_for_too_long_is_lost(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("tma_ray.campaign.scheduler.ray", Network(lost=10_000))
     changes = {"unreachable_seconds": 0.6, "most_losses": 1, "teachers": TeacherPlacement.INLINE}

@@ -139,6 +139,7 @@ def test_a_plan_again_holds_what_failed_or_is_named(one_failed: Path) -> None:
 
 
 @pytest.mark.usefixtures("cluster")
+@pytest.mark.slow
 def test_mended_runs_run_again_and_their_cells_are_done(failed_once: Path, one_failed: Path) -> None:
     (failed_once / "needed").touch()
     plan = plan_again(str(one_failed), (), failed=True)

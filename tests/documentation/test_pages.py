@@ -14,8 +14,14 @@ from commands import execute, simple_commands, understood
 from data_blocks import CHECKS
 from declared import CHANGES, ENDINGS, EXEMPTIONS, changed, exempt, exit_code
 
+LONG = ("README.md", "docs/get_started.md", "docs/add_student.md")
+"""Pages whose commands train and report again and again."""
 
-@pytest.mark.parametrize("page", [page for page in PAGES if blocks_of(page)])
+
+@pytest.mark.parametrize(
+    "page",
+    [pytest.param(page, marks=pytest.mark.slow if page in LONG else ()) for page in PAGES if blocks_of(page)],
+)
 def test_every_block_of_the_page_runs(page: str, place: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """In order: Python in one namespace, commands in one folder."""
     for name in ("AWS_ACCESS_KEY_ID", "AWS_SECRET_ACCESS_KEY", "AWS_REGION", "RAY_AUTH_MODE"):

@@ -12,14 +12,25 @@ import numpy as np
 import pytest
 from gymnasium.utils.env_checker import check_env as gymnasium_check
 from stable_baselines3.common.env_checker import check_env as stable_baselines_check
+from suite.bodies import FEW, body
 
 from tma_ray.embodiments import embodiment_names
 from tma_ray.envs import ENVIRONMENTS, Environment, make_environment
 from tma_ray.physics import engine_in_use
 from tma_ray.tasks import TaskSpace
 
-CATALOGUE = [(name, body) for name in ENVIRONMENTS.names() for body in embodiment_names()]
-every_one = pytest.mark.parametrize(("name", "body"), CATALOGUE)
+WORLDS = ENVIRONMENTS.names()
+CATALOGUE = [(name, each) for name in WORLDS for each in embodiment_names()]
+every_one = pytest.mark.parametrize(("name", "body"), [body(*pair) for pair in CATALOGUE])
+together = pytest.mark.parametrize(
+    "catalogue",
+    [
+        pytest.param([(name, each) for name in WORLDS for each in FEW], id="few"),
+        pytest.param(CATALOGUE, id="all", marks=pytest.mark.slow),
+    ],
+)
+
+HELPERS = [str(Path(__file__).parent), str(Path(__file__).parents[1])]
 
 
 def play(env: Environment, seed: int, steps: int = 300) -> str:
@@ -86,27 +97,31 @@ def test_it_repeats_bit_for_bit_whatever_came_before(name: str, body: str) -> No
     assert play(env, 1) == played_anew(name, body)
 
 
-def test_all_repeat_bit_for_bit_in_another_process() -> None:
+@together
+def test_all_repeat_bit_for_bit_in_another_process(catalogue: list[tuple[str, str]]) -> None:
     code = (
-        "from test_environment_contract import CATALOGUE, play, make_environment\n"
-        "for name, body in CATALOGUE:\n"
+        "from test_environment_contract import play, make_environment\n"
+        f"for name, body in {catalogue}:\n"
         "    print(play(make_environment(name, embodiment=body), 1))"
     )
-    path = os.pathsep.join([str(Path(__file__).parent), os.environ.get("PYTHONPATH", "")])
+    path = os.pathsep.join([*HELPERS, os.environ.get("PYTHONPATH", "")])
     environment = os.environ | {"PYTHONPATH": path, "PYTHONHASHSEED": "7"}
     result = subprocess.run(
         [sys.executable, "-c", code], env=environment, capture_output=True, text=True, check=True
     )
-    assert result.stdout.split() == [played_anew(name, body) for name, body in CATALOGUE]
+    assert result.stdout.split() == [played_anew(name, body) for name, body in catalogue]
 
 
-def test_both_engines_give_the_same_bits(monkeypatch: pytest.MonkeyPatch) -> None:
+@together
+def test_both_engines_give_the_same_bits(
+    monkeypatch: pytest.MonkeyPatch, catalogue: list[tuple[str, str]]
+) -> None:
     seen: dict[str, list[str]] = {}
     for engine in ("compiled", "pymunk"):
         monkeypatch.setenv("TMA_RAY_ENGINE", engine)
         engine_in_use.cache_clear()
         assert engine_in_use().name == engine
-        environments = [make_environment(name, embodiment=body) for name, body in CATALOGUE]
+        environments = [make_environment(name, embodiment=body) for name, body in catalogue]
         seen[engine] = [play(environment, 3) for environment in environments]
     engine_in_use.cache_clear()
     assert seen["compiled"] == seen["pymunk"]

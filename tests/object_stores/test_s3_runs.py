@@ -40,6 +40,7 @@ def test_a_run_interrupted_in_a_bucket_gives_the_files_of_one_on_a_disk(
 
 
 @pytest.mark.parametrize("damage", ["flip", "truncate", "no_file", "no_index"])
+@pytest.mark.slow
 def test_a_damaged_checkpoint_falls_back_to_the_one_before(
     s3_root: str, short: tuple[RunSpec, dict[str, bytes]], damage: str
 ) -> None:
@@ -60,6 +61,7 @@ def test_a_damaged_checkpoint_falls_back_to_the_one_before(
     assert data_files(s3_root) == expected
 
 
+@pytest.mark.slow
 def test_a_run_survives_throttling_and_its_requests_are_few(
     s3_root: str, short: tuple[RunSpec, dict[str, bytes]], proxy: Proxy
 ) -> None:

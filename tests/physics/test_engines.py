@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from measures import joint_drift, limit_overshoot, penetration
 from parkour_worlds import parkour_rules, parkour_world
+from suite.bodies import FEW, bodies
 from trajectory import digest, digest_in_parkour
 
 from tma_ray.embodiments import BodyType, Embodiment, Part, Polygon, embodiment_names, load_embodiment
@@ -28,7 +29,7 @@ def make_engine(request):
     return lambda body: request.param(body, RULES)
 
 
-@pytest.fixture(params=embodiment_names())
+@pytest.fixture(params=bodies())
 def body(request) -> Embodiment:
     return load_embodiment(request.param)
 
@@ -51,10 +52,15 @@ def test_a_reused_engine_repeats_bit_for_bit(make_engine, body: Embodiment) -> N
     assert digest(engine, seed=2) != first
 
 
-@pytest.mark.parametrize("plain", [False, True], ids=["compiled", "plain"])
-def test_another_process_repeats_bit_for_bit(plain: bool) -> None:
-    # Without compilation a body takes seconds.
-    names = ["classic_bipedal", "fish", "climbing_chimpanzee"] if plain else embodiment_names()
+@pytest.mark.parametrize(
+    ("plain", "names"),
+    [
+        pytest.param(False, FEW, id="compiled"),
+        pytest.param(True, FEW, id="plain", marks=pytest.mark.slow),  # a body takes seconds
+        pytest.param(False, embodiment_names(), id="all", marks=pytest.mark.slow),
+    ],
+)
+def test_another_process_repeats_bit_for_bit(plain: bool, names: list[str]) -> None:
     script = Path(__file__).with_name("trajectory.py")
     environment = os.environ | ({"NUMBA_DISABLE_JIT": "1"} if plain else {})
     result = subprocess.run(

@@ -15,56 +15,58 @@ from tma_ray.runs import Placement, RunSpec
 
 HERE = Path(__file__).parent
 
-MANY_EPISODES = [
-    ("ppo", "odd_teachers:Scrutinising"),
-    ("sac", "alp_gmm"),
-    ("sac", "spdl"),
-]
-STUMP_TRACKS = [("ppo", "alp_gmm"), ("sac", "random")]
+Case = tuple[str, str, str]
+
+FEW: tuple[Case, ...] = (("corridor", "sac", "alp_gmm"), ("stump_tracks", "ppo", "alp_gmm"))
+MORE: tuple[Case, ...] = (
+    ("corridor", "ppo", "odd_teachers:Scrutinising"),
+    ("corridor", "sac", "spdl"),
+    ("stump_tracks", "sac", "random"),
+)
 """Every teacher with both students is killed among the tests of chaos."""
 
-Case = tuple[str, str, str]
+WORLDS = {"corridor": (small_spec, 2_000, (37, 31)), "stump_tracks": (stump_tracks_spec, 3_000, (2,))}
+"""How specs are made, steps, and the episodes after which a run is stopped."""
 
 
 @pytest.fixture(scope="module")
-def finished(tmp_path_factory: pytest.TempPathFactory) -> dict[Case, tuple[RunSpec, Path]]:
+def finished(
+    request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory
+) -> dict[Case, tuple[RunSpec, Path]]:
     """Runs that were stopped, and then all finished in one new process: their specs and folders."""
     cases = {}
-    for world, make, steps, stops, pairs in (
-        ("corridor", small_spec, 2_000, (37, 31), MANY_EPISODES),
-        ("stump_tracks", stump_tracks_spec, 3_000, (2,), STUMP_TRACKS),
-    ):
-        for student, teacher in pairs:
-            folder = tmp_path_factory.mktemp(f"{world}-{student}")
-            spec = make(folder, student, teacher, steps=steps, evaluation_interval=steps // 2)
-            for stop in stops:
-                assert run(spec, folder / "resumed", stop_after=stop) == "stopped"
-            (folder / "spec.json").write_text(json.dumps(spec.to_dict()))
-            cases[world, student, teacher] = spec, folder
+    for world, student, teacher in request.param:
+        make, steps, stops = WORLDS[world]
+        folder = tmp_path_factory.mktemp(f"{world}-{student}")
+        spec = make(folder, student, teacher, steps=steps, evaluation_interval=steps // 2)
+        for stop in stops:
+            assert run(spec, folder / "resumed", stop_after=stop) == "stopped"
+        (folder / "spec.json").write_text(json.dumps(spec.to_dict()))
+        cases[world, student, teacher] = spec, folder
     folders = [str(folder) for _, folder in cases.values()]
     subprocess.run([sys.executable, "small_runs.py", *folders], cwd=HERE, check=True)
     return cases
 
 
-@pytest.mark.parametrize(("student", "teacher"), MANY_EPISODES)
-def test_many_episodes_stopped_twice_and_finished_in_a_new_process(
-    finished: dict[Case, tuple[RunSpec, Path]], student: str, teacher: str
+@pytest.mark.parametrize(
+    ("finished", "case"),
+    [
+        *(pytest.param(FEW, case, id="-".join(case)) for case in FEW),
+        *(pytest.param(MORE, case, id="-".join(case), marks=pytest.mark.slow) for case in MORE),
+    ],
+    indirect=["finished"],
+)
+def test_stopped_and_finished_in_a_new_process(
+    finished: dict[Case, tuple[RunSpec, Path]], case: Case
 ) -> None:
-    spec, folder = finished["corridor", student, teacher]
+    """Many short episodes, stopped twice; or few long ones."""
+    spec, folder = finished[case]
     run(spec, folder / "undisturbed")
     undisturbed = data_files(folder / "undisturbed")
     assert len(undisturbed) == 5
     assert data_files(folder / "resumed") == undisturbed
-    assert (len(rows(folder / "resumed", Table.TEACHER_LOG)) > 3) == (teacher != "random")
-
-
-@pytest.mark.parametrize(("student", "teacher"), STUMP_TRACKS)
-def test_stump_tracks_stopped_and_finished_in_a_new_process(
-    finished: dict[Case, tuple[RunSpec, Path]], student: str, teacher: str
-) -> None:
-    spec, folder = finished["stump_tracks", student, teacher]
-    run(spec, folder / "undisturbed")
-    assert data_files(folder / "resumed") == data_files(folder / "undisturbed")
+    if case[0] == "corridor":
+        assert len(rows(folder / "resumed", Table.TEACHER_LOG)) > 3
 
 
 @pytest.fixture(scope="module")

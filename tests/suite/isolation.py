@@ -64,3 +64,9 @@ def _restored_surroundings() -> Iterator[None]:
     for name in set(os.environ) - set(variables) - {"PYTEST_CURRENT_TEST"}:
         del os.environ[name]
     os.environ.update({name: value for name, value in variables.items() if os.environ.get(name) != value})
+
+
+@pytest.fixture(autouse=True)
+def _no_waiting_for_disks(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Power stays on: what is written before what shows in the order of calls and in killed processes."""
+    monkeypatch.setattr(os, "fsync", lambda descriptor: None)

@@ -4,8 +4,11 @@ from __future__ import annotations
 
 from typing import Any
 
+import pytest
+
 from tma_ray.teachers import TEACHERS
 from tma_ray.testing import TeacherConformance
+from tma_ray.testing.playing import SCENARIOS
 
 SMALLER: dict[str, dict[str, Any]] = {
     "alp_gmm": {"most_components": 5},
@@ -15,6 +18,28 @@ SMALLER: dict[str, dict[str, Any]] = {
 }
 """Where the defaults take longest."""
 
+TINY: dict[str, dict[str, Any]] = {
+    "alp_gmm": {"most_components": 3},
+    "covar_gmm": {"most_components": 3},
+    "goal_gan": {"pretraining_iterations": 10, "iterations_per_task": 0.1},
+    "setter_solver": {"hidden_units": 4},
+}
+"""Likewise, for the two task spaces of the fast tier: the plane and the rugged one."""
+
+FEW = tuple(scenario for scenario in SCENARIOS if scenario.name in ("plane", "rugged"))
+
+
+def _kit(name: str, **members: Any) -> type[TeacherConformance]:
+    return type(name, (TeacherConformance,), members)
+
+
 for _name in TEACHERS.names():
-    _members = {"teacher": TEACHERS.get(_name), "hyperparameters": SMALLER.get(_name, {})}
-    globals()[f"Test_{_name}"] = type(f"Test_{_name}", (TeacherConformance,), _members)
+    _teacher = TEACHERS.get(_name)
+    if _name in TINY:
+        globals()[f"Test_{_name}"] = _kit(
+            f"Test_{_name}", teacher=_teacher, hyperparameters=TINY[_name], scenarios=FEW
+        )
+        _kept = _kit(f"Test_{_name}_everywhere", teacher=_teacher, hyperparameters=SMALLER[_name])
+        globals()[f"Test_{_name}_everywhere"] = pytest.mark.slow(_kept)
+    else:
+        globals()[f"Test_{_name}"] = _kit(f"Test_{_name}", teacher=_teacher)

@@ -54,6 +54,7 @@ def test_adr_never_leaves_a_start_that_is_too_hard() -> None:
     assert stuck >= 6
 
 
+@pytest.mark.slow
 def test_adr_grows_from_a_start_that_is_easy() -> None:
     """At high expert knowledge its first task is the easiest, whatever else the space holds."""
     adr = mastered("mostly_unfeasible", "adr", HIGH, 2000)

@@ -1,0 +1,22 @@
+"""Bodies of contracts that hold for every body: three in the fast tier, all of them in the slow one."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import pytest
+
+from tma_ray.embodiments import embodiment_names
+
+FEW = ("classic_bipedal", "fish", "climbing_chimpanzee")
+"""A walker, a swimmer and a climber."""
+
+
+def body(*values: str) -> Any:
+    """Returns a parameter set, slow unless one of its values names one of the few."""
+    return pytest.param(*values, marks=() if set(values) & set(FEW) else pytest.mark.slow)
+
+
+def bodies() -> list[Any]:
+    """Returns the names of all bodies as parameters."""
+    return [body(name) for name in embodiment_names()]
