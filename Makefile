@@ -4,12 +4,16 @@ VENV := .venv
 BIN := $(VENV)/bin
 INSTALLED := $(VENV)/.installed
 RESULTS ?= results
+PROCESSES ?= auto
+SEED ?= 1
+PYTEST := $(BIN)/python -m pytest --costs 10 --randomly-seed $(SEED)
+SIDE_BY_SIDE := --numprocesses $(PROCESSES) --dist loadscope --no-loadscope-reorder
 
 .DEFAULT_GOAL := help
-.PHONY: help install quickstart test static docs check bench lock
+.PHONY: help install quickstart test test-slow test-chaos static docs check bench lock
 
 help: ## show this list
-	@grep -hE '^[a-z]+:.*##' $(MAKEFILE_LIST) | sed 's/:.*##/:/' | column -t -s ':'
+	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed 's/:.*##/:/' | column -t -s ':'
 
 install: $(INSTALLED) ## make the virtual environment .venv with everything in it
 
@@ -26,8 +30,14 @@ $(INSTALLED): pyproject.toml requirements.lock # holds how many seconds the inst
 quickstart: $(INSTALLED) ## train two teachers' students for a few minutes and write a report
 	@sh experiments/quickstart.sh $(BIN) $(RESULTS) $$(cat $(INSTALLED))
 
-test: $(INSTALLED) ## the fast test suite
-	$(BIN)/python -m pytest -m "not slow and not chaos" --numprocesses auto --dist loadscope --no-loadscope-reorder
+test: $(INSTALLED) ## the fast tests, with every contract and closed form (SEED=7 is another order)
+	$(PYTEST) $(SIDE_BY_SIDE) -m "not slow and not chaos"
+
+test-slow: $(INSTALLED) ## all bodies, long physics, notebooks, pages of commands, journeys, variants on a real Ray
+	$(PYTEST) $(SIDE_BY_SIDE) -m "slow and not chaos"
+
+test-chaos: $(INSTALLED) ## campaigns whose processes, nodes and storage are broken
+	$(PYTEST) -m chaos
 
 static: $(INSTALLED) ## format, lint, types, layers
 	$(BIN)/ruff format --check .
