@@ -115,7 +115,7 @@ class BodyEnvironment(gymnasium.Env[Observation, NDArray[np.float32]]):
         self._terrain = self.build(task, self.np_random)
         observation = self._engine.reset(self._terrain, push)
         self._observation = observation
-        self._return, self._steps, self._running = 0.0, 0, True
+        self._episodic_return, self._steps, self._running = 0.0, 0, True
         if self.render_mode == "human":
             self.render()
         return observation, {"success": False, "task": task}
@@ -131,13 +131,14 @@ class BodyEnvironment(gymnasium.Env[Observation, NDArray[np.float32]]):
             raise gymnasium.error.ResetNeeded("the episode has ended or not begun; call reset()")
         observation, reward, terminated = self._engine.step(action)
         self._observation = observation
-        self._return += reward
+        self._episodic_return += reward
         self._steps += 1
         truncated = not terminated and self._steps >= self.max_episode_steps
         self._running = not (terminated or truncated)
         if self.render_mode == "human":
             self.render()
-        return observation, reward, terminated, truncated, {"success": self._return > MASTERY_RETURN}
+        info = {"success": self._episodic_return > MASTERY_RETURN}
+        return observation, reward, terminated, truncated, info
 
     def hand_over(self) -> Engine:
         """Returns the engine, to play the episode that has begun without this environment.

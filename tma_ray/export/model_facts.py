@@ -31,13 +31,13 @@ class Evaluation:
         step: environment steps since the run began.
         tasks: number of test tasks.
         mastered_percent: share of those whose return was over the threshold.
-        mean_return: mean episodic return.
+        mean_episodic_return: over the test tasks.
     """
 
     step: int
     tasks: int
     mastered_percent: float
-    mean_return: float
+    mean_episodic_return: float
 
 
 @dataclass(frozen=True)

@@ -29,7 +29,7 @@ def evaluation_rows(seed: ImportedSeed, test_set: str) -> Iterator[Rows]:
                 "test_set": test_set,
                 "task_index": index,
                 "task": tasks[(first + index) % len(tasks)],
-                "episodic_return": float(history.test_returns[first + index]),
+                "episodic_return": float(history.test_episodic_returns[first + index]),
                 "length": int(history.test_lengths[first + index]),
             }
             for index in range(tests)
@@ -49,7 +49,9 @@ def episode_rows(seed: ImportedSeed) -> Rows:
             "success": bool(episodic_return > MASTERY_RETURN),
         }
         for number, (step, task, episodic_return, length) in enumerate(
-            zip(ends, history.tasks.astype(np.float32), history.returns, history.lengths, strict=True)
+            zip(
+                ends, history.tasks.astype(np.float32), history.episodic_returns, history.lengths, strict=True
+            )
         )
     ]
 
@@ -60,7 +62,7 @@ def training_rows(seed: ImportedSeed) -> Rows:
     first = 0
     for window in seed.windows:
         last = int(np.searchsorted(ends, window.step, side="right"))
-        returns = seed.history.returns[first:last]
+        returns = seed.history.episodic_returns[first:last]
         std = window.std_return if np.isfinite(window.std_return) or not len(returns) else returns.std()
         rows.append(
             {

@@ -64,7 +64,7 @@ def read_seed(folder: SeedFolder, progress: Progress, budget: int, largest_mebib
     if not asked:
         raise DamagedSeedError(f"{folder.progress_file} has no evaluation in it: nothing to import")
     tests = _tests(history, asked, folder)
-    recorded = len(history.test_returns) // tests
+    recorded = len(history.test_episodic_returns) // tests
     windows = _first(progress.windows, min(asked, recorded))
     ends = np.cumsum(history.lengths)
     last = windows[-1].step
@@ -95,7 +95,7 @@ def _problem(progress: Progress, asked: int, recorded: int, last: int, budget: i
 
 def _tests(history: TeacherHistory, evaluations: int, folder: SeedFolder) -> int:
     """Returns how many tasks an evaluation has: after so many, the test tasks begin again."""
-    count, period = len(history.test_returns), _period(history)
+    count, period = len(history.test_episodic_returns), _period(history)
     if period == 0 or count == 0 or (period == count and evaluations != 1):
         raise DamagedSeedError(
             f"{folder.history_file} has {count:,} returns on {len(history.test_tasks):,} test tasks, and "
@@ -106,7 +106,7 @@ def _tests(history: TeacherHistory, evaluations: int, folder: SeedFolder) -> int
 
 def _period(history: TeacherHistory) -> int:
     """Returns after how many test tasks they begin again; 0 if the returns are not complete evaluations."""
-    tasks, count = history.test_tasks, len(history.test_returns)
+    tasks, count = history.test_tasks, len(history.test_episodic_returns)
     if not len(tasks) or count % len(tasks):
         return 0
     if count != len(tasks):
@@ -128,10 +128,10 @@ def _until(history: TeacherHistory, ends: NDArray[np.float64], step: int) -> Tea
     count = int(np.searchsorted(ends, step, side="right"))
     return TeacherHistory(
         history.tasks[:count],
-        history.returns[:count],
+        history.episodic_returns[:count],
         history.lengths[:count],
         history.test_tasks,
-        history.test_returns,
+        history.test_episodic_returns,
         history.test_lengths,
         history.bounds,
         history.samples,

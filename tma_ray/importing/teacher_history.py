@@ -34,10 +34,10 @@ class TeacherHistory:
 
     Attributes:
         tasks: of the training episodes (n, d).
-        returns: of the same (n,).
+        episodic_returns: of the same (n,).
         lengths: of the same (n,), environment steps.
         test_tasks: of the test episodes (k, d), or of one evaluation.
-        test_returns: of the test episodes (k,), evaluation after evaluation.
+        test_episodic_returns: of the test episodes (k,), evaluation after evaluation.
         test_lengths: of the same (k,), environment steps.
         bounds: of the task space (d, 2); empty where they cannot be told.
         samples: probed tasks, an array for each probe; None where there are none or they cannot be
@@ -46,10 +46,10 @@ class TeacherHistory:
     """
 
     tasks: Floats
-    returns: Floats
+    episodic_returns: Floats
     lengths: Floats
     test_tasks: Floats
-    test_returns: Floats
+    test_episodic_returns: Floats
     test_lengths: Floats
     bounds: Floats
     samples: tuple[Floats, ...] | None
@@ -80,10 +80,10 @@ def read_teacher_history(path: Path, environment: str, largest_mebibytes: int) -
         raise DamagedSeedError(f"{path}: {error}; copy it again") from error
     return TeacherHistory(
         tasks=tasks,
-        returns=numbers["env_train_rewards"],
+        episodic_returns=numbers["env_train_rewards"],
         lengths=numbers["env_train_len"],
         test_tasks=test_tasks,
-        test_returns=numbers["env_test_rewards"],
+        test_episodic_returns=numbers["env_test_rewards"],
         test_lengths=numbers["env_test_len"],
         bounds=_bounds(content.get("env_param_bounds"), size),
         samples=_samples(content.get("periodical_samples"), size),

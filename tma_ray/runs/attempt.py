@@ -66,7 +66,7 @@ class Attempt:
         self._resume()
         self._started, self._first_step = time.monotonic(), self._run.progress.step
         self._saved_at, self._saved_evaluations = self._started, self._run.progress.evaluations
-        self._returns: list[float] = []
+        self._episodic_returns: list[float] = []
         logger.info(
             "attempt %d on %s, %s, %d threads: from step %s of %s",
             number,
@@ -97,7 +97,10 @@ class Attempt:
         while True:
             episode = run.advance()
             if episode is not None:
-                self._returns = [*self._returns[1 - RECENT_EPISODES :], episode.episodic_return]
+                self._episodic_returns = [
+                    *self._episodic_returns[1 - RECENT_EPISODES :],
+                    episode.episodic_return,
+                ]
             if run.finished:
                 break
             stopping = should_stop()
@@ -113,7 +116,7 @@ class Attempt:
     def status(self) -> Status:
         """Returns where the run stands; safe to call from another thread."""
         step, seconds = self._run.progress.step, time.monotonic() - self._started
-        recent = float(np.mean(self._returns)) if self._returns else float("nan")
+        recent = float(np.mean(self._episodic_returns)) if self._episodic_returns else float("nan")
         return Status(step, (step - self._first_step) / max(seconds, 1e-9), recent)
 
     def record(self, outcome: AttemptOutcome) -> AttemptRecord:
@@ -157,10 +160,10 @@ class Attempt:
         self._saved_at, self._saved_evaluations = time.monotonic(), self._run.progress.evaluations
         status = self.status()
         logger.info(
-            "step %s: %.0f steps/s, recent return %.1f; checkpoint of %.1f MB in %.1f s",
+            "step %s: %.0f steps/s, episodic return %.1f; checkpoint of %.1f MB in %.1f s",
             f"{status.step:,}",
             status.steps_per_second,
-            status.recent_return,
+            status.episodic_return,
             size / 1e6,
             self._saved_at - started,
         )

@@ -46,14 +46,16 @@ class Evaluation:
             Rows of the table of evaluations, without run and step.
         """
         observations = self._worlds.reset(self._seeds, self.test_set.tasks)
-        returns, lengths = np.zeros(len(observations)), np.zeros(len(observations), dtype=int)
+        episodic_returns = np.zeros(len(observations))
+        lengths = np.zeros(len(observations), dtype=int)
         running = np.arange(len(observations))
         while len(running):
             observations, rewards, over = self._worlds.step(running, policy.act_greedily(observations))
-            returns[running] += rewards
+            episodic_returns[running] += rewards
             lengths[running] += 1
             running, observations = running[~over], observations[~over]
-        return [self._row(index, returns[index], lengths[index]) for index in range(len(returns))]
+        outcomes = zip(episodic_returns, lengths, strict=True)
+        return [self._row(index, *outcome) for index, outcome in enumerate(outcomes)]
 
     def close(self) -> None:
         """Closes all worlds."""

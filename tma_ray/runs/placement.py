@@ -29,9 +29,9 @@ class Status:
     Attributes:
         step: environment steps of the run.
         steps_per_second: environment steps of this attempt over its wall time, 1/s.
-        recent_return: mean episodic return of the latest training episodes, NaN before the first.
+        episodic_return: mean of the latest training episodes, NaN before the first.
     """
 
     step: int
     steps_per_second: float
-    recent_return: float
+    episodic_return: float

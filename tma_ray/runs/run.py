@@ -31,7 +31,7 @@ class Progress:
         step: environment steps played.
         episodes: training episodes finished.
         evaluations: evaluations done.
-        window: (return, length, success) of the episodes of the running training window.
+        window: (episodic return, length, success) of the episodes of the running training window.
         next_task: what the teacher chose for the next episode.
         record_next: whether the teacher wants to see the steps of that episode.
     """
@@ -246,12 +246,12 @@ class Run:
     def _record_window(self) -> None:
         if not self.progress.window:
             return
-        returns, lengths, successes = np.array(self.progress.window, dtype=float).T
+        episodic_returns, lengths, successes = np.array(self.progress.window, dtype=float).T
         row = {
             "step": self.progress.step,
-            "episodes": len(returns),
-            "mean_return": float(returns.mean()),
-            "std_return": float(returns.std()),
+            "episodes": len(episodic_returns),
+            "mean_return": float(episodic_returns.mean()),
+            "std_return": float(episodic_returns.std()),
             "mean_length": float(lengths.mean()),
             "success_share": float(successes.mean()),
         }

@@ -170,17 +170,17 @@ class ProgressView:
 
 def _table(snapshot: Snapshot) -> Group:
     table = Table(box=None, pad_edge=False)
-    for heading in ("run", "step", "of", "steps/s", "recent return"):
+    for heading in ("run", "step", "of", "steps/s", "episodic return"):
         table.add_column(heading, justify="left" if heading == "run" else "right")
     for standing in snapshot.running[:MOST_ROWS]:
         status = standing.status
-        recent = "" if math.isnan(status.recent_return) else f"{status.recent_return:.1f}"
+        episodic_return = "" if math.isnan(status.episodic_return) else f"{status.episodic_return:.1f}"
         table.add_row(
             standing.run_id,
             f"{status.step:,}",
             f"{standing.steps:,}",
             f"{status.steps_per_second:,.0f}",
-            recent,
+            episodic_return,
         )
     hidden = len(snapshot.running) - MOST_ROWS
     more = [Text(f"and {hidden} more running")] if hidden > 0 else []
