@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+import re
 from collections import defaultdict
 from collections.abc import Iterator
 from functools import cache
@@ -123,6 +124,15 @@ def test_docstrings_of_modules_say_what_they_are() -> None:
     assert not {name for name, docstring in docstrings.items() if not docstring}
     asking = {name for name, docstring in docstrings.items() if docstring.split()[0] in QUESTIONS}
     assert not {name for name in asking if name.split(".")[0] != UNSETTLED}
+
+
+def test_the_page_on_architecture_names_every_room_and_only_files_that_exist() -> None:
+    page = (HOUSE / "docs" / "architecture.md").read_text(encoding="utf-8")
+    named = set(re.findall(r"`((?:tma_ray|analysis)/[\w/.]*)`", page))
+    assert not {place for place in named if not (HOUSE / place).exists()}
+    rooms = {path.parent.relative_to(HOUSE).as_posix() for path in _modules().values()}
+    drawn = {room for room in rooms if room.startswith("tma_ray/") and f"`{room}/`" not in page}
+    assert drawn <= {"tma_ray/envs/drawing", *(f"tma_ray/students/{name}" for name in ("ppo", "sac", "sb3"))}
 
 
 def _lines_of(path: Path) -> list[str]:

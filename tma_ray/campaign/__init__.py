@@ -3,10 +3,11 @@
 from tma_ray.campaign.campaign import Campaign
 from tma_ray.campaign.experiments import run_experiment
 from tma_ray.campaign.matrices import joined_plan, matrix_campaigns, matrix_cells
-from tma_ray.campaign.plan import Plan, cells_of
+from tma_ray.campaign.plan import CampaignSpec, Plan, cells_of
 
 __all__ = [
     "Campaign",
+    "CampaignSpec",
     "Plan",
     "cells_of",
     "joined_plan",

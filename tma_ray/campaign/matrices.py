@@ -7,7 +7,6 @@ from dataclasses import replace
 from typing import Any
 
 from tma_ray.benchmark import Matrix
-from tma_ray.campaign.campaign import Campaign
 from tma_ray.campaign.plan import CampaignSpec, Plan
 from tma_ray.runs import Cell, RunSpec, Schedule
 from tma_ray.teachers import TEACHERS, knows_enough
@@ -52,7 +51,7 @@ def matrix_cells(
 
 def matrix_campaigns(
     matrices: Iterable[Matrix], teachers: Sequence[str] = (), schedule: Schedule | None = None
-) -> tuple[Campaign, ...]:
+) -> tuple[CampaignSpec, ...]:
     """Returns a campaign for each of `matrices`, and each point of its grids, that any teacher can run.
 
     Args:
@@ -71,7 +70,7 @@ def matrix_campaigns(
         for place, point in enumerate(points):
             if cells := matrix_cells(matrix, teachers, *point):
                 name = matrix.name if len(points) == 1 else f"{matrix.name}_{place:02}"
-                campaigns.append(Campaign(name, cells, matrix.seeds, _schedule(matrix, schedule)))
+                campaigns.append(CampaignSpec(name, cells, matrix.seeds, _schedule(matrix, schedule)))
     return tuple(campaigns)
 
 

@@ -1,1 +1,1 @@
-"""Who holds a results root, and its signs of life."""
+"""The hold on a results root: the lease of its campaign, and the heartbeat that shows it alive."""
