@@ -22,6 +22,7 @@ from tma_ray.benchmark import find_challenge
 from tma_ray.envs import make_environment
 from tma_ray.runs import Cell, RunSpec, Schedule, effective_spec
 from tma_ray.runs.evaluation import Evaluation
+from tma_ray.runs.inputs import arguments
 from tma_ray.runs.streams import evaluation_seeds
 from tma_ray.students import Student, Transition, make_student
 
@@ -73,7 +74,7 @@ def in_lock_step(evaluation: Evaluation, student: Student) -> dict[str, float]:
 
 def one_by_one(spec: RunSpec, student: Student) -> dict[str, float]:
     """Plays a tenth of the test set one task after the other."""
-    environment = make_environment(spec.environment, **spec.environment_options)
+    environment = make_environment(spec.environment, **arguments(spec, "environment"))
     steps, start = 0, time.process_time()
     for index, seed in list(enumerate(evaluation_seeds(spec.test_set)))[::10]:
         observation, _ = environment.reset(seed=seed, options={"task": spec.test_set.tasks[index]})

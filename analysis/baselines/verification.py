@@ -12,10 +12,10 @@ import pyarrow as pa
 
 from analysis.baselines.catalogue import Baseline, find_baseline
 from analysis.baselines.manifest import BASELINE_FILE, BaselineFile, BaselineKind
-from tma_ray.results import ResultsRootError, Store, read_published, verify_root
+from tma_ray.results import INPUTS, ResultsRootError, Store, read_published, verify_root
 
 ENDINGS: Final = (".json", ".parquet", ".safetensors", ".md")
-"""What files of a baseline are: nothing that runs when it is read."""
+"""What files of a baseline are, beside the inputs of its runs: nothing that runs when it is read."""
 
 
 @dataclass(frozen=True)
@@ -55,7 +55,7 @@ def _problems(store: Store, baseline: Baseline) -> Iterator[str]:
     for path in sorted(set(store.files()) - set(files) - {BASELINE_FILE}):
         yield f"{path} is not of this baseline"
     for file in files.values():
-        if PurePosixPath(file.path).suffix not in ENDINGS:
+        if PurePosixPath(file.path).suffix not in ENDINGS and not file.path.startswith(f"{INPUTS}/"):
             yield f"{file.path}: a baseline does not hold files of this kind"
         yield from _damage(store, file)
     if baseline.manifest.kind is BaselineKind.RUNS:

@@ -103,6 +103,24 @@ def test_a_script_with_everything_of_its_own_runs_on_a_cluster(address: str, fol
     assert len(Results.open(root).runs()) == 2
 
 
+def test_a_body_in_a_file_reaches_the_workers(address: str, folder: Path) -> None:
+    root, body = folder.parent / "root", folder / "hopper.toml"
+    body.write_text((ROOT / "examples/hopper.toml").read_text())
+    names = "--embodiments", "hopper.toml", "--students", "idle_student:Idle", "--teachers", "random"
+    sizes = "--seeds", "1", "--steps", "20", "--results", str(root), "--address", address
+
+    def campaign() -> list[str]:
+        """Runs the command; returns the bodies of all runs that are done."""
+        done = start("-m", "tma_ray.cli", "campaign", *names, *sizes, cwd=folder)
+        assert done.returncode == 0, done.stdout + done.stderr
+        return [run["embodiment"] for run in rows(root, Table.RUNS) if run["status"] == "done"]
+
+    assert campaign() == ["hopper.toml"]
+    assert campaign() == ["hopper.toml"]
+    body.write_text(body.read_text() + "# edited\n")
+    assert campaign() == ["hopper.toml"] * 2, "the edited body makes another run"
+
+
 def test_a_script_that_starts_its_campaign_on_import_is_refused_before_anything_starts(
     address: str, folder: Path
 ) -> None:

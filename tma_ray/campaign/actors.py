@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import threading
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Future
 from dataclasses import dataclass
 from typing import Any, Concatenate, ParamSpec, TypeVar, cast
@@ -14,6 +14,7 @@ from ray.util.scheduling_strategies import NodeAffinitySchedulingStrategy, NodeL
 from tma_ray.campaign.preflight.shipping import use_shipped
 from tma_ray.campaign.settings import GIB, Resources, TeacherPlacement
 from tma_ray.results import AttemptOutcome, AttemptRecord, PartFile, Store
+from tma_ray.runs.inputs import contents, fetch, provide
 from tma_ray.runs.placement import Placement, Status
 from tma_ray.runs.spec import RunSpec
 from tma_ray.runs.teaching import InlineTeacher, TeacherLink
@@ -48,8 +49,9 @@ class Report:
 class TeacherActor(InlineTeacher):
     """A teacher in a process of its own; it imports torch only if its algorithm does."""
 
-    def __init__(self, spec: dict[str, Any]) -> None:
+    def __init__(self, spec: dict[str, Any], inputs: Mapping[str, bytes]) -> None:
         use_shipped()
+        provide(inputs)
         super().__init__(RunSpec.from_dict(spec))
 
 
@@ -72,7 +74,7 @@ class RemoteTeacher:
         here = NodeAffinitySchedulingStrategy(ray.get_runtime_context().get_node_id(), soft=False)
         remote: Any = ray.remote(TeacherActor)
         options = {"num_cpus": 0, "max_restarts": 0, "scheduling_strategy": here}
-        self.actor = remote.options(**options).remote(spec.to_dict())
+        self.actor = remote.options(**options).remote(spec.to_dict(), contents([spec]))
 
     exchange = _remote(InlineTeacher.exchange)
     answer = _remote(InlineTeacher.answer)
@@ -153,6 +155,7 @@ class SeedActor:
 
         inline = self._teachers is TeacherPlacement.INLINE
         with RunLog(self._store, self._spec.run_id, self._number) as log:
+            fetch(self._store, self._spec)
             teacher: TeacherLink = InlineTeacher(self._spec) if inline else RemoteTeacher(self._spec)
             self._attempt = Attempt(self._spec, self._store, self._number, teacher, self._placement)
 

@@ -13,6 +13,7 @@ from tma_ray.campaign.preflight.warming import warm_nodes
 from tma_ray.campaign.scheduler import Scheduler
 from tma_ray.campaign.settings import Settings
 from tma_ray.results import Committer, HeartbeatWriter, Lease, Store, check_usable
+from tma_ray.runs.inputs import keep
 from tma_ray.runs.plugins import importing_plugins, plugin_sources
 
 
@@ -66,6 +67,7 @@ def execute_plan(
     warm_nodes(plan.runs, shipped)
     committer = Committer(store)
     with Lease(store, lease_holder(plan.name)) as lease:
+        keep(store, plan.runs)
         if plan.cell_rows:
             committer.write_cells(plan.name, plan.cell_rows)
         committer.sweep()

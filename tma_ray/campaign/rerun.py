@@ -8,6 +8,7 @@ from collections.abc import Sequence
 from tma_ray.campaign.plan import Plan
 from tma_ray.campaign.script import carry_out
 from tma_ray.results import Inspector, Results, RunRecord, RunStatus
+from tma_ray.runs.inputs import fetch
 from tma_ray.runs.plugins import import_plugins
 from tma_ray.runs.spec import RunSpec
 
@@ -48,7 +49,10 @@ def plan_again(root: str, names: Sequence[str], *, failed: bool) -> Plan:
     for manifest, found in Inspector(results.store).inspect_all(whole):
         if not found.damage:
             raise ValueError(f"run {manifest.run.run_id} is done: there is nothing to run again")
-    return Plan(NAME, f"{len(chosen)} runs again", tuple(_spec(m.run) for m in chosen.values()), ())
+    specs = tuple(_spec(manifest.run) for manifest in chosen.values())
+    for spec in specs:
+        fetch(results.store, spec)
+    return Plan(NAME, f"{len(chosen)} runs again", specs, ())
 
 
 def _spec(run: RunRecord) -> RunSpec:

@@ -20,6 +20,7 @@ from tma_ray.envs import Environment, make_environment
 from tma_ray.export.model_card import CARD_FILE, ExportedFile, OnnxFacts, model_card
 from tma_ray.export.model_facts import history_of
 from tma_ray.export.onnx_file import OPSET, largest_difference, onnx_model, require_onnx
+from tma_ray.runs.inputs import arguments, write_inputs
 from tma_ray.runs.plugins import import_plugins
 from tma_ray.runs.saved_policies import SavedPolicy, find_policy
 from tma_ray.runs.spec import RunSpec
@@ -74,10 +75,11 @@ def export(
         require_onnx()
     saved = find_policy(policy, results)
     import_plugins(saved.spec, "environment", "student")
-    environment = make_environment(saved.spec.environment, **saved.spec.environment_options)
+    environment = make_environment(saved.spec.environment, **arguments(saved.spec, "environment"))
     try:
         with _unfinished(output) as folder:
             saved.copy(folder)
+            write_inputs(saved.spec, folder)
             (folder / CARD_FILE).unlink(missing_ok=True)  # of a folder that was exported itself
             (folder / ONNX_FILE).unlink(missing_ok=True)
             saved.load(*_spaces(environment))  # refuses one that does not fit

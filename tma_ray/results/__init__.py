@@ -5,6 +5,14 @@ from tma_ray.results.committer import Committer, StaleAttemptError, accepted_man
 from tma_ray.results.engines import BOX2D, BOX2D_TEST_SET, CHIPMUNK
 from tma_ray.results.holding.heartbeat import Heartbeat, HeartbeatWriter, RunProgress
 from tma_ray.results.holding.lease import Lease, NotRunningError, RootInUseError, ask_to_stop, holder_of
+from tma_ray.results.inputs import (
+    INPUTS,
+    input_path,
+    keep_input,
+    keep_plugin,
+    read_input,
+    read_plugin,
+)
 from tma_ray.results.inspection import Damage, Inspector
 from tma_ray.results.layout import (
     CHECKPOINTS,
@@ -48,6 +56,7 @@ __all__ = [
     "CHIPMUNK",
     "DATA_TABLES",
     "DISK_FULL",
+    "INPUTS",
     "LOGS",
     "POLICIES",
     "PUBLISHED_FILE",
@@ -94,8 +103,13 @@ __all__ = [
     "create_root",
     "explained_disk",
     "holder_of",
+    "input_path",
+    "keep_input",
+    "keep_plugin",
     "log_path",
     "policy_folder",
+    "read_input",
+    "read_plugin",
     "read_published",
     "retry",
     "spec_digest",

@@ -15,6 +15,7 @@ import pyarrow as pa
 import pyarrow.compute as pc
 
 from tma_ray.decoding import decode_json
+from tma_ray.results.inputs import damaged_inputs
 from tma_ray.results.inspection import Damage, Inspector, reason
 from tma_ray.results.layout import MANIFESTS, POLICIES, TABLES, policy_folder
 from tma_ray.results.manifest import Manifest, PartFile, load_manifest
@@ -58,6 +59,7 @@ def verify_root(store: Store) -> RootVerification:
     damage += _foreign_rows(store, manifests)
     damage += _tables_about_runs(store)
     damage += _foreign_policies(store, manifests)
+    damage += (Damage(*found) for found in damaged_inputs(store, [manifest.run for manifest in manifests]))
     listed = {(file.path, file.sha256) for manifest in manifests for file in manifest.files}
     known = {manifest.run.run_id for manifest in manifests}
     unlisted = tuple(_unlisted(store, {path for path, _ in listed}, known))

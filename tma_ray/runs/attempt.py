@@ -25,6 +25,7 @@ from tma_ray.results import (
 )
 from tma_ray.runs.checkpoints import Checkpoints
 from tma_ray.runs.fingerprint import fingerprint
+from tma_ray.runs.inputs import fetch
 from tma_ray.runs.placement import Placement, Status
 from tma_ray.runs.run import Run
 from tma_ray.runs.spec import RunSpec
@@ -61,6 +62,7 @@ class Attempt:
         self._placement = placement or Placement()
         self.fingerprint = fingerprint(self._placement.threads, self._placement.device)
         self._checkpoints = Checkpoints(store, spec.run_id, number)
+        fetch(store, spec)
         writer = RunWriter(store, spec.run_id, number)
         self._run = Run(spec, teacher, writer, self._placement.device, self._placement.threads)
         self._resume()

@@ -20,6 +20,7 @@ from tma_ray.runs.cell_settings import (
     challenge_bounds,
     environment_settings,
 )
+from tma_ray.runs.inputs import captured, named
 from tma_ray.runs.plugins import algorithm_versions_of, plugins_of
 from tma_ray.runs.spec import RunSpec, Schedule
 from tma_ray.students import canonical_student, check_hyperparameters
@@ -108,18 +109,21 @@ def effective_spec(cell: Cell, seed: int, schedule: Schedule, *, independent_lev
             f"{environment} ({setting.challenge}) declares no easy task within its task space, so that "
             f"nothing can be told at expert knowledge 'high'; use 'low'"
         )
+    options, inputs = captured("environment", options)
+    student_values, student_inputs = captured("student", as_plain_values(student))
+    teacher_values, teacher_inputs = captured("teacher", hyperparameters_of(teacher))
     return RunSpec(
-        environment=environment,
+        environment=named("environment", environment),
         environment_options=options,
         challenge=setting.challenge,
         task_space=setting.task_space,
         easy_task=setting.easy_task,
         mastery_threshold=setting.mastery_threshold,
         test_set=setting.test_set,
-        student=canonical_student(cell.student, cell.student_hyperparameters),
-        student_hyperparameters=as_plain_values(student),
-        teacher=canonical_teacher(cell.teacher, cell.teacher_hyperparameters),
-        teacher_hyperparameters=hyperparameters_of(teacher),
+        student=named("student", canonical_student(cell.student, cell.student_hyperparameters)),
+        student_hyperparameters=student_values,
+        teacher=named("teacher", canonical_teacher(cell.teacher, cell.teacher_hyperparameters)),
+        teacher_hyperparameters=teacher_values,
         expert_knowledge=level,
         schedule=schedule,
         seed=seed,
@@ -129,6 +133,7 @@ def effective_spec(cell: Cell, seed: int, schedule: Schedule, *, independent_lev
         resets=tuple(round(share * schedule.steps) for share in setting.resets),
         cuts=setting.cuts,
         algorithm_versions=algorithm_versions_of(vars(cell)),
+        inputs=inputs | student_inputs | teacher_inputs,
     )
 
 

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from tma_ray.envs import make_environment
 from tma_ray.envs.lock_step import lock_step
+from tma_ray.runs.inputs import arguments
 from tma_ray.runs.spec import RunSpec
 from tma_ray.runs.streams import evaluation_seeds
 
@@ -34,9 +35,8 @@ class Evaluation:
     def __init__(self, spec: RunSpec, make: Callable[..., Environment] = make_environment) -> None:
         self.test_set = spec.test_set
         self._seeds = evaluation_seeds(spec.test_set)
-        self._environments = [
-            make(spec.environment, **spec.environment_options) for _ in range(len(spec.test_set))
-        ]
+        options = arguments(spec, "environment")
+        self._environments = [make(spec.environment, **options) for _ in range(len(spec.test_set))]
         self._worlds = lock_step(self._environments)
 
     def __call__(self, policy: GreedyPolicy) -> list[dict[str, Any]]:

@@ -8,6 +8,7 @@ from collections.abc import Callable, Sequence
 from tma_ray.results import AttemptOutcome, Committer, PartFile, StorageError, retry
 from tma_ray.runs.attempt import Attempt
 from tma_ray.runs.checkpoints import Checkpoints
+from tma_ray.runs.inputs import fetch, keep
 from tma_ray.runs.placement import Placement, Status
 from tma_ray.runs.run_log import RunLog
 from tma_ray.runs.spec import RunSpec
@@ -50,6 +51,8 @@ def _attempt(
     on_status: Callable[[Status], None],
 ) -> AttemptOutcome:
     record = spec.record()
+    keep(committer.store, [spec])
+    fetch(committer.store, spec)
     number = committer.start(record)
     attempt, outcome = None, AttemptOutcome.FAILED
     try:

@@ -9,8 +9,10 @@ from pathlib import Path
 import numpy as np
 
 from tma_ray.envs import make_environment
+from tma_ray.part_names import base_name
 from tma_ray.results import RunWriter, Table, teacher_log_row
 from tma_ray.runs.evaluation import Evaluation
+from tma_ray.runs.inputs import arguments
 from tma_ray.runs.plugins import import_plugins
 from tma_ray.runs.recording import Recorder
 from tma_ray.runs.spec import RunSpec
@@ -73,15 +75,15 @@ class Run:
         self.writer = writer
         self.progress = Progress()
         import_plugins(spec, "environment", "student")
-        self.environment = make_environment(spec.environment, **spec.environment_options)
+        self.environment = make_environment(spec.environment, **arguments(spec, "environment"))
         streams = Streams.of(spec)
         self._episode_seeds = np.random.default_rng(streams.environment)
         self.student = make_student(
-            spec.student,
+            base_name(spec.student),
             self.environment.observation_space,
             self.environment.action_space,
             streams.student,
-            spec.student_hyperparameters,
+            arguments(spec, "student"),
             device,
             threads,
         )

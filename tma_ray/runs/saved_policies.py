@@ -13,7 +13,8 @@ from gymnasium import spaces
 from numpy.typing import NDArray
 
 from tma_ray.decoding import DamagedFileError
-from tma_ray.results import Results, Store, policy_folder
+from tma_ray.results import POLICIES, Results, Store, policy_folder
+from tma_ray.runs.inputs import fetch, fetch_beside
 from tma_ray.runs.spec import RunSpec
 from tma_ray.students import PolicyFileError, load_policy
 
@@ -95,9 +96,15 @@ def find_policy(name: str, results: str | Path) -> SavedPolicy:
     path = Path(name)
     if path.exists():
         folder = path.absolute() if path.is_dir() else path.absolute().parent
-        return _in_folder(Store.open(folder.parent), folder.name)
+        saved = _in_folder(Store.open(folder.parent), folder.name)
+        fetch_beside(folder, saved.spec)
+        if saved.spec.inputs and folder.parent.name == POLICIES:
+            fetch(Store.open(folder.parent.parent), saved.spec)
+        return saved
     found = Results.open(results)
-    return _in_folder(found.store, policy_folder(found.find(name).run.run_id))
+    saved = _in_folder(found.store, policy_folder(found.find(name).run.run_id))
+    fetch(found.store, saved.spec)
+    return saved
 
 
 def _in_folder(store: Store, folder: str) -> SavedPolicy:

@@ -15,7 +15,7 @@ import numpy as np
 from tma_ray.benchmark import BENCHMARK_VERSION
 from tma_ray.decoding import DamagedFileError, decode_json
 from tma_ray.part_names import base_name
-from tma_ray.results import RunRecord, SpecFacts, spec_digest
+from tma_ray.results import RunRecord, SpecFacts, input_path, spec_digest
 from tma_ray.tasks import Dimension, KnowledgeLevel, Task, TaskSpace, TestSet
 
 ABSENT_IF_EMPTY = ("resets", "cuts", "algorithm_versions", "inputs")
@@ -71,6 +71,11 @@ class InputFile:
 
     name: str
     sha256: str
+
+    def __post_init__(self) -> None:
+        input_path(self.sha256)
+        if not self.name or set(self.name) & set("/\\\0") or self.name in (".", ".."):
+            raise ValueError(f"input {self.name!r}: expected the name of a file, without a folder")
 
 
 @dataclass(frozen=True, eq=False)

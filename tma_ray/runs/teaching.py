@@ -8,6 +8,8 @@ from typing import Any, Protocol
 
 import numpy as np
 
+from tma_ray.part_names import base_name
+from tma_ray.runs.inputs import arguments
 from tma_ray.runs.plugins import import_plugins
 from tma_ray.runs.spec import RunSpec
 from tma_ray.runs.streams import Streams, landscape_of, placement_generator
@@ -62,7 +64,7 @@ class InlineTeacher:
         import_plugins(spec, "teacher")
         self._space = spec.task_space
         self._name = spec.teacher
-        self._teacher = make_teacher(spec.teacher, spec.teacher_hyperparameters)
+        self._teacher = make_teacher(base_name(spec.teacher), arguments(spec, "teacher"))
         placement = placement_generator(spec)
         landscape = landscape_of(spec, placement)
         knowledge = expert_knowledge(

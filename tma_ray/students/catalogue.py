@@ -50,6 +50,7 @@ class StudentRegistry(Registry[type[Student]]):
         return super().get(name.lower() if name.startswith(STOCK) else name)
 
     def algorithm_version(self, name: str) -> int | None:  # noqa: D102
+        name = base_name(name)
         light = None if name in self._decorated else _BUILTIN_HYPERPARAMETERS.get(name)
         if light is not None:
             return self._checked_version(name, getattr(light, "algorithm_version", None))

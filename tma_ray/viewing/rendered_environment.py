@@ -10,6 +10,7 @@ import numpy as np
 from gymnasium import spaces
 
 from tma_ray.envs import ENVIRONMENTS, Environment, make_environment, mastery_return
+from tma_ray.runs.inputs import arguments
 from tma_ray.runs.saved_policies import SavedPolicy, StepPolicy, find_policy
 from tma_ray.tasks import TaskSpace
 from tma_ray.viewing.pictures import Frame
@@ -123,10 +124,11 @@ def _make(name: str | None, embodiment: str | None, saved: SavedPolicy | None) -
     """Returns the environment, which draws frames."""
     spec = saved.spec if saved else None
     name = name or (spec.environment if spec else DEFAULT_ENVIRONMENT)
-    options = dict(spec.environment_options) if spec and spec.environment == name else {}
+    known = arguments(spec, "environment") if spec else {}
+    options = known if spec and spec.environment == name else {}
     body = embodiment
     if body is None and "embodiment" not in options:
-        body = spec.embodiment if spec else DEFAULT_EMBODIMENT
+        body = known.get("embodiment", "") if spec else DEFAULT_EMBODIMENT
     if body:
         options["embodiment"] = body
     elif body is not None:

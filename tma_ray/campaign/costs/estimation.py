@@ -102,7 +102,12 @@ def estimate(plan: Plan, settings: Settings) -> Cost:
 
 
 def _kind(spec: RunSpec) -> Kind:
-    return (spec.environment, repr(sorted(spec.environment_options.items())), spec.student)
+    return (
+        spec.environment,
+        repr(sorted(spec.environment_options.items())),
+        repr(sorted(spec.inputs.items())),
+        spec.student,
+    )
 
 
 def _hours(throughput: Throughput, spec: RunSpec) -> float:

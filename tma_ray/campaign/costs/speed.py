@@ -12,7 +12,9 @@ import numpy as np
 
 from tma_ray.campaign.settings import Settings
 from tma_ray.envs import make_environment
+from tma_ray.part_names import base_name
 from tma_ray.runs.evaluation import Evaluation
+from tma_ray.runs.inputs import arguments
 from tma_ray.runs.spec import RunSpec
 from tma_ray.students import Student, Transition, make_student
 
@@ -54,15 +56,15 @@ class Throughput:
 
 def measure(spec: RunSpec, settings: Settings) -> Throughput:
     """Returns how fast runs like `spec` are here: on one task, without a teacher; takes some seconds."""
-    environment = make_environment(spec.environment, **spec.environment_options)
+    environment = make_environment(spec.environment, **arguments(spec, "environment"))
     observation, action = environment.observation_space, environment.action_space
-    values = dict(spec.student_hyperparameters)
+    values = arguments(spec, "student")
     values |= {
         name: min(values[name], most) for name, most in (EXPLORATION | STORAGE).items() if name in values
     }
     seed, resources = np.random.SeedSequence(0), settings.resources
     student = make_student(
-        spec.student, observation, action, seed, values, settings.device, resources.threads
+        base_name(spec.student), observation, action, seed, values, settings.device, resources.threads
     )
     player = _Player(environment, student, spec)
     chunk = next((int(values[name]) for name in CHUNKS if isinstance(values.get(name), int)), 100)

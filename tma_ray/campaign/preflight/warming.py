@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import defaultdict
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import ray
@@ -13,6 +13,7 @@ from ray.util.scheduling_strategies import NodeAffinitySchedulingStrategy
 from tma_ray.campaign.cluster import working_nodes
 from tma_ray.campaign.preflight.shipping import use_shipped
 from tma_ray.envs import make_environment
+from tma_ray.runs.inputs import arguments, contents, provide
 from tma_ray.runs.plugins import REGISTRIES, import_plugins
 from tma_ray.runs.spec import RunSpec
 
@@ -35,7 +36,10 @@ def warm_nodes(specs: Sequence[RunSpec], shipped: bool = True) -> None:
         ValueError: a node cannot import a plug-in, or has another version of it.
     """
     here = ray.get_runtime_context().get_node_id()
-    recipes = {(s.environment, *s.environment_options.items(), *s.plugins.items()): s for s in specs}
+    recipes = {
+        (s.environment, *s.environment_options.items(), *s.plugins.items(), *s.inputs.items()): s
+        for s in specs
+    }
     due = {
         (node["NodeID"], recipe): spec
         for node in working_nodes()
@@ -48,10 +52,13 @@ def warm_nodes(specs: Sequence[RunSpec], shipped: bool = True) -> None:
             tasks[node].append(spec.to_dict())
     # One call a process: it would keep the plug-ins that it has imported. One process a node: starting
     # takes a process longer than trying.
+    files = contents(specs)
     task: Any = ray.remote(max_calls=1, num_cpus=0)(_try_all)
     started = [
-        task.options(scheduling_strategy=NodeAffinitySchedulingStrategy(node, soft=True)).remote(contents)
-        for node, contents in tasks.items()
+        task.options(scheduling_strategy=NodeAffinitySchedulingStrategy(node, soft=True)).remote(
+            planned, files
+        )
+        for node, planned in tasks.items()
     ]
     try:
         ray.get(started)
@@ -66,14 +73,15 @@ def warm_nodes(specs: Sequence[RunSpec], shipped: bool = True) -> None:
     _tried.update(due)
 
 
-def _try_all(contents: Sequence[dict[str, Any]]) -> None:
+def _try_all(specs: Sequence[dict[str, Any]], files: Mapping[str, bytes]) -> None:
     use_shipped()
-    for content in contents:
-        _try(RunSpec.from_dict(content))
+    provide(files)
+    for spec in specs:
+        _try(RunSpec.from_dict(spec))
 
 
 def _try(spec: RunSpec) -> None:
     import_plugins(spec, *REGISTRIES)
-    environment = make_environment(spec.environment, **spec.environment_options)
+    environment = make_environment(spec.environment, **arguments(spec, "environment"))
     environment.reset(seed=0, options={"task": spec.task_space.low})
     environment.close()

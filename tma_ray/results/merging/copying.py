@@ -7,6 +7,7 @@ from pathlib import PurePosixPath
 from typing import Final
 
 from tma_ray.decoding import DamagedFileError
+from tma_ray.results.inputs import kept_files
 from tma_ray.results.inspection import Inspector
 from tma_ray.results.layout import POLICIES, TABLES, create_root, manifest_path
 from tma_ray.results.manifest import Manifest
@@ -59,6 +60,8 @@ def copy_merged(results: Results, target: Store) -> Copy:
             damaged.append(f"{path}: {error}")
         else:
             target.write_bytes(path, encode(Table.CELLS, cells))
+    for path in kept_files(results.store, (manifest.run for manifest in sound)):
+        target.write_bytes(path, results.store.read_bytes(path))
     ours = {manifest.run.run_id for manifest in sound}
     left_out = []
     for path in results.store.files(POLICIES):

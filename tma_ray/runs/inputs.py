@@ -1,0 +1,180 @@
+"""The files that runs read: captured by content when a run is planned, provided wherever it is executed.
+
+An option that names a file, such as an embodiment in a ``.toml`` or ``cppn_weights``, is a part of a run by
+the file's content and its name without the folder: an edited file makes another run, a moved one the same.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import tempfile
+from collections.abc import Iterable, Mapping
+from functools import cache
+from pathlib import Path
+from typing import Any
+from uuid import uuid4
+
+from tma_ray.decoding import DamagedFileError
+from tma_ray.part_names import base_name, join_name, split_name
+from tma_ray.results import Store, keep_input, keep_plugin, read_input
+from tma_ray.runs.plugins import plugin_sources
+from tma_ray.runs.spec import InputFile, RunSpec
+
+MOST_BYTES = 20 * 2**20
+"""Size over which an input is refused: every run's process holds it."""
+
+VALUES = {
+    "environment": "environment_options",
+    "student": "student_hyperparameters",
+    "teacher": "teacher_hyperparameters",
+}
+"""Fields of a spec that hold the options of each part."""
+
+_contents: dict[str, bytes] = {}
+"""What this process has read or been given, by SHA-256."""
+
+
+def captured(part: str, options: Mapping[str, Any]) -> tuple[dict[str, Any], dict[str, InputFile]]:
+    """Reads the files that options name.
+
+    Args:
+        part: "environment", "student" or "teacher".
+        options: by name. A text that is the path of a file, with parameters of a body after it if wanted,
+            names that file if it has a suffix or a folder: names of what ships have neither.
+
+    Returns:
+        The options with the file's name in place of its path, and the files by part and option.
+
+    Raises:
+        ValueError: a file that is too large.
+    """
+    shown, files = dict(options), {}
+    for option, value in options.items():
+        path = _path_in(value)
+        if path is not None:
+            file = _captured_file(path)
+            shown[option] = file.name + str(value)[len(base_name(str(value))) :]
+            files[f"{part}.{option}"] = file
+    return shown, files
+
+
+def named(part: str, name: str) -> str:
+    """Returns the canonical name of a part with names of files in place of their paths."""
+    base, settings = split_name(name)
+    return join_name(base, captured(part, settings)[0])
+
+
+def arguments(spec: RunSpec, part: str) -> dict[str, Any]:
+    """Returns the options of a part of a run, with paths of its files in this process.
+
+    Raises:
+        ValueError: the content of a file is not known here.
+    """
+    values = dict(getattr(spec, VALUES[part]))
+    for option, value in values.items():
+        file = spec.inputs.get(f"{part}.{option}")
+        if file is not None:
+            values[option] = f"{_provided(file)}{str(value)[len(base_name(str(value))) :]}"
+    return values
+
+
+def contents(specs: Iterable[RunSpec]) -> dict[str, bytes]:
+    """Returns the content of all inputs of `specs` that this process knows, by SHA-256."""
+    wanted = {file.sha256 for spec in specs for file in spec.inputs.values()}
+    return {sha256: _contents[sha256] for sha256 in sorted(wanted) if sha256 in _contents}
+
+
+def provide(known: Mapping[str, bytes]) -> None:
+    """Makes the contents of another process, by SHA-256, known in this one."""
+    _contents.update(known)
+
+
+def keep(store: Store, specs: Iterable[RunSpec]) -> None:
+    """Writes the inputs of `specs` and the sources of their plug-ins into a results root."""
+    planned = list(specs)
+    for data in contents(planned).values():
+        keep_input(store, data)
+    for source in plugin_sources(planned):
+        keep_plugin(store, source)
+
+
+def fetch(store: Store, spec: RunSpec) -> None:
+    """Makes the inputs of a run known in this process, as far as the root keeps them.
+
+    Raises:
+        DamagedFileError: one is not what was written.
+    """
+    for file in spec.inputs.values():
+        if file.sha256 not in _contents:
+            try:
+                _contents[file.sha256] = read_input(store, file.sha256)
+            except FileNotFoundError:
+                continue  # named when it is needed
+
+
+def fetch_beside(folder: Path, spec: RunSpec) -> None:
+    """Makes the inputs of a run known that lie in a folder under their own names, as exports have them.
+
+    Raises:
+        DamagedFileError: one of them has another content.
+    """
+    for file in spec.inputs.values():
+        path = folder / file.name
+        if file.sha256 not in _contents and path.is_file():
+            data = path.read_bytes()
+            if hashlib.sha256(data).hexdigest() != file.sha256:
+                raise DamagedFileError(f"{path} is not the file that run {spec.run_id} was trained with")
+            _contents[file.sha256] = data
+
+
+def write_inputs(spec: RunSpec, folder: Path) -> None:
+    """Writes the inputs of a run into an existing folder, under their own names.
+
+    Raises:
+        ValueError: the content of one is not known here.
+    """
+    for file in spec.inputs.values():
+        (folder / file.name).write_bytes(_provided(file).read_bytes())
+
+
+def _path_in(value: object) -> Path | None:
+    """Returns the file that the value of an option names, None if it names none."""
+    if not isinstance(value, (str, Path)):
+        return None
+    path = Path(base_name(str(value))).expanduser()
+    looks_like_one = bool(path.suffix) or len(path.parts) > 1
+    return path if looks_like_one and path.is_file() else None
+
+
+def _captured_file(path: Path) -> InputFile:
+    size = path.stat().st_size
+    if size > MOST_BYTES:
+        raise ValueError(
+            f"{path} has {size / 2**20:.0f} MiB: an input of a run may have {MOST_BYTES / 2**20:.0f} MiB, as "
+            f"every process of the run holds it; let a plug-in read larger data"
+        )
+    data = path.read_bytes()
+    sha256 = hashlib.sha256(data).hexdigest()
+    _contents[sha256] = data
+    return InputFile(path.name, sha256)
+
+
+def _provided(file: InputFile) -> Path:
+    """Returns the path of a file with this content and name, in a folder of this process."""
+    path = Path(_folder().name) / file.sha256 / file.name
+    if not path.exists():
+        if file.sha256 not in _contents:
+            raise ValueError(
+                f"the content of {file.name} (sha256 {file.sha256[:12]}…) is not here: open the run from its "
+                f"results root or release, or lay the file beside the policy"
+            )
+        path.parent.mkdir(exist_ok=True)
+        aside = path.with_name(f"{uuid4().hex}-{file.name}")
+        aside.write_bytes(_contents[file.sha256])
+        aside.replace(path)  # at once: other threads may look for it
+    return path
+
+
+@cache
+def _folder() -> tempfile.TemporaryDirectory[str]:
+    return tempfile.TemporaryDirectory(prefix="tma_ray_inputs_")
