@@ -10,7 +10,7 @@ import pytest
 from rich.console import Console
 
 from tma_ray.campaign import Campaign, cells_of
-from tma_ray.campaign.monitor.progress import ProgressView, Snapshot, Standing, duration
+from tma_ray.campaign.monitor.progress import ActiveRun, ProgressView, Snapshot, duration
 from tma_ray.campaign.options import add_options, chosen_address, chosen_campaign, parse_seeds, whole_number
 from tma_ray.campaign.preflight.address import check_address
 from tma_ray.campaign.settings import Resources, Settings
@@ -195,7 +195,7 @@ def test_auto_is_the_address_of_the_environment(monkeypatch: pytest.MonkeyPatch)
 def test_progress_without_a_terminal_is_plain_lines() -> None:
     text = io.StringIO()
     view = ProgressView(Console(file=text, width=200), line_seconds=0)
-    running = [Standing("run", 1000, Status(500, 100.0, 7.0))]
+    running = [ActiveRun("run", 1000, Status(500, 100.0, 7.0))]
     view.update(Snapshot(3, 1, 0, 0, 1, 1000, 3000, running))
     view.close(Snapshot(3, 2, 1, 0, 0, 0, 3000, []))
     assert text.getvalue().splitlines() == [
@@ -209,7 +209,7 @@ def test_progress_on_a_terminal_shows_the_runs() -> None:
     view = ProgressView(Console(file=text, width=200, force_terminal=True))
     view.update(
         Snapshot(
-            30, 0, 0, 0, 5, 5, 300, [Standing(f"run-{i}", 9, Status(4, 1.0, math.nan)) for i in range(25)]
+            30, 0, 0, 0, 5, 5, 300, [ActiveRun(f"run-{i}", 9, Status(4, 1.0, math.nan)) for i in range(25)]
         )
     )
     view.close(Snapshot(30, 30, 0, 0, 0, 0, 99, []))

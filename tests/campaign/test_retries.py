@@ -31,7 +31,7 @@ def test_each_loss_doubles_the_pause_and_too_many_give_a_run_up() -> None:
     (spec,) = campaign(idle("random")).plan().runs
     pauses = []
     for loss in range(12):
-        assert retries.take(spec, f"node-{loss % 2}")
+        assert retries.add_loss(spec, f"node-{loss % 2}")
         assert retries.specs == [spec]
         start = clock.now
         while not retries.due():
@@ -40,7 +40,7 @@ def test_each_loss_doubles_the_pause_and_too_many_give_a_run_up() -> None:
         assert len(retries) == 0
     assert pauses[:4] == [1, 2, 4, 8]
     assert max(pauses) == LONGEST_PAUSE
-    assert not retries.take(spec, "node-0")
+    assert not retries.add_loss(spec, "node-0")
     assert retries.losses(spec.run_id) == 13
     assert retries.nodes_to_avoid(spec.run_id) == ("node-0", "node-1")
     assert retries.nodes_to_avoid("another") == ()

@@ -17,7 +17,7 @@ from tma_ray.campaign.execution import execute_plan
 from tma_ray.campaign.monitor import history, status
 from tma_ray.campaign.monitor.overview import overview
 from tma_ray.campaign.monitor.progress import Snapshot
-from tma_ray.campaign.rerun import plan_again
+from tma_ray.campaign.rerun import rerun_plan
 from tma_ray.campaign.settings import TeacherPlacement
 from tma_ray.results import (
     Committer,
@@ -128,27 +128,27 @@ def test_history_holds_attempts_messages_and_the_traceback(one_failed: Path) -> 
 def test_a_plan_again_holds_what_failed_or_is_named(one_failed: Path) -> None:
     done, failed = sorted(Results.open(one_failed).runs(), key=lambda manifest: manifest.status)
     for plan in (
-        plan_again(str(one_failed), (), failed=True),
-        plan_again(str(one_failed), [failed.run.run_id[:-2]], failed=False),
+        rerun_plan(str(one_failed), (), failed=True),
+        rerun_plan(str(one_failed), [failed.run.run_id[:-2]], failed=False),
     ):
         assert [spec.run_id for spec in plan.runs] == [failed.run.run_id]
     with pytest.raises(ValueError, match="is done"):
-        plan_again(str(one_failed), [done.run.run_id], failed=False)
+        rerun_plan(str(one_failed), [done.run.run_id], failed=False)
     with pytest.raises(ValueError, match="pass run IDs or --failed"):
-        plan_again(str(one_failed), (), failed=False)
+        rerun_plan(str(one_failed), (), failed=False)
 
 
 @pytest.mark.usefixtures("cluster")
 @pytest.mark.slow
 def test_mended_runs_run_again_and_their_cells_are_done(failed_once: Path, one_failed: Path) -> None:
     (failed_once / "needed").touch()
-    plan = plan_again(str(one_failed), (), failed=True)
+    plan = rerun_plan(str(one_failed), (), failed=True)
     ended = execute_plan(plan, one_failed, settings(teachers=TeacherPlacement.INLINE), None)
     assert (ended.done, ended.failed) == (1, 0)
     assert "campaign short: 2/2 runs done" in shown(one_failed)
     assert sorted(row["outcome"] for row in rows(one_failed, Table.ATTEMPTS)) == ["done", "done", "failed"]
     with pytest.raises(ValueError, match="failed"):
-        plan_again(str(one_failed), (), failed=True)
+        rerun_plan(str(one_failed), (), failed=True)
 
 
 @pytest.mark.usefixtures("cluster")

@@ -139,7 +139,7 @@ def test_a_joint_may_lie_outside_its_parts_if_the_file_says_so(tmp_path: Path) -
 
 
 def test_only_climbers_hang() -> None:
-    hanging = [name for name in embodiment_names() if load_embodiment(name).hangs]
+    hanging = [name for name in embodiment_names() if load_embodiment(name).starts_hanging]
     assert hanging == ["climbing_chest_chimpanzee", "climbing_chimpanzee"]
 
 

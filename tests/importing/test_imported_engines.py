@@ -1,4 +1,4 @@
-"""Imported runs are marked as Box2D's, and never pooled or tested with ours."""
+"""ImportSummary runs are marked as Box2D's, and never pooled or tested with ours."""
 
 import json
 from pathlib import Path

@@ -14,12 +14,12 @@ from analysis.frames import Frames
 from analysis.measures import evaluation_measures
 from analysis.pooling import pooled
 from analysis.student_pools import runs_after
-from tma_ray.importing import Imported, ImportRefusedError, import_results
+from tma_ray.importing import ImportRefusedError, ImportSummary, import_results
 from tma_ray.importing.names import CRITERIA, TEACHERS
 from tma_ray.results import DATA_TABLES, Results, Table
 
 
-def imported(release: Release, **options: Any) -> tuple[Imported, Frames]:
+def imported(release: Release, **options: Any) -> tuple[ImportSummary, Frames]:
     root = release.root.parent / "root"
     return import_results(release.root, root, **options), load(root)
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from tma_ray.terrain import FIXED, GROUND_HEIGHT, Terrain
-from tma_ray.terrain.demands import calmest_way, demands, difficulty, greatest_rise
+from tma_ray.terrain.demands import demands, difficulty, greatest_rise, smoothest_path
 from tma_ray.terrain.terrain import STEP
 
 GOAL_X = 215 * STEP
@@ -109,7 +109,7 @@ def test_no_way_is_calmer_than_the_calmest() -> None:
         low = rng.integers(0, 4, 5)
         high = low + rng.integers(0, 3, 5)
         low[0] = high[0] = 2
-        way = calmest_way(low.astype(float), high.astype(float))
+        way = smoothest_path(low.astype(float), high.astype(float))
         assert np.all((way >= low) & (way <= high))
         ways = itertools.product(*([v for v in grid if a <= v <= b] for a, b in zip(low, high, strict=True)))
         assert np.abs(np.diff(way)).sum() == min(np.abs(np.diff(other)).sum() for other in ways)

@@ -15,7 +15,7 @@ from odd_queries import AsksForTrajectories, AsksForValues
 
 from tma_ray.teachers import Teacher
 from tma_ray.teachers.random import Random
-from tma_ray.testing import Pupil, TeacherConformance
+from tma_ray.testing import TeacherConformance, TrialStudent
 from tma_ray.testing.playing import SCENARIOS
 
 NEW_PROCESS = "test_a_saved_teacher_continues_in_a_new_process"
@@ -60,7 +60,7 @@ ALSO = {
 def failures(teacher: type[Teacher], *, new_process: bool) -> dict[str, str]:
     """Runs the whole kit by hand; returns the messages of what failed by the name of the promise."""
     scenarios = SCENARIOS[1:3]
-    arguments = {"scenario": scenarios, "pupil": [Pupil.HOPELESS, Pupil.PERFECT]}
+    arguments = {"scenario": scenarios, "pupil": [TrialStudent.HOPELESS, TrialStudent.PERFECT]}
     kit = type("Kit", (TeacherConformance,), {"teacher": teacher, "scenarios": scenarios, "episodes": 215})()
     failed: dict[str, str] = {}
     for name, method in inspect.getmembers(kit, inspect.ismethod):
@@ -131,7 +131,7 @@ def test_scenarios_hold_easy_and_hard_tasks(scenario) -> None:
     """Else a kit would never see a success, or a failure."""
     tasks = scenario.space.sample(np.random.default_rng(0), 200)
     for index in (0, 300):
-        successes = [scenario.episode(task, index, Pupil.IMPROVING).success for task in tasks]
+        successes = [scenario.episode(task, index, TrialStudent.IMPROVING).success for task in tasks]
         assert 0.1 < np.mean(successes) < 0.9
 
 
@@ -140,6 +140,6 @@ def test_scenarios_hold_tasks_that_are_mastered_now_and_then(scenario) -> None:
     """Else a teacher that looks for intermediate difficulty would find none."""
     tasks = scenario.space.sample(np.random.default_rng(0), 200)
     first, second = (
-        [scenario.episode(task, index, Pupil.IMPROVING).success for task in tasks] for index in (0, 1)
+        [scenario.episode(task, index, TrialStudent.IMPROVING).success for task in tasks] for index in (0, 1)
     )
     assert 0.1 < np.mean(np.not_equal(first, second)) < 0.5

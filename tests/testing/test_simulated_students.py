@@ -6,18 +6,18 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from tma_ray.testing import Aptitude, SimulatedStudent
+from tma_ray.testing import SimulatedStudent, StudentParameters
 from tma_ray.testing.students import DISCOUNT, EPISODE_STEPS
 
-STEADY = Aptitude(pace_spread=0.0)
+STEADY = StudentParameters(pace_spread=0.0)
 EASY, HARD = [0, 6], [3, 0]  # of Stump Tracks: height and spacing
 
 
-def student(aptitude: Aptitude = STEADY, seed: int = 0) -> SimulatedStudent:
+def student(aptitude: StudentParameters = STEADY, seed: int = 0) -> SimulatedStudent:
     return SimulatedStudent(EASY, HARD, np.random.default_rng(seed), aptitude)
 
 
-def trained(episodes: int = 3000, aptitude: Aptitude = STEADY) -> SimulatedStudent:
+def trained(episodes: int = 3000, aptitude: StudentParameters = STEADY) -> SimulatedStudent:
     learner, rng = student(aptitude), np.random.default_rng(1)
     for height, spacing in rng.random((episodes, 2)) * [1.5, 6]:
         learner.play([height, spacing])
@@ -27,7 +27,7 @@ def trained(episodes: int = 3000, aptitude: Aptitude = STEADY) -> SimulatedStude
 class Loop:
     """The equations of the module's docstring, region by region."""
 
-    def __init__(self, size: int, aptitude: Aptitude) -> None:
+    def __init__(self, size: int, aptitude: StudentParameters) -> None:
         self.aptitude, axis = aptitude, [(i + 0.5) / aptitude.regions for i in range(aptitude.regions)]
         self.centres = [np.array(centre) for centre in itertools.product(axis, repeat=size)]
         self.competences = [0.0] * len(self.centres)
@@ -170,7 +170,7 @@ def test_it_learns_in_one_to_six_dimensions(size: int) -> None:
 )
 def test_impossible_aptitudes_are_refused(wrong: dict[str, float], message: str) -> None:
     with pytest.raises(ValueError, match=message):
-        Aptitude(**wrong)
+        StudentParameters(**wrong)
 
 
 def test_impossible_worlds_are_refused() -> None:

@@ -11,7 +11,7 @@ from typing import Any
 import ray
 from ray.exceptions import AuthenticationError
 
-from tma_ray.campaign.preflight.address import check_address, explanation
+from tma_ray.campaign.preflight.address import check_address, connection_advice
 from tma_ray.campaign.preflight.shipping import runtime_environment
 from tma_ray.campaign.settings import GIB, Resources
 from tma_ray.plugin_source import PluginSource
@@ -53,7 +53,7 @@ def connect(address: str | None, plugins: Sequence[PluginSource] = ()) -> bool:
         try:
             ray.init(runtime_env=environment, **options)
         except (ConnectionError, AuthenticationError) as error:
-            raise ConnectionError(explanation(options["address"], str(error))) from error
+            raise ConnectionError(connection_advice(options["address"], str(error))) from error
     return True
 
 

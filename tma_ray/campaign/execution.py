@@ -8,7 +8,7 @@ from tma_ray.campaign.cluster import check_feasible, connect
 from tma_ray.campaign.failures.stopping import StopSignals
 from tma_ray.campaign.monitor.progress import ProgressView, PublishedProgress, Snapshot, View
 from tma_ray.campaign.plan import CampaignSpec, Plan, lease_holder
-from tma_ray.campaign.preflight.reach import check_reach
+from tma_ray.campaign.preflight.storage_access import check_storage_access
 from tma_ray.campaign.preflight.warming import warm_nodes
 from tma_ray.campaign.scheduler import Scheduler
 from tma_ray.campaign.settings import Settings
@@ -63,7 +63,7 @@ def execute_plan(
     shipped = connect(address, plugin_sources(plan.runs))
     if not settings.autoscaling:
         check_feasible(settings.resources)
-    check_reach(store)
+    check_storage_access(store)
     warm_nodes(plan.runs, shipped)
     committer = Committer(store)
     with Lease(store, lease_holder(plan.name)) as lease:

@@ -21,7 +21,7 @@ from tma_ray.campaign.options import (
     replace_schedule,
 )
 from tma_ray.campaign.plan import Plan
-from tma_ray.campaign.script import EXIT_REFUSED, carry_out
+from tma_ray.campaign.script import EXIT_REFUSED, run_plan
 from tma_ray.results import RootInUseError
 from tma_ray.runs import Schedule
 
@@ -43,7 +43,7 @@ def run_experiment(experiment: Experiment, arguments: Sequence[str] | None = Non
         plan = experiment_plan(experiment, options)
         console = Console()
         console.print(estimate(plan, chosen_settings(options)).describe(), highlight=False, soft_wrap=True)
-        code = carry_out(plan, options.results, options)
+        code = run_plan(plan, options.results, options)
     except (ValueError, ConnectionError, RootInUseError) as error:
         sys.stderr.write(f"{experiment.name}: {error}\n")
         code = EXIT_REFUSED

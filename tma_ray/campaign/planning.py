@@ -18,7 +18,7 @@ from tma_ray.campaign.plan import Plan
 
 
 @dataclass(frozen=True)
-class Part:
+class PlannedExperiment:
     """One experiment of a plan.
 
     Attributes:
@@ -38,7 +38,7 @@ class Part:
     steps: int
 
 
-def parts_of(plan: Plan) -> list[Part]:
+def planned_experiments(plan: Plan) -> list[PlannedExperiment]:
     """Returns the experiments of `plan` in its order."""
     rows: dict[str, list[dict[str, Any]]] = {}
     for row in plan.cell_rows:
@@ -49,7 +49,7 @@ def parts_of(plan: Plan) -> list[Part]:
         own = {row["run_id"] for row in mine} - seen
         seen |= own
         parts.append(
-            Part(
+            PlannedExperiment(
                 name=name,
                 teachers=len({row["teacher"] for row in mine}),
                 cells=len({_cell(row) for row in mine}),
@@ -70,12 +70,12 @@ def show_plan(experiment: Experiment, options: argparse.Namespace, console: Cons
     plan = experiment_plan(experiment, options)
     console = console or Console()
     console.print(f"{experiment.title}, tier {options.tier}\n", highlight=False)
-    console.print(_table(parts_of(plan)))
+    console.print(_table(planned_experiments(plan)))
     console.print(estimate(plan, chosen_settings(options)).describe(), highlight=False, soft_wrap=True)
     return plan
 
 
-def _table(parts: Sequence[Part]) -> Table:
+def _table(parts: Sequence[PlannedExperiment]) -> Table:
     table = Table("experiment", box=None, pad_edge=False, header_style="bold")
     for heading in ("teachers", "cells", "with seeds", "executed", "steps"):
         table.add_column(heading, justify="right")
@@ -86,8 +86,8 @@ def _table(parts: Sequence[Part]) -> Table:
     return table
 
 
-def _total(parts: Sequence[Part]) -> Part:
-    return Part(
+def _total(parts: Sequence[PlannedExperiment]) -> PlannedExperiment:
+    return PlannedExperiment(
         name="together",
         teachers=max(part.teachers for part in parts),
         cells=sum(part.cells for part in parts),

@@ -6,7 +6,7 @@ import argparse
 from collections.abc import Sequence
 
 from tma_ray.campaign.plan import Plan
-from tma_ray.campaign.script import carry_out
+from tma_ray.campaign.script import run_plan
 from tma_ray.results import Inspector, Results, RunRecord, RunStatus
 from tma_ray.runs.inputs import fetch
 from tma_ray.runs.plugins import import_plugins
@@ -22,10 +22,10 @@ def rerun(options: argparse.Namespace) -> int:
     Raises:
         ValueError: nothing is named, no such run, or a plug-in that was edited since.
     """
-    return carry_out(plan_again(options.root, options.runs, failed=options.failed), options.root, options)
+    return run_plan(rerun_plan(options.root, options.runs, failed=options.failed), options.root, options)
 
 
-def plan_again(root: str, names: Sequence[str], *, failed: bool) -> Plan:
+def rerun_plan(root: str, names: Sequence[str], *, failed: bool) -> Plan:
     """Returns the plan of unfinished runs of a root.
 
     Args:

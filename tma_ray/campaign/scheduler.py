@@ -18,7 +18,7 @@ from tma_ray.campaign.actors import Report, SeedActor
 from tma_ray.campaign.cluster import capacity
 from tma_ray.campaign.failures.outages import RetryingCommitter
 from tma_ray.campaign.failures.retries import Retries
-from tma_ray.campaign.monitor.progress import Snapshot, Standing, View
+from tma_ray.campaign.monitor.progress import ActiveRun, Snapshot, View
 from tma_ray.campaign.settings import Settings
 from tma_ray.results import (
     AttemptOutcome,
@@ -97,7 +97,7 @@ class Scheduler:
         try:
             while self._waiting or self._running or self._retries:
                 if stop_requested():
-                    self._leave()
+                    self._stop_all()
                     break
                 self._fill()
                 self._wait(self._settings.poll_seconds)
@@ -137,12 +137,12 @@ class Scheduler:
             time.sleep(seconds)
         self._committer.keep_lease()
         for result in ended:
-            self._settle(self._running.pop(result))
+            self._handle_exit(self._running.pop(result))
         for running in self._running.values():
-            self._listen(running)
+            self._poll_report(running)
         self._view.update(self._snapshot())
 
-    def _listen(self, running: _Running) -> None:
+    def _poll_report(self, running: _Running) -> None:
         """Takes in the report that was asked for, if it has come, and asks for the next."""
         if running.asked is not None:
             come, _ = ray.wait([running.asked], timeout=0)
@@ -150,30 +150,30 @@ class Scheduler:
                 return
             asked, running.asked = running.asked, None
             try:
-                self._take(running, ray.get(asked))
+                self._receive_report(running, ray.get(asked))
             except RayActorError:
                 return  # its result says the same and is dealt with there
         running.asked = running.actor.report.remote()
 
-    def _take(self, running: _Running, report: Report | None) -> None:
+    def _receive_report(self, running: _Running, report: Report | None) -> None:
         running.unreachable_since = None
         news = report is not None and (running.report is None or report.parts != running.report.parts)
         running.report = report or running.report
         if report is not None and report.parts is not None and news:
             self._committer.call(Committer.publish, running.spec.record(), running.number, report.parts)
 
-    def _settle(self, running: _Running) -> None:
+    def _handle_exit(self, running: _Running) -> None:
         """Deals with a run whose actor has returned, raised or died."""
         try:
             final: tuple[PartFile, ...] | None = ray.get(running.result)
         except ActorUnavailableError as error:
-            if self._seek(running):
+            if self._reconnect(running):
                 return
-            self._lose(running, error)
+            self._handle_loss(running, error)
         except RayActorError as error:  # also when it is the teacher's process that died
-            self._lose(running, error)
+            self._handle_loss(running, error)
         except StorageError as error:  # its process could write nothing for long
-            self._lose(running, error)
+            self._handle_loss(running, error)
         except RayTaskError as error:
             self._record(running, AttemptOutcome.FAILED)
             self._committer.call(
@@ -181,7 +181,7 @@ class Scheduler:
             )
             self._failed += 1
         else:
-            self._hear_last(running)
+            self._fetch_final_report(running)
             if final is None:
                 self._record(running, AttemptOutcome.STOPPED)
                 self._stopped += 1
@@ -192,7 +192,7 @@ class Scheduler:
                 self._done += 1
         ray.kill(running.actor)
 
-    def _seek(self, running: _Running) -> bool:
+    def _reconnect(self, running: _Running) -> bool:
         """Waits for a run again that does not answer and may live; returns False when that took too long."""
         now = time.monotonic()
         running.unreachable_since = running.unreachable_since or now
@@ -204,17 +204,17 @@ class Scheduler:
         self._running[running.result] = running
         return True
 
-    def _lose(self, running: _Running, error: Exception) -> None:
+    def _handle_loss(self, running: _Running, error: Exception) -> None:
         self._record(running, AttemptOutcome.LOST)
         run_id, node = running.spec.run_id, running.report.node if running.report else ""
-        if self._retries.take(running.spec, node):
+        if self._retries.add_loss(running.spec, node):
             logger.warning("run %s was lost and resumes from its checkpoint: %s", run_id, error)
         else:
             message = f"it was lost {self._retries.losses(run_id)} times, last: {error}"
             self._committer.call(Committer.fail, running.spec.record(), running.number, message)
             self._failed += 1
 
-    def _leave(self) -> None:
+    def _stop_all(self) -> None:
         """Asks all runs for a checkpoint and waits for them, for the grace period at most."""
         for result, running in list(self._running.items()):
             if running.report is None:  # it has not begun to train: there is nothing to save
@@ -229,9 +229,9 @@ class Scheduler:
         for running in self._running.values():
             self._record(running, AttemptOutcome.LOST)
 
-    def _hear_last(self, running: _Running) -> None:
+    def _fetch_final_report(self, running: _Running) -> None:
         try:
-            self._take(running, ray.get(running.actor.report.remote(), timeout=10))
+            self._receive_report(running, ray.get(running.actor.report.remote(), timeout=10))
         except (RayActorError, ray.exceptions.GetTimeoutError):
             return  # what it reported before stands
 
@@ -245,8 +245,8 @@ class Scheduler:
     def _snapshot(self) -> Snapshot:
         starting = [r.spec for r in self._running.values() if r.report is None]
         waiting = [*self._waiting, *self._retries.specs, *starting]
-        standings = [
-            Standing(r.spec.run_id, r.spec.schedule.steps, r.report.status)
+        active = [
+            ActiveRun(r.spec.run_id, r.spec.schedule.steps, r.report.status)
             for r in self._running.values()
             if r.report is not None
         ]
@@ -259,5 +259,5 @@ class Scheduler:
             waiting=len(waiting),
             waiting_steps=waiting_steps,
             total_steps=self._total_steps,
-            running=standings,
+            running=active,
         )

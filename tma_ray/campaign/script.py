@@ -34,13 +34,13 @@ def execute(campaign: CampaignSpec, options: argparse.Namespace) -> int:
     """Runs what `options` choose of `campaign`; returns the exit code as `main`."""
     try:
         plan = chosen_campaign(campaign, options).plan()
-        return carry_out(plan, options.results, options)
+        return run_plan(plan, options.results, options)
     except (ValueError, ConnectionError, RootInUseError) as error:
         sys.stderr.write(f"{campaign.name}: {error}\n")
         return EXIT_REFUSED
 
 
-def carry_out(plan: Plan, results: str, options: argparse.Namespace) -> int:
+def run_plan(plan: Plan, results: str, options: argparse.Namespace) -> int:
     """Says what `plan` comes to and runs it as the flags for execution say; returns the exit code as `main`.
 
     Raises:

@@ -8,7 +8,7 @@ from dataclasses import fields
 from rich.console import Console
 
 from tma_ray.campaign.failures.stopping import StopSignals
-from tma_ray.campaign.monitor.progress import ProgressView, PublishedProgress, Snapshot, Standing
+from tma_ray.campaign.monitor.progress import ActiveRun, ProgressView, PublishedProgress, Snapshot
 from tma_ray.campaign.options import parse_levels
 from tma_ray.campaign.plan import CampaignSpec, lease_holder
 from tma_ray.campaign.script import EXIT_STOPPED
@@ -45,7 +45,7 @@ def run_single(options: argparse.Namespace) -> int:
     def show(status: Status) -> None:
         lease.keep()
         view.update(
-            Snapshot(1, 0, 0, 0, 0, 0, schedule.steps, [Standing(spec.run_id, schedule.steps, status)])
+            Snapshot(1, 0, 0, 0, 0, 0, schedule.steps, [ActiveRun(spec.run_id, schedule.steps, status)])
         )
 
     placement = Placement(options.device, options.threads, options.checkpoint_seconds)

@@ -116,7 +116,7 @@ class Embodiment:
         return len(self.motors) + len(self.grip_sensors)
 
     @property
-    def hangs(self) -> bool:
+    def starts_hanging(self) -> bool:
         """True if the body starts hanging from the ceiling, where there is one."""
         return bool(self.grip_sensors)
 

@@ -17,7 +17,7 @@ from tma_ray.embodiments.checks import EmbodimentError
 from tma_ray.embodiments.embodiment import BodyType, Embodiment, LidarLayout
 from tma_ray.embodiments.parts import GripSensor, Joint, Part
 from tma_ray.embodiments.polygon import Polygon
-from tma_ray.embodiments.repeats import repeats, written_out
+from tma_ray.embodiments.repeats import expand_repeats, repeats
 from tma_ray.embodiments.variants import body_parameters, resized, with_motor_torque
 from tma_ray.part_names import join_name
 
@@ -101,7 +101,7 @@ def _built(data: dict[str, Any], settings: Mapping[str, float]) -> Embodiment:
             known = ", ".join([*sections, *EVERY_BODY])
             raise ValueError(f"unknown parameter {name!r}; known: {known}")
     survival = {name: settings[name] for name in SURVIVAL if name in settings}
-    body = _embodiment(written_out(data, counts) | survival)
+    body = _embodiment(expand_repeats(data, counts) | survival)
     if SIZE in settings:
         body = resized(body, settings[SIZE])
     if MOTOR_TORQUE in settings:

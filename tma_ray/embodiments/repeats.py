@@ -73,7 +73,7 @@ def repeats(data: Mapping[str, Any]) -> dict[str, Repeat]:
     return sections
 
 
-def written_out(data: Mapping[str, Any], counts: Mapping[str, int]) -> dict[str, Any]:
+def expand_repeats(data: Mapping[str, Any], counts: Mapping[str, int]) -> dict[str, Any]:
     """Returns a body's file with its sections written out after the entries outside them.
 
     Args:

@@ -140,7 +140,7 @@ class BodyEnvironment(gymnasium.Env[Observation, NDArray[np.float32]]):
         info = {"success": self._episodic_return > MASTERY_RETURN}
         return observation, reward, terminated, truncated, info
 
-    def hand_over(self) -> Engine:
+    def release_engine(self) -> Engine:
         """Returns the engine, to play the episode that has begun without this environment.
 
         The environment itself must be reset before its next step.

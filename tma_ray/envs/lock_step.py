@@ -34,7 +34,7 @@ class EngineEnvironment(Protocol):
 
     max_episode_steps: int
 
-    def hand_over(self) -> Engine:
+    def release_engine(self) -> Engine:
         """Returns the engine, for an episode that has begun and is played without the environment."""
         ...
 
@@ -43,10 +43,10 @@ def lock_step(environments: Sequence[gymnasium.Env[Any, Any]]) -> LockStep:
     """Returns the fastest way to step `environments`, which are all of one kind, together."""
     if all(isinstance(environment, EngineEnvironment) for environment in environments):
         return EngineLockStep(environments)
-    return PlainLockStep(environments)
+    return SequentialLockStep(environments)
 
 
-class PlainLockStep:
+class SequentialLockStep:
     """Environments of any kind, stepped in turn; see `LockStep`."""
 
     def __init__(self, environments: Sequence[gymnasium.Env[Any, Any]]) -> None:
@@ -71,13 +71,13 @@ class PlainLockStep:
         )
 
 
-class EngineLockStep(PlainLockStep):
+class EngineLockStep(SequentialLockStep):
     """Environments that hand their engines over; see `LockStep`."""
 
     def reset(self, seeds: Sequence[int], tasks: Task) -> NDArray[np.float32]:
         """Begins an episode in each; see `LockStep`."""
         observations = super().reset(seeds, tasks)
-        engines = [environment.hand_over() for environment in self._environments]  # type: ignore[attr-defined]
+        engines = [environment.release_engine() for environment in self._environments]  # type: ignore[attr-defined]
         self._batch: EngineBatch = batch_engines(engines)
         self._steps_left = self._environments[0].max_episode_steps  # type: ignore[attr-defined]
         return observations

@@ -12,7 +12,7 @@ from tma_ray.envs.drawing.canvas import Canvas
 from tma_ray.envs.drawing.look import Look
 from tma_ray.envs.drawing.scene import Scene
 from tma_ray.envs.drawing.window import Window
-from tma_ray.envs.drawing.world import draw_goal, draw_progress, draw_world, flood
+from tma_ray.envs.drawing.world import draw_goal, draw_progress, draw_water, draw_world
 
 __all__ = ["Renderer", "Scene"]
 
@@ -43,7 +43,7 @@ class Renderer:
         if look.lidars:
             draw_lidars(canvas, head, scene)
         self._body.draw(canvas, scene)
-        flood(canvas, scene.terrain.water_y)
+        draw_water(canvas, scene.terrain.water_y)
         draw_progress(canvas, float(head[0]), scene.terrain)
         if self._window is None:
             return canvas.pixels(look.smooth)

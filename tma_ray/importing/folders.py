@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Final
 
 from tma_ray.importing.errors import ImportRefusedError
-from tma_ray.importing.names import Setting, UnknownNameError, is_named, parse
+from tma_ray.importing.names import OriginalExperiment, UnknownNameError, is_named, parse
 
 HISTORY_FILE: Final = "env_params_save.pkl"
 PROGRESS_FILES: Final = {"progress.txt": "sac", "progress.csv": "ppo"}
@@ -32,7 +32,7 @@ class SeedFolder:
 
     path: Path
     name: str
-    setting: Setting
+    setting: OriginalExperiment
     student: str
 
     @property
@@ -54,7 +54,7 @@ class SeedFolder:
 
 
 @dataclass(frozen=True)
-class Found:
+class SeedSearch:
     """Content of a source.
 
     Attributes:
@@ -68,7 +68,7 @@ class Found:
     problems: dict[str, str]
 
 
-def find_seeds(source: Path) -> Found:
+def find_seeds(source: Path) -> SeedSearch:
     """Returns the seeds of all experiments in a folder, however deep they lie.
 
     A seed is a folder with a progress file; what it is of, the nearest folder says that has such a name.
@@ -94,7 +94,7 @@ def find_seeds(source: Path) -> Found:
         raise ImportRefusedError(
             f"{source} holds no seed{passed}: expected folders with {' or '.join(PROGRESS_FILES)} in them"
         )
-    return Found(tuple(seeds), tuple(ignored), problems)
+    return SeedSearch(tuple(seeds), tuple(ignored), problems)
 
 
 def _folders(source: Path, ignored: list[str]) -> Iterator[tuple[Path, set[str]]]:
@@ -117,7 +117,7 @@ def _student_of(files: set[str]) -> str | None:
     return found[0] if found else None
 
 
-def _setting_of(folder: Path, source: Path, student: str) -> Setting:
+def _setting_of(folder: Path, source: Path, student: str) -> OriginalExperiment:
     levels = (folder, *folder.parents)
     inside = levels[: levels.index(source) + 1]
     for level in inside:

@@ -13,7 +13,7 @@ from tma_ray.importing.folders import SeedFolder, find_seeds
 from tma_ray.importing.progress import Progress, read_progress
 from tma_ray.importing.seeds import read_seed
 from tma_ray.importing.unpickling import LARGEST_MEBIBYTES
-from tma_ray.importing.writing import ImportWriter, open_empty, write_account
+from tma_ray.importing.writing import ImportWriter, open_empty, write_summary
 
 Seeds: TypeAlias = Sequence[tuple[SeedFolder, Progress]]
 
@@ -22,7 +22,7 @@ _DAMAGE: Final = (OSError, ValueError, TypeError, LookupError, ArithmeticError, 
 
 
 @dataclass(frozen=True)
-class Imported:
+class ImportSummary:
     """Outcome of an import.
 
     Attributes:
@@ -47,7 +47,7 @@ def import_results(
     root: str | Path,
     largest_mebibytes: int = LARGEST_MEBIBYTES,
     track: Callable[[Seeds], Iterable[tuple[SeedFolder, Progress]]] = iter,
-) -> Imported:
+) -> ImportSummary:
     """Writes the seeds of a folder as the runs of a new results root, marked as Box2D's.
 
     The budget of a run is that of its configuration, or else the most steps of any seed of the same
@@ -79,8 +79,8 @@ def import_results(
             + "; ".join(f"{name}: {reason}" for name, reason in left_out.items())
         )
     writer.finish()
-    write_account(store, source.resolve().name, writer, left_out)
-    return Imported(
+    write_summary(store, source.resolve().name, writer, left_out)
+    return ImportSummary(
         finished=len(writer.runs) - len(unfinished),
         unfinished=unfinished,
         left_out=left_out,

@@ -67,7 +67,7 @@ class UnknownNameError(ValueError):
 
 
 @dataclass(frozen=True)
-class Setting:
+class OriginalExperiment:
     """An experiment of the original: everything of a cell but the student, which the seed's files tell.
 
     Attributes:
@@ -94,7 +94,7 @@ class Setting:
         return self.environment, self.challenge
 
 
-def parse(name: str) -> Setting:
+def parse(name: str) -> OriginalExperiment:
     """Returns what a folder name says.
 
     Args:
@@ -116,7 +116,7 @@ def parse(name: str) -> Setting:
     challenge = _challenge(name, environment)
     if not body and (environment == "parkour" or challenge == "diverse_students"):
         raise UnknownNameError("no body in it: expected walker_type_ and its name")
-    return Setting(
+    return OriginalExperiment(
         environment=environment,
         challenge=challenge,
         embodiment=BODIES[body] if body else "classic_bipedal",

@@ -1,4 +1,4 @@
-"""Imported seeds as the runs of a results root."""
+"""ImportSummary seeds as the runs of a results root."""
 
 from __future__ import annotations
 
@@ -169,7 +169,7 @@ class ImportWriter:
         return name if self._tests.setdefault(name, digest) == digest else f"{name}-{digest}"
 
 
-def write_account(store: Store, name: str, writer: ImportWriter, left_out: Mapping[str, str]) -> None:
+def write_summary(store: Store, name: str, writer: ImportWriter, left_out: Mapping[str, str]) -> None:
     """Writes ``imported.json``: which folder of the source each run was, and what is missing.
 
     Args:

@@ -72,7 +72,7 @@ def difficulty(demanded: dict[str, float]) -> float:
     return float(np.mean(values)) if max(values) <= 1 else np.inf
 
 
-def calmest_way(low: Floats, high: Floats) -> Floats:
+def smoothest_path(low: Floats, high: Floats) -> Floats:
     """Returns heights (n,) between `low` and `high` (n,) that only change where they must.
 
     No other way that begins at the same height, the middle of the first gap, rises and falls less in all.
@@ -110,7 +110,7 @@ def _of_walkers(terrain: Terrain, ground: Floats, ceiling: Floats) -> dict[str, 
 def _of_swimmers(terrain: Terrain, ground: Floats, ceiling: Floats) -> dict[str, float]:
     roof = np.minimum(ceiling, terrain.water_y)
     half = SWIMMER_CLEARANCE / 2
-    way = calmest_way(ground + half, np.maximum(roof - half, ground + half))
+    way = smoothest_path(ground + half, np.maximum(roof - half, ground + half))
     return {
         "clearance": _narrowness(SWIMMER_CLEARANCE, roof - ground),
         "climb": max(greatest_rise(way), greatest_rise(way[::-1])) / SWIMMER_CLIMB,

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 from tma_ray.benchmark import find_challenge, load_test_set
 from tma_ray.tasks import TaskSpace, TestSet
-from tma_ray.testing.students import Aptitude
+from tma_ray.testing.students import StudentParameters
 
 
 @dataclass(frozen=True)
@@ -29,7 +29,7 @@ class SimulatedChallenge:
     name: str
     title: str
     task_space: TaskSpace
-    aptitudes: tuple[Aptitude, ...] = (Aptitude(),)
+    aptitudes: tuple[StudentParameters, ...] = (StudentParameters(),)
     resets: tuple[float, ...] = ()
     cuts: int = 0
     easy_task: tuple[float, ...] = (0, 6)
@@ -41,7 +41,9 @@ class SimulatedChallenge:
         return load_test_set(self.test_set)
 
 
-def _simulated(name: str, title: str, aptitudes: tuple[Aptitude, ...] = (Aptitude(),)) -> SimulatedChallenge:
+def _simulated(
+    name: str, title: str, aptitudes: tuple[StudentParameters, ...] = (StudentParameters(),)
+) -> SimulatedChallenge:
     """Returns the challenge of Stump Tracks called `name`, for students of these `aptitudes`."""
     real = find_challenge("stump_tracks", name)
     assert real.easy_task is not None, "Stump Tracks has an easy task"
@@ -66,7 +68,7 @@ SIMULATED_CHALLENGES: tuple[SimulatedChallenge, ...] = (
     _simulated(
         "diverse_students",
         "Diverse students",
-        tuple(Aptitude(pace=pace, limit=limit) for limit in (0.5, 0.7) for pace in (0.04, 0.08)),
+        tuple(StudentParameters(pace=pace, limit=limit) for limit in (0.5, 0.7) for pace in (0.04, 0.08)),
     ),
 )
 """As in the paper's appendix C: almost 80 % of the mostly unfeasible space cannot be learned, half of the

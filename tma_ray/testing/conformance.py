@@ -19,7 +19,7 @@ from tma_ray.tasks import KnowledgeLevel, TeacherUpdate
 from tma_ray.teachers import Teacher, effective_level, hyperparameters_of
 from tma_ray.testing.checks import check_tasks, check_update, first_difference
 from tma_ray.testing.continuation import Saved, continued
-from tma_ray.testing.playing import SCENARIOS, Pupil, Scenario, play
+from tma_ray.testing.playing import SCENARIOS, Scenario, TrialStudent, play
 
 SAVED_AFTER = (0, 1, 149, 150, 211)
 """Episodes after which a state is taken, around the ends of batches; one number per scenario, in turn."""
@@ -69,7 +69,7 @@ class TeacherConformance:
         if "scenario" in metafunc.fixturenames:
             metafunc.parametrize("scenario", self.scenarios, ids=[one.name for one in self.scenarios])
         if "pupil" in metafunc.fixturenames:
-            metafunc.parametrize("pupil", [Pupil.HOPELESS, Pupil.PERFECT])
+            metafunc.parametrize("pupil", [TrialStudent.HOPELESS, TrialStudent.PERFECT])
 
     def test_hyperparameters_are_fields_with_defaults(self) -> None:
         """They can be left out, listed, and stored as JSON."""
@@ -130,7 +130,7 @@ class TeacherConformance:
         """Tasks are float32, of the space's size, and within its bounds."""
         check_tasks(self._record(scenario).tasks, scenario.space, self._name)
 
-    def test_tasks_stay_inside_whatever_the_student_does(self, pupil: Pupil) -> None:
+    def test_tasks_stay_inside_whatever_the_student_does(self, pupil: TrialStudent) -> None:
         """Also when nothing is ever mastered, or everything at once."""
         scenario = self.scenarios[-1]
         teacher = self._started(scenario)

@@ -14,7 +14,7 @@ StateValues = Callable[[NDArray[np.float32]], NDArray[np.float64]]
 """Returns values (n,) of observations (n, o)."""
 
 
-def tell(teacher: Teacher, episode: Episode, state_values: StateValues) -> None:
+def report_episode(teacher: Teacher, episode: Episode, state_values: StateValues) -> None:
     """Tells `teacher` of `episode` and answers what it asks.
 
     Raises:

@@ -21,7 +21,7 @@ from tma_ray.tasks import (
     expert_knowledge,
 )
 from tma_ray.teachers import Teacher
-from tma_ray.testing.conversation import tell
+from tma_ray.testing.conversation import report_episode
 
 STEPS = 1_000
 """Length of every episode, so that a few hundred reach what teachers do every 100,000 steps."""
@@ -35,7 +35,7 @@ UNSTEADINESS = 60.0
 are mastered now and then."""
 
 
-class Pupil(StrEnum):
+class TrialStudent(StrEnum):
     """Source of a play's returns: a formula of task and episode, so that it can be resumed."""
 
     IMPROVING = "improving"
@@ -81,11 +81,11 @@ class Scenario:
         new.start(self.space, knowledge, np.random.default_rng(seed))
         return new
 
-    def episode(self, task: Task, index: int, pupil: Pupil) -> Episode:
+    def episode(self, task: Task, index: int, pupil: TrialStudent) -> Episode:
         """Returns what a pupil makes of `task` as its episode number `index`, counted from 0."""
         observation = np.array([self._difficulty(task), 0.2 + index / 1000], dtype=np.float32)
         luck = UNSTEADINESS if index % 2 else -UNSTEADINESS
-        fixed = {Pupil.HOPELESS: -100.0, Pupil.PERFECT: 300.0}
+        fixed = {TrialStudent.HOPELESS: -100.0, TrialStudent.PERFECT: 300.0}
         episodic_return = fixed.get(pupil, float(_returns(observation[None])[0]) + luck)
         return Episode(
             task=task,
@@ -116,14 +116,14 @@ SCENARIOS = (
 
 
 def play(
-    teacher: Teacher, scenario: Scenario, first: int, last: int, pupil: Pupil = Pupil.IMPROVING
+    teacher: Teacher, scenario: Scenario, first: int, last: int, pupil: TrialStudent = TrialStudent.IMPROVING
 ) -> list[Task]:
     """Returns the tasks of the episodes numbered from `first` up to but not including `last`."""
     tasks = []
     for index in range(first, last):
         task = teacher.sample()
         tasks.append(task)
-        tell(teacher, scenario.episode(task, index, pupil), _state_values)
+        report_episode(teacher, scenario.episode(task, index, pupil), _state_values)
     return tasks
 
 

@@ -19,7 +19,7 @@ from tma_ray.tasks import (
 )
 from tma_ray.teachers import TEACHERS, Teacher, effective_level, make_teacher
 from tma_ray.testing.challenges import SimulatedChallenge
-from tma_ray.testing.conversation import tell
+from tma_ray.testing.conversation import report_episode
 from tma_ray.testing.students import DISCOUNTED_SHARE, EPISODE_STEPS, SimulatedStudent
 
 EPISODES = 10_000
@@ -105,7 +105,7 @@ class Simulation:
             discounted_return=DISCOUNTED_SHARE * episodic_return,
             step=EPISODE_STEPS * self.episodes,
         )
-        tell(self.teacher, episode, self.student.state_values)
+        report_episode(self.teacher, episode, self.student.state_values)
         self.teacher.drain_updates()
         return episode
 

@@ -61,7 +61,7 @@ MOST_REGIONS = 10_000
 
 
 @dataclass(frozen=True)
-class Aptitude:
+class StudentParameters:
     """Parameters of one simulated student; symbols as in the module's equations.
 
     The defaults were fixed by looking at Random alone on the original challenge: it should master a middling
@@ -111,9 +111,13 @@ class SimulatedStudent:
     """
 
     def __init__(
-        self, easy: ArrayLike, hard: ArrayLike, rng: np.random.Generator, aptitude: Aptitude | None = None
+        self,
+        easy: ArrayLike,
+        hard: ArrayLike,
+        rng: np.random.Generator,
+        aptitude: StudentParameters | None = None,
     ) -> None:
-        self.aptitude = aptitude = aptitude or Aptitude()
+        self.aptitude = aptitude = aptitude or StudentParameters()
         self._easy, self._hard = np.asarray(easy, dtype=np.float64), np.asarray(hard, dtype=np.float64)
         self._check()
         self._rng = rng

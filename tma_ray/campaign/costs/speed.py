@@ -66,7 +66,7 @@ def measure(spec: RunSpec, settings: Settings) -> Throughput:
     student = make_student(
         base_name(spec.student), observation, action, seed, values, settings.device, resources.threads
     )
-    player = _Player(environment, student, spec)
+    player = _TrainingLoop(environment, student, spec)
     chunk = next((int(values[name]) for name in CHUNKS if isinstance(values.get(name), int)), 100)
     clock = _clock(settings)
     player.train(max(EXPLORATION.values()))
@@ -79,7 +79,7 @@ def measure(spec: RunSpec, settings: Settings) -> Throughput:
     return Throughput(f"{spec.student} on {spec.environment}{body}", training, playing, 4 * floats)
 
 
-class _Player:
+class _TrainingLoop:
     """A student in an environment, on the middle task."""
 
     def __init__(self, environment: Any, student: Student, spec: RunSpec) -> None:

@@ -45,7 +45,7 @@ class Retries:
         """The runs that wait."""
         return [spec for _, spec in self._pausing]
 
-    def take(self, spec: RunSpec, node: str) -> bool:
+    def add_loss(self, spec: RunSpec, node: str) -> bool:
         """Takes in a run that was lost on `node`, empty if unknown; returns False if it is given up."""
         history = self._histories.setdefault(spec.run_id, _History())
         history.losses += 1

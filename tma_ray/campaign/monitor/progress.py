@@ -21,7 +21,7 @@ MOST_ROWS = 20
 
 
 @dataclass(frozen=True)
-class Standing:
+class ActiveRun:
     """Progress of one run: its id, its budget in steps, and its status."""
 
     run_id: str
@@ -51,17 +51,17 @@ class Snapshot:
     waiting: int
     waiting_steps: int
     total_steps: int
-    running: Sequence[Standing]
+    running: Sequence[ActiveRun]
 
     @property
     def steps_per_second(self) -> float:
         """Environment steps per second of all running runs together."""
-        return sum(standing.status.steps_per_second for standing in self.running)
+        return sum(run.status.steps_per_second for run in self.running)
 
     @property
     def steps_left(self) -> int:
         """Environment steps that waiting and running runs have before them."""
-        return self.waiting_steps + sum(standing.steps - standing.status.step for standing in self.running)
+        return self.waiting_steps + sum(run.steps - run.status.step for run in self.running)
 
     @property
     def seconds_left(self) -> float:
@@ -118,8 +118,7 @@ class PublishedProgress:
     def update(self, snapshot: Snapshot) -> None:
         """Shows the latest snapshot."""
         running = {
-            standing.run_id: RunProgress(standing.status.step, standing.status.steps_per_second)
-            for standing in snapshot.running
+            run.run_id: RunProgress(run.status.step, run.status.steps_per_second) for run in snapshot.running
         }
         self._heartbeat.beat(running)
         self._view.update(snapshot)
@@ -172,13 +171,13 @@ def _table(snapshot: Snapshot) -> Group:
     table = Table(box=None, pad_edge=False)
     for heading in ("run", "step", "of", "steps/s", "episodic return"):
         table.add_column(heading, justify="left" if heading == "run" else "right")
-    for standing in snapshot.running[:MOST_ROWS]:
-        status = standing.status
+    for run in snapshot.running[:MOST_ROWS]:
+        status = run.status
         episodic_return = "" if math.isnan(status.episodic_return) else f"{status.episodic_return:.1f}"
         table.add_row(
-            standing.run_id,
+            run.run_id,
             f"{status.step:,}",
-            f"{standing.steps:,}",
+            f"{run.steps:,}",
             f"{status.steps_per_second:,.0f}",
             episodic_return,
         )

@@ -37,10 +37,10 @@ def check_address(address: str) -> None:
     try:
         socket.create_connection((host.strip("[]"), int(port)), timeout=PROBE_SECONDS).close()
     except OSError as error:
-        raise ConnectionError(explanation(address, f"nothing listens there ({error})")) from error
+        raise ConnectionError(connection_advice(address, f"nothing listens there ({error})")) from error
 
 
-def explanation(address: str, reason: str) -> str:
+def connection_advice(address: str, reason: str) -> str:
     """Returns why no cluster was joined at `address`, and what can be done."""
     return (
         f"no Ray cluster was joined at {address!r}: {reason}. From one of its nodes use '--address auto'; "

@@ -46,7 +46,7 @@ def draw_world(canvas: Canvas, scene: Scene) -> None:
             canvas.text(place, f"{mark} m", palette.MARK)
 
 
-def flood(canvas: Canvas, water_y: float) -> None:
+def draw_water(canvas: Canvas, water_y: float) -> None:
     """Tints everything under water."""
     canvas.tint(water_y, palette.WATER, 60)
 

@@ -1,4 +1,4 @@
-"""A check that every node of the cluster reaches the results root, before the first run."""
+"""A check that every node of the cluster can access the results root, before the first run."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from tma_ray.results import ObjectStoreError, ResultsRootError, Store
 from tma_ray.results.storage.store import TEMPORARY
 
 
-def check_reach(store: Store) -> None:
+def check_storage_access(store: Store) -> None:
     """Refuses a root that some node cannot use: another machine's folder, a bucket without credentials.
 
     Raises:
@@ -39,7 +39,7 @@ def _other_nodes() -> list[dict[str, Any]]:
 
 
 def _ask_nodes(store: Store, nodes: Sequence[dict[str, Any]], probe: str | None) -> None:
-    task: Any = ray.remote(num_cpus=0)(reaches)
+    task: Any = ray.remote(num_cpus=0)(can_access)
     asked = {}
     for node in nodes:
         there = NodeAffinitySchedulingStrategy(node["NodeID"], soft=True)
@@ -60,7 +60,7 @@ def _ask_nodes(store: Store, nodes: Sequence[dict[str, Any]], probe: str | None)
             ) from error
 
 
-def reaches(store: Store, probe: str | None) -> bool:
+def can_access(store: Store, probe: str | None) -> bool:
     """Tells whether this node sees the file `probe` of `store`, or may use the bucket if that is None."""
     if probe is not None:
         return store.exists(probe)
