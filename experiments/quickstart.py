@@ -13,7 +13,7 @@ CAMPAIGN = Campaign(
     cells=cells_of(teachers=("random", "alp_gmm"), students=("ppo",)),
     seeds=(0, 1, 2),
     schedule=Schedule(
-        steps=800_000, evaluation_interval=100_000, probe_interval=50_000, training_window=50_000
+        steps=700_000, evaluation_interval=100_000, probe_interval=50_000, training_window=50_000
     ),
 )
 
