@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Hashable, Sequence
 
 import pandas as pd
 
 from analysis.pairwise import nobody, pairs_of
 from analysis.pooling import COMPARED, PARTS, POOLED
+from analysis.statistics import Comparison, holm, stratified
 from analysis.statistics.estimates import (
     Estimate,
     interquartile_mean_of,
@@ -18,7 +19,10 @@ from analysis.statistics.estimates import (
 ACROSS = ["expert_knowledge", "steps", "engine", "physics_version", "mastery_threshold"]
 """Columns that runs of several challenges must have in common to be aggregated."""
 
-CHALLENGES = ["environment", "challenge", "pool", "test_sets", *PARTS]
+PLACES = ["environment", "challenge", "pool", "test_sets"]
+"""Columns that tell challenges apart."""
+
+CHALLENGES = [*PLACES, *PARTS]
 """Columns that tell the strata of an aggregate over challenges apart."""
 
 ESTIMATE = list(Estimate.__dataclass_fields__)
@@ -86,6 +90,60 @@ def improvements(
             names = {"measure": measure, "first": first, "second": second}
             rows.append(dict(zip(within, key, strict=True)) | names | estimate)
     return pd.DataFrame(rows, columns=[*within, "measure", "first", "second", *ESTIMATE])
+
+
+def stratified_differences(
+    runs: pd.DataFrame,
+    measure: str,
+    reference: str,
+    within: Sequence[str] = ACROSS,
+) -> pd.DataFrame:
+    """Returns the difference of each teacher to a reference over all challenges that both have, one row each.
+
+    Challenges have equal weight, and within a challenge its bodies and students. One family: p is adjusted
+    for all teachers that have `within` in common.
+
+    Args:
+        runs: of `pooling.pool_runs`.
+        measure: column of `runs`.
+        reference: the teacher that all others are compared with.
+        within: columns that teachers must have in common to be compared.
+
+    Returns:
+        `within`, measure, teacher, challenges (how many), the columns of `statistics.Comparison`, and holm.
+    """
+    within, rows = list(within), []
+    for key, group in runs.groupby(within, dropna=False, sort=True):
+        counted = _counted(group, measure, ["teacher"])
+        strata = {
+            str(name): _by_challenge(part, measure) for name, part in counted.groupby("teacher", sort=True)
+        }
+        others = strata.pop(reference, {})
+        for teacher, mine in strata.items():
+            challenges = [
+                place for place in mine if place in others and set(mine[place]) == set(others[place])
+            ]
+            pairs = [
+                (mine[place][part], others[place][part])
+                for place in challenges
+                for part in sorted(mine[place])
+            ]
+            weights = [1 / len(mine[place]) for place in challenges for _ in mine[place]]
+            test = vars(stratified(pairs, weights))
+            if not others:
+                test |= {"reason": nobody(reference)}
+            names = {"measure": measure, "teacher": teacher, "challenges": len(challenges)}
+            rows.append(dict(zip(within, key, strict=True)) | names | test)
+    columns = [*within, "measure", "teacher", "challenges", *Comparison.__dataclass_fields__]
+    table = pd.DataFrame(rows, columns=columns)
+    table["holm"] = table.groupby(within, dropna=False)["p"].transform(holm) if len(table) else table["p"]
+    return table
+
+
+def _by_challenge(rows: pd.DataFrame, measure: str) -> dict[Hashable, dict[str, pd.Series]]:
+    """Returns the samples of each body and student by challenge."""
+    places = rows.groupby(PLACES, dropna=False, sort=True)
+    return {place: strata_of(part, measure, PARTS) for place, part in places}
 
 
 def profiles(

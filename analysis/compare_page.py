@@ -28,7 +28,7 @@ from analysis.compare_places import places, places_chart
 from analysis.figures.radar import radar
 from analysis.formatting import plus_minus
 from analysis.frames import load
-from analysis.overall import overall_rows
+from analysis.overall import headlines, overall_rows
 from analysis.pages import page, page_folder, write_page
 from analysis.pairwise import pairwise
 from analysis.pairwise_statistics import pairwise_from_statistics
@@ -85,6 +85,7 @@ def write_comparison(root: str | Path, baselines: Sequence[str], output: Path | 
         beside=[(side, _beside_rows(beside(mine, side))) for side in others],
         pictures=pictures,
         tables=list(_tables(runs)),
+        headlines=headlines(runs),
         overall=overall_rows(runs),
         warnings=[*frames.warnings, *frames.results.problems],
         verdicts=decided(root_verdicts(frames)),

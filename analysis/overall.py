@@ -1,4 +1,4 @@
-"""Results over all challenges at once: interquartile means and probabilities of improvement."""
+"""Results over all challenges at once: differences, interquartile means and probabilities of improvement."""
 
 from __future__ import annotations
 
@@ -7,12 +7,48 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from analysis.aggregates import ACROSS, CHALLENGES, improvements, interquartile_means
-from analysis.formatting import amount, number
+from analysis.aggregates import (
+    ACROSS,
+    CHALLENGES,
+    improvements,
+    interquartile_means,
+    stratified_differences,
+)
+from analysis.formatting import amount, number, p_value
 from analysis.measures import BASELINE
+from analysis.statistics import SIGNIFICANCE
 from analysis.style import label, look
 
 MEASURE = "mastered_percent"
+
+
+def headlines(runs: pd.DataFrame) -> list[str]:
+    """Returns a sentence on each teacher's difference to Random over all challenges, largest first.
+
+    Few seeds of one challenge decide little, all challenges together more. A teacher is better or worse where
+    p is under 0.05 after Holm's correction for all teachers at that level.
+
+    Args:
+        runs: of `pooling.pool_runs`.
+    """
+    if runs.empty:
+        return []
+    table = stratified_differences(runs, MEASURE, BASELINE)
+    table = table[(table["reason"] == "") & (table["challenges"] > 1)]
+    table = table.sort_values([*ACROSS, "difference"], ascending=[*[True] * len(ACROSS), False])
+    return [_headline(row) for _, row in table.iterrows()]
+
+
+def _headline(row: pd.Series) -> str:
+    verdict = "not distinguishable from"
+    if row["holm"] < SIGNIFICANCE:
+        verdict = "better than" if row["difference"] > 0 else "worse than"
+    interval = f"{number(row['difference'])} points [{number(row['low'])}, {number(row['high'])}]"
+    return (
+        f"Over {row['challenges']} challenges (expert knowledge {row['expert_knowledge']}, "
+        f"{amount(row['steps'])} steps) {label(row['teacher'])} is {verdict} Random: {interval}, "
+        f"{p_value(row['holm'])} after Holm."
+    )
 
 
 def overall_rows(runs: pd.DataFrame) -> list[dict[str, Any]]:

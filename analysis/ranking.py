@@ -12,6 +12,7 @@ from analysis.findings import FEW_SEEDS
 from analysis.formatting import number, p_value, plus_minus
 from analysis.frames import Frames, load
 from analysis.measures import NO_BASELINE, is_baseline
+from analysis.overall import headlines
 from analysis.pairwise import pairwise
 from analysis.pooling import COMPARED, POOLED, pooled
 from analysis.statistics import SIGNIFICANCE
@@ -76,7 +77,8 @@ def show_ranking(root: str | Path, share: float = 1.0, console: Console | None =
     Raises:
         ResultsRootError: there is no such root.
     """
-    console, table = console or Console(), ranking(load(root), share)
+    console, frames = console or Console(), load(root)
+    table = ranking(frames, share)
     if table[f"{MEASURE}_mean"].notna().sum() == 0:
         console.print("No run has been evaluated to its end here.")
         return
@@ -88,7 +90,7 @@ def show_ranking(root: str | Path, share: float = 1.0, console: Console | None =
     console.print(shown)
     for note in _notes(table):
         console.print(f"[dim]{note}[/dim]", highlight=False)
-    for sentence in sentences(table):
+    for sentence in [*headlines(runs_after(frames, share)), *sentences(table)]:
         console.print(sentence, highlight=False)
 
 

@@ -3,6 +3,7 @@
 from analysis.statistics.comparisons import (
     Comparison,
     standard_error_of_difference,
+    stratified,
     welch,
     welch_from_statistics,
 )
@@ -18,6 +19,7 @@ __all__ = [
     "holm",
     "mean_interval",
     "standard_error_of_difference",
+    "stratified",
     "welch",
     "welch_from_statistics",
 ]

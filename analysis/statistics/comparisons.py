@@ -1,8 +1,9 @@
-"""Welch's t-test between two samples of runs, or between published means and deviations."""
+"""Welch's t-test between two samples of runs, between published means and deviations, and over strata."""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import pandas as pd
@@ -67,21 +68,7 @@ def welch_from_statistics(first: Description, second: Description) -> Comparison
     reason = _obstacle(first, second)
     if reason:
         return Comparison(first.n, second.n, difference, reason=reason)
-    from scipy import stats  # half of the time that `import analysis` takes otherwise
-
-    error, freedom = standard_error_of_difference(first, second)
-    t = difference / error
-    margin = float(stats.t.ppf((1 + CONFIDENCE) / 2, freedom)) * error
-    return Comparison(
-        n=first.n,
-        reference_n=second.n,
-        difference=difference,
-        low=difference - margin,
-        high=difference + margin,
-        t=t,
-        degrees_of_freedom=freedom,
-        p=2 * float(stats.t.sf(abs(t), freedom)),
-    )
+    return _tested(first.n, second.n, difference, *standard_error_of_difference(first, second))
 
 
 def standard_error_of_difference(first: Description, second: Description) -> tuple[float, float]:
@@ -102,3 +89,62 @@ def _obstacle(first: Description, second: Description) -> str:
     if first.std == 0 and second.std == 0:
         return "no spread between seeds"
     return ""
+
+
+def stratified(pairs: Sequence[tuple[pd.Series, pd.Series]], weights: Sequence[float]) -> Comparison:
+    """Compares the means of two groups over strata that both have, such as the challenges of a benchmark.
+
+    The difference is the weighted mean of the strata's differences. Samples of a stratum need not have equal
+    variances, nor strata each other's: the degrees of freedom are Welch and Satterthwaite's over all of them.
+
+    Args:
+        pairs: samples of both groups in each stratum, one value a run, indexed by run id.
+        weights: of the strata; they need not add up to 1.
+    """
+    samples = [(describe(first), describe(second)) for first, second in pairs]
+    if not samples:
+        return Comparison(0, 0, math.nan, reason="nothing in common")
+    n, reference_n = (sum(sample.n for sample in group) for group in zip(*samples, strict=True))
+    shares = [weight / sum(weights) for weight in weights]
+    terms = zip(shares, samples, strict=True)
+    difference = sum(share * (first.mean - second.mean) for share, (first, second) in terms)
+    reason = _obstacle_of_strata(pairs, samples)
+    if reason:
+        return Comparison(n, reference_n, difference, reason=reason)
+    parts = [
+        ((share * sample.standard_error) ** 2, sample.n - 1)
+        for share, pair in zip(shares, samples, strict=True)
+        for sample in pair
+    ]
+    variance = sum(part for part, _ in parts)
+    freedom = variance**2 / sum(part**2 / own for part, own in parts)
+    return _tested(n, reference_n, difference, math.sqrt(variance), freedom)
+
+
+def _obstacle_of_strata(
+    pairs: Sequence[tuple[pd.Series, pd.Series]], samples: Sequence[tuple[Description, Description]]
+) -> str:
+    runs = [set().union(*(group.index for group in groups)) for groups in zip(*pairs, strict=True)]
+    if runs[0] & runs[1]:
+        return "same runs"
+    if min(sample.n for pair in samples for sample in pair) < 2:
+        return "needs 2 seeds"
+    return "" if any(sample.std > 0 for pair in samples for sample in pair) else "no spread between seeds"
+
+
+def _tested(n: int, reference_n: int, difference: float, error: float, freedom: float) -> Comparison:
+    """Returns the t-test of a difference with standard error `error`."""
+    from scipy import stats  # half of the time that `import analysis` takes otherwise
+
+    t = difference / error
+    margin = float(stats.t.ppf((1 + CONFIDENCE) / 2, freedom)) * error
+    return Comparison(
+        n=n,
+        reference_n=reference_n,
+        difference=difference,
+        low=difference - margin,
+        high=difference + margin,
+        t=t,
+        degrees_of_freedom=freedom,
+        p=2 * float(stats.t.sf(abs(t), freedom)),
+    )

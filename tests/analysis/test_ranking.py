@@ -53,6 +53,7 @@ def test_sentences_count_challenges_after_holms_correction(tmp_path: Path) -> No
         "RIAC (stump_tracks, expert knowledge none): better than Random on 1 of 3, worse on 1, not "
         "distinguishable on 1 (p < 0.05 after Holm; few seeds)."
     ]
+    assert "Over 3 challenges (expert knowledge none" in shown(tmp_path)
 
 
 def test_what_is_missing_is_said(tmp_path: Path) -> None:
