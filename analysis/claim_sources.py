@@ -18,6 +18,9 @@ from tma_ray.benchmark.statements import Reading
 
 MEASURE = "mastered_percent"
 
+PLACE = ("environment", "challenge", "expert_knowledge")
+"""Columns that tell results of one place from others."""
+
 
 class PaperSource:
     """The paper's tables; they hold final results, and single bodies of Parkour only."""
@@ -47,13 +50,12 @@ class RootSource:
 
     def sample(self, reading: Reading) -> Sample | None:
         """Returns the runs of the reading, None unless all of its pool are there."""
-        table, runs = self._read(reading.share)
-        by = ["embodiment"] if reading.embodiment else []
-        found = _at(table[bool(by)], reading)
-        found = found[(found["teacher"] == reading.teacher) & (found["missing"] == "")]
-        if found.empty:
+        places, runs = self._read(reading.share)
+        found = places.get(_place(reading))
+        if found is None or (found := found[found["teacher"] == reading.teacher]).empty:
             return None
         best = found.sort_values("n", kind="stable").iloc[-1]
+        by = ["embodiment"] if reading.embodiment else []
         keys = ["environment", "challenge", "pool", "expert_knowledge", "steps", "teacher", *by]
         mine = runs[(runs[keys] == best[keys].tolist()).all(axis=1)]
         values = mine.dropna(subset=[MEASURE]).set_index("run_id")[MEASURE]
@@ -61,14 +63,19 @@ class RootSource:
 
     def teachers(self, reading: Reading) -> Sequence[str]:
         """Returns who has complete results there."""
-        table, _ = self._read(reading.share)
-        found = _at(table[bool(reading.embodiment)], reading)
-        return sorted(found[found["missing"] == ""]["teacher"].unique())
+        places, _ = self._read(reading.share)
+        found = places.get(_place(reading))
+        return [] if found is None else sorted(found["teacher"].unique())
 
-    def _read_after(self, share: float) -> tuple[tuple[pd.DataFrame, pd.DataFrame], pd.DataFrame]:
-        """Returns results over bodies, results of each body, and runs, after a share of the budget."""
+    def _read_after(self, share: float) -> tuple[dict[tuple[str, ...], pd.DataFrame], pd.DataFrame]:
+        """Returns complete results by place, over bodies and of each body, and runs, after a share."""
         runs = runs_after(self._frames, share)
-        return (pooled(runs, [MEASURE]), pooled(runs, [MEASURE], by=["embodiment"])), runs
+        places: dict[tuple[str, ...], pd.DataFrame] = {}
+        for by in ([], ["embodiment"]):
+            table = pooled(runs, [MEASURE], by=by)
+            groups = table[table["missing"] == ""].groupby([*PLACE, *by], observed=True)
+            places |= {tuple(map(str, key)): group for key, group in groups}
+        return places, runs
 
 
 def _entries(reading: Reading) -> list[PaperResult]:
@@ -82,10 +89,6 @@ def _entries(reading: Reading) -> list[PaperResult]:
     ]
 
 
-def _at(table: pd.DataFrame, reading: Reading) -> pd.DataFrame:
-    found = table[
-        (table["environment"] == reading.environment)
-        & (table["challenge"] == reading.challenge)
-        & (table["expert_knowledge"] == reading.level.value)
-    ]
-    return found[found["embodiment"] == reading.embodiment] if reading.embodiment else found
+def _place(reading: Reading) -> tuple[str, ...]:
+    place = (reading.environment, reading.challenge, reading.level.value)
+    return (*place, reading.embodiment) if reading.embodiment else place
