@@ -3,14 +3,11 @@
 from __future__ import annotations
 
 import os
-import socket
 import subprocess
 import sys
-import time
 import urllib.request
 from collections.abc import Iterator
 from itertools import count
-from pathlib import Path
 
 import pytest
 
@@ -21,26 +18,34 @@ pytest_plugins = [f"suite.{name}" for name in ("costs", "distribution", "isolati
 
 BUCKET = "bucket"
 
+SERVER = """
+import sys
+from moto.server import ThreadedMotoServer
+
+server = ThreadedMotoServer("127.0.0.1", port=0, verbose=False)
+server.start()
+print("http://{}:{}".format(*server.get_host_and_port()), flush=True)
+sys.stdin.read()
+"""
+"""An S3 server on a port that the system chooses; it ends when its standard input does."""
+
 _number = count()
 
 
 @pytest.fixture(scope="session")
-def s3_server(tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
+def s3_server() -> Iterator[str]:
     """URL of an S3 server in a process of its own, with one empty bucket; ends with the tests."""
     pytest.importorskip("moto.server", reason="pip install 'tma_ray[dev]' brings the S3 server")
-    with socket.socket() as free:
-        free.bind(("127.0.0.1", 0))
-        port = free.getsockname()[1]
-    url = f"http://127.0.0.1:{port}"
-    log = tmp_path_factory.mktemp("s3") / "server.log"
-    command = [sys.executable, "-m", "moto.server", "-H", "127.0.0.1", "-p", str(port)]
-    with log.open("w") as output, subprocess.Popen(command, stdout=output, stderr=output) as server:
-        try:
-            _await(url, server, log)
-            urllib.request.urlopen(urllib.request.Request(f"{url}/{BUCKET}", method="PUT"))
-            yield url
-        finally:
-            server.kill()
+    command = [sys.executable, "-c", SERVER]
+    pipes = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE, "stderr": subprocess.DEVNULL}
+    with subprocess.Popen(command, text=True, **pipes) as server:
+        assert server.stdin is not None
+        assert server.stdout is not None
+        url = server.stdout.readline().strip()
+        assert url, "the S3 server did not start"
+        urllib.request.urlopen(urllib.request.Request(f"{url}/{BUCKET}", method="PUT"))
+        yield url
+        server.stdin.close()
 
 
 @pytest.fixture
@@ -68,15 +73,3 @@ def s3_environment(
 def s3_root(s3_environment: str) -> str:
     """URI of an empty folder of the bucket, another one for every test."""
     return f"s3://{BUCKET}/root-{next(_number)}"
-
-
-def _await(url: str, server: subprocess.Popen[bytes], log: Path) -> None:
-    deadline = time.monotonic() + 60
-    while time.monotonic() < deadline and server.poll() is None:
-        try:
-            urllib.request.urlopen(f"{url}/moto-api/")
-        except OSError:
-            time.sleep(0.1)
-        else:
-            return
-    raise RuntimeError(f"the S3 server did not start:\n{log.read_text()}")
