@@ -17,6 +17,7 @@ from analysis.statistics import describe, welch
 from analysis.student_pools import of_searches, searches
 from analysis.style import label
 from tma_ray.benchmark import Grid, Matrix
+from tma_ray.part_names import base_name
 
 POINTS = ["searched", "experiment", "point", "chosen", "n", "mean", "std"]
 
@@ -41,7 +42,7 @@ def search_results(frames: Frames) -> pd.DataFrame:
         for experiment, runs in mine.groupby("experiment"):
             point = _point(specs[runs["run_id"].iloc[0]], grid, side)
             described = describe(runs["mastered_percent"])
-            name = runs[side].iloc[0]
+            name = base_name(runs[side].iloc[0])
             chosen = point == dict(grid.chosen)
             rows.append([name, experiment, point, chosen, described.n, described.mean, described.std])
     table = pd.DataFrame(rows, columns=POINTS)

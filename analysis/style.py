@@ -5,7 +5,7 @@ from __future__ import annotations
 import functools
 import hashlib
 import io
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from enum import StrEnum
 from pathlib import Path
 from typing import Any, NamedTuple, ParamSpec, TypeVar
@@ -15,6 +15,8 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
 from tma_ray.benchmark import challenges_of
+from tma_ray.hyperparameters import PRESET
+from tma_ray.part_names import split_name
 
 DPI = 150
 """Resolution of the PNG files, in dots per inch."""
@@ -128,14 +130,32 @@ def look(teacher: str) -> Look:
 
 
 def label(teacher: str) -> str:
-    """Returns the name of a teacher as the paper prints it, or the plug-in's own."""
-    return _LABELS.get(_key(teacher), teacher)
+    """Returns the name of a teacher as the paper prints it, or the plug-in's own, with its settings.
+
+    Examples:
+        >>> label("alp_gmm"), label("alp_gmm:fit_every=100"), label("goal_gan:preset=release")
+        ('ALP-GMM', 'ALP-GMM (fit_every=100)', 'GoalGAN (release)')
+    """
+    name, settings = split_name(teacher)
+    return with_settings(_LABELS.get(_key(name), name), settings)
+
+
+def with_settings(name: str, settings: Mapping[str, str]) -> str:
+    """Returns `name` with settings in brackets; a preset stands for itself."""
+    shown = [value if key == PRESET else f"{key}={value}" for key, value in settings.items()]
+    return f"{name} ({', '.join(shown)})" if shown else name
 
 
 def challenge_title(environment: str, challenge: str, otherwise: str) -> str:
-    """Returns the title of a challenge of the benchmark; `otherwise` of somebody else's."""
-    known = challenges_of(environment).get(challenge)
-    return known.title if known else otherwise
+    """Returns the title of a challenge of the benchmark, with its settings; `otherwise` of somebody else's.
+
+    Examples:
+        >>> challenge_title("parkour:swinging_creepers=true", "easy", "")
+        'Parkour, easy task space (swinging_creepers=true)'
+    """
+    name, bounds = split_name(challenge)
+    known = challenges_of(environment).get(name)
+    return with_settings(known.title, split_name(environment)[1] | bounds) if known else otherwise
 
 
 def short_label(teacher: str, length: int = 18) -> str:

@@ -15,6 +15,7 @@ from functools import cache
 from importlib.metadata import entry_points
 from typing import Generic, TypeVar, cast
 
+from tma_ray.docstrings import docstring_of
 from tma_ray.part_names import base_name
 from tma_ray.plugin_source import OURS, PluginSource, importable_name
 
@@ -63,6 +64,18 @@ class Registry(Generic[T]):
     def names(self) -> list[str]:
         """Returns all known names, sorted."""
         return sorted({*self._targets, *self._decorated, *self._installed()})
+
+    def summaries(self) -> dict[str, str]:
+        """Returns the first line of the documentation of every known name; empty where there is none."""
+        return {name: self._summary(name) for name in self.names()}
+
+    def _summary(self, name: str) -> str:
+        """Reads the source where that will do: importing an implementation may take seconds."""
+        if name in self._decorated:
+            return _first_line(self._decorated[name].__doc__)
+        module, _, attribute = self._target(name).partition(":")
+        text = docstring_of(module, attribute)
+        return _first_line(text if text is not None else self.get(name).__doc__)
 
     def get(self, name: str) -> T:
         """Returns the implementation called `name`.
@@ -179,6 +192,10 @@ class Registry(Generic[T]):
         near = difflib.get_close_matches(name.lower(), by_lower_case, n=1)
         hint = f"did you mean {by_lower_case[near[0]]!r}? " if near else ""
         return f"unknown {self.kind} {name!r}: {hint}known: {', '.join(self.names())}, or module:Name"
+
+
+def _first_line(text: str | None) -> str:
+    return (text or "").strip().partition("\n")[0]
 
 
 @cache

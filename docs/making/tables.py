@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import argparse
 import dataclasses
 import os
 import re
@@ -190,18 +189,10 @@ def helps() -> Iterator[tuple[str, str]]:
     before = os.environ.get("COLUMNS")
     os.environ["COLUMNS"] = "82"  # argparse leaves two free
     try:
-        for parser in _parsers(cli._parser()):
+        for parser in cli._parser().commands():
             yield parser.prog, parser.format_help()
     finally:
         os.environ.pop("COLUMNS") if before is None else os.environ.update(COLUMNS=before)
-
-
-def _parsers(parser: argparse.ArgumentParser) -> Iterator[argparse.ArgumentParser]:
-    yield parser
-    for action in parser._actions:
-        if isinstance(action, argparse._SubParsersAction):
-            for below in action.choices.values():
-                yield from _parsers(below)
 
 
 def _cell(value: object) -> str:

@@ -23,7 +23,7 @@ CAMPAIGN = Campaign("small", cells_of(("random", "alp_gmm"), ("ppo",)), seeds=(0
 
 def chosen(*arguments: str) -> Campaign:
     parser = argparse.ArgumentParser()
-    add_options(parser)
+    add_options(parser, CAMPAIGN)
     return chosen_campaign(CAMPAIGN, parser.parse_args(arguments))
 
 
@@ -171,7 +171,7 @@ def test_a_campaign_that_cannot_start_says_what_to_change(
 def test_the_address_comes_from_the_environment_and_local_wins(monkeypatch: pytest.MonkeyPatch) -> None:
     def address(*arguments: str) -> str | None:
         parser = argparse.ArgumentParser()
-        add_options(parser)
+        add_options(parser, CAMPAIGN)
         return chosen_address(parser.parse_args(arguments))
 
     monkeypatch.setenv("RAY_ADDRESS", "10.0.0.5:6379")  # as Ray sets it for a job

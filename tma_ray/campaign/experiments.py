@@ -14,14 +14,18 @@ from tma_ray.benchmark import SIZES, Experiment, Matrix, Size, Tier, select
 from tma_ray.campaign.costs.estimation import estimate
 from tma_ray.campaign.matrices import joined_plan, matrix_campaigns
 from tma_ray.campaign.options import (
+    LISTS,
+    SCHEDULE,
     add_choice_options,
     add_execution_options,
+    add_results_option,
     chosen_settings,
     parse_levels,
     replace_schedule,
 )
 from tma_ray.campaign.plan import Plan
 from tma_ray.campaign.script import EXIT_REFUSED, run_plan
+from tma_ray.command_line import CommandParser
 from tma_ray.results import RootInUseError
 from tma_ray.runs import Schedule
 
@@ -36,14 +40,14 @@ def run_experiment(experiment: Experiment, arguments: Sequence[str] | None = Non
         SystemExit: with the code of `script.main` if anything is not done, and with 0 after a dry run.
     """
     sys.path.insert(0, str(Path.cwd()))  # so that module:Name finds the user's own file
-    parser = argparse.ArgumentParser(description=f"Runs: {experiment.title}.")
+    parser = CommandParser(description=f"Runs: {experiment.title}.")
     add_experiment_options(parser)
     options = parser.parse_args(arguments)
     try:
         plan = experiment_plan(experiment, options)
-        console = Console()
-        console.print(estimate(plan, chosen_settings(options)).describe(), highlight=False, soft_wrap=True)
-        code = run_plan(plan, options.results, options)
+        cost = estimate(plan, chosen_settings(options))
+        Console().print(cost.describe(), highlight=False, soft_wrap=True)
+        code = run_plan(plan, options.results, options, cost.throughputs)
     except (ValueError, ConnectionError, RootInUseError) as error:
         sys.stderr.write(f"{experiment.name}: {error}\n")
         code = EXIT_REFUSED
@@ -53,12 +57,13 @@ def run_experiment(experiment: Experiment, arguments: Sequence[str] | None = Non
 
 
 def add_experiment_options(parser: argparse.ArgumentParser) -> None:
-    """Adds the flags that choose how much of an experiment to run, and how."""
-    what = add_choice_options(parser)
-    what.add_argument("--tier", type=Tier, choices=list(Tier), default=Tier.PAPER, help="(%(default)s)")
-    add_execution_options(parser).add_argument(
-        "--results", default="results", metavar="ROOT", help="folder, s3:// or gs:// (%(default)s)"
+    """Adds the options that choose how much of an experiment to run, and how."""
+    what = add_choice_options(parser, dict.fromkeys((*LISTS, "seeds", *SCHEDULE), "the experiment's"))
+    what.add_argument(
+        "--tier", type=Tier, choices=list(Tier), default=Tier.PAPER, help="size of the experiment"
     )
+    add_execution_options(parser)
+    add_results_option(parser)
 
 
 def experiment_plan(experiment: Experiment, options: argparse.Namespace) -> Plan:

@@ -8,6 +8,7 @@ from typing import Any
 
 from tma_ray.benchmark import Matrix
 from tma_ray.campaign.plan import CampaignSpec, Plan
+from tma_ray.part_names import base_name
 from tma_ray.runs import Cell, RunSpec, Schedule
 from tma_ray.teachers import TEACHERS, knows_enough
 
@@ -22,8 +23,8 @@ def matrix_cells(
 
     Args:
         matrix: what to run.
-        teachers: who runs it if the matrix does not say; else those of its own that are kept, all if none
-            is given.
+        teachers: who runs it if the matrix does not say; else those of its own that are kept, with the
+            hyper-parameters given here, all if none is given.
         teacher_hyperparameters: values that differ from each teacher's defaults.
         student_hyperparameters: values that differ from each student's defaults.
 
@@ -102,7 +103,9 @@ def joined_plan(name: str, campaigns: Sequence[CampaignSpec]) -> Plan:
 def _kept(matrix: Matrix, teachers: Sequence[str]) -> Sequence[str]:
     if not matrix.teachers:
         return teachers
-    return [teacher for teacher in matrix.teachers if not teachers or teacher in teachers]
+    if not teachers:
+        return matrix.teachers
+    return [given for teacher in matrix.teachers for given in teachers if base_name(given) == teacher]
 
 
 def _schedule(matrix: Matrix, schedule: Schedule | None) -> Schedule:

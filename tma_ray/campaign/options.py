@@ -1,62 +1,208 @@
-"""The flags that every campaign shares, as a script or as a command."""
+"""The options that every campaign shares, as a script or as a command."""
 
 from __future__ import annotations
 
 import argparse
 import os
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import fields, replace
 
 from tma_ray.campaign.plan import CampaignSpec
 from tma_ray.campaign.settings import Resources, Settings, TeacherPlacement
+from tma_ray.part_names import join_name
 from tma_ray.runs import Cell, Schedule
 from tma_ray.tasks import KnowledgeLevel
 
+LISTS = {
+    "teachers": ("NAME", "teachers, with hyper-parameters if wanted, as in alp_gmm:fit_every=100,riac"),
+    "students": ("NAME", "students, with hyper-parameters if wanted, as in sac:learning_rate=3e-4,ppo"),
+    "challenges": ("NAME", "challenges of the environment"),
+    "embodiments": (
+        "NAME",
+        "bodies or paths of their files, with parameters if wanted, as in spider:size=1.2",
+    ),
+    "expert-knowledge": ("LEVEL", "levels of expert knowledge offered to the teachers: none, low, high"),
+}
+"""Options that take lists: the kind of their entries, and what they choose."""
 
-def add_options(parser: argparse.ArgumentParser) -> None:
-    """Adds the flags that choose what to run, and how."""
-    what = add_choice_options(parser)
-    what.add_argument("--environment", metavar="NAME", help="registered name or module:Name")
-    what.add_argument("--test-set", metavar="NAME|CSV", help="other than the challenge's own")
-    add_execution_options(parser).add_argument(
-        "--results", default="results", metavar="ROOT", help="folder, s3:// or gs:// (%(default)s)"
+SCHEDULE = {
+    "steps": "training budget of each run, in environment steps",
+    "evaluation-interval": "environment steps between two evaluations on the test set",
+    "probe-interval": "environment steps between two probes of the curriculum",
+    "probe-size": "tasks that a probe asks the teacher for",
+    "training-window": "environment steps in a window of training statistics",
+}
+"""Options of the schedule, and what they set."""
+
+YES = "start without asking what comes to over an hour on this machine"
+
+
+def add_options(parser: argparse.ArgumentParser, campaign: CampaignSpec) -> None:
+    """Adds the options of a campaign: what to run, by default what `campaign` has, and how."""
+    defaults = _defaults(campaign)
+    what = add_choice_options(parser, defaults)
+    what.add_argument(
+        "--environment",
+        metavar="NAME",
+        help=f"registered name or module:Name (default: {defaults['environment']})",
     )
+    add_cell_options(what)
+    add_execution_options(parser)
+    add_results_option(parser)
 
 
-def add_choice_options(parser: argparse.ArgumentParser) -> argparse._ArgumentGroup:
-    """Adds the flags that choose what to run of anything, and returns their group."""
-    what = parser.add_argument_group("what to run (lists are separated by commas)")
-    for name in ("teachers", "students", "challenges", "embodiments", "expert-knowledge"):
-        what.add_argument(f"--{name}", type=names, metavar="A,B")
-    what.add_argument("--seeds", type=parse_seeds, metavar="N|A-B|A,B", help="how many, or which")
-    for field in fields(Schedule):
-        flag = field.name.replace("_", "-")
-        what.add_argument(f"--{flag}", type=whole_number, metavar="N")
-    what.add_argument("--independent-levels", action="store_true", help="repeat runs that cells could share")
+def add_choice_options(
+    parser: argparse.ArgumentParser, defaults: Mapping[str, str]
+) -> argparse._ArgumentGroup:
+    """Adds the options that choose what to run of anything, and returns their group.
+
+    Args:
+        parser: where to.
+        defaults: what holds without each option, by its name, for the help.
+    """
+    what = parser.add_argument_group("what to run")
+    for name, (kind, choice) in LISTS.items():
+        what.add_argument(
+            f"--{name}", type=names, metavar=f"{kind},...", help=f"{choice} (default: {defaults[name]})"
+        )
+    what.add_argument(
+        "--seeds",
+        type=parse_seeds,
+        metavar="SEEDS",
+        help=f"how many seeds (4), or which: a range (8-11) or a list (0,5) (default: {defaults['seeds']})",
+    )
+    add_schedule_options(what, defaults)
+    what.add_argument(
+        "--independent-levels",
+        action="store_true",
+        help="repeat runs with other random numbers that cells of several levels could share",
+    )
     return what
 
 
+def add_schedule_options(group: argparse._ActionsContainer, defaults: Mapping[str, str]) -> None:
+    """Adds the options of the budget and its intervals; see `add_choice_options` for `defaults`."""
+    for name, meaning in SCHEDULE.items():
+        group.add_argument(
+            f"--{name}", type=whole_number, metavar="N", help=f"{meaning} (default: {defaults[name]})"
+        )
+
+
+def schedule_defaults(schedule: Schedule) -> dict[str, str]:
+    """Returns the values of a schedule as the help shows them, by the names of their options."""
+    return {name: f"{getattr(schedule, name.replace('-', '_')):,}" for name in SCHEDULE}
+
+
+def _defaults(campaign: CampaignSpec) -> dict[str, str]:
+    """Returns what a campaign has, as the help shows it, by the names of options."""
+    fields_of = {
+        **{name: name.removesuffix("s") for name in LISTS},
+        "expert-knowledge": "expert_knowledge",
+        "environment": "environment",
+    }
+    listed = {
+        name: ",".join(dict.fromkeys(str(getattr(cell, field)) for cell in campaign.cells))
+        for name, field in fields_of.items()
+    }
+    first = campaign.seeds == tuple(range(len(campaign.seeds)))
+    seeds = str(len(campaign.seeds)) if first else ",".join(map(str, campaign.seeds))
+    defaults = {**listed, "seeds": seeds, **schedule_defaults(campaign.schedule)}
+    return {name: value.replace("%", "%%") or "none" for name, value in defaults.items()}
+
+
+def add_cell_options(group: argparse._ActionsContainer) -> None:
+    """Adds the options of cells that have one value for all of them."""
+    group.add_argument(
+        "--space",
+        type=parse_space,
+        metavar="SPACE",
+        help="other bounds of the task space, as in stump_height=0:0.3,obstacle_spacing=3:6 (default: the "
+        "challenge's)",
+    )
+    group.add_argument(
+        "--environment-option",
+        dest="environment_options",
+        type=parse_assignment,
+        action="append",
+        metavar="NAME=VALUE",
+        help="option of the environment, as in swinging_creepers=true; repeatable (default: the "
+        "environment's)",
+    )
+    group.add_argument(
+        "--test-set",
+        metavar="NAME",
+        help="shipped test set, or path of a CSV file (default: the challenge's)",
+    )
+
+
+def add_results_option(parser: argparse.ArgumentParser) -> None:
+    """Adds the option that says where results are written."""
+    parser.add_argument(
+        "--results", default="results", metavar="ROOT", help="folder, s3:// or gs:// to write to"
+    )
+
+
 def add_execution_options(parser: argparse.ArgumentParser) -> argparse._ArgumentGroup:
-    """Adds the flags that choose how to run it, and returns their group."""
+    """Adds the options that choose how to run it, and returns their group."""
     how = parser.add_argument_group("how to run it")
     where = how.add_mutually_exclusive_group()
-    where.add_argument("--local", action="store_true", help="on a Ray of its own on this machine (default)")
     where.add_argument(
-        "--address", default=os.environ.get("RAY_ADDRESS"), help="of a cluster's head, or 'auto'"
+        "--local", action="store_true", help="start a Ray on this machine, whatever RAY_ADDRESS says"
+    )
+    where.add_argument(
+        "--address",
+        default=os.environ.get("RAY_ADDRESS"),
+        metavar="ADDRESS",
+        help="host:port of a Ray cluster's head, or auto (default: RAY_ADDRESS, else a Ray on this machine)",
     )
     how.add_argument(
-        "--autoscaling", action="store_true", help="the cluster adds nodes: do not ask for room before it has"
+        "--autoscaling",
+        action="store_true",
+        help="the cluster adds nodes: accept runs that fit none of today's",
     )
-    how.add_argument("--cpus-per-run", type=float, default=Resources.cpus, metavar="X")
     how.add_argument(
-        "--gpus-per-run", type=float, default=Resources.gpus, metavar="X", help="share of one, as in 0.25"
+        "--cpus-per-run", type=float, default=Resources.cpus, metavar="X", help="cores that a run occupies"
     )
-    how.add_argument("--memory-per-run", type=float, default=Resources.memory_gib, metavar="GIB")
-    how.add_argument("--device", default=Settings.device, help="cpu or cuda (%(default)s)")
-    how.add_argument("--teacher-placement", type=TeacherPlacement, choices=list(TeacherPlacement))
-    how.add_argument("--checkpoint-seconds", type=float, default=Settings.checkpoint_seconds, metavar="S")
-    how.add_argument("--outage-seconds", type=float, default=Settings.outage_seconds, metavar="S")
-    how.add_argument("--dry-run", action="store_true", help="say what would run, and stop")
+    how.add_argument(
+        "--gpus-per-run",
+        type=float,
+        default=Resources.gpus,
+        metavar="X",
+        help="GPUs that a run occupies: a share of one, as 0.25, or a whole number",
+    )
+    how.add_argument(
+        "--memory-per-run",
+        type=float,
+        default=Resources.memory_gib,
+        metavar="GIB",
+        help="memory that a run occupies",
+    )
+    how.add_argument(
+        "--device", default=Settings.device, metavar="DEVICE", help="where networks live, as cpu or cuda"
+    )
+    how.add_argument(
+        "--teacher-placement",
+        type=TeacherPlacement,
+        choices=list(TeacherPlacement),
+        default=TeacherPlacement.ACTOR,
+        help="teachers in actors of their own, or in the processes of their runs",
+    )
+    how.add_argument(
+        "--checkpoint-seconds",
+        type=float,
+        default=Settings.checkpoint_seconds,
+        metavar="SECONDS",
+        help="longest time between two checkpoints of a run",
+    )
+    how.add_argument(
+        "--outage-seconds",
+        type=float,
+        default=Settings.outage_seconds,
+        metavar="SECONDS",
+        help="how long the storage of the results may be unavailable before runs count as lost",
+    )
+    how.add_argument("--dry-run", action="store_true", help="print what would run, and stop")
+    how.add_argument("--yes", action="store_true", help=YES)
     return how
 
 
@@ -76,7 +222,7 @@ def chosen_settings(options: argparse.Namespace) -> Settings:
     return Settings(
         resources=Resources(options.cpus_per_run, options.gpus_per_run, options.memory_per_run),
         device=options.device,
-        teachers=options.teacher_placement or TeacherPlacement.ACTOR,
+        teachers=options.teacher_placement,
         checkpoint_seconds=options.checkpoint_seconds,
         outage_seconds=options.outage_seconds,
         autoscaling=options.autoscaling,
@@ -91,6 +237,45 @@ def chosen_address(options: argparse.Namespace) -> str | None:
 def names(text: str) -> tuple[str, ...]:
     """Parses a list of names; an empty text is the one empty name, of an environment without bodies."""
     return tuple(name.strip() for name in text.split(","))
+
+
+def parse_assignment(text: str) -> tuple[str, str]:
+    """Parses NAME=VALUE.
+
+    Examples:
+        >>> parse_assignment("swinging_creepers=true")
+        ('swinging_creepers', 'true')
+    """
+    name, separator, value = text.partition("=")
+    if not (name and separator):
+        raise argparse.ArgumentTypeError(f"{text!r}: expected NAME=VALUE")
+    return name, value
+
+
+def parse_space(text: str) -> dict[str, tuple[float, float]]:
+    """Parses bounds of a task space.
+
+    Examples:
+        >>> parse_space("stump_height=0:0.3,obstacle_spacing=3:6")
+        {'stump_height': (0.0, 0.3), 'obstacle_spacing': (3.0, 6.0)}
+    """
+    space: dict[str, tuple[float, float]] = {}
+    for name, bounds in map(parse_assignment, text.split(",")):
+        try:
+            low, high = map(float, bounds.split(":"))
+        except ValueError:
+            raise argparse.ArgumentTypeError(
+                f"{name}={bounds}: expected DIMENSION=LOW:HIGH, as in stump_height=0:0.3"
+            ) from None
+        if name in space:
+            raise argparse.ArgumentTypeError(f"{name} is given twice; give its bounds once")
+        space[name] = (low, high)
+    return space
+
+
+def environment_name(name: str, options: argparse.Namespace) -> str:
+    """Returns the name of an environment with the options that the command line adds to it."""
+    return name + "".join(join_name("", {key: value}) for key, value in options.environment_options or ())
 
 
 def parse_seeds(text: str) -> tuple[int, ...]:
@@ -157,11 +342,13 @@ def _replace_cells(cells: Sequence[Cell], options: argparse.Namespace) -> tuple[
         "teacher": options.teachers,
         "expert_knowledge": parse_levels(options.expert_knowledge) if options.expert_knowledge else None,
         "test_set": (options.test_set,) if options.test_set else None,
+        "space": (options.space,) if options.space else None,
     }
     result = list(cells)
     for name, values in choices.items():
         if values is not None:
             result = [replace(cell, **{name: value}) for cell in result for value in values]
+    result = [replace(cell, environment=environment_name(cell.environment, options)) for cell in result]
     unique: list[Cell] = []
     for cell in result:
         if cell not in unique:

@@ -4,14 +4,18 @@ from __future__ import annotations
 
 import argparse
 import sys
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 from rich.console import Console
 
+from tma_ray.campaign.costs.confirmation import confirm, long_cost, terminal_question
+from tma_ray.campaign.costs.estimation import Kind
+from tma_ray.campaign.costs.speed import Throughput
 from tma_ray.campaign.failures.outages import OutageError
 from tma_ray.campaign.monitor.progress import Snapshot
 from tma_ray.campaign.options import add_options, chosen_address, chosen_campaign, chosen_settings
 from tma_ray.campaign.plan import CampaignSpec, Plan
+from tma_ray.command_line import CommandParser
 from tma_ray.results import RootInUseError
 
 EXIT_FAILED = 1
@@ -25,8 +29,8 @@ def main(campaign: CampaignSpec, arguments: Sequence[str] | None = None) -> int:
     0: all runs are done; 1: some failed, or the results could not be written any more; 2: refused before
     anything ran; 130: stopped, resumable.
     """
-    parser = argparse.ArgumentParser(description=f"Runs the campaign {campaign.name!r}.")
-    add_options(parser)
+    parser = CommandParser(description=f"Runs the campaign {campaign.name!r}.")
+    add_options(parser, campaign)
     return execute(campaign, parser.parse_args(arguments))
 
 
@@ -40,18 +44,37 @@ def execute(campaign: CampaignSpec, options: argparse.Namespace) -> int:
         return EXIT_REFUSED
 
 
-def run_plan(plan: Plan, results: str, options: argparse.Namespace) -> int:
-    """Says what `plan` comes to and runs it as the flags for execution say; returns the exit code as `main`.
+def run_plan(
+    plan: Plan, results: str, options: argparse.Namespace, known: Mapping[Kind, Throughput] | None = None
+) -> int:
+    """Prints the size of `plan` and runs it as the options for execution say.
+
+    What takes over an hour on this machine is started after a confirmation only.
+
+    Args:
+        plan: what to run.
+        results: results root.
+        options: parsed options of `options.add_execution_options`.
+        known: speeds that have been measured and shown.
+
+    Returns:
+        The exit code, as of `main`.
 
     Raises:
+        ValueError: what takes over an hour was not confirmed.
         Exception: what `execute_plan` raises.
     """
     from tma_ray.campaign.execution import execute_plan
 
     console, settings = Console(), chosen_settings(options)
     console.print(plan.describe(), highlight=False, soft_wrap=True)
+    cost = long_cost(plan, results, settings, known)
+    if cost is not None and known is None:
+        console.print(f"cost: {cost.summary()}", highlight=False, soft_wrap=True)
     if options.dry_run:
         return 0
+    if cost is not None:
+        confirm(plan.name, cost, yes=options.yes, ask=terminal_question())
     try:
         ended = execute_plan(plan, results, settings, chosen_address(options))
     except KeyboardInterrupt:  # the second one: runs go on from the checkpoints they had

@@ -7,11 +7,13 @@ from dataclasses import fields
 
 from rich.console import Console
 
+from tma_ray.campaign.costs.confirmation import confirm, long_cost, terminal_question
 from tma_ray.campaign.failures.stopping import StopSignals
 from tma_ray.campaign.monitor.progress import ActiveRun, ProgressView, PublishedProgress, Snapshot
-from tma_ray.campaign.options import parse_levels
-from tma_ray.campaign.plan import CampaignSpec, lease_holder
+from tma_ray.campaign.options import environment_name, parse_levels
+from tma_ray.campaign.plan import CampaignSpec, Plan, lease_holder
 from tma_ray.campaign.script import EXIT_STOPPED
+from tma_ray.campaign.settings import Resources, Settings
 from tma_ray.results import AttemptOutcome, Committer, HeartbeatWriter, Lease
 from tma_ray.runs import Cell, Placement, Schedule, Status, run_locally
 
@@ -26,17 +28,20 @@ def run_single(options: argparse.Namespace) -> int:
     """
     (level,) = parse_levels([options.expert_knowledge])
     cell = Cell(
-        environment=options.environment,
+        environment=environment_name(options.environment, options),
         challenge=options.challenge,
         embodiment=options.embodiment,
         student=options.student,
         teacher=options.teacher,
         expert_knowledge=level,
         test_set=options.test_set,
+        space=options.space or {},
     )
     given = {field.name: getattr(options, field.name, None) for field in fields(Schedule)}
     schedule = Schedule(**{name: value for name, value in given.items() if value is not None})
     plan = CampaignSpec(CAMPAIGN, (cell,), (options.seed,), schedule).plan()
+    placement = Placement(options.device, options.threads, options.checkpoint_seconds)
+    _confirm(plan, options, placement)
     committer = Committer.open(options.results)
     (spec,) = plan.runs
     console, holder = Console(), lease_holder(CAMPAIGN)
@@ -48,7 +53,6 @@ def run_single(options: argparse.Namespace) -> int:
             Snapshot(1, 0, 0, 0, 0, 0, schedule.steps, [ActiveRun(spec.run_id, schedule.steps, status)])
         )
 
-    placement = Placement(options.device, options.threads, options.checkpoint_seconds)
     with Lease(committer.store, holder) as lease, StopSignals() as signals:
         committer.write_cells(CAMPAIGN, plan.cell_rows)
         outcome = run_locally(
@@ -58,3 +62,15 @@ def run_single(options: argparse.Namespace) -> int:
     view.close(Snapshot(1, int(done), 0, int(not done), 0, 0, schedule.steps, []))
     console.print(f"{spec.run_id}: {outcome} in {options.results}", highlight=False, soft_wrap=True)
     return 0 if done else EXIT_STOPPED
+
+
+def _confirm(plan: Plan, options: argparse.Namespace, placement: Placement) -> None:
+    """Asks before what takes over an hour.
+
+    Raises:
+        ValueError: it was not confirmed.
+    """
+    resources = Resources(placement.threads, gpus=float(placement.device != "cpu"))
+    cost = long_cost(plan, options.results, Settings(resources, placement.device))
+    if cost is not None:
+        confirm("the run", cost, yes=options.yes, ask=terminal_question())

@@ -1,4 +1,4 @@
-"""The command `tma-ray`. Heavy parts are imported by the commands that need them."""
+"""The command `tma-ray`. Each command imports what it needs when it is used."""
 
 from __future__ import annotations
 
@@ -10,16 +10,17 @@ from pathlib import Path
 
 from tma_ray import __version__
 from tma_ray.benchmark import BENCHMARK_VERSION
-from tma_ray.cli import importing, looking, naming, policies, publishing, running
+from tma_ray.cli import completion, importing, looking, naming, policies, publishing, running
+from tma_ray.command_line import CommandParser
 
 REFUSED = 2
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Runs one command; returns its exit code."""
+    options = _parser().parse_args(arguments)
     from tma_ray.results import RootInUseError
 
-    options = _parser().parse_args(arguments)
     sys.path.insert(0, str(Path.cwd()))  # so that module:Name finds the user's own file
     command: Callable[[argparse.Namespace], int] = options.command
     warnings.showwarning = _show_warning
@@ -30,11 +31,13 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return REFUSED
 
 
-def _parser() -> argparse.ArgumentParser:
-    parser = argparse.ArgumentParser(prog="tma-ray", description="Compare curriculum learning teachers.")
+def _parser() -> CommandParser:
+    parser = CommandParser(
+        prog="tma-ray", description="Compare automatic curriculum learning teachers of deep RL students."
+    )
     parser.add_argument("--version", action="version", version=_version())
-    commands = parser.add_subparsers(required=True, metavar="COMMAND")
-    for group in (running, looking, policies, publishing, importing, naming):
+    commands = parser.add_subparsers(title="commands", required=True, metavar="COMMAND")
+    for group in (running, looking, policies, publishing, importing, naming, completion):
         group.add_commands(commands)
     return parser
 

@@ -8,39 +8,76 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+from tma_ray.command_line import CommandParser
+
 NOT_WHOLE = 1
 
 
 def add_commands(commands: Any) -> None:
     """Adds them to the subparsers `commands`."""
-    parser = commands.add_parser("import", help="results, test sets or weights of the original release")
-    what = parser.add_subparsers(required=True, metavar="WHAT")
-    _add_results(what.add_parser("results", help="its per-seed files as a results root, marked as Box2D's"))
-    _add_test_sets(what.add_parser("test-sets", help="its test sets as CSV files, for --test-set"))
-    _add_weights(what.add_parser("weights", help="its CPPN's weights as a .npz file, for Parkour"))
+    commands.add_parser(
+        "import",
+        help="import results, test sets or weights of the original release",
+        description="Import what the original release published, from a copy of your own.",
+        populate=_populate,
+    )
 
 
-def _add_results(parser: argparse.ArgumentParser) -> None:
+def _populate(parser: CommandParser) -> None:
+    what = parser.add_subparsers(title="commands", required=True, metavar="COMMAND")
+    what.add_parser(
+        "results",
+        help="import its per-seed files as a results root, marked as Box2D's",
+        description="Import the per-seed files of the original release as a results root, marked as Box2D's.",
+        populate=_add_results,
+    )
+    what.add_parser(
+        "test-sets",
+        help="import its test sets as CSV files, for --test-set",
+        description="Import the test sets of the original release as CSV files, for --test-set.",
+        populate=_add_test_sets,
+    )
+    what.add_parser(
+        "weights",
+        help="import its CPPN's weights as a .npz file, for Parkour",
+        description="Import the weights of the original release's CPPN as a .npz file, for Parkour's option "
+        "cppn_weights.",
+        populate=_add_weights,
+    )
+
+
+def _add_results(parser: CommandParser) -> None:
     from tma_ray.campaign.options import whole_number
+    from tma_ray.importing import LARGEST_MEBIBYTES
 
     parser.add_argument("source", type=Path, metavar="SOURCE", help="folder with any number of experiments")
-    parser.add_argument("-o", "--output", required=True, metavar="ROOT", help="empty folder or address")
     parser.add_argument(
-        "--largest-pickle", type=whole_number, metavar="MIB", help="refuse larger ones (default: 512 MiB)"
+        "-o", "--output", required=True, metavar="ROOT", help="empty folder or address to write to"
+    )
+    parser.add_argument(
+        "--largest-pickle",
+        type=whole_number,
+        default=LARGEST_MEBIBYTES,
+        metavar="MIB",
+        help="refuse larger pickles",
     )
     parser.set_defaults(command=_results)
 
 
-def _add_test_sets(parser: argparse.ArgumentParser) -> None:
+def _add_test_sets(parser: CommandParser) -> None:
     parser.add_argument("source", type=Path, metavar="SOURCE", help="folder or file: .csv, .npy or .pkl")
-    parser.add_argument("-o", "--output", type=Path, required=True, metavar="FOLDER")
-    parser.add_argument("--by-position", action="store_true", help="whatever the header calls the columns")
+    parser.add_argument(
+        "-o", "--output", type=Path, required=True, metavar="FOLDER", help="folder to write to"
+    )
+    parser.add_argument(
+        "--by-position", action="store_true", help="take columns by position, whatever the header calls them"
+    )
     parser.set_defaults(command=_test_sets)
 
 
-def _add_weights(parser: argparse.ArgumentParser) -> None:
+def _add_weights(parser: CommandParser) -> None:
     parser.add_argument("source", type=Path, metavar="SOURCE", help="a .npz file or a pickle of arrays")
-    parser.add_argument("-o", "--output", type=Path, required=True, metavar="FILE.npz")
+    parser.add_argument("-o", "--output", type=Path, required=True, metavar="FILE", help=".npz file to write")
     parser.set_defaults(command=_weights)
 
 
@@ -48,12 +85,14 @@ def _results(options: argparse.Namespace) -> int:
     from rich.console import Console
     from rich.progress import track
 
-    from tma_ray.importing import LARGEST_MEBIBYTES, import_results
+    from tma_ray.importing import import_results
 
     bar = Console(stderr=True)
-    largest = options.largest_pickle or LARGEST_MEBIBYTES
     done = import_results(
-        options.source, options.output, largest, lambda seeds: track(seeds, "importing", console=bar)
+        options.source,
+        options.output,
+        options.largest_pickle,
+        lambda seeds: track(seeds, "importing", console=bar),
     )
     _list("passed by, as their names ask for", dict.fromkeys(done.ignored, ""))
     _list("the same files as another seed, and so the same run", done.copies)

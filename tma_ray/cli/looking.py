@@ -1,4 +1,4 @@
-"""Commands that look at what has been run."""
+"""Commands that show what has been run."""
 
 from __future__ import annotations
 
@@ -7,74 +7,127 @@ from contextlib import closing, suppress
 from pathlib import Path
 from typing import Any
 
-from tma_ray.cli.reporting import add_report_command
+from tma_ray.cli import playing, records, reporting
+from tma_ray.cli.json_output import add_json_option, print_json
+from tma_ray.command_line import CommandParser
 
 
 def add_commands(commands: Any) -> None:
     """Adds them to the subparsers `commands`."""
-    _add_status(commands.add_parser("status", help="how far the campaigns of a results root are"))
-    _add_logs(commands.add_parser("logs", help="what a run went through, and why it failed"))
-    add_report_command(commands)
-    _add_ranking(commands.add_parser("ranking", help="who masters most on each challenge"))
-    _add_claims(commands.add_parser("claims", help="which of the paper's claims hold in a results root"))
-    _add_search(commands.add_parser("search", help="what a search for hyper-parameters found"))
-    _add_tensorboard(commands.add_parser("tensorboard", help="scalars of a results root as event files"))
-    _add_render(commands.add_parser("render", help="an episode as a video or a picture"))
+    commands.add_parser(
+        "status",
+        help="print the progress of the campaigns of a results root",
+        description="Print the progress of the campaigns of a results root, their speed, and why runs "
+        "failed. It may be called from any machine that sees the root.",
+        populate=_add_status,
+    )
+    commands.add_parser(
+        "logs",
+        help="print the history of a run, with the error that ended it",
+        description="Print the attempts at a run, their outcomes, and the traceback of the error that "
+        "ended it.",
+        populate=_add_logs,
+    )
+    reporting.add_report_command(commands)
+    commands.add_parser(
+        "ranking",
+        help="rank the teachers on each challenge by mastered tasks",
+        description="Rank the teachers of a results root on each challenge by mastered test tasks, with "
+        "tests against Random.",
+        populate=_add_ranking,
+        examples=(
+            "tma-ray ranking results",
+            "tma-ray ranking results --share 0.5",
+            "tma-ray ranking results --json",
+        ),
+    )
+    commands.add_parser(
+        "claims",
+        help="check the paper's claims against a results root",
+        description="Check each of the paper's claims against a results root.",
+        populate=_add_claims,
+    )
+    commands.add_parser(
+        "search",
+        help="print the best hyper-parameters of a search",
+        description="Print the best hyper-parameters of the searches of a results root, beside the "
+        "paper's choice.",
+        populate=_add_search,
+    )
+    commands.add_parser(
+        "tensorboard",
+        help="export the scalars of a results root as event files",
+        description="Export the scalars of a results root as event files for TensorBoard.",
+        populate=_add_tensorboard,
+    )
+    commands.add_parser(
+        "render",
+        help="render an episode as a video or a picture",
+        description="Render an episode of a saved policy, of random actions or of none as a video or a "
+        "picture.",
+        populate=_add_render,
+    )
 
 
-def _add_status(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("root", metavar="ROOT")
-    parser.add_argument("--cells", action="store_true", help="a line for every cell")
-    parser.add_argument("--watch", action="store_true", help="again every few seconds, until Ctrl-C")
+def _add_status(parser: CommandParser) -> None:
+
+    parser.add_argument("root", metavar="ROOT", help="results root")
+    parser.add_argument("--cells", action="store_true", help="print a line for every cell")
+    parser.add_argument("--watch", action="store_true", help="print it again every few seconds, until Ctrl-C")
+    add_json_option(parser)
     parser.set_defaults(command=_status)
 
 
-def _add_logs(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("run", metavar="RUN", help="its id, or an unambiguous beginning of it")
-    parser.add_argument("--results", default="results", metavar="ROOT", help="(%(default)s)")
+def _add_logs(parser: CommandParser) -> None:
+    parser.add_argument("run", metavar="RUN", help="ID of a run, or an unambiguous beginning of it")
+    parser.add_argument("--results", default="results", metavar="ROOT", help="results root of the run")
     parser.set_defaults(command=_logs)
 
 
-def _add_ranking(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("root", metavar="ROOT")
-    parser.add_argument("--share", type=float, default=1.0, metavar="X", help="of the budget (%(default)s)")
+def _add_ranking(parser: CommandParser) -> None:
+
+    parser.add_argument("root", metavar="ROOT", help="results root")
+    parser.add_argument(
+        "--share", type=float, default=1.0, metavar="X", help="share of the budget after which runs are read"
+    )
+    add_json_option(parser)
     parser.set_defaults(command=_ranking)
 
 
-def _add_claims(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("root", metavar="ROOT")
-    parser.add_argument("--details", action="store_true", help="every statement, with its numbers")
+def _add_claims(parser: CommandParser) -> None:
+
+    parser.add_argument("root", metavar="ROOT", help="results root")
+    parser.add_argument("--details", action="store_true", help="print every statement, with its numbers")
+    add_json_option(parser)
     parser.set_defaults(command=_claims)
 
 
-def _add_search(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("root", metavar="ROOT")
+def _add_search(parser: CommandParser) -> None:
+    parser.add_argument("root", metavar="ROOT", help="results root")
     parser.set_defaults(command=_search)
 
 
-def _add_tensorboard(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("root", metavar="ROOT")
-    parser.add_argument("folder", metavar="FOLDER", help="for TensorBoard's --logdir")
+def _add_tensorboard(parser: CommandParser) -> None:
+    parser.add_argument("root", metavar="ROOT", help="results root")
+    parser.add_argument("folder", metavar="FOLDER", help="folder to write to, for TensorBoard's --logdir")
     parser.add_argument("--watch", action="store_true", help="follow the campaign, until Ctrl-C")
     parser.set_defaults(command=_tensorboard)
 
 
-def _add_render(parser: argparse.ArgumentParser) -> None:
-    from tma_ray.campaign.options import whole_number
-
-    parser.add_argument("--environment", metavar="NAME", help="default: the run's, else stump_tracks")
-    parser.add_argument("--embodiment", metavar="NAME", help="default: the run's, else classic_bipedal")
-    parser.add_argument("--task", metavar="V,V|NAME=V|random", help="default: the middle of the task space")
+def _add_render(parser: CommandParser) -> None:
+    playing.add_scene(parser)
     parser.add_argument(
-        "--policy", default="random", metavar="RUN|FOLDER|random|zero", help="who acts (%(default)s)"
+        "--task", metavar="TASK", help=f"{playing.TASK} (default: the middle of the task space)"
     )
-    parser.add_argument("--results", default="results", metavar="ROOT", help="where RUN is (%(default)s)")
-    parser.add_argument("--seed", type=int, default=0)
-    parser.add_argument("--steps", type=whole_number, default=1000, metavar="N", help="at most (%(default)s)")
+    playing.add_episode(parser)
     parser.add_argument(
-        "--every", type=whole_number, default=2, metavar="N", help="steps a frame (%(default)s)"
+        "-o",
+        "--output",
+        type=Path,
+        required=True,
+        metavar="FILE",
+        help="video (.mp4, .gif) or picture (.png)",
     )
-    parser.add_argument("-o", "--output", type=Path, required=True, metavar="FILE.mp4|.gif|.png")
     parser.set_defaults(command=_render)
 
 
@@ -92,6 +145,9 @@ def _render(options: argparse.Namespace) -> int:
 
 
 def _status(options: argparse.Namespace) -> int:
+    if options.json:
+        print_json("status", records.status_record(options.root))
+        return 0
     from tma_ray.campaign.monitor.status import show, watch
 
     if options.watch:
@@ -110,6 +166,9 @@ def _logs(options: argparse.Namespace) -> int:
 
 
 def _ranking(options: argparse.Namespace) -> int:
+    if options.json:
+        print_json("ranking", records.ranking_record(options.root, options.share))
+        return 0
     from analysis.ranking import show_ranking
 
     show_ranking(options.root, options.share)
@@ -117,6 +176,9 @@ def _ranking(options: argparse.Namespace) -> int:
 
 
 def _claims(options: argparse.Namespace) -> int:
+    if options.json:
+        print_json("claims", records.claims_record(options.root))
+        return 0
     from analysis.claims_view import show_claims
 
     show_claims(options.root, options.details)

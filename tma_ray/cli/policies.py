@@ -6,50 +6,63 @@ import argparse
 from pathlib import Path
 from typing import Any
 
+from tma_ray.cli import playing
+from tma_ray.command_line import CommandParser
+
 
 def add_commands(commands: Any) -> None:
     """Adds them to the subparsers `commands`."""
-    _add_export(commands.add_parser("export", help="a policy as safetensors and ONNX, with a model card"))
-    _add_play(commands.add_parser("play", help="a policy live in a window, on tasks chosen with sliders"))
-
-
-def _add_export(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument(
-        "policy", metavar="RUN|FOLDER", help="id of a run or its beginning, or a saved policy"
+    commands.add_parser(
+        "export",
+        help="export a policy as safetensors and ONNX, with a model card",
+        description="Export a saved policy as safetensors and ONNX, with a model card.",
+        populate=_add_export,
     )
-    parser.add_argument("--results", default="results", metavar="ROOT", help="where RUN is (%(default)s)")
-    parser.add_argument("-o", "--output", type=Path, required=True, metavar="FOLDER", help="new or empty")
-    parser.add_argument("--licence", default="", metavar="ID", help="as in CC-BY-4.0")
+    commands.add_parser(
+        "play",
+        help="show a policy live in a window, on tasks chosen with sliders",
+        description="Show a policy live in a window, on tasks chosen with sliders, or film it on given "
+        "tasks.",
+        populate=_add_play,
+    )
+
+
+def _add_export(parser: CommandParser) -> None:
+    parser.add_argument(
+        "policy", metavar="POLICY", help="ID of a run or its beginning, or the folder of a saved policy"
+    )
+    parser.add_argument("--results", default="results", metavar="ROOT", help="results root of the run")
+    parser.add_argument(
+        "-o", "--output", type=Path, required=True, metavar="FOLDER", help="new or empty folder to write to"
+    )
+    parser.add_argument(
+        "--licence", default="", metavar="LICENCE", help="licence of the policy, as CC-BY-4.0 (default: none)"
+    )
     parser.add_argument("--no-onnx", dest="onnx", action="store_false", help="leave the ONNX file out")
     parser.set_defaults(command=_export)
 
 
-def _add_play(parser: argparse.ArgumentParser) -> None:
-    from tma_ray.campaign.options import whole_number
-
-    parser.add_argument("--environment", metavar="NAME", help="default: the run's, else stump_tracks")
-    parser.add_argument("--embodiment", metavar="NAME", help="default: the run's, else classic_bipedal")
+def _add_play(parser: CommandParser) -> None:
+    playing.add_scene(parser)
     parser.add_argument(
         "--task",
         dest="tasks",
         action="append",
-        metavar="V,V|NAME=V|random",
-        help="several times for several in turn; default: the middle of the task space",
+        metavar="TASK",
+        help=f"{playing.TASK}; repeatable, for several in turn (default: the middle of the task space)",
     )
     parser.add_argument(
-        "--policy", default="random", metavar="RUN|FOLDER|random|zero", help="who acts (%(default)s)"
+        "--size", metavar="SIZE", help="pixels of the window, as 640x480 (default: as the world needs)"
     )
-    parser.add_argument("--results", default="results", metavar="ROOT", help="where RUN is (%(default)s)")
-    parser.add_argument("--seed", type=int, default=0)
-    parser.add_argument("--size", metavar="WxH", help="in pixels; default: as the world needs")
     video = parser.add_argument_group("a video instead of a window")
-    video.add_argument("-o", "--output", type=Path, metavar="FILE.mp4|.gif|.png")
     video.add_argument(
-        "--steps", type=whole_number, default=1000, metavar="N", help="of an episode at most (%(default)s)"
+        "-o",
+        "--output",
+        type=Path,
+        metavar="FILE",
+        help="video (.mp4, .gif) or picture (.png) (default: none)",
     )
-    video.add_argument(
-        "--every", type=whole_number, default=2, metavar="N", help="steps a frame (%(default)s)"
-    )
+    playing.add_episode(video)
     parser.set_defaults(command=_play)
 
 

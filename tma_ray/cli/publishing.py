@@ -1,4 +1,4 @@
-"""Commands that make something of results: tables, comparisons, releases."""
+"""Commands that publish results: tables, figures, comparisons, releases."""
 
 from __future__ import annotations
 
@@ -7,71 +7,166 @@ import sys
 from pathlib import Path
 from typing import Any
 
+from tma_ray.cli import records
+from tma_ray.cli.json_output import add_json_option, print_json
+from tma_ray.command_line import CommandParser
+
 NOT_WHOLE = 1
+
+RESULTS = "results root, or the name of a baseline, as paper-2021"
 
 
 def add_commands(commands: Any) -> None:
     """Adds them to the subparsers `commands`."""
-    _add_tables(commands.add_parser("tables", help="the paper's tables, of any results"))
-    _add_figures(commands.add_parser("figures", help="the paper's figures, of any results"))
-    _add_compare(commands.add_parser("compare", help="put results among released baselines, on one page"))
-    _add_baselines(commands.add_parser("baselines", help="released results to compare with"))
-    _add_release(commands.add_parser("release", help="pack a finished campaign as a baseline for others"))
-    compact = commands.add_parser("compact", help="merge the files of runs that are done, by experiment")
-    compact.add_argument("root", metavar="ROOT")
-    compact.set_defaults(command=_compact)
+    commands.add_parser(
+        "tables",
+        help="write the paper's tables for any results",
+        description="Write the paper's tables for a results root or a released baseline.",
+        populate=_add_tables,
+    )
+    commands.add_parser(
+        "figures",
+        help="write the paper's figures for any results",
+        description="Write the paper's figures for a results root or a released baseline.",
+        populate=_add_figures,
+    )
+    commands.add_parser(
+        "compare",
+        help="write a page that compares results with released baselines",
+        description="Write a page that compares the teachers of a results root with released baselines.",
+        populate=_add_compare,
+        examples=(
+            "tma-ray compare results --baseline paper-2021",
+            "tma-ray compare results --baseline paper-2021 --baseline colleague --output comparison",
+        ),
+    )
+    commands.add_parser(
+        "baselines",
+        help="list, find and verify released results",
+        description="List, find and verify released results to compare with.",
+        populate=_add_baselines,
+    )
+    commands.add_parser(
+        "release",
+        help="pack a finished campaign as a baseline for others",
+        description="Pack the finished campaign of a results root as a baseline for others.",
+        populate=_add_release,
+    )
+    commands.add_parser(
+        "compact",
+        help="merge the files of finished runs, by experiment",
+        description="Merge the table files of finished runs into one file per table and experiment.",
+        populate=_add_compact,
+    )
 
 
-def _add_tables(parser: argparse.ArgumentParser) -> None:
+def _add_tables(parser: CommandParser) -> None:
     from tma_ray.campaign.options import whole_number
 
-    parser.add_argument("root", metavar="ROOT|NAME", help="results, or a baseline such as paper-2021")
-    parser.add_argument("--step", type=whole_number, metavar="N", help="read runs after so many steps")
-    parser.add_argument("--format", default="markdown", choices=("markdown", "latex", "csv"))
-    parser.add_argument("-o", "--output", type=Path, metavar="FOLDER", help="a file for each table")
+    parser.add_argument("root", metavar="ROOT", help=RESULTS)
+    parser.add_argument(
+        "--step", type=whole_number, metavar="N", help="read runs after so many steps (default: at their end)"
+    )
+    parser.add_argument(
+        "--format", default="markdown", choices=("markdown", "latex", "csv"), help="format of the tables"
+    )
+    parser.add_argument(
+        "-o",
+        "--output",
+        type=Path,
+        metavar="FOLDER",
+        help="folder for a file per table (default: print them)",
+    )
     parser.set_defaults(command=_tables)
 
 
-def _add_figures(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("root", metavar="ROOT|NAME", help="results, or a baseline such as paper-2021")
-    parser.add_argument("-o", "--output", type=Path, required=True, metavar="FOLDER")
-    parser.add_argument("--format", default="pdf", choices=("pdf", "svg"), help="beside PNG (%(default)s)")
-    parser.add_argument("--only", default="", metavar="NAME", help="beginning of the names wanted, as radar")
+def _add_figures(parser: CommandParser) -> None:
+    parser.add_argument("root", metavar="ROOT", help=RESULTS)
+    parser.add_argument(
+        "-o", "--output", type=Path, required=True, metavar="FOLDER", help="folder to write to"
+    )
+    parser.add_argument(
+        "--format", default="pdf", choices=("pdf", "svg"), help="vector format, written beside PNG"
+    )
+    parser.add_argument(
+        "--only", default="", metavar="NAME", help="beginning of the figures' names, as radar (default: all)"
+    )
     parser.set_defaults(command=_figures)
 
 
-def _add_compare(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("root", metavar="ROOT", help="your results")
+def _add_compare(parser: CommandParser) -> None:
+    parser.add_argument("root", metavar="ROOT", help="results root of your runs")
     parser.add_argument(
         "--baseline",
         dest="baselines",
         action="append",
-        default=[],
-        metavar="NAME|ROOT",
-        help="paper-2021, or a folder or address of results; several times for several",
+        required=True,
+        metavar="BASELINE",
+        help="name of a baseline, as paper-2021, or folder or address of results; repeatable",
     )
-    parser.add_argument("-o", "--output", type=Path, metavar="FOLDER", help="default: ROOT/compare")
+    parser.add_argument(
+        "-o", "--output", type=Path, metavar="FOLDER", help="folder to write to (default: ROOT/compare)"
+    )
     parser.set_defaults(command=_compare)
 
 
-def _add_baselines(parser: argparse.ArgumentParser) -> None:
-    what = parser.add_subparsers(required=True, metavar="WHAT")
-    what.add_parser("list", help="those that have a name here").set_defaults(command=_list_baselines)
-    path = what.add_parser("path", help="where one lies")
-    path.add_argument("name", metavar="NAME")
-    path.set_defaults(command=_baseline_path)
-    verify = what.add_parser("verify", help="whether one is what was released")
-    verify.add_argument("name", metavar="NAME|FOLDER")
-    verify.set_defaults(command=_verify_baseline)
+def _add_baselines(parser: CommandParser) -> None:
+    what = parser.add_subparsers(title="commands", required=True, metavar="COMMAND")
+    what.add_parser(
+        "list",
+        help="list the baselines that have a name",
+        description="List the baselines that have a name here: engine, runs, teachers, licence and place.",
+        populate=_add_baselines_list,
+    )
+    what.add_parser(
+        "path",
+        help="print the folder of a baseline",
+        description="Print the folder of a baseline.",
+        populate=_add_baselines_path,
+    )
+    what.add_parser(
+        "verify",
+        help="check that a baseline is what was released",
+        description="Check the checksums of a baseline's files against those that were released.",
+        populate=_add_baselines_verify,
+    )
 
 
-def _add_release(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("root", metavar="ROOT")
-    parser.add_argument("name", metavar="NAME", help="of the baseline")
-    parser.add_argument("-o", "--output", type=Path, metavar="FOLDER", help="default: NAME")
-    parser.add_argument("--licence", default="", metavar="ID", help="as in CC-BY-4.0")
-    parser.add_argument("--partial", action="store_true", help="though runs are missing, and say so")
+def _add_baselines_list(parser: CommandParser) -> None:
+
+    add_json_option(parser)
+    parser.set_defaults(command=_list_baselines)
+
+
+def _add_baselines_path(parser: CommandParser) -> None:
+    parser.add_argument("name", metavar="BASELINE", help="name of the baseline")
+    parser.set_defaults(command=_baseline_path)
+
+
+def _add_baselines_verify(parser: CommandParser) -> None:
+    parser.add_argument("name", metavar="BASELINE", help="name or folder of the baseline")
+    parser.set_defaults(command=_verify_baseline)
+
+
+def _add_release(parser: CommandParser) -> None:
+    parser.add_argument("root", metavar="ROOT", help="results root of the campaign")
+    parser.add_argument("name", metavar="NAME", help="name of the baseline")
+    parser.add_argument(
+        "-o", "--output", type=Path, metavar="FOLDER", help="folder to write to (default: NAME)"
+    )
+    parser.add_argument(
+        "--licence",
+        default="",
+        metavar="LICENCE",
+        help="licence of the results, as CC-BY-4.0 (default: none)",
+    )
+    parser.add_argument("--partial", action="store_true", help="allow missing runs, and mark the baseline so")
     parser.set_defaults(command=_release)
+
+
+def _add_compact(parser: CommandParser) -> None:
+    parser.add_argument("root", metavar="ROOT", help="results root")
+    parser.set_defaults(command=_compact)
 
 
 def _tables(options: argparse.Namespace) -> int:
@@ -101,7 +196,10 @@ def _compare(options: argparse.Namespace) -> int:
     return 0
 
 
-def _list_baselines(_: argparse.Namespace) -> int:
+def _list_baselines(options: argparse.Namespace) -> int:
+    if options.json:
+        print_json("baselines list", records.baselines_record())
+        return 0
     from analysis.baselines.commands import show_baselines
 
     show_baselines()

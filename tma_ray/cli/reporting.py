@@ -8,6 +8,8 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from tma_ray.command_line import CommandParser
+
 if TYPE_CHECKING:
     from analysis.report.videos import Video, WantedVideo
 
@@ -20,13 +22,25 @@ EVERY = {".mp4": 3, ".gif": 8}
 
 def add_report_command(commands: Any) -> None:
     """Adds ``report`` to the subparsers `commands`."""
-    parser = commands.add_parser("report", help="write the report of a results root")
-    parser.add_argument("root", metavar="ROOT")
-    parser.add_argument("-o", "--output", type=Path, metavar="FOLDER", help="default: ROOT/report")
-    parser.add_argument(
-        "--videos", action="store_true", help="embed the best and the worst seed of every teacher at work"
+    commands.add_parser(
+        "report",
+        help="write the report of a results root",
+        description="Write the report of a results root: a page with tables, tests, learning curves and "
+        "curricula.",
+        populate=_add_report,
+        examples=("tma-ray report results", "tma-ray report results --output pages --latex"),
     )
-    parser.add_argument("--latex", action="store_true", help="also FOLDER/latex, with all tables and figures")
+
+
+def _add_report(parser: CommandParser) -> None:
+    parser.add_argument("root", metavar="ROOT", help="results root")
+    parser.add_argument(
+        "-o", "--output", type=Path, metavar="FOLDER", help="folder to write to (default: ROOT/report)"
+    )
+    parser.add_argument(
+        "--videos", action="store_true", help="embed videos of the best and the worst seed of every teacher"
+    )
+    parser.add_argument("--latex", action="store_true", help="also write LaTeX, with all tables and figures")
     parser.set_defaults(command=_report)
 
 

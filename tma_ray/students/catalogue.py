@@ -19,7 +19,7 @@ from tma_ray.students.hyperparameters import (
     as_plain_values,
     parse_hyperparameters,
 )
-from tma_ray.students.sb3.algorithm_names import ALGORITHMS
+from tma_ray.students.sb3.algorithm_names import ALGORITHMS, PACKAGES
 
 if TYPE_CHECKING:
     from torch import nn
@@ -55,6 +55,11 @@ class StudentRegistry(Registry[type[Student]]):
         if light is not None:
             return self._checked_version(name, getattr(light, "algorithm_version", None))
         return super().algorithm_version(name)
+
+    def _summary(self, name: str) -> str:
+        if name in ALGORITHMS and name not in self._decorated:
+            return f"{name} of {PACKAGES[ALGORITHMS[name]]}, with its own networks and updates."
+        return super()._summary(name)
 
     def origin(self, name: str) -> str | None:  # noqa: D102
         name = base_name(name)

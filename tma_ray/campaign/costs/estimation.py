@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import os
 from collections import Counter
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -49,7 +50,7 @@ class Cost:
         memory_gib: of the largest runs under way at once, GiB.
     """
 
-    throughputs: tuple[Throughput, ...]
+    throughputs: Mapping[Kind, Throughput]
     hours: float
     resources: Resources
     at_once: int
@@ -57,26 +58,41 @@ class Cost:
     checkpoint_gib: float
     memory_gib: float
 
-    def describe(self) -> str:
-        """Returns the cost in three lines."""
+    def summary(self) -> str:
+        """Returns the time that it takes."""
         spent = f"{_amount(self.hours * self.resources.cpus)} core-hours"
         if self.resources.gpus:
             spent += f" and {_amount(self.hours * self.resources.gpus)} GPU-hours"
-        speeds = ", ".join(f"{each.label} {each.training:,.0f}" for each in self.throughputs)
+        at_once = f"{self.at_once} {'run' if self.at_once == 1 else 'runs'} at once"
+        return f"{spent}, {_time(self.hours / self.at_once)} with {at_once} as on this machine"
+
+    def describe(self) -> str:
+        """Returns the cost in three lines."""
+        speeds = ", ".join(f"{each.label} {each.training:,.0f}" for each in self.throughputs.values())
         return (
-            f"cost: {spent}; {_time(self.hours / self.at_once)} with {self.at_once} at once, as on this "
-            f"machine\n"
+            f"cost: {self.summary()}\n"
             f"  measured here, one run alone, in steps/s: {speeds}\n"
             f"  about {_size(self.disk_gib)} of results; of the runs under way {_size(self.checkpoint_gib)} "
             f"of checkpoints and {_size(self.memory_gib)} of memory"
         )
 
 
-def estimate(plan: Plan, settings: Settings) -> Cost:
+def estimate(
+    plan: Plan,
+    settings: Settings,
+    known: Mapping[Kind, Throughput] | None = None,
+    speed_of: Callable[[RunSpec, Settings], Throughput] | None = None,
+) -> Cost:
     """Returns what `plan` costs at the speeds of this machine.
 
-    Takes some four seconds for each kind of run. Speeds are those of one run alone; teachers are left out,
-    who cost milliseconds an episode.
+    Takes some four seconds for each kind of run that is measured. Speeds are those of one run alone; teachers
+    are left out, who cost milliseconds an episode.
+
+    Args:
+        plan: what is to run.
+        settings: how it is executed.
+        known: throughputs of kinds of runs, as of another `Cost`.
+        speed_of: returns the throughput of a kind that is not known, `measure` by default.
     """
     counts: Counter[Kind] = Counter()
     examples: dict[Kind, RunSpec] = {}
@@ -84,14 +100,14 @@ def estimate(plan: Plan, settings: Settings) -> Cost:
         key = (*_kind(spec), spec.schedule, len(spec.test_set))
         counts[key] += 1
         examples.setdefault(key, spec)
-    throughputs: dict[Kind, Throughput] = {}
+    throughputs = dict(known or {})
     for spec in examples.values():
         if _kind(spec) not in throughputs:
-            throughputs[_kind(spec)] = measure(spec, settings)
+            throughputs[_kind(spec)] = (speed_of or measure)(spec, settings)
     buffers = [_buffer_bytes(throughputs[_kind(spec)], spec) for spec in examples.values()]
     at_once = min(len(plan.runs), _at_once(settings.resources))
     return Cost(
-        throughputs=tuple(throughputs.values()),
+        throughputs=throughputs,
         hours=sum(counts[key] * _hours(throughputs[_kind(spec)], spec) for key, spec in examples.items()),
         resources=settings.resources,
         at_once=at_once,

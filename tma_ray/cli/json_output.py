@@ -1,0 +1,75 @@
+"""JSON on standard output, for scripts: stable keys, and null where there is no number."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import math
+from collections.abc import Mapping
+from enum import Enum
+from pathlib import Path
+from typing import Any
+
+KEYS: Mapping[str, Mapping[str, str]] = {
+    "status": {
+        "root": "results root",
+        "heartbeat": "of the last campaign: holder, at (s since 1970), alive; null if there was none",
+        "campaigns": "list of name and cells; a cell has environment, challenge, embodiment, student, "
+        "teacher, expert_knowledge and runs; a run has run_id, state (done, running, interrupted, failed "
+        "or waiting), step, steps (0 if it never started), steps_per_second and error (null without one)",
+    },
+    "ranking": {
+        "root": "results root",
+        "share": "share of the budget after which runs were read",
+        "rows": "results, the best of each challenge first, with the columns of analysis.ranking.ranking",
+        "sentences": "the same in words",
+    },
+    "claims": {
+        "root": "results root",
+        "claims": "list of text, source, standing, and findings: standing and evidence of each statement",
+    },
+    "plan": {
+        "experiment": "name of the experiment",
+        "tier": "its size",
+        "parts": "list of name, teachers, cells, asked (cells with their seeds), executed (runs) and steps",
+        "cost": "hours (of all runs, one after the other), core_hours, gpu_hours, at_once (runs on this "
+        "machine), wall_hours, disk_gib, checkpoint_gib and memory_gib",
+        "detectable": "smallest detectable differences, with the columns of analysis.planning",
+    },
+    "list": {
+        "kinds": "by kind (teachers, students, …): list of name and description",
+    },
+    "doctor": {
+        "topics": "findings on this machine by topic",
+    },
+    "baselines list": {
+        "baselines": "list of name, engine, runs, teachers, licence, partial (what is missing) and place",
+    },
+}
+"""Keys of the JSON of each command that prints some, and their meaning; keys are added, never taken away."""
+
+
+def add_json_option(parser: argparse.ArgumentParser) -> None:
+    """Adds ``--json``."""
+    parser.add_argument("--json", action="store_true", help="print JSON for scripts instead of text")
+
+
+def print_json(command: str, record: Mapping[str, Any]) -> None:
+    """Prints what `command` has found, with the keys that `KEYS` declares."""
+    assert list(record) == list(KEYS[command]), f"{command}: {list(record)}"
+    print(json.dumps(json_value(record), indent=2, ensure_ascii=False, allow_nan=False))
+
+
+def json_value(value: Any) -> Any:
+    """Returns `value` as JSON has it: NaN and infinities as null, numbers of numpy as Python's."""
+    if isinstance(value, Mapping):
+        return {str(key): json_value(item) for key, item in value.items()}
+    if isinstance(value, (list, tuple)):
+        return [json_value(item) for item in value]
+    if isinstance(value, Enum):
+        value = value.value
+    if hasattr(value, "tolist"):  # numpy's numbers and arrays
+        value = value.tolist()
+    if isinstance(value, float) and not math.isfinite(value):
+        return None
+    return str(value) if isinstance(value, Path) else value

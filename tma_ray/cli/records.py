@@ -1,0 +1,139 @@
+"""What commands find, as the records that they print as JSON; `json_output.KEYS` says what the keys mean."""
+
+from __future__ import annotations
+
+import argparse
+import time
+from collections.abc import Mapping
+from dataclasses import asdict
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+    from tma_ray.benchmark import Experiment
+    from tma_ray.results import Heartbeat
+
+CELL = ("environment", "challenge", "embodiment", "student", "teacher", "expert_knowledge")
+"""Keys of a cell, in the order in which an overview names it."""
+
+
+def status_record(root: str) -> dict[str, Any]:
+    """Returns the state of every run of a root, by campaign and cell."""
+    from tma_ray.campaign.monitor.overview import overview
+
+    now = time.time()
+    found = overview(root, now)
+    campaigns = [
+        {
+            "name": name,
+            "cells": [
+                {**dict(zip(CELL, cell, strict=True)), "runs": [asdict(run) for run in runs]}
+                for cell, runs in cells.items()
+            ],
+        }
+        for name, cells in found.campaigns.items()
+    ]
+    return {"root": root, "heartbeat": _heartbeat(found.heartbeat, now), "campaigns": campaigns}
+
+
+def ranking_record(root: str, share: float) -> dict[str, Any]:
+    """Returns the ranking of a root after a share of the budget."""
+    from analysis.frames import load
+    from analysis.ranking import ranking, sentences
+
+    table = ranking(load(root), share)
+    return {"root": root, "share": share, "rows": _rows(table), "sentences": sentences(table)}
+
+
+def claims_record(root: str) -> dict[str, Any]:
+    """Returns what the results of a root say of each of the paper's claims."""
+    from analysis.claims_view import root_verdicts
+    from analysis.frames import load
+
+    claims = [
+        {
+            "text": verdict.claim.text,
+            "source": verdict.claim.source,
+            "standing": verdict.standing,
+            "findings": [
+                {"standing": finding.standing, "evidence": finding.evidence} for finding in verdict.findings
+            ],
+        }
+        for verdict in root_verdicts(load(root))
+    ]
+    return {"root": root, "claims": claims}
+
+
+def plan_record(experiment: Experiment, options: argparse.Namespace) -> dict[str, Any]:
+    """Returns the size and the cost of what the options choose of an experiment."""
+    from analysis.planning import detectable_differences
+    from tma_ray.campaign.costs.estimation import estimate
+    from tma_ray.campaign.experiments import experiment_plan
+    from tma_ray.campaign.options import chosen_settings
+    from tma_ray.campaign.planning import parts_of
+
+    plan = experiment_plan(experiment, options)
+    cost = estimate(plan, chosen_settings(options))
+    return {
+        "experiment": experiment.name,
+        "tier": options.tier,
+        "parts": [asdict(part) for part in parts_of(plan)],
+        "cost": {
+            "hours": cost.hours,
+            "core_hours": cost.hours * cost.resources.cpus,
+            "gpu_hours": cost.hours * cost.resources.gpus,
+            "at_once": cost.at_once,
+            "wall_hours": cost.hours / cost.at_once,
+            "disk_gib": cost.disk_gib,
+            "checkpoint_gib": cost.checkpoint_gib,
+            "memory_gib": cost.memory_gib,
+        },
+        "detectable": _rows(detectable_differences(plan.cell_rows)),
+    }
+
+
+def doctor_record(root: Path) -> dict[str, Any]:
+    """Returns what this machine offers a campaign."""
+    from tma_ray.campaign.doctor import examine
+
+    return {"topics": examine(root)}
+
+
+def list_record(descriptions: Mapping[str, Mapping[str, str]]) -> dict[str, Any]:
+    """Returns names with their descriptions, by kind."""
+    kinds = {
+        kind: [{"name": name, "description": text} for name, text in described.items()]
+        for kind, described in descriptions.items()
+    }
+    return {"kinds": kinds}
+
+
+def baselines_record() -> dict[str, Any]:
+    """Returns the baselines that have a name here."""
+    from analysis.baselines.catalogue import baselines
+
+    rows = [
+        {
+            "name": baseline.manifest.name,
+            "engine": baseline.manifest.engine,
+            "runs": baseline.manifest.holds.get("runs", 0),
+            "teachers": list(baseline.manifest.holds.get("teachers", ())),
+            "licence": baseline.manifest.licence,
+            "partial": baseline.manifest.partial,
+            "place": baseline.place,
+        }
+        for baseline in baselines()
+    ]
+    return {"baselines": rows}
+
+
+def _heartbeat(heartbeat: Heartbeat | None, now: float) -> dict[str, Any] | None:
+    if heartbeat is None:
+        return None
+    return {"holder": heartbeat.holder, "at": heartbeat.at, "alive": heartbeat.alive(now)}
+
+
+def _rows(table: pd.DataFrame) -> list[dict[str, Any]]:
+    return [{str(key): value for key, value in row.items()} for row in table.to_dict("records")]

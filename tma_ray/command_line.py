@@ -1,0 +1,114 @@
+"""Parsers of command lines: helps with defaults and examples, and options that are added when needed.
+
+Metavars follow one rule: one word in capitals names the kind of value (`METAVARS` lists them), ``NAME,...``
+is a list of it, and ``NAME=VALUE`` an assignment. Alternatives are explained in the sentence, and a fixed set
+of values is shown as ``{a,b}``.
+"""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from typing import Any
+
+METAVARS: Mapping[str, str] = {
+    "NAME": "a name, as 'tma-ray list' prints them, or module:Name",
+    "ROOT": "a results root: a folder, s3:// or gs://",
+    "RUN": "the ID of a run, or an unambiguous beginning of it",
+    "POLICY": "a run, the folder of a saved policy, random or zero",
+    "BASELINE": "the name of a released baseline, its folder, or a results root",
+    "EXPERIMENT": "an experiment of the benchmark",
+    "KIND": "one of those that the sentence lists",
+    "LEVEL": "a level of expert knowledge: none, low or high",
+    "TASK": "a task: values, NAME=VALUE pairs, or random",
+    "SEEDS": "how many seeds (4), a range (8-11) or a list (0,5)",
+    "SPACE": "bounds of dimensions, DIMENSION=LOW:HIGH,...",
+    "FOLDER": "a folder",
+    "FILE": "a file",
+    "SOURCE": "a file or a folder to read",
+    "ADDRESS": "the address of a Ray cluster",
+    "DEVICE": "torch's name of a device",
+    "LICENCE": "a licence, as SPDX names it",
+    "SIZE": "width and height, as 640x480",
+    "N": "a whole number; steps may be written 500000, 500k or 20M",
+    "X": "a number",
+    "SECONDS": "a time in s",
+    "MIB": "a size in MiB",
+    "GIB": "a size in GiB",
+    "VALUE": "a value",
+}
+"""Kinds of values in helps."""
+
+
+EXAMPLES = "examples:"
+
+
+class HelpFormatter(argparse.HelpFormatter):
+    """Adds the default to the help of every option that has one; keeps the lines of examples."""
+
+    def _fill_text(self, text: str, width: int, indent: str) -> str:
+        return text if text.startswith(EXAMPLES) else super()._fill_text(text, width, indent)
+
+    def _get_help_string(self, action: argparse.Action) -> str | None:
+        text = action.help
+        takes_a_value = action.nargs != 0 and action.option_strings and not action.required
+        without = action.default is None or action.default is argparse.SUPPRESS
+        if text is None or without or not takes_a_value or "default" in text:
+            return text
+        return f"{text} (default: %(default)s)"
+
+
+class CommandParser(argparse.ArgumentParser):
+    """A parser whose options are added when it first parses or prints something.
+
+    Options of one command may need imports that take longer than all others together.
+
+    Args:
+        populate: adds the options to this parser.
+        examples: command lines, shown at the end of the help.
+        kwargs: as of `argparse.ArgumentParser`.
+
+    Attributes:
+        examples: as given.
+    """
+
+    def __init__(
+        self,
+        *args: Any,
+        populate: Callable[[CommandParser], None] | None = None,
+        examples: Sequence[str] = (),
+        **kwargs: Any,
+    ) -> None:
+        kwargs.setdefault("formatter_class", HelpFormatter)
+        if examples:
+            kwargs["epilog"] = "\n".join([EXAMPLES, *(f"  {example}" for example in examples)])
+        super().__init__(*args, **kwargs)
+        self.examples = tuple(examples)
+        self._populate = populate
+
+    def populated(self) -> CommandParser:
+        """Returns this parser with its options."""
+        populate, self._populate = self._populate, None
+        if populate is not None:
+            populate(self)
+        return self
+
+    def parse_known_args(self, args: Any = None, namespace: Any = None) -> Any:  # noqa: D102
+        self.populated()
+        return super().parse_known_args(args, namespace)
+
+    def format_help(self) -> str:  # noqa: D102
+        self.populated()
+        return super().format_help()
+
+    def format_usage(self) -> str:  # noqa: D102
+        self.populated()
+        return super().format_usage()
+
+    def commands(self) -> Iterator[CommandParser]:
+        """Yields this parser and all below it, with their options."""
+        yield self.populated()
+        for action in self._actions:
+            if isinstance(action, argparse._SubParsersAction):
+                for below in action.choices.values():
+                    yield from below.commands()
