@@ -100,7 +100,7 @@ def test_dry_run_and_list_start_nothing(tmp_path: Path, capsys: pytest.CaptureFi
     assert "4 runs, 80,000,000 environment steps" in capsys.readouterr().out
     assert not (tmp_path / "root").exists()
     assert main(["list", "teachers"]) == 0
-    assert "  alp_gmm\n" in capsys.readouterr().out
+    assert "  alp_gmm  " in capsys.readouterr().out
 
 
 def test_the_doctor_says_which_engine_simulates(

@@ -11,7 +11,7 @@ from tma_ray.campaign.costs.estimation import Cost, Kind, estimate
 from tma_ray.campaign.costs.speed import Throughput
 from tma_ray.campaign.plan import Plan
 from tma_ray.campaign.settings import Settings
-from tma_ray.results import Results, ResultsRootError, RunStatus
+from tma_ray.results import Results, ResultsRootError, RunStatus, Store, check_usable
 from tma_ray.runs.spec import RunSpec
 
 LONGEST_HOURS = 1.0
@@ -48,6 +48,9 @@ def long_cost(
         results: results root, which may have some of the runs.
         settings: how it is executed.
         known: speeds that have been measured.
+
+    Raises:
+        ResultsRootError: the root belongs to something else or to another version.
     """
     if _hours(estimate(plan, settings, speed_of=lambda _spec, _settings: SLOWEST)) <= LONGEST_HOURS:
         return None
@@ -101,9 +104,11 @@ def _hours(cost: Cost) -> float:
 
 
 def _unfinished(plan: Plan, results: str) -> tuple[RunSpec, ...]:
+    store = Store.open(results)
+    check_usable(store)
     try:
-        manifests = Results.open(results).runs()
-    except ResultsRootError:  # nothing is there yet, or execution will refuse it
+        manifests = Results(store).runs()
+    except ResultsRootError:  # nothing is there yet
         return plan.runs
     done = {manifest.run.run_id for manifest in manifests if manifest.status is RunStatus.DONE}
     return tuple(spec for spec in plan.runs if spec.run_id not in done)
