@@ -9,7 +9,7 @@ import pytest
 
 from tma_ray.campaign import Campaign, cells_of
 from tma_ray.campaign.costs import confirmation, estimation
-from tma_ray.campaign.costs.confirmation import KNOWN, confirm, known_or_measured, long_cost
+from tma_ray.campaign.costs.confirmation import KNOWN, confirm, known_throughput, long_cost
 from tma_ray.campaign.costs.speed import Throughput
 from tma_ray.campaign.plan import Plan
 from tma_ray.campaign.settings import Settings
@@ -97,8 +97,9 @@ def test_known_speeds_hold_for_the_versions_that_they_were_measured_at() -> None
     spec = replace(
         spec, algorithm_versions={"student": known.algorithm_version}, physics_version=known.physics_version
     )
-    assert known_or_measured(spec, Settings()).training == known.training
-    assert known_or_measured(replace(spec, physics_version=0), Settings()) is MEASURED
-    assert known_or_measured(replace(spec, algorithm_versions={"student": 0}), Settings()) is MEASURED
+    assert (found := known_throughput(spec, Settings())) is not None
+    assert found.training == known.training
+    assert known_throughput(replace(spec, physics_version=0), Settings()) is None
+    assert known_throughput(replace(spec, algorithm_versions={"student": 0}), Settings()) is None
     (other,) = plan_of("ppo:epochs=50", 1_000, seeds=1).runs
-    assert known_or_measured(other, Settings()) is MEASURED
+    assert known_throughput(other, Settings()) is None

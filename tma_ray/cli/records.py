@@ -72,14 +72,14 @@ def plan_record(experiment: Experiment, options: argparse.Namespace) -> dict[str
     from tma_ray.campaign.costs.estimation import estimate
     from tma_ray.campaign.experiments import experiment_plan
     from tma_ray.campaign.options import chosen_settings
-    from tma_ray.campaign.planning import parts_of
+    from tma_ray.campaign.planning import planned_experiments
 
     plan = experiment_plan(experiment, options)
     cost = estimate(plan, chosen_settings(options))
     return {
         "experiment": experiment.name,
         "tier": options.tier,
-        "parts": [asdict(part) for part in parts_of(plan)],
+        "parts": [asdict(part) for part in planned_experiments(plan)],
         "cost": {
             "hours": cost.hours,
             "core_hours": cost.hours * cost.resources.cpus,

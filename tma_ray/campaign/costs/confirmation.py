@@ -57,7 +57,7 @@ def long_cost(
     runs = _unfinished(plan, results)
     if not runs:
         return None
-    cost = estimate(replace(plan, runs=runs), settings, known, known_or_measured)
+    cost = estimate(replace(plan, runs=runs), settings, known, known_throughput)
     return cost if _hours(cost) > LONGEST_HOURS else None
 
 
@@ -87,14 +87,12 @@ def terminal_question() -> Callable[[str], str] | None:
     return input if sys.stdin.isatty() and sys.stdout.isatty() else None
 
 
-def known_or_measured(spec: RunSpec, settings: Settings) -> Throughput:
-    """Returns the speed of runs like `spec`: the known one if it is still valid, else measured in seconds."""
-    from tma_ray.campaign.costs import estimation
-
+def known_throughput(spec: RunSpec, settings: Settings) -> Throughput | None:
+    """Returns the throughput of runs like `spec` as `KNOWN` has it, None if that says nothing of them."""
     known = KNOWN.get(spec.student)
     current = (spec.algorithm_versions.get("student"), spec.physics_version)
     if known is None or settings.device != "cpu" or current != known[2:] or "environment" in spec.plugins:
-        return estimation.measure(spec, settings)
+        return None
     label = f"{spec.student} on {spec.environment} {spec.embodiment}".strip()
     return Throughput(label, known.training, known.playing, 0)
 

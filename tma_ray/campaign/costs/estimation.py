@@ -81,7 +81,7 @@ def estimate(
     plan: Plan,
     settings: Settings,
     known: Mapping[Kind, Throughput] | None = None,
-    speed_of: Callable[[RunSpec, Settings], Throughput] | None = None,
+    speed_of: Callable[[RunSpec, Settings], Throughput | None] | None = None,
 ) -> Cost:
     """Returns what `plan` costs at the speeds of this machine.
 
@@ -92,7 +92,8 @@ def estimate(
         plan: what is to run.
         settings: how it is executed.
         known: throughputs of kinds of runs, as of another `Cost`.
-        speed_of: returns the throughput of a kind that is not known, `measure` by default.
+        speed_of: returns the throughput of a kind that is not in `known`; where it returns None, that is
+            measured.
     """
     counts: Counter[Kind] = Counter()
     examples: dict[Kind, RunSpec] = {}
@@ -103,7 +104,7 @@ def estimate(
     throughputs = dict(known or {})
     for spec in examples.values():
         if _kind(spec) not in throughputs:
-            throughputs[_kind(spec)] = (speed_of or measure)(spec, settings)
+            throughputs[_kind(spec)] = (speed_of and speed_of(spec, settings)) or measure(spec, settings)
     buffers = [_buffer_bytes(throughputs[_kind(spec)], spec) for spec in examples.values()]
     at_once = min(len(plan.runs), _at_once(settings.resources))
     return Cost(
