@@ -47,9 +47,13 @@ class RootSource:
     def __init__(self, frames: Frames) -> None:
         self._frames = frames
         self._read = cache(self._read_after)
+        columns = ["environment", "challenge", "teacher"]
+        self._present = set(frames.cells[columns].itertuples(index=False, name=None))
 
     def sample(self, reading: Reading) -> Sample | None:
         """Returns the runs of the reading, None unless all of its pool are there."""
+        if (reading.environment, reading.challenge, reading.teacher) not in self._present:
+            return None
         places, runs = self._read(reading.share)
         found = places.get(_place(reading))
         if found is None or (found := found[found["teacher"] == reading.teacher]).empty:
