@@ -13,11 +13,14 @@ TESTS = Path(__file__).parents[1]
 
 PACKAGE = TESTS.parent / "tma_ray"
 
+WITH_KERNELS = ("jit.py", "physics", "students", "terrain")
+
 
 def pytest_sessionstart(session: pytest.Session) -> None:
-    """Fills the cache before there are workers; a single process compiles what its tests need."""
+    """Fills the cache before the workers of a whole suite; fewer tests compile what they need."""
     config = session.config
-    if not getattr(config.option, "numprocesses", None) or hasattr(config, "workerinput"):
+    whole = config.args_source is pytest.Config.ArgsSource.TESTPATHS
+    if not whole or not getattr(config.option, "numprocesses", None) or hasattr(config, "workerinput"):
         return
     sources, compiled = _sources(), config.cache.get("tma_ray/kernels", {})
     if compiled.get("sources") != sources or not set(compiled["files"]) <= set(_compiled()):
@@ -49,8 +52,10 @@ def compile_all(folder: Path) -> None:
 
 def _sources() -> str:
     content = hashlib.sha256(sys.version.encode())
-    for path in sorted(PACKAGE.rglob("*.py")):
-        content.update(path.read_bytes())
+    for name in WITH_KERNELS:
+        place = PACKAGE / name
+        for path in sorted(place.rglob("*.py")) if place.is_dir() else [place]:
+            content.update(path.read_bytes())
     return content.hexdigest()
 
 
