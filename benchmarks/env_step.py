@@ -25,10 +25,10 @@ from tma_ray.envs.parkour import Parkour
 from tma_ray.envs.stump_tracks import StumpTracks
 from tma_ray.jit import kernel
 from tma_ray.physics import PHYSICS_VERSION, Engine
-from tma_ray.physics.compiled_engine import CompiledEngine
-from tma_ray.physics.compiled_step import advance
+from tma_ray.physics.compiled.engine import CompiledEngine
+from tma_ray.physics.compiled.memory import COUNT_CONTACT, DURATION, SUBSTEPS, body_in, simulation_in
+from tma_ray.physics.compiled.step import advance
 from tma_ray.physics.kernels import command_motors
-from tma_ray.physics.memory import COUNT_CONTACT, DURATION, SUBSTEPS, body_in, simulation_in
 from tma_ray.physics.pymunk_engine import PymunkEngine
 
 Tasks = dict[str, list[float]]

@@ -21,8 +21,6 @@ MOST_MODULES, MOST_LINES, MOST_FUNCTION_LINES = 16, 300, 50
 CROWDED = {
     "analysis": "its rooms are yet to be made",
     "analysis/figures": "its rooms are yet to be made",
-    "tma_ray/physics": "kernels and engines are yet to be told apart",
-    "tma_ray/teachers": "every algorithm of the paper has a module here",
 }
 """Rooms that may hold more, and why."""
 

@@ -18,7 +18,7 @@ from trajectory import digest
 import tma_ray
 from tma_ray.embodiments import load_embodiment
 from tma_ray.envs.stump_tracks import RULES, StumpTracks
-from tma_ray.physics.compiled_engine import CompiledEngine
+from tma_ray.physics.compiled.engine import CompiledEngine
 from tma_ray.physics.pymunk_engine import PymunkEngine
 from tma_ray.terrain.stump_tracks import stump_tracks
 

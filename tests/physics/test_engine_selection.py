@@ -10,7 +10,7 @@ import pytest
 from tma_ray.embodiments import load_embodiment
 from tma_ray.envs.stump_tracks import RULES
 from tma_ray.physics import engine_in_use, make_engine, selection
-from tma_ray.physics.compiled_engine import CompiledEngine
+from tma_ray.physics.compiled.engine import CompiledEngine
 from tma_ray.physics.pymunk_engine import PymunkEngine
 
 
@@ -78,9 +78,9 @@ def test_a_demanded_engine_that_fails_is_an_error(monkeypatch: pytest.MonkeyPatc
 
 def test_a_machine_with_other_calling_conventions_takes_pymunk(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("platform.machine", lambda: "riscv64")
-    for name in ("symbols", "compiled_world", "compiled_step", "compiled_engine"):
-        monkeypatch.delitem(sys.modules, f"tma_ray.physics.{name}")
-        monkeypatch.delattr(f"tma_ray.physics.{name}", raising=False)
+    for name in ("symbols", "world", "step", "engine"):
+        monkeypatch.delitem(sys.modules, f"tma_ray.physics.compiled.{name}")
+        monkeypatch.delattr(f"tma_ray.physics.compiled.{name}", raising=False)
     assert engine_in_use().name == "pymunk"
     assert "riscv64" in engine_in_use().reason
 

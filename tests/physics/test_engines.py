@@ -16,7 +16,7 @@ from tma_ray.embodiments import BodyType, Embodiment, Part, Polygon, embodiment_
 from tma_ray.envs.stump_tracks import RULES
 from tma_ray.physics import TIME_STEP
 from tma_ray.physics.arrays import body_arrays
-from tma_ray.physics.compiled_engine import CompiledEngine
+from tma_ray.physics.compiled.engine import CompiledEngine
 from tma_ray.physics.pymunk_engine import PymunkEngine
 from tma_ray.terrain import GROUND_HEIGHT
 from tma_ray.terrain.stump_tracks import stump_tracks

@@ -5,7 +5,7 @@ import pytest
 from parkour_worlds import deep, dry, parkour_rules
 
 from tma_ray.embodiments import BodyType, embodiment_names, load_embodiment
-from tma_ray.physics.compiled_engine import CompiledEngine
+from tma_ray.physics.compiled.engine import CompiledEngine
 from tma_ray.physics.grips import CEILING, NOTHING
 from tma_ray.physics.kernels import FORWARD_WEIGHT
 from tma_ray.terrain import GROUND_HEIGHT

@@ -5,7 +5,7 @@ import pytest
 from boxes import RULES, box, corners, pool, two_boxes
 
 from tma_ray.embodiments import Embodiment
-from tma_ray.physics.compiled_engine import CompiledEngine
+from tma_ray.physics.compiled.engine import CompiledEngine
 from tma_ray.physics.rules import step_arrays
 from tma_ray.physics.water import water_forces
 

@@ -13,7 +13,7 @@ from tma_ray.physics.rules import observation_size
 from tma_ray.physics.selection import engine_in_use
 
 if TYPE_CHECKING:
-    from tma_ray.physics.compiled_engine import CompiledEngine
+    from tma_ray.physics.compiled.engine import CompiledEngine
 
 Outcome = tuple[NDArray[np.float32], NDArray[np.float64], NDArray[np.bool_]]
 """Observations (k, o), rewards (k,) and ends of episodes (k,) of k worlds."""
@@ -59,7 +59,7 @@ class CompiledBatch:
     """A batch of compiled engines, stepped by one compiled loop; see `EngineBatch`."""
 
     def __init__(self, engines: Sequence[CompiledEngine]) -> None:
-        from tma_ray.physics.compiled_step import step_worlds  # here, since it loads numba
+        from tma_ray.physics.compiled.step import step_worlds  # here, since it loads numba
 
         self._step_worlds = step_worlds
         self._engines = engines  # whose memories must live as long as their addresses are used

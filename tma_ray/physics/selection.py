@@ -15,7 +15,7 @@ from tma_ray.physics.engine import Engine, SolverSettings
 from tma_ray.physics.rules import Rules
 
 if TYPE_CHECKING:
-    from tma_ray.physics.compiled_engine import CompiledEngine
+    from tma_ray.physics.compiled.engine import CompiledEngine
     from tma_ray.physics.pymunk_engine import PymunkEngine
 
 logger = logging.getLogger(__name__)
@@ -80,7 +80,7 @@ def engine_in_use() -> EngineChoice:
 
 def _engine_class(name: str) -> type[CompiledEngine | PymunkEngine]:
     if name == "compiled":
-        from tma_ray.physics.compiled_engine import CompiledEngine
+        from tma_ray.physics.compiled.engine import CompiledEngine
 
         return CompiledEngine
     from tma_ray.physics.pymunk_engine import PymunkEngine

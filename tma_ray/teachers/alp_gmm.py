@@ -8,9 +8,9 @@ from typing import ClassVar
 import numpy as np
 
 from tma_ray.tasks import Episode, ExpertKnowledge, TaskSpace
-from tma_ray.teachers.learning_progress import AbsoluteLearningProgress
 from tma_ray.teachers.mixture_teacher import MixtureTeacher
-from tma_ray.teachers.mixtures import Array, Mixture
+from tma_ray.teachers.numerics.learning_progress import AbsoluteLearningProgress
+from tma_ray.teachers.numerics.mixtures import Array, Mixture
 
 
 @dataclass

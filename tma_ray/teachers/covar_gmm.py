@@ -10,7 +10,7 @@ import numpy as np
 
 from tma_ray.tasks import Episode
 from tma_ray.teachers.mixture_teacher import MixtureTeacher
-from tma_ray.teachers.mixtures import Array, Mixture
+from tma_ray.teachers.numerics.mixtures import Array, Mixture
 
 
 class CovarianceProgress(StrEnum):

@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 
 from tma_ray.tasks import Episode, ExpertKnowledge, KnowledgeLevel, Task, TaskSpace, TeacherUpdate
 from tma_ray.teachers.base import Teacher
-from tma_ray.teachers.least_squares_gan import LeastSquaresGAN
-from tma_ray.teachers.unit_box import UnitBox
+from tma_ray.teachers.numerics.least_squares_gan import LeastSquaresGAN
+from tma_ray.teachers.numerics.unit_box import UnitBox
 
 
 @dataclass

@@ -19,8 +19,8 @@ from tma_ray.tasks import (
     WeightedGaussian,
 )
 from tma_ray.teachers.base import Teacher
-from tma_ray.teachers.drawing import draw_in_proportion, shares_of
-from tma_ray.teachers.mixtures import Array, Mixture, fit_mixture
+from tma_ray.teachers.numerics.drawing import draw_in_proportion, shares_of
+from tma_ray.teachers.numerics.mixtures import Array, Mixture, fit_mixture
 
 
 @dataclass

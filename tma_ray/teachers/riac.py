@@ -11,8 +11,8 @@ import numpy as np
 
 from tma_ray.tasks import Episode, ExpertKnowledge, ScoredBox, Task, TaskSpace, TeacherUpdate
 from tma_ray.teachers.base import Teacher
-from tma_ray.teachers.drawing import draw_in_box, draw_in_proportion
-from tma_ray.teachers.regions import Region, Split, best_cut
+from tma_ray.teachers.numerics.drawing import draw_in_box, draw_in_proportion
+from tma_ray.teachers.numerics.regions import Region, Split, best_cut
 
 KEPT_BY_PARTS = 20
 """Each part of a cut keeps at least one in so many of a full region's episodes (the original release)."""

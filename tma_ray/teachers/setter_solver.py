@@ -13,9 +13,9 @@ from torch import nn
 
 from tma_ray.tasks import Episode, ExpertKnowledge, KnowledgeLevel, Task, TaskSpace, TeacherUpdate
 from tma_ray.teachers.base import Teacher
-from tma_ray.teachers.networks import descend, inference, linear, torch_generator, training
-from tma_ray.teachers.real_nvp import DTYPE, RealNVP
-from tma_ray.teachers.unit_box import UnitBox
+from tma_ray.teachers.numerics.networks import descend, inference, linear, torch_generator, training
+from tma_ray.teachers.numerics.real_nvp import DTYPE, RealNVP
+from tma_ray.teachers.numerics.unit_box import UnitBox
 
 JUDGE_UNITS = 64
 SMALLEST_FEASIBILITY = 1e-8

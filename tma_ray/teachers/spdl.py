@@ -22,9 +22,9 @@ from tma_ray.tasks import (
     WeightedGaussian,
 )
 from tma_ray.teachers.base import Teacher
-from tma_ray.teachers.full_gaussian import FullGaussian
-from tma_ray.teachers.self_paced_update import self_paced_update
-from tma_ray.teachers.unit_box import UnitBox
+from tma_ray.teachers.numerics.full_gaussian import FullGaussian
+from tma_ray.teachers.numerics.self_paced_update import self_paced_update
+from tma_ray.teachers.numerics.unit_box import UnitBox
 
 MOST_CONTEXTS = 1000
 """Latest episodes that an update learns from (as in the original release; the paper is silent)."""

@@ -11,7 +11,7 @@ import numpy as np
 from numba import carray, cfunc  # type: ignore[attr-defined]
 from numpy.typing import NDArray
 
-import tma_ray.physics.symbols as cp
+import tma_ray.physics.compiled.symbols as cp
 from tma_ray.jit import kernel
 from tma_ray.physics.arrays import BodyArrays
 from tma_ray.physics.creepers import LARGEST_ANGLE, Chains

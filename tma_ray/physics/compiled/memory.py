@@ -8,7 +8,7 @@ import numpy as np
 from numba import carray  # type: ignore[attr-defined]
 from numpy.typing import NDArray
 
-import tma_ray.physics.symbols as cp
+import tma_ray.physics.compiled.symbols as cp
 from tma_ray.jit import kernel
 from tma_ray.physics.engine import TIME_STEP, SolverSettings
 from tma_ray.physics.grips import NOTHING

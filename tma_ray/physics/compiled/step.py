@@ -8,11 +8,9 @@ import numpy as np
 from numba import carray  # type: ignore[attr-defined]
 from numpy.typing import NDArray
 
-import tma_ray.physics.symbols as cp
+import tma_ray.physics.compiled.symbols as cp
 from tma_ray.jit import kernel
-from tma_ray.physics.grips import NOTHING, feel, holder_anchor
-from tma_ray.physics.kernels import breathe, command_motors, judge, observe, survives
-from tma_ray.physics.memory import (
+from tma_ray.physics.compiled.memory import (
     BEFORE,
     COUNT_CONTACT,
     DURATION,
@@ -25,6 +23,8 @@ from tma_ray.physics.memory import (
     simulation_in,
     world_in,
 )
+from tma_ray.physics.grips import NOTHING, feel, holder_anchor
+from tma_ray.physics.kernels import breathe, command_motors, judge, observe, survives
 from tma_ray.physics.rules import StepArrays
 from tma_ray.physics.water import water_forces
 from tma_ray.physics.world import World

@@ -10,7 +10,7 @@ from scipy.linalg import solve_triangular
 from scipy.optimize import brentq, minimize_scalar
 from threadpoolctl import threadpool_limits
 
-from tma_ray.teachers.full_gaussian import FullGaussian
+from tma_ray.teachers.numerics.full_gaussian import FullGaussian
 
 Array = NDArray[np.float64]
 

@@ -7,7 +7,7 @@ import torch
 from numpy.typing import NDArray
 from torch import nn
 
-from tma_ray.teachers.networks import descend, inference, linear, torch_generator, training
+from tma_ray.teachers.numerics.networks import descend, inference, linear, torch_generator, training
 
 GENERATOR_UNITS = 256
 DISCRIMINATOR_UNITS = 128

@@ -11,12 +11,12 @@ from numpy.typing import ArrayLike, NDArray
 
 from tma_ray.embodiments import Embodiment
 from tma_ray.physics.chipmunk import hung, settled
-from tma_ray.physics.compiled_step import step_at
-from tma_ray.physics.compiled_world import build, count_contact, release
+from tma_ray.physics.compiled.memory import BEFORE, new_memory, put_world, simulation_in
+from tma_ray.physics.compiled.step import step_at
+from tma_ray.physics.compiled.world import build, count_contact, release
 from tma_ray.physics.creepers import chains
 from tma_ray.physics.engine import GRAVITY, TIME_STEP, SolverSettings, first_steps, settings_for
 from tma_ray.physics.grips import NOTHING
-from tma_ray.physics.memory import BEFORE, new_memory, put_world, simulation_in
 from tma_ray.physics.rules import Rules, observation_size, step_arrays
 from tma_ray.physics.world import world_of
 from tma_ray.terrain import Terrain

@@ -8,7 +8,7 @@ import torch
 from torch import nn
 from torch.nn.functional import logsigmoid
 
-from tma_ray.teachers.networks import linear
+from tma_ray.teachers.numerics.networks import linear
 
 DTYPE = torch.float64
 """Scales of all couplings multiply, which is too much for the inverse in single precision."""

@@ -1,0 +1,1 @@
+"""The compiled engine: Chipmunk's C functions, called from compiled code."""

@@ -1,0 +1,1 @@
+"""The numerics of teachers: densities, mixtures, networks, regions, learning progress."""
