@@ -15,7 +15,7 @@ from tma_ray import __version__
 from tma_ray.benchmark import BENCHMARK_VERSION
 from tma_ray.physics import PHYSICS_VERSION
 from tma_ray.results import SCHEMA_VERSION
-from tma_ray.runs.fingerprint import LIBRARIES, cpu_model
+from tma_ray.runs.placement import LIBRARIES, cpu_model
 
 GIB = 2**30
 

@@ -24,9 +24,8 @@ from tma_ray.results import (
     staged_policy,
 )
 from tma_ray.runs.checkpoints import Checkpoints
-from tma_ray.runs.fingerprint import fingerprint
 from tma_ray.runs.inputs import fetch
-from tma_ray.runs.placement import Placement, Status
+from tma_ray.runs.placement import Placement, Status, fingerprint
 from tma_ray.runs.run import Run
 from tma_ray.runs.spec import RunSpec
 from tma_ray.runs.teaching import TeacherLink

@@ -104,11 +104,8 @@ def effective_spec(cell: Cell, seed: int, schedule: Schedule, *, independent_lev
     environment, options = environment_settings(cell.environment, cell.environment_options)
     options |= {"embodiment": cell.embodiment} if cell.embodiment else {}
     setting = _setting(cell, options)
-    if level is KnowledgeLevel.HIGH and setting.easy_task is None:
-        raise ValueError(
-            f"{environment} ({setting.challenge}) declares no easy task within its task space, so that "
-            f"nothing can be told at expert knowledge 'high'; use 'low'"
-        )
+    if level is KnowledgeLevel.HIGH:
+        _check_easy_task(environment, setting)
     options, inputs = captured("environment", options)
     student_values, student_inputs = captured("student", as_plain_values(student))
     teacher_values, teacher_inputs = captured("teacher", hyperparameters_of(teacher))
@@ -135,6 +132,14 @@ def effective_spec(cell: Cell, seed: int, schedule: Schedule, *, independent_lev
         algorithm_versions=algorithm_versions_of(vars(cell)),
         inputs=inputs | student_inputs | teacher_inputs,
     )
+
+
+def _check_easy_task(environment: str, setting: _Setting) -> None:
+    if setting.easy_task is None:
+        raise ValueError(
+            f"{environment} ({setting.challenge}) declares no easy task within its task space, on which "
+            f"expert knowledge 'high' is based; use 'low'"
+        )
 
 
 def _setting(cell: Cell, options: Mapping[str, Any]) -> _Setting:
