@@ -26,7 +26,7 @@ from stable_baselines3.common.vec_env import DummyVecEnv, VecNormalize
 from torch import nn
 
 from tma_ray.students import Student, Transition, default_hyperparameters, make_student
-from tma_ray.students.networks import Trunk
+from tma_ray.students.ppo.trunk import Trunk
 
 
 class OurLoop:

@@ -10,7 +10,7 @@ from students_support import SMALL, Drift, parameters, small_student, train
 from torch import nn
 
 from tma_ray.students import Transition
-from tma_ray.students.networks import Trunk
+from tma_ray.students.ppo.trunk import Trunk
 from tma_ray.students.randomness import streams
 
 

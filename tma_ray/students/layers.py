@@ -87,12 +87,6 @@ def in_a_row(layers: Sequence[nn.Module]) -> nn.Sequential:
     return nn.Sequential(*layers).eval().requires_grad_(False)
 
 
-def with_relus(layers: Sequence[nn.Linear]) -> list[nn.Module]:
-    """Returns hidden layers with a ReLU after each, and the last one without."""
-    hidden: list[nn.Module] = [each for layer in layers[:-1] for each in (layer, nn.ReLU())]
-    return [*hidden, layers[-1]]
-
-
 def unscale(actions: spaces.Box) -> Affine:
     """Returns what maps actions (n, a) from [-1, 1] to their bounds."""
     low, high = (np.asarray(bound, np.float64) for bound in (actions.low, actions.high))

@@ -1,4 +1,4 @@
-"""PPO's exploring action in one compiled call: normalisation, networks, noise and clipping."""
+"""PPO's exploring action in one compiled call: normalisation, network, noise, clipping. Imports no torch."""
 
 from __future__ import annotations
 
@@ -6,14 +6,12 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-import stable_baselines3
 from numpy.typing import NDArray
 
 from tma_ray.jit import kernel
 from tma_ray.students.base import Actions, Observations
-from tma_ray.students.mirror import FloatArray, IntArray, Mirror, apply
+from tma_ray.students.mlp.rows import FloatArray, RowArrays, apply_row
 from tma_ray.students.normaliser import Normaliser, scaled
-from tma_ray.students.perceptron import blocks_of
 
 Floats = NDArray[np.float64]
 
@@ -34,39 +32,28 @@ class Step(NamedTuple):
     judged: tuple[float, float]
 
 
-class Actor:
-    """Mirrors the networks of `model`, whose policy and value share a `Trunk`.
+def exploring_step(
+    network: RowArrays,
+    policy: tuple[FloatArray, FloatArray],
+    normaliser: Normaliser,
+    observation: Observations,
+    noise: FloatArray,
+) -> Step:
+    """Returns the action for an observation, and what learning from it needs.
 
     Args:
-        model: a set-up stable-baselines3 PPO.
-        bounds: of the action space (2, a).
+        network: whose outputs are means and value.
+        policy: log deviation of the actions (a,), bounds of the action space (2, a).
+        normaliser: of observations.
+        observation: not normalised (o,).
+        noise: standard normal (a,).
     """
-
-    def __init__(self, model: stable_baselines3.PPO, bounds: FloatArray) -> None:
-        self._policy = model.policy
-        policy = model.policy
-        self._mirror = Mirror(blocks_of(policy.features_extractor, policy.action_net, policy.value_net))
-        self._bounds = bounds
-        self.refresh()
-
-    def refresh(self) -> None:
-        """Takes over the networks' present parameters."""
-        self._mirror.refresh()
-        self._log_deviation: FloatArray = self._policy.log_std.numpy(force=True).copy()
-
-    def act(self, observation: Observations, normaliser: Normaliser, noise: FloatArray) -> Step:
-        """Returns the action for `observation` (o,) under standard normal `noise` (a,)."""
-        policy = self._log_deviation, self._bounds
-        return Step(*_act(self._mirror.arrays, policy, normaliser.statistics, observation, noise))
-
-    def greedy(self, observation: Observations) -> Actions:
-        """Returns the mean (a,) for a normalised `observation` (o,)."""
-        return self._mirror(observation)[:-1]
+    return Step(*_act(network, policy, normaliser.statistics, observation, noise))
 
 
 @kernel
 def _act(
-    network: tuple[FloatArray, IntArray, FloatArray, IntArray],
+    network: RowArrays,
     policy: tuple[FloatArray, FloatArray],
     statistics: tuple[Floats, Floats, float],
     observation: Observations,
@@ -76,7 +63,7 @@ def _act(
     log_deviation, bounds = policy
     mean, variance, clip = statistics
     normalised = scaled(observation.reshape(1, -1), mean, variance, clip)[0]
-    outputs = apply(weights, sizes, work, active, normalised)
+    outputs = apply_row(weights, sizes, work, active, normalised)
     sampled, action = np.empty_like(noise), np.empty_like(noise)
     log_probability = 0.0
     for k in range(len(noise)):

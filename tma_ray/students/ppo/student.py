@@ -7,23 +7,26 @@ from typing import Any
 
 import numpy as np
 import stable_baselines3
+import torch
 from numpy.typing import NDArray
 from torch import nn
 
 from tma_ray.students.base import Actions, Observations, Policy, Transition
-from tma_ray.students.hyperparameters import PPOHyperparameters
-from tma_ray.students.layers import Clamp, Standardise, in_a_row, with_relus
-from tma_ray.students.mean_network import (
+from tma_ray.students.greedy_network import (
+    GreedyNetwork,
     check_rows,
-    layer_kinds,
-    layer_tensors,
-    stored_layers,
     stored_network,
+    stored_parameters,
+    tensor_kinds,
 )
-from tma_ray.students.networks import Pass, Trunk, as_batch
+from tma_ray.students.hyperparameters import PPOHyperparameters
+from tma_ray.students.layers import Clamp, Standardise, in_a_row
+from tma_ray.students.mlp.modules import FlatParameters, as_modules, blocks_of
+from tma_ray.students.mlp.network import as_batch
 from tma_ray.students.normaliser import MEAN_TENSOR, VARIANCE_TENSOR, Normaliser, scaled
 from tma_ray.students.policy_files import StoredPolicy, read_policy
-from tma_ray.students.ppo.acting import Actor
+from tma_ray.students.ppo.acting import exploring_step
+from tma_ray.students.ppo.trunk import Trunk
 from tma_ray.students.ppo.update import PPOUpdate
 from tma_ray.students.rollout import Rollout
 from tma_ray.students.sb3.stable_baselines import Experience, StableBaselinesStudent
@@ -83,18 +86,21 @@ class PPO(StableBaselinesStudent[PPOHyperparameters, stable_baselines3.PPO]):
         policy = self.model.policy
         self.model.rollout_buffer = self._rollout  # type: ignore[assignment]
         self._rollout.clear()
+        blocks = blocks_of(policy.features_extractor, policy.action_net, policy.value_net)
+        self._flat = FlatParameters([blocks], others=[policy.log_std])
         self._prepare_update()
-        self._trunk = Pass(policy.features_extractor, relu=True)
-        self._mean_head = Pass(policy.action_net, relu=False)
-        self._value_head = Pass(policy.value_net, relu=False)
-        self._actor = Actor(self.model, np.stack([self._low, self._high]))
+        (self._network,) = self._flat.networks
+        self._greedy = GreedyNetwork(self._network.parameters, self._network.layout, self._low.size)
+        self._refresh()
 
     def _refresh(self) -> None:
-        self._actor.refresh()
+        self._greedy.refresh()
+        log_std: NDArray[np.float32] = self._flat.others[0].numpy(force=True).copy()
+        self._policy = log_std, np.stack([self._low, self._high])
 
     def _prepare_update(self) -> None:
-        """Makes what `_train` needs for `self.model`, before anything else shares its parameters."""
-        self._update = PPOUpdate(self.model, self.hyperparameters)
+        """Makes what `_train` needs for `self.model`."""
+        self._update = PPOUpdate(self.model, self._flat, self.hyperparameters)
 
     def _restore_update(self) -> None:
         self._update.restore()
@@ -106,7 +112,8 @@ class PPO(StableBaselinesStudent[PPOHyperparameters, stable_baselines3.PPO]):
     def act(self, observation: Observations) -> Actions:  # noqa: D102
         if self._episode_starts:
             self.normaliser.update(observation)
-        self._step = self._actor.act(observation, self.normaliser, self._noise())
+        network = self._greedy.row.arrays
+        self._step = exploring_step(network, self._policy, self.normaliser, observation, self._noise())
         return self._step.action
 
     def observe(self, transition: Transition) -> None:  # noqa: D102
@@ -126,10 +133,7 @@ class PPO(StableBaselinesStudent[PPOHyperparameters, stable_baselines3.PPO]):
             self._finish_rollout(transition.next_observation)
 
     def act_greedily(self, observations: Observations) -> Actions:  # noqa: D102
-        if len(observations) == 1:
-            return self._clip(self._actor.greedy(self.normaliser.normalise(observations[0]))[None])
-        inputs = as_batch(self.normaliser.normalise(observations), self.device)
-        return self._clip(self._mean_head(self._trunk(inputs)).numpy(force=True))
+        return self._clip(self._greedy(self.normaliser.normalise(observations), squash=False))
 
     def state_values(self, observations: Observations) -> NDArray[np.float64]:
         """Returns V(s) (n,) of `observations` (n, o), rescaled from normalised to raw rewards.
@@ -145,11 +149,11 @@ class PPO(StableBaselinesStudent[PPOHyperparameters, stable_baselines3.PPO]):
         sqrt(variance + 1e-8), -observation_clip, observation_clip)``, the layers with ReLUs between,
         and the result clipped to the action space.
         """
-        policy, hyper = self.model.policy, self.hyperparameters
+        hyper = self.hyperparameters
         self._write_policy(
             folder,
             POLICY,
-            {**layer_tensors(policy.features_extractor, policy.action_net), **self.normaliser.tensors()},
+            {**self._greedy.tensors(), **self.normaliser.tensors()},
             {"hidden_units": list(hyper.hidden_units), "observation_clip": hyper.observation_clip},
         )
 
@@ -157,14 +161,15 @@ class PPO(StableBaselinesStudent[PPOHyperparameters, stable_baselines3.PPO]):
     def load_policy(cls, folder: Path, device: str = "cpu") -> Policy:  # noqa: D102
         stored = _stored(folder)
         clip = stored.hyperparameters["observation_clip"]
-        means = stored_network(stored, squash=False, device=device)
+        network = stored_network(stored, device)
         mean, variance = (stored.tensors[name] for name in (MEAN_TENSOR, VARIANCE_TENSOR))
         low, high = stored.action_space.low, stored.action_space.high
 
         def act(observations: Observations) -> Actions:
             check_rows(observations, len(mean))
             rows = np.ascontiguousarray(observations)
-            actions: Actions = np.minimum(np.maximum(means(scaled(rows, mean, variance, clip)), low), high)
+            means = network(scaled(rows, mean, variance, clip), squash=False)
+            actions: Actions = np.minimum(np.maximum(means, low), high)
             return actions
 
         return act
@@ -175,7 +180,7 @@ class PPO(StableBaselinesStudent[PPOHyperparameters, stable_baselines3.PPO]):
         statistics = stored.tensors[MEAN_TENSOR], stored.tensors[VARIANCE_TENSOR]
         first = Standardise(*statistics, stored.hyperparameters["observation_clip"])
         last = Clamp(stored.action_space.low, stored.action_space.high)
-        return in_a_row([first, *with_relus(stored_layers(stored, "cpu")), last])
+        return in_a_row([first, *as_modules(*stored_parameters(stored)), last])
 
     def _save_experience(self, folder: Path, _incremental: bool) -> Experience:
         self.normaliser.save(folder / NORMALISER_FILE)
@@ -196,9 +201,12 @@ class PPO(StableBaselinesStudent[PPOHyperparameters, stable_baselines3.PPO]):
         self._rollout.clear()
 
     def _normalised_values(self, observations: Observations) -> NDArray[np.float64]:
-        features = self._trunk(as_batch(self.normaliser.normalise(observations), self.device))
-        values: NDArray[np.float32] = self._value_head(features).numpy(force=True)
-        return values[:, 0].astype(np.float64)
+        normalised = self.normaliser.normalise(observations)
+        if observations.ndim == 1:
+            return self._greedy.row(normalised)[-1:].astype(np.float64)
+        with torch.no_grad():
+            outputs = self._network.frozen(as_batch(normalised, self.device))
+        return outputs[:, -1].numpy(force=True).astype(np.float64)
 
     def _clip(self, actions: Actions) -> Actions:
         clipped: Actions = np.minimum(np.maximum(actions, self._low), self._high)
@@ -221,7 +229,7 @@ class StockPPO(PPO):
 def _stored(folder: Path) -> StoredPolicy:
     """Returns the saved policy in `folder`, whose tensors and clip are sound."""
     stored = read_policy(folder, POLICY)
-    stored.check({**layer_kinds(stored), **Normaliser.tensor_kinds(*stored.observation_space.shape)})
+    stored.check({**tensor_kinds(stored), **Normaliser.tensor_kinds(*stored.observation_space.shape)})
     clip = stored.hyperparameters.get("observation_clip")
     if not isinstance(clip, float) or not clip > 0:
         stored.refuse(f"observation_clip = {clip!r:.80}: expected a number over 0")

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from pathlib import Path
 from typing import Any
 
@@ -10,25 +9,25 @@ import numpy as np
 import stable_baselines3
 import torch
 from numpy.typing import NDArray
-from stable_baselines3.sac.policies import LOG_STD_MAX, LOG_STD_MIN
 from torch import nn
 
 from tma_ray.students.base import Actions, Observations, Policy, Transition
-from tma_ray.students.hyperparameters import SACHyperparameters
-from tma_ray.students.layers import in_a_row, unscale, with_relus
-from tma_ray.students.mean_network import (
+from tma_ray.students.greedy_network import (
+    GreedyNetwork,
     check_rows,
-    layer_kinds,
-    layer_tensors,
-    stored_layers,
     stored_network,
+    stored_parameters,
+    tensor_kinds,
 )
-from tma_ray.students.mirror import Mirror
-from tma_ray.students.networks import Pass, as_batch
-from tma_ray.students.perceptron import blocks_of
+from tma_ray.students.hyperparameters import SACHyperparameters
+from tma_ray.students.layers import in_a_row, unscale
+from tma_ray.students.mlp.modules import FlatParameters, as_modules, blocks_of
+from tma_ray.students.mlp.network import as_batch
 from tma_ray.students.policy_files import read_policy
 from tma_ray.students.replay import ReplayBuffer
-from tma_ray.students.sac.update import SQUASH_EPSILON, SACUpdate
+from tma_ray.students.sac.acting import squashed_action
+from tma_ray.students.sac.losses import LOG_STD_RANGE, joined, soft_values, squashed_draw
+from tma_ray.students.sac.update import SACUpdate
 from tma_ray.students.sb3.stable_baselines import Experience, StableBaselinesStudent
 
 POLICY = "sac"
@@ -74,20 +73,20 @@ class SAC(StableBaselinesStudent[SACHyperparameters, stable_baselines3.SAC]):
         self._steps = 0
 
     def _connect(self) -> None:
-        actor = self.model.actor
+        actor, critics = self.model.actor, self.model.critic.q_networks
         self._replay.clear()
+        self._actor = FlatParameters([blocks_of(actor.latent_pi, actor.mu, actor.log_std)])  # type: ignore[arg-type]
+        self._critics = FlatParameters([blocks_of(critic) for critic in critics])
         self._prepare_update()
-        self._hidden = Pass(actor.latent_pi, relu=True)
-        self._mean_head = Pass(actor.mu, relu=False)
-        self._log_std_head = Pass(actor.log_std, relu=False)  # type: ignore[arg-type]
-        self._mirror = Mirror(blocks_of(actor.latent_pi, actor.mu, actor.log_std))  # type: ignore[arg-type]
+        layout = self._actor.networks[0].layout
+        self._greedy = GreedyNetwork(self._actor.values, layout, self._low.size)
 
     def _refresh(self) -> None:
-        self._mirror.refresh()
+        self._greedy.refresh()
 
     def _prepare_update(self) -> None:
-        """Makes what `_train` needs for `self.model`, before anything else shares its parameters."""
-        self._update = SACUpdate(self.model, self.hyperparameters)
+        """Makes what `_train` needs for `self.model`."""
+        self._update = SACUpdate(self.model, self._actor, self._critics, self.hyperparameters)
 
     def _restore_update(self) -> None:
         self._update.restore()
@@ -99,8 +98,9 @@ class SAC(StableBaselinesStudent[SACHyperparameters, stable_baselines3.SAC]):
     def act(self, observation: Observations) -> Actions:  # noqa: D102
         if self._steps < self.hyperparameters.exploration_steps:
             return self._exploration.uniform(self._low, self._high).astype(np.float32)
-        squashed = self._mirror.sample_squashed(observation, self._noise(), (LOG_STD_MIN, LOG_STD_MAX))
-        return self._unscale(squashed)
+        return self._unscale(
+            squashed_action(self._greedy.row.arrays, observation, self._noise(), *LOG_STD_RANGE)
+        )
 
     def observe(self, transition: Transition) -> None:  # noqa: D102
         self._replay.add(transition, self._scale(transition.action))
@@ -111,24 +111,20 @@ class SAC(StableBaselinesStudent[SACHyperparameters, stable_baselines3.SAC]):
                 self._train()
 
     def act_greedily(self, observations: Observations) -> Actions:  # noqa: D102
-        if len(observations) == 1:
-            mean = self._mirror(observations[0])[: self._low.size]
-            return self._unscale(np.tanh(mean)[None])
-        hidden = self._hidden(as_batch(observations, self.device))
-        return self._unscale(self._mean_head(hidden).tanh_().numpy(force=True))
+        return self._unscale(self._greedy(observations, squash=True))
 
     def state_values(self, observations: Observations) -> NDArray[np.float64]:
         """Returns V(s) (n,) of `observations` (n, o), entropy bonus included."""
-        inputs = as_batch(observations, self.device)
-        hidden = self._hidden(inputs)
-        mean, std = self._mean_head(hidden), self._std(hidden)
-        total = torch.zeros(len(inputs), dtype=torch.float64, device=self.device)
-        with torch.inference_mode():
-            for _ in range(self.hyperparameters.value_samples):
-                draw = self._values.standard_normal(tuple(mean.shape), dtype=np.float32)
-                noise = torch.from_numpy(draw).to(self.device)
-                total += self._soft_values(inputs, mean, std, noise)
-        values: NDArray[np.float64] = (total / self.hyperparameters.value_samples).numpy(force=True)
+        hyper, inputs = self.hyperparameters, as_batch(observations, self.device)
+        total = torch.zeros((len(inputs), 1), dtype=torch.float64, device=self.device)
+        with torch.no_grad():
+            outputs = self._actor.networks[0].frozen(inputs)
+            for _ in range(hyper.value_samples):
+                noise = self._values.standard_normal((len(inputs), self._low.size), dtype=np.float32)
+                draw = squashed_draw(outputs, torch.from_numpy(noise).to(self.device))
+                critics = joined([critic.frozen for critic in self._critics.networks])
+                total += soft_values(critics, inputs, draw, hyper.entropy_coefficient)
+        values: NDArray[np.float64] = (total[:, 0] / hyper.value_samples).numpy(force=True)
         return values
 
     def save_policy(self, folder: Path) -> None:
@@ -137,30 +133,29 @@ class SAC(StableBaselinesStudent[SACHyperparameters, stable_baselines3.SAC]):
         To play elsewhere: the layers with ReLUs between, and the tangent hyperbolic of the result mapped from
         [-1, 1] to the action space.
         """
-        actor = self.model.actor
         hyperparameters = {"hidden_units": list(self.hyperparameters.hidden_units)}
-        self._write_policy(folder, POLICY, layer_tensors(actor.latent_pi, actor.mu), hyperparameters)
+        self._write_policy(folder, POLICY, self._greedy.tensors(), hyperparameters)
 
     @classmethod
     def load_policy(cls, folder: Path, device: str = "cpu") -> Policy:  # noqa: D102
         stored = read_policy(folder, POLICY)
-        stored.check(layer_kinds(stored))
-        means = stored_network(stored, squash=True, device=device)
+        stored.check(tensor_kinds(stored))
+        network = stored_network(stored, device)
         (size,) = stored.observation_space.shape
         bounds = stored.action_space.low, stored.action_space.high
         low, high = (np.asarray(bound, np.float32) for bound in bounds)
 
         def act(observations: Observations) -> Actions:
             check_rows(observations, size)
-            return _between(low, high, means(observations))
+            return _between(low, high, network(observations, squash=True))
 
         return act
 
     @classmethod
     def policy_layers(cls, folder: Path) -> nn.Sequential:  # noqa: D102
         stored = read_policy(folder, POLICY)
-        stored.check(layer_kinds(stored))
-        layers = with_relus(stored_layers(stored, "cpu"))
+        stored.check(tensor_kinds(stored))
+        layers = as_modules(*stored_parameters(stored))
         return in_a_row([*layers, nn.Tanh(), unscale(stored.action_space)])
 
     def _save_experience(self, folder: Path, incremental: bool) -> Experience:
@@ -169,20 +164,6 @@ class SAC(StableBaselinesStudent[SACHyperparameters, stable_baselines3.SAC]):
     def _load_experience(self, folder: Path, counters: dict[str, Any]) -> None:
         self._replay.load(folder)
         self._steps = counters["steps"]
-
-    def _std(self, hidden: torch.Tensor) -> torch.Tensor:
-        std: torch.Tensor = self._log_std_head(hidden).clamp_(LOG_STD_MIN, LOG_STD_MAX).exp_()
-        return std
-
-    def _soft_values(
-        self, inputs: torch.Tensor, mean: torch.Tensor, std: torch.Tensor, noise: torch.Tensor
-    ) -> torch.Tensor:
-        """Returns min Q - alpha log pi (n,) of one action per state."""
-        actions = torch.addcmul(mean, std, noise).tanh_()
-        log_density = -0.5 * noise.square() - std.log() - 0.5 * math.log(2 * math.pi)
-        log_probability = log_density - torch.log(1 - actions.square() + SQUASH_EPSILON)
-        q = torch.cat(self.model.critic(inputs, actions), dim=1).min(dim=1).values
-        return q - self.hyperparameters.entropy_coefficient * log_probability.sum(dim=1)
 
     def _scale(self, actions: Actions) -> Actions:
         """Returns `actions` mapped from the action space to [-1, 1]."""

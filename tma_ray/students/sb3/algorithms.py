@@ -22,7 +22,7 @@ from tma_ray.registry import UnknownNameError
 from tma_ray.students.base import Actions, Observations, Policy, Student, Transition
 from tma_ray.students.hyperparameters import as_plain_values
 from tma_ray.students.layers import acting_layers
-from tma_ray.students.networks import as_batch
+from tma_ray.students.mlp.network import as_batch
 from tma_ray.students.policy_files import read_policy
 from tma_ray.students.replay import ReplayBuffer
 from tma_ray.students.rollout import Rollout

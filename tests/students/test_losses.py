@@ -1,4 +1,4 @@
-"""The hand-written updates against autograd and against stable-baselines3's own `train`."""
+"""Losses and updates against stable-baselines3's own `train`, and of stacked runs against single ones."""
 
 import copy
 
@@ -13,9 +13,13 @@ from stable_baselines3.common.type_aliases import ReplayBufferSamples, RolloutBu
 from torch import nn
 
 from tma_ray.students.hyperparameters import PPOHyperparameters, SACHyperparameters
-from tma_ray.students.networks import Trunk
-from tma_ray.students.perceptron import FlatParameters, blocks_of
+from tma_ray.students.mlp.layout import Layout
+from tma_ray.students.mlp.modules import FlatParameters, blocks_of
+from tma_ray.students.mlp.network import forward, split
+from tma_ray.students.ppo.losses import Steps, losses
+from tma_ray.students.ppo.trunk import Trunk
 from tma_ray.students.ppo.update import PPOUpdate
+from tma_ray.students.sac.losses import Transitions, actor_loss, critic_loss, joined
 from tma_ray.students.sac.update import SACUpdate
 from tma_ray.students.sb3.algorithm_models import SpacesOnly
 
@@ -90,6 +94,12 @@ def ppo(hyper: PPOHyperparameters, dtype) -> stable_baselines3.PPO:
     return model
 
 
+def ppo_parameters(model) -> FlatParameters:
+    policy = model.policy
+    blocks = blocks_of(policy.features_extractor, policy.action_net, policy.value_net)
+    return FlatParameters([blocks], others=[policy.log_std])
+
+
 def rollouts(model, dtype, batch_size: int = 40) -> list[RolloutBufferSamples]:
     observations = random(batch_size, OBSERVATION, dtype=dtype)
     actions = random(batch_size, ACTION, dtype=dtype)
@@ -118,7 +128,7 @@ def test_ppo_equals_stock_after_ten_updates(dtype, tolerance, value_clip_range, 
     stock.policy.load_state_dict(model.policy.state_dict())
     initial = ppo(hyper, dtype)
     initial.policy.load_state_dict(model.policy.state_dict())
-    update = PPOUpdate(model, hyper)
+    update = PPOUpdate(model, ppo_parameters(model), hyper)
     for _ in range(UPDATES):
         stock.rollout_buffer = Batches(rollouts(stock, dtype))
         update(stock.rollout_buffer)
@@ -148,6 +158,12 @@ def sac(hyper: SACHyperparameters, dtype) -> stable_baselines3.SAC:
     return model
 
 
+def sac_update(model, hyper: SACHyperparameters) -> SACUpdate:
+    actor, critics = model.actor, model.critic.q_networks
+    blocks = blocks_of(actor.latent_pi, actor.mu, actor.log_std)
+    return SACUpdate(model, FlatParameters([blocks]), FlatParameters([*map(blocks_of, critics)]), hyper)
+
+
 def transitions(dtype, batch_size: int = 50) -> ReplayBufferSamples:
     return ReplayBufferSamples(
         random(batch_size, OBSERVATION, dtype=dtype),
@@ -167,7 +183,7 @@ def test_sac_equals_stock_after_ten_updates(dtype, tolerance, spread, rate):
         model.actor.log_std.bias += spread  # some log deviations are over their bound then
     stock.policy.load_state_dict(model.policy.state_dict())
     initial = {name: value.clone() for name, value in model.policy.state_dict().items()}
-    update = SACUpdate(model, hyper)
+    update = sac_update(model, hyper)
     for number in range(UPDATES):
         batch = transitions(dtype)
         stock.replay_buffer.sample = lambda size, env=None, batch=batch: batch
@@ -183,31 +199,10 @@ def test_sac_equals_stock_after_ten_updates(dtype, tolerance, spread, rate):
         np.testing.assert_allclose(ours[name], theirs[name], rtol=1e-4)
 
 
-def test_backward_equals_autograd():
-    module = nn.Sequential(nn.Linear(5, 7), nn.ReLU(), nn.Linear(7, 6), nn.ReLU()).double()
-    heads = nn.Linear(6, 2).double(), nn.Linear(6, 1).double()
-    inputs, outer = random(9, 5, dtype=torch.float64).requires_grad_(), random(9, 3, dtype=torch.float64)
-    features = module(inputs)
-    expected = torch.cat([head(features) for head in heads], dim=1)
-    parameters = [*module.parameters(), *heads[0].parameters(), *heads[1].parameters()]
-    gradients = torch.autograd.grad(expected, [inputs, *parameters], outer)
-    by_parameter = dict(zip(map(id, parameters), gradients[1:], strict=True))
-    flat = FlatParameters([blocks_of(module, *heads)])
-    with torch.no_grad():
-        (network,) = flat.networks
-        torch.testing.assert_close(network.forward(inputs.detach()), expected, rtol=0, atol=1e-12)
-        rows = torch.tensor([1, 4, 8])
-        torch.testing.assert_close(network.input_gradient(outer[rows], rows), gradients[0][rows])
-        assert not flat.gradient.any()
-        network.backward(outer)
-    for parameter, gradient in zip(flat.parameters, flat.views(flat.gradient), strict=True):
-        torch.testing.assert_close(gradient, by_parameter[id(parameter)], rtol=0, atol=1e-12)
-
-
 def test_stock_goes_on_from_a_lean_optimisers_state():
     hyper = SACHyperparameters(hidden_units=(8, 6))
     model, stock = sac(hyper, torch.float64), sac(hyper, torch.float64)
-    update = SACUpdate(model, hyper)
+    update = sac_update(model, hyper)
     for _ in range(3):
         update(transitions(torch.float64))
     stock.set_parameters(copy.deepcopy(model.get_parameters()))
@@ -218,3 +213,58 @@ def test_stock_goes_on_from_a_lean_optimisers_state():
         train()
     assert largest_difference(model, stock) < 1e-9
     assert {float(state["step"]) for state in stock.actor.optimizer.state.values()} == {4.0}
+
+
+def test_the_losses_of_stacked_runs_are_those_of_each_run():
+    """Values and gradients, in float64; what autograd gives for a run does not depend on its neighbours."""
+    hyper = PPOHyperparameters(hidden_units=(8, 6), entropy_coefficient=0.01)
+    layout = Layout((OBSERVATION, 8, 6, ACTION + 1))
+    parameters = random(3, layout.parameters, dtype=torch.float64).requires_grad_()
+    log_std = random(3, ACTION, dtype=torch.float64).requires_grad_()
+    shapes = ((20, OBSERVATION), (20, ACTION), (20,), (20,), (20,), (20,))
+    steps = Steps(*(0.3 * random(3, *shape, dtype=torch.float64) for shape in shapes))
+    stacked = losses(forward(split(parameters, layout), steps.observations), log_std, steps, hyper)
+    gradients = torch.autograd.grad(stacked.total.sum(), (parameters, log_std))
+    for run in range(3):
+        own = Steps(*(column[run] for column in steps))
+        outputs = forward(split(parameters[run], layout), own.observations)
+        alone = losses(outputs, log_std[run], own, hyper)
+        for part, whole in zip(alone, stacked, strict=True):
+            torch.testing.assert_close(part, whole[run], rtol=1e-12, atol=1e-12)
+        for gradient, whole in zip(gradients, (parameters, log_std), strict=True):
+            (expected,) = torch.autograd.grad(alone.total, whole, retain_graph=True)
+            torch.testing.assert_close(gradient[run], expected[run], rtol=1e-10, atol=1e-12)
+
+
+def test_sacs_losses_of_stacked_runs_are_those_of_each_run():
+    actor_layout = Layout((OBSERVATION, 8, 6, 2 * ACTION))
+    critic_layout = Layout((OBSERVATION + ACTION, 8, 6, 1))
+    actor = (0.3 * random(3, actor_layout.parameters, dtype=torch.float64)).requires_grad_()
+    critics = [random(3, critic_layout.parameters, dtype=torch.float64).requires_grad_() for _ in range(2)]
+    batch = Transitions(*(torch.stack(column) for column in zip(*(columns() for _ in range(3)), strict=True)))
+    noise, targets = random(3, 50, ACTION, dtype=torch.float64), random(3, 50, 1, dtype=torch.float64)
+
+    def both(run=slice(None)) -> tuple[torch.Tensor, torch.Tensor]:
+        def network(parameters, layout):
+            return lambda inputs: forward(split(parameters[run], layout), inputs)
+
+        own = Transitions(*(column[run] for column in batch))
+        pair = joined([network(critic, critic_layout) for critic in critics])
+        policy = network(actor, actor_layout)
+        return (
+            critic_loss(pair, own, targets[run]),
+            actor_loss(policy, pair, own.observations, noise[run], 0.2),
+        )
+
+    for index, trained in enumerate((critics, [actor])):
+        stacked = both()[index]
+        gradients = torch.autograd.grad(stacked.sum(), trained)
+        for run in range(3):
+            alone = both(run)[index]
+            torch.testing.assert_close(alone, stacked[run], rtol=1e-12, atol=1e-12)
+            for gradient, expected in zip(gradients, torch.autograd.grad(alone, trained), strict=True):
+                torch.testing.assert_close(gradient[run], expected[run], rtol=1e-10, atol=1e-12)
+
+
+def columns() -> tuple[torch.Tensor, ...]:
+    return tuple(transitions(torch.float64))[:5]

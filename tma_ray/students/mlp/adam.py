@@ -5,7 +5,7 @@ from __future__ import annotations
 import torch
 
 from tma_ray.optimisers import take_step
-from tma_ray.students.perceptron import FlatParameters
+from tma_ray.students.mlp.modules import FlatParameters
 
 
 class FlatAdam:
