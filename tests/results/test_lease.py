@@ -1,3 +1,4 @@
+import math
 import subprocess
 import sys
 import time
@@ -5,9 +6,17 @@ from pathlib import Path
 
 import pytest
 
-from tma_ray.results import Lease, NotRunningError, RootInUseError, Store, ask_to_stop, holder_of
+from tma_ray.results import (
+    HeartbeatWriter,
+    Lease,
+    NotRunningError,
+    RootInUseError,
+    Store,
+    ask_to_stop,
+    holder_of,
+)
 from tma_ray.results.holding.lease import STOP_CHECK_SECONDS
-from tma_ray.results.layout import LEASE_FILE
+from tma_ray.results.layout import LEASE_FILE, STOP_FILE
 
 
 class Clock:
@@ -118,3 +127,77 @@ def test_who_holds_a_root_is_known_until_the_lease_ends(store: Store) -> None:
         assert holder_of(store) == "stumps"
         assert holder_of(store, seconds=0.0) is None
     assert holder_of(store) is None
+
+
+DAMAGED = {
+    "empty": b"",
+    "an object": b"{}",
+    "a list": b"[]",
+    "truncated": b'{"holder": "a campai',
+    "text for a time": b'{"holder": "a", "token": "b", "renewed_at": "noon", "process": null}',
+    "a huge time": b'{"holder": "a", "token": "b", "renewed_at": 1e300, "process": null}',
+    "another encoding": '{"holder": "a"}'.encode("utf-16"),
+}
+
+
+@pytest.mark.parametrize("content", DAMAGED.values(), ids=DAMAGED)
+def test_a_damaged_lease_blocks_nobody(store: Store, clock: Clock, content: bytes) -> None:
+    store.write_bytes(LEASE_FILE, content)
+    with pytest.raises(NotRunningError, match=r"lease\.json is damaged.*nothing to stop"):
+        ask_to_stop(store)
+    assert holder_of(store) is None
+    with Lease(store, "the next", 100.0, clock):
+        assert holder_of(store, math.inf) == "the next"
+    assert not store.exists(LEASE_FILE)
+
+
+@pytest.mark.parametrize("content", DAMAGED.values(), ids=DAMAGED)
+def test_a_holder_outlives_damage_of_its_files(store: Store, clock: Clock, content: bytes) -> None:
+    with Lease(store, "the first", 100.0, clock) as lease:
+        store.write_bytes(LEASE_FILE, content)
+        store.write_bytes(STOP_FILE, content)
+        clock.now += 30
+        lease.keep()
+        assert not lease.asked_to_stop()
+        with pytest.raises(RootInUseError, match="the first"):
+            Lease(store, "the second", 100.0, clock).acquire()
+    assert not store.exists(LEASE_FILE)
+
+
+def test_a_heartbeat_holds_the_root_while_the_lease_is_damaged(store: Store) -> None:
+    with Lease(store, "stumps") as lease:
+        HeartbeatWriter(store, "stumps").beat({})
+        store.write_bytes(LEASE_FILE, b"{}")
+        assert holder_of(store) == "stumps"
+        with pytest.raises(RootInUseError, match="in use by stumps"):
+            Lease(store, "the second").acquire()
+        assert ask_to_stop(store) == "stumps"
+        assert lease.asked_to_stop()
+
+
+@pytest.mark.parametrize("alive", [False, True])
+def test_a_lease_from_the_future_is_watched_and_taken_if_nobody_renews_it(
+    store: Store, clock: Clock, alive: bool
+) -> None:
+    ahead = Clock()
+    ahead.now = clock.now + 1e6
+    other = Lease(store, "of another time", 100.0, ahead)
+    other.acquire()
+    waits = []
+
+    def sleep(seconds: float) -> None:
+        waits.append(seconds)
+        ahead.now += seconds
+        if alive:
+            other.keep()
+
+    lease = Lease(store, "the next", 100.0, clock, sleep)
+    if alive:
+        with pytest.raises(RootInUseError, match="of another time"):
+            lease.acquire()
+        other.renew()
+    else:
+        lease.acquire()
+        with pytest.raises(RootInUseError, match="lost"):
+            other.renew()
+    assert waits[0] == 50.0

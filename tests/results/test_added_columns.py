@@ -1,0 +1,137 @@
+"""Columns that are added later: old roots are read, merged, continued and tabulated with them."""
+
+from __future__ import annotations
+
+import json
+import shutil
+from pathlib import Path
+
+import pyarrow as pa
+import pyarrow.parquet as pq
+import pytest
+from results_examples import make_record
+
+from analysis import load
+from tma_ray.results import (
+    SCHEMAS,
+    Committer,
+    DamagedFileError,
+    DamagedFileWarning,
+    Results,
+    RunWriter,
+    Table,
+    compact,
+    copy_merged,
+    verify_root,
+)
+from tma_ray.results import Store as ResultsStore
+
+OLD_ROOT = Path(__file__).parents[1] / "compatibility" / "version_1" / "root"
+
+ADDED = {
+    Table.EVALUATIONS: pa.field("falls", pa.int32(), nullable=True),
+    Table.EPISODES: pa.field("precision", pa.string(), nullable=False, metadata={"default": '"float32"'}),
+    Table.ATTEMPTS: pa.field("memory", pa.float64(), nullable=True, metadata={"unit": "bytes"}),
+    Table.CELLS: pa.field("tier", pa.dictionary(pa.int32(), pa.string()), nullable=True),
+    Table.RUNS: pa.field("device", pa.string(), nullable=False, metadata={"default": '"cpu"'}),
+}
+
+
+@pytest.fixture
+def old_root(tmp_path: Path) -> Path:
+    return Path(shutil.copytree(OLD_ROOT, tmp_path / "root"))
+
+
+@pytest.fixture
+def newer(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Adds a column to most tables."""
+    for table, field in ADDED.items():
+        monkeypatch.setitem(SCHEMAS, table, SCHEMAS[table].append(field))
+
+
+def new_run(store: ResultsStore) -> str:
+    """Writes a run with the columns of today; returns its id."""
+    committer, record = Committer(store), make_record("new")
+    attempt = committer.start(record)
+    writer = RunWriter(store, "new", attempt)
+    row = {"step": 0, "test_set": "grid", "task_index": 0, "task": [0.5], "episodic_return": 1.0}
+    extra = {"falls": 3} if "falls" in SCHEMAS[Table.EVALUATIONS].names else {}
+    writer.add(Table.EVALUATIONS, [row | {"length": 7} | extra])
+    committer.finish(record, attempt, writer.finish())
+    return "new"
+
+
+@pytest.mark.usefixtures("newer")
+def test_old_rows_have_null_or_the_default(old_root: Path) -> None:
+    results = Results.open(old_root)
+    for table, field in ADDED.items():
+        values = set(results.table(table)[field.name].to_pylist())
+        assert values == {json.loads(field.metadata[b"default"]) if not field.nullable else None}
+        alone = results.table(table, columns=[field.name])
+        assert len(alone) == len(results.table(table)) > 0
+    assert not results.problems
+    assert load(old_root).evaluations["mastered"].notna().all()
+    assert verify_root(ResultsStore.open(old_root)).damage == ()
+
+
+@pytest.mark.usefixtures("newer")
+def test_old_and_new_files_are_merged_and_copied_together(old_root: Path, tmp_path: Path) -> None:
+    store = ResultsStore.open(old_root)
+    new_run(store)
+    before = Results(store).table(Table.EVALUATIONS)
+    compact(old_root)
+    merged = Results(store).table(Table.EVALUATIONS)
+    assert merged.to_pylist() == before.to_pylist()
+    assert set(merged["falls"].to_pylist()) == {None, 3}
+    target = ResultsStore.open(tmp_path / "copy")
+    assert copy_merged(Results(store), target).damaged == ()
+    assert Results(target).table(Table.EVALUATIONS).to_pylist() == before.to_pylist()
+
+
+def test_a_run_goes_on_from_parts_of_fewer_columns(old_root: Path, request: pytest.FixtureRequest) -> None:
+    store, record = ResultsStore.open(old_root), make_record("long")
+    committer = Committer(store)
+    row = {"step": 0, "test_set": "grid", "task_index": 0, "task": [0.5], "episodic_return": 1.0, "length": 7}
+    writer = RunWriter(store, "long", committer.start(record))
+    writer.add(Table.EVALUATIONS, [row])
+    parts = writer.flush()
+    request.getfixturevalue("newer")
+    attempt = committer.start(record)
+    writer = RunWriter(store, "long", attempt, parts)
+    writer.add(Table.EVALUATIONS, [row | {"step": 10, "falls": 2}])
+    committer.finish(record, attempt, writer.finish())
+    assert Results(store).table(Table.EVALUATIONS, ["long"])["falls"].to_pylist() == [None, 2]
+
+
+@pytest.mark.filterwarnings("ignore:.*written by a newer")
+def test_columns_of_a_newer_version_are_ignored_and_never_lost(
+    old_root: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    store = ResultsStore.open(old_root)
+    with monkeypatch.context() as newer:
+        for table, field in ADDED.items():
+            newer.setitem(SCHEMAS, table, SCHEMAS[table].append(field))
+        new_run(store)
+    path = old_root / "manifests" / "new.json"
+    path.write_text(json.dumps(json.loads(path.read_text()) | {"a_newer_field": [1]}))
+    results = Results(store)
+    assert results.table(Table.EVALUATIONS, ["new"])["episodic_return"].to_pylist() == [1.0]
+    assert not results.problems
+    with pytest.warns(DamagedFileWarning, match=r"evaluations/new\.parquet was written by a newer"):
+        compact(old_root)
+    assert store.exists("tables/evaluations/new.parquet")
+    with pytest.raises(DamagedFileError, match="written by a newer"):
+        copy_merged(Results(store), ResultsStore.open(tmp_path / "copy"))
+
+
+def test_a_column_that_has_always_been_there_is_missed(old_root: Path) -> None:
+    store = ResultsStore.open(old_root)
+    path = store.files("tables/cells")[0]
+    rows = pa.table({"campaign": ["c"]})
+    sink = pa.BufferOutputStream()
+    pq.write_table(rows, sink)
+    store.write_bytes(path, bytes(sink.getvalue()))
+    with pytest.warns(
+        DamagedFileWarning, match=r"cells/.*no column 'experiment', which cells has always had"
+    ):
+        assert len(Results(store).table(Table.CELLS)) == 0
