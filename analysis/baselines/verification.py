@@ -1,8 +1,7 @@
-"""Whether a baseline is what was released: every file, and nothing else."""
+"""Whether a baseline is what was released, every file and nothing else: against accidents, not malice."""
 
 from __future__ import annotations
 
-import hashlib
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
@@ -11,8 +10,18 @@ from typing import Final
 import pyarrow as pa
 
 from analysis.baselines.catalogue import Baseline, find_baseline
-from analysis.baselines.manifest import BASELINE_FILE, BaselineFile, BaselineKind
-from tma_ray.results import INPUTS, ResultsRootError, Store, read_published, verify_root
+from analysis.baselines.manifest import BASELINE_FILE, BaselineKind
+from tma_ray.results import (
+    INPUTS,
+    Damage,
+    DamagedFileError,
+    ResultsRootError,
+    Store,
+    damage_reason,
+    read_checked,
+    read_published,
+    verify_root,
+)
 
 ENDINGS: Final = (".json", ".parquet", ".safetensors", ".md")
 """What files of a baseline are, beside the inputs of its runs: nothing that runs when it is read."""
@@ -24,16 +33,21 @@ class Verification:
 
     Attributes:
         baseline: which one was looked at.
-        problems: one message each; empty if it is whole.
+        damage: what is not as it was released.
     """
 
     baseline: Baseline
-    problems: tuple[str, ...]
+    damage: tuple[Damage, ...]
+
+    @property
+    def problems(self) -> tuple[str, ...]:
+        """One message for each damage; empty if the baseline is whole."""
+        return tuple(map(str, self.damage))
 
     @property
     def whole(self) -> bool:
         """Whether every file is what was released, and there is no other."""
-        return not self.problems
+        return not self.damage
 
 
 def verify(name: str | Path) -> Verification:
@@ -47,50 +61,46 @@ def verify(name: str | Path) -> Verification:
     """
     baseline = find_baseline(name)
     store = Store.open(baseline.place)
-    return Verification(baseline, tuple(dict.fromkeys(_problems(store, baseline))))
+    damage = tuple(_damaged_files(store, baseline))
+    return Verification(baseline, damage + tuple(_damaged_content(store, baseline, {d.path for d in damage})))
 
 
-def _problems(store: Store, baseline: Baseline) -> Iterator[str]:
+def _damaged_files(store: Store, baseline: Baseline) -> Iterator[Damage]:
     files = {file.path: file for file in baseline.manifest.files}
     for path in sorted(set(store.files()) - set(files) - {BASELINE_FILE}):
-        yield f"{path} is not of this baseline"
+        yield Damage(path, "it is not of this baseline")
     for file in files.values():
         if PurePosixPath(file.path).suffix not in ENDINGS and not file.path.startswith(f"{INPUTS}/"):
-            yield f"{file.path}: a baseline does not hold files of this kind"
-        yield from _damage(store, file)
+            yield Damage(file.path, "a baseline does not hold files of this kind")
+        try:
+            read_checked(store, file.path, file.sha256)
+        except (OSError, DamagedFileError) as error:
+            yield Damage(file.path, damage_reason(error, store.where(file.path)))
+
+
+def _damaged_content(store: Store, baseline: Baseline, known: set[str]) -> Iterator[Damage]:
+    """Yields what the tables show to be wrong besides the files that are `known` to be damaged."""
     if baseline.manifest.kind is BaselineKind.RUNS:
-        yield from _damaged_runs(store, baseline)
+        yield from (damage for damage in _damaged_runs(store, baseline) if damage.path not in known)
         return
     try:
         read_published(store)
     except (OSError, ValueError, pa.ArrowException) as error:
-        yield f"its results cannot be read: {error}"
+        yield Damage(BASELINE_FILE, f"its results cannot be read: {error}")
 
 
-def _damage(store: Store, file: BaselineFile) -> Iterator[str]:
-    try:
-        data = store.read_bytes(file.path)
-    except FileNotFoundError:
-        yield f"{file.path} is missing"
-        return
-    if len(data) != file.size:
-        yield f"{file.path} has {len(data):,} bytes, not {file.size:,}"
-    elif hashlib.sha256(data).hexdigest() != file.sha256:
-        yield f"{file.path} is damaged: its sha256 is not the recorded one"
-
-
-def _damaged_runs(store: Store, baseline: Baseline) -> Iterator[str]:
+def _damaged_runs(store: Store, baseline: Baseline) -> Iterator[Damage]:
     try:
         found = verify_root(store)
     except ResultsRootError as error:
-        yield str(error)
+        yield Damage(BASELINE_FILE, str(error))
         return
-    yield from map(str, found.damage)
-    yield from (f"{path} belongs to no run" for path in found.unlisted)
+    yield from found.damage
+    yield from (Damage(path, "it belongs to no run") for path in found.unlisted)
     recorded = {file.path: file.sha256 for file in baseline.manifest.files}
     for path, sha256 in found.files:
         if recorded.get(path) != sha256:
-            yield f"a run refers to another {path} than the recorded one"
+            yield Damage(path, "a run refers to another file than the recorded one")
     counted = baseline.manifest.holds.get("runs")
     if found.runs != counted:
-        yield f"it has {found.runs} runs that can be read, not {counted}"
+        yield Damage(BASELINE_FILE, f"{found.runs} of its {counted} runs can be read")

@@ -125,9 +125,9 @@ def test_a_whole_release_is_verified_and_damage_is_named(released: Path, tmp_pat
     console = Console(record=True, width=300)
     assert not show_verification(copy, console)
     assert console.export_text().splitlines() == [
-        "policies/original-random-low-1/policy.pkl is not of this baseline",
-        "policies/original-random-low-0/policy.json is missing",
-        "tables/training/original.parquet is damaged: its sha256 is not the recorded one",
+        "policies/original-random-low-1/policy.pkl: it is not of this baseline",
+        "policies/original-random-low-0/policy.json: it is missing",
+        "tables/training/original.parquet: its sha256 is not the recorded one",
     ]
     manifest = json.loads((copy / "baseline.json").read_text())
     manifest["files"][0]["path"] = "../secret"

@@ -36,6 +36,14 @@ KEYS: Mapping[str, Mapping[str, str]] = {
         "machine), wall_hours, disk_gib, checkpoint_gib and memory_gib",
         "detectable": "smallest detectable differences, with the columns of analysis.planning",
     },
+    "verify": {
+        "root": "results root or release",
+        "whole": "whether nothing is damaged",
+        "runs": "how many have a manifest that can be read",
+        "files": "how many their manifests list",
+        "damage": "list of path, problem and run_id (empty if the file is no single run's)",
+        "unlisted": "paths of files of tables and policies that belong to no run",
+    },
     "list": {
         "kinds": "by kind (teachers, students, …): list of name and description",
     },

@@ -13,7 +13,7 @@ from tma_ray.results.inputs import (
     read_input,
     read_plugin,
 )
-from tma_ray.results.inspection import Damage, Inspector
+from tma_ray.results.inspection import Damage, Inspector, damage_reason
 from tma_ray.results.layout import (
     CHECKPOINTS,
     LOGS,
@@ -28,7 +28,7 @@ from tma_ray.results.layout import (
     policy_folder,
     staged_policy,
 )
-from tma_ray.results.manifest import Manifest, PartFile
+from tma_ray.results.manifest import Manifest, PartFile, read_checked
 from tma_ray.results.merging.compaction import Compaction, compact
 from tma_ray.results.merging.copying import Copy, copy_merged
 from tma_ray.results.published import PUBLISHED_FILE, PUBLISHED_SCHEMA, read_published, write_published
@@ -101,6 +101,7 @@ __all__ = [
     "compact",
     "copy_merged",
     "create_root",
+    "damage_reason",
     "explained_disk",
     "holder_of",
     "input_path",
@@ -108,6 +109,7 @@ __all__ = [
     "keep_plugin",
     "log_path",
     "policy_folder",
+    "read_checked",
     "read_input",
     "read_plugin",
     "read_published",

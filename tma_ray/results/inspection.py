@@ -106,7 +106,9 @@ class Inspector:
                 raise DamagedFileError(f"it has {count:,} rows, but the manifest says {rows:,}")
         except UNREADABLE as error:
             self._raise_refusal(error)
-            return Inspection((Damage(file.path, reason(error), run_id),))
+            return Inspection(
+                (Damage(file.path, damage_reason(error, self._store.where(file.path)), run_id),)
+            )
         unknown = set(parquet.schema_arrow.names) - set(SCHEMAS[file.table].names)
         return Inspection(newer=(file.path,) if unknown else ())
 
@@ -115,6 +117,8 @@ class Inspector:
             raise error
 
 
-def reason(error: Exception) -> str:
-    """Returns what is the matter with a file that raised `error` when it was read."""
-    return "it is missing" if isinstance(error, FileNotFoundError) else str(error)
+def damage_reason(error: Exception, where: str) -> str:
+    """Returns what is the matter with the file `where`, which raised `error` when it was read."""
+    if isinstance(error, FileNotFoundError):
+        return "it is missing"
+    return str(error).removeprefix(f"{where} is damaged: ")

@@ -15,6 +15,19 @@ from tma_ray.results.schema import Table
 from tma_ray.results.storage.store import Store
 
 
+def read_checked(store: Store, path: str, sha256: str) -> bytes:
+    """Returns the content of a file with this checksum.
+
+    Raises:
+        FileNotFoundError: the file is not there.
+        DamagedFileError: its content is not what was written.
+    """
+    data = store.read_bytes(path)
+    if hashlib.sha256(data).hexdigest() != sha256:
+        raise DamagedFileError(f"{store.where(path)} is damaged: its sha256 is not the recorded one")
+    return data
+
+
 @dataclass(frozen=True)
 class PartFile:
     """One Parquet file of a run, or the run's rows in a file that many runs share.
@@ -49,10 +62,7 @@ class PartFile:
             FileNotFoundError: the file is not there.
             DamagedFileError: its content is not what was written.
         """
-        data = store.read_bytes(self.path)
-        if hashlib.sha256(data).hexdigest() != self.sha256:
-            raise DamagedFileError(f"{store.where(self.path)} is damaged: its sha256 is not the recorded one")
-        return data
+        return read_checked(store, self.path, self.sha256)
 
     def at(self, path: str) -> Self:
         """Returns the same content at another path."""

@@ -62,7 +62,9 @@ def completed(schema: pa.Schema, names: Sequence[str], rows: pa.Table) -> pa.Tab
         else:
             value = pa.array([default_of(field)], field.type)
             columns.append(value.take(pa.array(np.zeros(len(rows), np.int32))))
-    return pa.Table.from_arrays(columns, schema=pa.schema([schema.field(name) for name in names]))
+    return pa.Table.from_arrays(
+        columns, schema=pa.schema([schema.field(name) for name in names], schema.metadata)
+    )
 
 
 def _typed(column: pa.ChunkedArray, kind: pa.DataType) -> pa.ChunkedArray:

@@ -16,7 +16,7 @@ import pyarrow.compute as pc
 
 from tma_ray.decoding import decode_json
 from tma_ray.results.inputs import damaged_inputs
-from tma_ray.results.inspection import Damage, Inspector, reason
+from tma_ray.results.inspection import Damage, Inspector, damage_reason
 from tma_ray.results.layout import MANIFESTS, POLICIES, TABLES, policy_folder
 from tma_ray.results.manifest import Manifest, PartFile, load_manifest
 from tma_ray.results.merging.shared_files import UNREADABLE
@@ -72,7 +72,7 @@ def _manifests(store: Store) -> tuple[list[Manifest], list[Damage]]:
         try:
             found.append(load_manifest(store, path))
         except UNREADABLE as error:
-            damage.append(Damage(path, reason(error)))
+            damage.append(Damage(path, damage_reason(error, store.where(path))))
     return found, damage
 
 
@@ -117,7 +117,7 @@ def _tables_about_runs(store: Store) -> Iterator[Damage]:
             try:
                 decode(table, store.read_bytes(path))
             except UNREADABLE as error:
-                yield Damage(path, reason(error))
+                yield Damage(path, damage_reason(error, store.where(path)))
 
 
 def _foreign_policies(store: Store, manifests: Iterable[Manifest]) -> Iterator[Damage]:
@@ -130,7 +130,7 @@ def _foreign_policies(store: Store, manifests: Iterable[Manifest]) -> Iterator[D
         try:
             saved_spec = decode_json(store.read_bytes(path), dict[str, Any], path)
         except UNREADABLE as error:
-            yield Damage(path, reason(error), manifest.run.run_id)
+            yield Damage(path, damage_reason(error, store.where(path)), manifest.run.run_id)
             continue
         if saved_spec != decode_json(manifest.run.spec, dict[str, Any], path):
             yield Damage(path, "it is not the spec of its run", manifest.run.run_id)
