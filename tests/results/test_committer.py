@@ -315,5 +315,5 @@ def test_a_sweep_takes_what_zombies_left_of_finished_runs_only(store: Store) -> 
 def test_the_root_is_made_by_the_committer_in_an_empty_folder(tmp_path: Path) -> None:
     Committer.open(tmp_path / "new" / "root")
     assert Results.open(tmp_path / "new" / "root").runs() == ()
-    with pytest.raises(ResultsRootError, match="not empty"):
+    with pytest.raises(ResultsRootError, match="neither empty"):
         Committer.open(tmp_path)

@@ -265,5 +265,5 @@ def test_a_copy_holds_all_that_is_said_of_the_runs(root: Store, tmp_path: object
     assert content(root) == before
     assert target.files("policies") == ("policies/run-01/policy.json",)
     assert not target.files("staging")
-    with pytest.raises(ResultsRootError, match="not empty"):
+    with pytest.raises(ResultsRootError, match="neither empty"):
         copy_merged(Results(root), Store(root.filesystem, f"{root.base}-copy/tables"))

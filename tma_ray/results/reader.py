@@ -13,6 +13,7 @@ import pyarrow as pa
 import pyarrow.compute as pc
 
 from tma_ray.decoding import DamagedFileError, DamagedFileWarning
+from tma_ray.results.inspection import damage_reason
 from tma_ray.results.layout import MANIFESTS, TABLES, check_root, manifest_path
 from tma_ray.results.manifest import Manifest, PartFile, load_manifest
 from tma_ray.results.merging.shared_files import (
@@ -193,7 +194,8 @@ class Results:
             return None
 
     def _report(self, path: str, error: Exception) -> None:
-        problem = f"{self.store.where(path)} was left out: {error}"
+        where = self.store.where(path)
+        problem = f"{where} was left out: {damage_reason(error, where)}"
         if problem not in self.problems:
             self.problems.append(problem)
 
