@@ -99,6 +99,22 @@ def test_cells_share_runs_and_running_again_does_only_what_is_missing(tmp_path: 
     assert {state.state for runs in cells_now.values() for state in runs} == {"done"}
 
 
+def test_a_damaged_run_is_done_again_and_nothing_else(tmp_path: Path) -> None:
+    what, root = campaign(corridor("random"), corridor("alp_gmm")), tmp_path / "root"
+    execute(what, root)
+    before = data_files(root)
+    first, second, *_ = sorted(path.stem for path in (root / "manifests").iterdir())
+    manifest, table = root / f"manifests/{first}.json", root / f"tables/episodes/{second}.parquet"
+    manifest.write_bytes(manifest.read_bytes()[:100])
+    table.write_bytes(table.read_bytes()[:100])
+    (root / "lease.json").write_text("{}")
+    (root / "stop.json").write_text("[]")
+    assert execute(what, root).done == len(what.plan().runs)
+    assert data_files(root) == before
+    attempts = [(row["run_id"], row["attempt"]) for row in rows(root, Table.ATTEMPTS)]
+    assert {run for run, attempt in attempts if attempt == 1} == {first, second}
+
+
 def test_an_exception_fails_its_run_and_the_rest_goes_on(tmp_path: Path) -> None:
     both = campaign(idle("misbehaving:Raising"), idle("random"))
     ended = execute(both, tmp_path, teachers=TeacherPlacement.INLINE)
