@@ -39,6 +39,8 @@ class Embodiment:
         parts: in the order of the engine's state.
         joints: those with motors in the order of actions.
         substeps: steps of the simulation in a time step; light parts with strong motors need more.
+        motor_share: share of these steps, the first ones, in which the motors act: a whole number of them, in
+            which they give the impulse of a whole time step.
         iterations: of the solver in each of these steps; more steps need fewer.
         joint_correction: share of a joint's error that the solver takes back in 1/60 s, under 1. With a large
             one it needs more iterations, or a heavy body jerks at its light hands.
@@ -62,6 +64,7 @@ class Embodiment:
     parts: tuple[Part, ...]
     joints: tuple[Joint, ...]
     substeps: int = 2
+    motor_share: float = 1.0
     iterations: int = 30
     joint_correction: float = 0.5
     grip_sensors: tuple[GripSensor, ...] = ()
@@ -84,6 +87,12 @@ class Embodiment:
                 raise ValueError(f"{name} {getattr(self, name)} must be at least 1")
         if not 0 < self.joint_correction < 1:
             raise ValueError(f"joint_correction {self.joint_correction} must be over 0 and under 1")
+        driven = self.motor_share * self.substeps
+        if not 1 <= driven <= self.substeps or driven != round(driven):
+            raise ValueError(
+                f"motor_share {self.motor_share} must be a whole number of the {self.substeps} substeps, "
+                f"at least one of them: 1 / {self.substeps} to 1"
+            )
         for name in ("steps_survivable_under_water", "steps_survivable_outside_water"):
             steps: object = getattr(self, name)
             whole = isinstance(steps, int) and not isinstance(steps, bool) and steps >= 0

@@ -11,7 +11,7 @@ from tma_ray.embodiments import Embodiment
 from tma_ray.physics.rules import StepArrays
 from tma_ray.terrain import Terrain
 
-PHYSICS_VERSION = 2
+PHYSICS_VERSION = 3
 """Rises whenever a trajectory changes; part of every run's identity."""
 
 TIME_STEP = 1 / 50
@@ -34,6 +34,8 @@ class SolverSettings(NamedTuple):
     Attributes:
         iterations: solver iterations per substep.
         substeps: substeps per time step.
+        motor_share: share of a time step's substeps, the first ones, in which the motors act, in (0, 1]. The
+            torque is divided by it, so that the largest impulse of a time step stays the same.
         joint_error_bias: share of a joint's error left after one second.
         limit_correction_speed: fastest way back into a joint's limits, in rad/s. Chipmunk leaves the joint
             that speed, so that a fast way back would be a bounce, which Box2D's limits do not have.
@@ -44,6 +46,7 @@ class SolverSettings(NamedTuple):
 
     iterations: int = 30
     substeps: int = 2
+    motor_share: float = 1.0
     joint_error_bias: float = 0.5**60
     limit_correction_speed: float = 0.1
     collision_bias: float = 0.5**60
@@ -53,7 +56,14 @@ class SolverSettings(NamedTuple):
 
 def settings_for(body: Embodiment) -> SolverSettings:
     """Returns the settings with what `body` says of its own."""
-    return SolverSettings(body.iterations, body.substeps, (1 - body.joint_correction) ** 60)
+    return SolverSettings(
+        body.iterations, body.substeps, body.motor_share, (1 - body.joint_correction) ** 60
+    )
+
+
+def motor_substeps(settings: SolverSettings) -> int:
+    """Returns the number of substeps in which the motors act, at least 1."""
+    return max(1, round(settings.motor_share * settings.substeps))
 
 
 class Engine(Protocol):

@@ -12,7 +12,15 @@ from pymunk import batch
 from tma_ray.embodiments import Embodiment
 from tma_ray.physics.chipmunk import add_joints, add_parts, add_terrain, hung, settled
 from tma_ray.physics.creepers import add_creepers, chains
-from tma_ray.physics.engine import CEILING_TYPE, GRAVITY, TIME_STEP, SolverSettings, first_steps, settings_for
+from tma_ray.physics.engine import (
+    CEILING_TYPE,
+    GRAVITY,
+    TIME_STEP,
+    SolverSettings,
+    first_steps,
+    motor_substeps,
+    settings_for,
+)
 from tma_ray.physics.grips import NOTHING, feel, holder_anchor
 from tma_ray.physics.kernels import breathe, command_motors, judge, observe, survives
 from tma_ray.physics.rules import Rules, observation_size, step_arrays
@@ -75,7 +83,6 @@ class PymunkEngine:
         cost = command_motors(self._action, alive, self.arrays, self._commands)
         if math.isnan(cost):
             raise ValueError(f"an action must be finite, got {values.tolist()}")
-        self._set_motors()
         self._let_go(self._space)
         self._advance(self._space)
         self._read_state(self._space)
@@ -114,10 +121,11 @@ class PymunkEngine:
             centre = self._parts[index].center_of_gravity
             self._parts[index].apply_impulse_at_local_point((push * TIME_STEP, 0.0), centre)
 
-    def _set_motors(self) -> None:
+    def _drive(self, share: float) -> None:
+        """Commands the motors, with their torques times `share`."""
         for motor, (speed, torque) in zip(self._motors, self._commands.tolist(), strict=True):
             motor.rate = -speed  # Chipmunk's rate is the speed of the first part relative to the second
-            motor.max_force = torque
+            motor.max_force = share * torque
 
     def _let_go(self, space: pymunk.Space) -> None:
         for sensor, closing in enumerate(self._action[len(self._commands) :]):
@@ -126,11 +134,24 @@ class PymunkEngine:
                 self.grips[sensor, 1] = NOTHING
 
     def _advance(self, space: pymunk.Space) -> None:
-        for _ in range(self.settings.substeps):
+        substeps, driven = self.settings.substeps, motor_substeps(self.settings)
+        duration, share = TIME_STEP / substeps, substeps / driven
+        for index in range(substeps):
+            if index == 0:
+                self._drive(share)
+            elif index == driven:
+                self._drive(0.0)
             if self._wet:  # Chipmunk forgets forces after each step
                 for part, (x, y, torque) in zip(self._parts, self._forces.tolist(), strict=True):
                     part.force, part.torque = (x, y), torque
-            space.step(TIME_STEP / self.settings.substeps)
+            space.step(duration)
+            if index == driven - 1:
+                self._read_torques(duration * share)
+
+    def _read_torques(self, duration: float) -> None:
+        """Reads the motors' torques from their impulses, which are spread over `duration` s."""
+        for index, motor in enumerate(self._motors):
+            self._torques[index] = math.copysign(motor.impulse / duration, self._commands[index, 0])
 
     def _read_state(self, space: pymunk.Space) -> None:
         self._buffer.clear()
@@ -144,9 +165,6 @@ class PymunkEngine:
             self._rotations[:] = [part.rotation_vector for part in self._parts]
         self._wet = False
         if lowest < self._world.water_y:
-            duration = TIME_STEP / self.settings.substeps
-            for index, motor in enumerate(self._motors):
-                self._torques[index] = math.copysign(motor.impulse / duration, self._commands[index, 0])
             self._wet = water_forces(
                 self.state, self._rotations, self._torques, self.arrays, self._world.water_y, self._forces
             )

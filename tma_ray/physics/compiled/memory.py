@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 import tma_ray.physics.compiled.symbols as cp
 from tma_ray.jit import kernel
-from tma_ray.physics.engine import TIME_STEP, SolverSettings
+from tma_ray.physics.engine import TIME_STEP, SolverSettings, motor_substeps
 from tma_ray.physics.grips import NOTHING
 from tma_ray.physics.rules import StepArrays
 from tma_ray.physics.world import World
@@ -18,13 +18,13 @@ from tma_ray.physics.world import World
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
 
-FLOATS, INTEGERS = 8, 20
+FLOATS, INTEGERS = 8, 21
 """Single values at the start of a memory's vectors; `body_of`, `world_in` and `simulation_in` name them."""
 
 DURATION, ERROR_BIAS, BEFORE, GOAL_X, WATER_Y, SWAY = 2, 3, 4, 5, 6, 7
 """Places among the floats, after the cost of torques and the weight of being upright."""
 
-SUBSTEPS, COUNT_CONTACT, TERRAIN = 9, 10, 11
+SUBSTEPS, MOTOR_SUBSTEPS, COUNT_CONTACT, TERRAIN = 9, 10, 11, 12
 """Places among the integers, after the sizes; at TERRAIN begin sizes and addresses of the world's arrays."""
 
 
@@ -87,7 +87,8 @@ def new_memory(body: StepArrays, all_joints: int, settings: SolverSettings, coun
         ),
     )
     memory.integers[:SUBSTEPS] = p, j, r, v, g, h, body.head, body.observes_medium, body.may_touch_ceiling
-    memory.integers[[SUBSTEPS, COUNT_CONTACT]] = settings.substeps, count_contact
+    memory.integers[[SUBSTEPS, MOTOR_SUBSTEPS]] = settings.substeps, motor_substeps(settings)
+    memory.integers[COUNT_CONTACT] = count_contact
     memory.floats[:2] = body.torque_cost, body.upright_weight
     memory.floats[[DURATION, ERROR_BIAS]] = TIME_STEP / settings.substeps, settings.joint_error_bias
     copy = body_in(memory.floats, memory.integers)

@@ -15,6 +15,7 @@ from tma_ray.physics.compiled.memory import (
     COUNT_CONTACT,
     DURATION,
     ERROR_BIAS,
+    MOTOR_SUBSTEPS,
     SUBSTEPS,
     Floats,
     Integers,
@@ -31,21 +32,43 @@ from tma_ray.physics.world import World
 
 
 @kernel
-def advance(simulation: Simulation, substeps: int, duration: float, count_contact: int) -> None:
-    """Lets `substeps` of `duration` s pass under motors and water, then reads state and contacts."""
-    parts, joints = len(simulation.state), len(simulation.commands)
-    for joint in range(joints):
-        motor = simulation.handles[1 + parts + joint]
+def drive(simulation: Simulation, share: float) -> None:
+    """Commands the motors, with their torques times `share`."""
+    for joint in range(len(simulation.commands)):
+        motor = simulation.handles[1 + len(simulation.state) + joint]
         # Chipmunk's rate is the speed of the first part relative to the second.
         cp.motor_set_rate(motor, -simulation.commands[joint, 0])
-        cp.constraint_set_max_force(motor, simulation.commands[joint, 1])
-    for _ in range(substeps):
+        cp.constraint_set_max_force(motor, share * simulation.commands[joint, 1])
+
+
+@kernel
+def read_torques(simulation: Simulation, duration: float) -> None:
+    """Reads the motors' torques from their impulses, which are spread over `duration` s."""
+    for joint in range(len(simulation.commands)):
+        motor = simulation.handles[1 + len(simulation.state) + joint]
+        torque = cp.constraint_impulse(motor) / duration
+        simulation.torques[joint] = math.copysign(torque, simulation.commands[joint, 0])
+
+
+@kernel
+def advance(
+    simulation: Simulation, substeps: int, motor_substeps: int, duration: float, count_contact: int
+) -> None:
+    """Lets `substeps` of `duration` s pass under motors and water, then reads state and contacts."""
+    parts, share = len(simulation.state), substeps / motor_substeps
+    for index in range(substeps):
+        if index == 0:
+            drive(simulation, share)
+        elif index == motor_substeps:
+            drive(simulation, 0.0)
         if simulation.wet[0]:  # Chipmunk forgets forces after each step
             for part in range(parts):
                 body, force = simulation.handles[1 + part], simulation.forces[part]
                 cp.body_set_force(body, force[0], force[1])
                 cp.body_set_torque(body, force[2])
         cp.space_step(simulation.handles[0], duration)
+        if index == motor_substeps - 1:
+            read_torques(simulation, duration * share)
     for part in range(parts):
         body, values = simulation.handles[1 + part], simulation.state[part]
         values[0], values[1] = cp.body_position(body)
@@ -75,8 +98,8 @@ def turn(simulation: Simulation) -> None:
 
 
 @kernel
-def soak(simulation: Simulation, body: StepArrays, water_y: float, duration: float) -> None:
-    """Finds the forces of the water for the next step, if the body is near it; `duration` of a substep."""
+def soak(simulation: Simulation, body: StepArrays, water_y: float) -> None:
+    """Finds the forces of the water for the next step, if the body is near it."""
     lowest = math.inf
     for part in range(len(simulation.state)):
         lowest = min(lowest, simulation.state[part, 1] - body.bounds[part, 0])
@@ -85,10 +108,6 @@ def soak(simulation: Simulation, body: StepArrays, water_y: float, duration: flo
         turn(simulation)
     simulation.wet[0] = 0
     if near:
-        for joint in range(len(simulation.commands)):
-            motor = simulation.handles[1 + len(simulation.state) + joint]
-            torque = cp.constraint_impulse(motor) / duration
-            simulation.torques[joint] = math.copysign(torque, simulation.commands[joint, 0])
         wet = water_forces(
             simulation.state, simulation.rotations, simulation.torques, body, water_y, simulation.forces
         )
@@ -148,9 +167,10 @@ def step(floats: Floats, integers: Integers, observation: NDArray[np.float32]) -
     if math.isnan(cost):
         return cost, False
     let_go(simulation)
-    advance(simulation, integers[SUBSTEPS], floats[DURATION], integers[COUNT_CONTACT])
+    substeps, motor_substeps = integers[SUBSTEPS], integers[MOTOR_SUBSTEPS]
+    advance(simulation, substeps, motor_substeps, floats[DURATION], integers[COUNT_CONTACT])
     move_creepers(world, swinging)
-    soak(simulation, body, world.water_y, floats[DURATION])
+    soak(simulation, body, world.water_y)
     take_hold(simulation, body, world, swinging, floats[ERROR_BIAS])
     state, contacts, medium = simulation.state, simulation.contacts, simulation.medium
     observe(state, contacts, medium, simulation.grips, body, world, observation)
