@@ -12,9 +12,10 @@ from analysis.frames import Frames
 from analysis.measures import is_baseline
 from analysis.pooling import pooled
 from analysis.statistics import Description, describe
-from analysis.student_pools import runs_after
+from analysis.student_pools import BIPEDAL, RELEASED_BIPEDAL, runs_after
 from tma_ray.benchmark import PaperResult, paper_results
 from tma_ray.benchmark.statements import Reading
+from tma_ray.results import BOX2D
 
 MEASURE = "mastered_percent"
 
@@ -79,6 +80,10 @@ class RootSource:
             table = pooled(runs, [MEASURE], by=by)
             groups = table[table["missing"] == ""].groupby([*PLACE, *by], observed=True)
             places |= {tuple(map(str, key)): group for key, group in groups}
+        for key, group in list(places.items()):
+            theirs = group[group["engine"] == BOX2D]
+            if key[-1] == RELEASED_BIPEDAL and len(theirs):
+                places.setdefault((*key[:-1], BIPEDAL), theirs)
         return places, runs
 
 

@@ -1,4 +1,4 @@
-"""Which runs are pooled together where students stand in for the paper's."""
+"""Which runs are pooled together where students, or a body of the original release, stand in for the paper's."""
 
 from __future__ import annotations
 
@@ -11,6 +11,19 @@ from analysis.frames import Frames
 from analysis.pooling import POOLED, lend_baseline, pool_runs
 from analysis.run_measures import run_measures
 from tma_ray.benchmark import EXPERIMENTS, MATRICES, Matrix
+from tma_ray.results import BOX2D
+
+BIPEDAL, RELEASED_BIPEDAL = "classic_bipedal", "old_classic_bipedal"
+"""The bipedal of the paper, and the body that the original release ran in its place."""
+
+RELEASED_MATRICES = tuple(
+    replace(
+        matrix,
+        embodiments=tuple(RELEASED_BIPEDAL if body == BIPEDAL else body for body in matrix.embodiments),
+    )
+    for matrix in MATRICES
+)
+"""The paper's matrices with the bodies that the original release ran."""
 
 
 def runs_after(frames: Frames, share: float = 1.0) -> pd.DataFrame:
@@ -57,16 +70,33 @@ def without_searches(cells: pd.DataFrame) -> pd.DataFrame:
 
 
 def by_students(cells: pd.DataFrame) -> Iterator[tuple[str, tuple[Matrix, ...], pd.DataFrame]]:
-    """Yields the paper's students together, then each other one alone, with the matrices to pool by."""
+    """Yields the paper's students together, then each other one alone, with the matrices to pool by.
+
+    Results of the original release, whose bipedal is another one, stand apart from others in the same root.
+    """
+    imported = (cells["engine"] == BOX2D).to_numpy(bool)
+    if not (imported & (cells["embodiment"] == RELEASED_BIPEDAL).to_numpy(bool)).any():
+        yield from _by_students(cells, MATRICES)
+        return
+    if not imported.all():
+        yield from _by_students(cells[~imported], MATRICES)
+    for name, matrices, chosen in _by_students(cells[imported], RELEASED_MATRICES):
+        apart = "" if imported.all() else _file_name(BOX2D)
+        yield "-".join(tag for tag in (name, apart) if tag), matrices, chosen
+
+
+def _by_students(
+    cells: pd.DataFrame, matrices: tuple[Matrix, ...]
+) -> Iterator[tuple[str, tuple[Matrix, ...], pd.DataFrame]]:
     theirs = {(m.environment, m.challenge): m.students for m in MATRICES}
     places = zip(cells["environment"], cells["challenge"], cells["student"], strict=True)
     other = {
         student for *place, student in places if student not in theirs.get((place[0], place[1]), (student,))
     }
     if not set(cells["student"]) or set(cells["student"]) - other:
-        yield "", MATRICES, cells
+        yield "", matrices, cells
     for student in sorted(other):
-        alone = tuple(replace(matrix, students=(student,)) for matrix in MATRICES)
+        alone = tuple(replace(matrix, students=(student,)) for matrix in matrices)
         yield _file_name(student), alone, cells[cells["student"] == student]
 
 

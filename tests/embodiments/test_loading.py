@@ -76,6 +76,14 @@ Change = Callable[[str], str]
             "substeps 0 must be at least 1",
         ),
         (
+            lambda text: text.replace("torque_cost", "substeps = 4\nmotor_share = 0.3\ntorque_cost"),
+            "motor_share 0.3 must be a whole number of the 4 substeps",
+        ),
+        (
+            lambda text: text.replace("torque_cost", "substeps = 4\nmotor_share = 1.5\ntorque_cost"),
+            "motor_share 1.5 must be a whole number of the 4 substeps",
+        ),
+        (
             lambda text: text.replace("motor_torque = 80.0\nmotor_speed = 6.0\n", ""),
             "without motor .* observed",
         ),

@@ -14,6 +14,8 @@ from analysis.frames import Frames
 from analysis.measures import evaluation_measures
 from analysis.pooling import pooled
 from analysis.student_pools import runs_after
+from analysis.table_results import table_results
+from analysis.tables import result_tables
 from tma_ray.importing import ImportRefusedError, ImportSummary, import_results
 from tma_ray.importing.names import CRITERIA, TEACHERS
 from tma_ray.results import DATA_TABLES, Results, Table
@@ -45,7 +47,7 @@ def test_a_seed_of_sac(release: Release) -> None:
     assert (done.finished, done.unfinished, done.left_out, done.notes) == (1, {}, {}, {})
     names = ("environment", "challenge", "embodiment", "student", "teacher", "expert_knowledge", "seed")
     assert [cell[name] for name in names] == [
-        *("stump_tracks", "mostly_unfeasible", "classic_bipedal", "sac", "alp_gmm", "low", 3)
+        *("stump_tracks", "mostly_unfeasible", "old_classic_bipedal", "sac", "alp_gmm", "low", 3)
     ]
     assert (cell["engine"], cell["physics_version"], cell["steps"]) == ("Box2D", 0, 2 * EPOCH)
     assert (cell["status"], cell["test_set"]) == ("done", "box2d_stump_tracks")
@@ -149,7 +151,20 @@ def test_criteria_are_challenges(release: Release, number: int) -> None:
     release.sac(stumps("Random", number, "no", "small_bipedal" if number == 5 else ""))
     cell = only(imported(release)[1])
     assert cell["challenge"] == CRITERIA[number - 1]
-    assert cell["embodiment"] == ("short_bipedal" if number == 5 else "classic_bipedal")
+    assert cell["embodiment"] == ("short_bipedal" if number == 5 else "old_classic_bipedal")
+
+
+def test_the_body_that_ran_stands_in_the_tables_place_of_the_papers_bipedal(release: Release) -> None:
+    bodies = ("old_classic_bipedal", "fish", "climbing_profile_chimpanzee")
+    for seed, body in enumerate(bodies):
+        release.sac(parkour("Random", body), seed=16 * seed, mastered=[0, 10 * seed])
+    release.sac(stumps("Random", 1), mastered=[0, 20])
+    (results,) = table_results(imported(release)[1])
+    tables = {table.name: table for table in result_tables(results)}
+    assert set(tables) == {"challenges_none", "parkour"}
+    means = {column: cell.mean for (_, column), cell in tables["parkour"].cells.items()}
+    assert means == {"old_classic_bipedal": 0, "fish": 10, "climbing_chimpanzee": 20, "overall": 10}
+    assert tables["challenges_none"].cells["random", "mostly_unfeasible"].mean == 20
 
 
 def test_an_upper_baseline_is_the_original_space(release: Release) -> None:

@@ -50,4 +50,11 @@ def test_random_actions_lead_other_bodies_as_far(name: str) -> None:
     assert fell == pytest.approx(theirs["fraction_terminated"].mean, abs=0.2)
     assert ours["episode_return"].mean() == pytest.approx(theirs["episode_return"].mean, rel=0.25)
     ratio = ours["length"].mean() / theirs["length"].mean
-    assert 0.5 < ratio < 2.25, "docs/fidelity.md explains why the spider and the wheel last longer"
+    assert 0.5 < ratio < 2.25, "docs/fidelity.md explains why the wheel lasts longer"
+
+
+def test_the_spider_gives_way_as_soon_as_the_releases() -> None:
+    ours = behaviour.episodes(behaviour.TASKS[0], 200, 500, "spider")
+    theirs = measured("random_actions", "stump_tracks", "spider")
+    assert ours["length"].mean() == pytest.approx(theirs["length"].mean, rel=0.25)
+    assert ours["length"].std() == pytest.approx(theirs["length"].std, rel=0.25)

@@ -36,6 +36,19 @@ OF_THE_TEXT: dict[str, dict[str, Any]] = {
 }
 """What appendix A says elsewhere."""
 
+LAUNCHED: dict[str, dict[str, Any]] = {
+    "goal_gan": {"noise": 0.1, "train_every": 100, "old_share": 0.1, "rollouts": 2},
+    "spdl": {
+        "first_update": 200_000,
+        "update_every": 50_000,
+        "updates_without_penalty": 10,
+        "penalty_share": 0.25,
+        "most_divergence": 0.1,
+    },
+    "setter_solver": {"update_every": 50, "noise": 0.1, "hidden_units": 64},
+}
+"""The original release's launch files, where they differ from that table."""
+
 DIFFERENT_LEVELS = {
     "random": (NONE, NONE, NONE),
     "riac": (NONE, NONE, NONE),
@@ -54,6 +67,17 @@ def test_defaults_are_the_papers_best_values(name: str) -> None:
     expected = BEST_VALUES[name] | OF_THE_TEXT.get(name, {})
     values = hyperparameters_of(make_teacher(name))
     assert {key: values.get(key) for key in expected} == expected
+
+
+@pytest.mark.parametrize("name", TEACHERS.names())
+def test_the_preset_release_has_the_values_of_the_launch_files(name: str) -> None:
+    if name not in LAUNCHED:
+        assert not TEACHERS.get(name).presets
+        return
+    values = hyperparameters_of(make_teacher(f"{name}:preset=release"))
+    papers = hyperparameters_of(make_teacher(name))
+    assert {key: values[key] for key in LAUNCHED[name]} == LAUNCHED[name]
+    assert {key for key in values if values[key] != papers[key]} <= set(LAUNCHED[name])
 
 
 @pytest.mark.parametrize("name", TEACHERS.names())

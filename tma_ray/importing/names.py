@@ -29,7 +29,7 @@ CRITERIA: Final = (
 """Names of the challenges that the original counts from 1."""
 
 BODIES: Final = {
-    "old_classic_bipedal": "classic_bipedal",
+    "old_classic_bipedal": "old_classic_bipedal",
     "classic_bipedal": "classic_bipedal",
     "small_bipedal": "short_bipedal",
     "short_bipedal": "short_bipedal",
@@ -44,7 +44,10 @@ BODIES: Final = {
     "climbing_chest_profile_chimpanzee": "climbing_chest_chimpanzee",
     "amphibious_bipedal": "amphibious_bipedal",
 }
-"""Our names by the original's. Its old classic bipedal is the bipedal of all its experiments: ours is too."""
+"""Our names by the original's."""
+
+DEFAULT_BODY: Final = "old_classic_bipedal"
+"""Body of folders that name none: the original's launch files run it wherever the paper says bipedal."""
 
 LEVELS: Final = {
     "no": "none",
@@ -119,7 +122,7 @@ def parse(name: str) -> OriginalExperiment:
     return OriginalExperiment(
         environment=environment,
         challenge=challenge,
-        embodiment=BODIES[body] if body else "classic_bipedal",
+        embodiment=BODIES[body] if body else DEFAULT_BODY,
         original_embodiment=body,
         teacher=TEACHERS[teacher],
         level=_level(name, environment, TEACHERS[teacher]),

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -30,6 +31,10 @@ class GoalGAN(Teacher):
     release, which trains after 100 labelled tasks instead of 100 episodes, and stores mastered tasks
     instead of those of intermediate difficulty.
 
+    The preset "release" has the values of the original release's launch files where they differ from the
+    paper's table: ten times the noise, and half as many tasks from the buffer. With the table's noise,
+    which hardly leaves the pretrained tasks, training starves once these are mastered.
+
     Attributes:
         noise: std of the noise added to every task, as a share of each range (paper: delta).
         train_every: episodes between two trainings of the network (paper: n).
@@ -48,6 +53,7 @@ class GoalGAN(Teacher):
 
     algorithm_version: ClassVar[int | None] = 1
     knowledge_levels: ClassVar[tuple[KnowledgeLevel, ...]] = (KnowledgeLevel.LOW, KnowledgeLevel.HIGH)
+    presets: ClassVar[Mapping[str, Mapping[str, Any]]] = {"release": {"noise": 0.1, "old_share": 0.1}}
 
     noise: float = 0.01
     train_every: int = 100

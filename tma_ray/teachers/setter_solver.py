@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from itertools import pairwise
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 import torch
@@ -48,6 +49,9 @@ class SetterSolver(Teacher):
     hyper-parameters; what both leave open from the original release. Its judge has two hidden
     layers where the paper says three, and its validity loss is not a number without a success.
 
+    The preset "release" has the values of the original release's launch files where they differ from the
+    paper's table.
+
     Attributes:
         update_every: episodes between two updates (paper: n).
         noise: upper bound of the uniform noise added to solved tasks in the validity loss, as a share
@@ -58,6 +62,9 @@ class SetterSolver(Teacher):
 
     algorithm_version: ClassVar[int | None] = 1
     knowledge_levels: ClassVar[tuple[KnowledgeLevel, ...]] = (KnowledgeLevel.LOW,)
+    presets: ClassVar[Mapping[str, Mapping[str, Any]]] = {
+        "release": {"update_every": 50, "noise": 0.1, "hidden_units": 64}
+    }
 
     update_every: int = 100
     noise: float = 0.05

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from collections import deque
+from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -43,7 +44,12 @@ class SPDL(Teacher):
 
     Sources: Klink et al. 2020, algorithm 1; paper, appendix A (Self-Paced), appendix C (expert
     knowledge) and table of hyper-parameters. An update happens at the first episode end after its
-    step is due, where the original release waits for an episode to end on the very step.
+    step is due; the original release updates within an episode, on the very step, if an episode has ended
+    since the last one.
+
+    The preset "release" has the values of the original release's launch files where they differ from the
+    paper's table: twice as many updates, each within an eighth of the divergence, and five times the
+    penalty, from the eleventh update on.
 
     Attributes:
         first_update: environment steps before the first update (paper: n_OFFSET).
@@ -55,6 +61,14 @@ class SPDL(Teacher):
 
     algorithm_version: ClassVar[int | None] = 1
     knowledge_levels: ClassVar[tuple[KnowledgeLevel, ...]] = (KnowledgeLevel.NONE, KnowledgeLevel.HIGH)
+    presets: ClassVar[Mapping[str, Mapping[str, Any]]] = {
+        "release": {
+            "update_every": 50_000,
+            "updates_without_penalty": 10,
+            "penalty_share": 0.25,
+            "most_divergence": 0.1,
+        }
+    }
 
     first_update: int = 200_000
     update_every: int = 100_000

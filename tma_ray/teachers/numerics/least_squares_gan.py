@@ -13,6 +13,10 @@ GENERATOR_UNITS = 256
 DISCRIMINATOR_UNITS = 128
 LEAK = 0.1
 
+SMOOTHING = 0.9
+"""Share of the mean square of gradients that RMSProp keeps at a step: TensorFlow 1's default, which the original
+release ran with; torch's is 0.99."""
+
 
 class LeastSquaresGAN:
     """A generator of points in [-1, 1] and a discriminator that tells wanted points from others.
@@ -47,8 +51,10 @@ class LeastSquaresGAN:
             layer(narrow, 1),
         )
         self._size, self._batch_size = size, batch_size
-        self._generator_optimiser = torch.optim.RMSprop(self.generator.parameters(), learning_rate)
-        self._discriminator_optimiser = torch.optim.RMSprop(self.discriminator.parameters(), learning_rate)
+        self._generator_optimiser, self._discriminator_optimiser = (
+            torch.optim.RMSprop(network.parameters(), learning_rate, alpha=SMOOTHING)
+            for network in (self.generator, self.discriminator)
+        )
 
     def generate(self, count: int, rng: np.random.Generator) -> NDArray[np.float64]:
         """Returns `count` points (count, d) in [-1, 1]."""
