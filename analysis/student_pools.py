@@ -1,4 +1,4 @@
-"""Which runs are pooled together where students, or a body of the original release, stand in for the paper's."""
+"""Pools of runs where students, or a body of the original release, stand in for the paper's."""
 
 from __future__ import annotations
 

@@ -56,9 +56,7 @@ class SolverSettings(NamedTuple):
 
 def settings_for(body: Embodiment) -> SolverSettings:
     """Returns the settings with what `body` says of its own."""
-    return SolverSettings(
-        body.iterations, body.substeps, body.motor_share, (1 - body.joint_correction) ** 60
-    )
+    return SolverSettings(body.iterations, body.substeps, body.motor_share, (1 - body.joint_correction) ** 60)
 
 
 def motor_substeps(settings: SolverSettings) -> int:

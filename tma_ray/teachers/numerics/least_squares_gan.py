@@ -14,8 +14,8 @@ DISCRIMINATOR_UNITS = 128
 LEAK = 0.1
 
 SMOOTHING = 0.9
-"""Share of the mean square of gradients that RMSProp keeps at a step: TensorFlow 1's default, which the original
-release ran with; torch's is 0.99."""
+"""Share of the mean square of gradients that RMSProp keeps at a step: the default of TensorFlow 1, which the
+original release ran with; torch's is 0.99."""
 
 
 class LeastSquaresGAN:
