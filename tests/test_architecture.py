@@ -124,6 +124,18 @@ def test_docstrings_of_modules_say_what_they_are() -> None:
     assert not {name for name in asking if name.split(".")[0] != UNSETTLED}
 
 
+def test_texts_say_that_a_thing_is_not_another() -> None:
+    """As in "expected a level" or "is not a folder": messages name what was expected and what to do."""
+    modules = {name: path for name, path in _modules().items() if name.split(".")[0] != UNSETTLED}
+    texts = {
+        (name, node.value)
+        for name, path in modules.items()
+        for node in ast.walk(_tree(path))
+        if isinstance(node, ast.Constant) and isinstance(node.value, str)
+    }
+    assert not {place for place in texts if re.search(r"\b(is|are) no\b", place[1])}
+
+
 def test_the_page_on_architecture_names_every_room_and_only_files_that_exist() -> None:
     page = (HOUSE / "docs" / "architecture.md").read_text(encoding="utf-8")
     named = set(re.findall(r"`((?:tma_ray|analysis)/[\w/.]*)`", page))

@@ -85,8 +85,8 @@ def test_the_onnx_file_says_what_it_is(student: str, root: Path, exports: dict[s
         "run_id": spec.run_id,
         "environment": "stump_tracks",
         "embodiment": "classic_bipedal",
-        "student": student,
-        "teacher": "alp_gmm",
+        "student": spec.student,
+        "teacher": spec.teacher,
         "seed": "0",
         "steps": "600",
         "physics_version": str(spec.physics_version),
@@ -242,7 +242,7 @@ def test_what_cannot_be_exported_is_refused_before_anything_is_written(
     for output, name, keywords, message in (
         (full, "ppo_alp", {}, "is not empty"),
         (file, "ppo_alp", {}, "is a file"),
-        (new, "ppo_random", {}, r"no spec\.json; a run saves its policy when it ends"),
+        (new, "ppo_random", {}, r"spec\.json is missing; a run saves its policy when it ends"),
         (new, "nobody", {}, "nobody"),
         (new, "ppo_alp", {"licence": "do as you like"}, "SPDX identifier"),
     ):

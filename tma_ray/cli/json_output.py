@@ -1,4 +1,4 @@
-"""JSON on standard output, for scripts: stable keys, and null where there is no number."""
+"""JSON on standard output, for scripts: stable keys, and null for a missing number."""
 
 from __future__ import annotations
 

@@ -16,6 +16,7 @@ from tma_ray import __version__
 from tma_ray.embodiments import Embodiment
 from tma_ray.envs import Environment
 from tma_ray.export.model_facts import History, ValueRow, shown, value_rows
+from tma_ray.part_names import base_name
 from tma_ray.physics import PHYSICS_VERSION, TIME_STEP
 from tma_ray.runs.spec import RunSpec
 from tma_ray.tasks import TaskSpace
@@ -83,7 +84,13 @@ def model_card(
         finalize=_plain,  # Markdown, not HTML: names may be somebody else's
         autoescape=False,  # noqa: S701
     )
-    templates.filters |= {"yaml": _yaml, "python": _python, "number": _number, "code": _code}
+    templates.filters |= {
+        "yaml": _yaml,
+        "python": _python,
+        "number": _number,
+        "code": _code,
+        "base": base_name,
+    }
     text = templates.get_template("model_card.md.j2").render(
         spec=spec,
         body=body if isinstance(body, Embodiment) else None,
@@ -153,3 +160,7 @@ def _plain(value: object) -> object:
     if isinstance(value, Markup) or not isinstance(value, str):
         return value
     return "".join(f"&#{ord(each)};" if each in "|`<>[]*\\\n\r" else each for each in value)
+
+
+_FILTERS = {"yaml": _yaml, "python": _python, "number": _number, "code": _code, "base": base_name}
+"""Functions that the template calls."""

@@ -26,7 +26,7 @@ class Damage:
     Attributes:
         path: of the file, from the results root.
         problem: what is the matter with it.
-        run_id: of the run that it belongs to, empty if it is no single run's.
+        run_id: of the run that it belongs to, empty if it holds several runs.
     """
 
     path: str

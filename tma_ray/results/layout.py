@@ -127,7 +127,7 @@ def _version_of_tables(store: Store) -> int | None:
 
 def _refuse(store: Store, problem: DamagedFileError | None) -> NoReturn:
     if problem is not None:
-        raise ResultsRootError(f"{problem}; there are no tables either that tell its version") from problem
+        raise ResultsRootError(f"{problem}; no table tells its version either") from problem
     store.check_bucket()
     raise ResultsRootError(
         f"{store} is not a results root: {ROOT_FILE} is missing; give the folder or address that was passed "

@@ -122,7 +122,7 @@ class Manifest:
             )
             shared = file.first is not None and file.path.startswith(f"{TABLES}/{file.table}/")
             if not (own or shared):
-                raise ValueError(f"it lists {file.path}, which is no file of run {run_id}")
+                raise ValueError(f"it lists {file.path}, which does not belong to run {run_id}")
         listed = [(file.path, file.first) for file in self.files]
         if len(set(listed)) < len(listed):
             raise ValueError("it lists a file twice")
@@ -137,7 +137,7 @@ def load_manifest(store: Store, path: str) -> Manifest:
 
     Raises:
         FileNotFoundError: there is none.
-        DamagedFileError: the file is no manifest, that of another run, or lists what cannot be this run's.
+        DamagedFileError: it is not a manifest, is that of another run, or lists what cannot be this run's.
     """
     manifest = decode_json(store.read_bytes(path), Manifest, store.where(path))
     try:

@@ -85,7 +85,7 @@ def opened(data: bytes) -> pq.ParquetFile:
     """Returns a Parquet file of which only the end was read: how many rows and which columns it has.
 
     Raises:
-        OSError, pa.ArrowException: the bytes are no Parquet file.
+        OSError, pa.ArrowException: the bytes are not a Parquet file.
     """
     return pq.ParquetFile(pa.BufferReader(data))
 
@@ -94,7 +94,7 @@ def schema_version(file: Any) -> int:
     """Returns the schema version that an open Parquet file names.
 
     Raises:
-        OSError, pa.ArrowException: the bytes are no Parquet file.
+        OSError, pa.ArrowException: the bytes are not a Parquet file.
         KeyError: it names none.
         ValueError: likewise.
     """
@@ -105,7 +105,7 @@ def unreadable_rows(data: bytes) -> Iterator[tuple[int, int]]:
     """Yields first and end of the rows of each row group in which a page is damaged.
 
     Raises:
-        OSError, pa.ArrowException: the bytes are no Parquet file at all.
+        OSError, pa.ArrowException: the bytes are not a Parquet file at all.
     """
     file, first = pq.ParquetFile(pa.BufferReader(data), page_checksum_verification=True), 0
     for group in range(file.num_row_groups):

@@ -49,7 +49,7 @@ def verify_root(store: Store) -> RootVerification:
     """Compares all that a results root holds with its manifests.
 
     Raises:
-        ResultsRootError: there is no such root, or one of another version.
+        ResultsRootError: the root does not exist, or is one of another version.
     """
     manifests, damage = _manifests(store)
     inspector = Inspector(store, raise_refusals=False)

@@ -18,7 +18,7 @@ Bounds = Mapping[str, Sequence[float]]
 """Low and high of dimensions of a task space, by name."""
 
 _ELSEWHERE = {"embodiment": "--embodiment or Cell.embodiment", "render_mode": "no run; runs draw nothing"}
-"""Parameters of an environment's constructor that are no options of a cell, and who chooses them."""
+"""Parameters of an environment's constructor that a cell cannot set, and who chooses them."""
 
 
 def environment_settings(name: str, options: Mapping[str, Any]) -> tuple[str, dict[str, Any]]:
@@ -36,7 +36,7 @@ def environment_settings(name: str, options: Mapping[str, Any]) -> tuple[str, di
     environment = ENVIRONMENTS.get(base)
     for option in (*text, *options):
         if option in _ELSEWHERE:
-            raise ValueError(f"environment {base!r}: {option} is no option here; use {_ELSEWHERE[option]}")
+            raise ValueError(f"environment {base!r}: {option} cannot be set here; use {_ELSEWHERE[option]}")
     try:
         values = differing(environment, parse_settings(environment, text, options, "option"))
     except ValueError as error:
@@ -52,7 +52,7 @@ def challenge_bounds(name: str, space: Bounds) -> tuple[str, dict[str, tuple[flo
         space: further bounds.
 
     Raises:
-        ValueError: bounds that are no two numbers, or given twice.
+        ValueError: bounds that are not two numbers, or given twice.
     """
     base, text = split_name(name)
     twice = sorted(set(text) & set(space))

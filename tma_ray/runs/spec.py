@@ -242,7 +242,7 @@ class RunSpec:
             where: name of the file, for messages.
 
         Raises:
-            DamagedFileError: it is no spec; the message names the file and, where known, the field.
+            DamagedFileError: it is not a spec; the message names the file and, where known, the field.
             ValueError: it is that of an imported run, which another engine simulated.
         """
         facts = decode_json(text, SpecFacts, where)
@@ -252,7 +252,7 @@ class RunSpec:
         try:
             return cls.from_dict(content)
         except (ValueError, KeyError, TypeError, AttributeError) as error:
-            raise DamagedFileError(f"{where} is no spec of a run: {error!r:.200}") from error
+            raise DamagedFileError(f"{where} is not the spec of a run: {error!r:.200}") from error
 
 
 def _float32(rows: list[list[float]]) -> Task:

@@ -24,7 +24,7 @@ def write_file(target: Path, temporary: Path, data: bytes, *, exclusive: bool = 
         target: where to.
         temporary: a name in an existing folder of the same file system; nothing is left there.
         data: the content.
-        exclusive: only if there is no file yet.
+        exclusive: only if the file does not exist yet.
 
     Returns:
         False if it was to be new and is not.
