@@ -16,7 +16,7 @@ from typing import Any
 
 import numpy as np
 
-from tma_ray.campaign.options import whole_number
+from tma_ray.campaign.option_values import whole_number
 from tma_ray.results import CHECKPOINTS, RunWriter, Store
 from tma_ray.runs import Cell, InlineTeacher, Schedule, effective_spec
 from tma_ray.runs.checkpoints import Checkpoints

@@ -11,7 +11,8 @@ from rich.console import Console
 
 from tma_ray.campaign import Campaign, cells_of
 from tma_ray.campaign.monitor.progress import ActiveRun, ProgressView, Snapshot, duration
-from tma_ray.campaign.options import add_options, chosen_address, chosen_campaign, parse_seeds, whole_number
+from tma_ray.campaign.option_values import parse_seeds, whole_number
+from tma_ray.campaign.options import add_options, chosen_address, chosen_campaign
 from tma_ray.campaign.preflight.address import check_address
 from tma_ray.campaign.settings import Resources, Settings
 from tma_ray.cli import main

@@ -13,6 +13,7 @@ from rich.console import Console
 from tma_ray.benchmark import SIZES, Experiment, Matrix, Size, Tier, select
 from tma_ray.campaign.costs.estimation import estimate
 from tma_ray.campaign.matrices import joined_plan, matrix_campaigns
+from tma_ray.campaign.option_values import parse_levels
 from tma_ray.campaign.options import (
     LISTS,
     SCHEDULE,
@@ -20,7 +21,6 @@ from tma_ray.campaign.options import (
     add_execution_options,
     add_results_option,
     chosen_settings,
-    parse_levels,
     replace_schedule,
 )
 from tma_ray.campaign.plan import Plan

@@ -7,11 +7,18 @@ import os
 from collections.abc import Mapping, Sequence
 from dataclasses import fields, replace
 
+from tma_ray.campaign.option_values import (
+    names,
+    parse_assignment,
+    parse_levels,
+    parse_seeds,
+    parse_space,
+    whole_number,
+)
 from tma_ray.campaign.plan import CampaignSpec
 from tma_ray.campaign.settings import Resources, Settings, TeacherPlacement
 from tma_ray.part_names import join_name
 from tma_ray.runs import Cell, Schedule
-from tma_ray.tasks import KnowledgeLevel
 
 LISTS = {
     "teachers": ("NAME", "teachers, with hyper-parameters if wanted, as in alp_gmm:fit_every=100,riac"),
@@ -160,26 +167,7 @@ def add_execution_options(parser: argparse.ArgumentParser) -> argparse._Argument
         action="store_true",
         help="the cluster adds nodes: accept runs that fit none of today's",
     )
-    how.add_argument(
-        "--cpus-per-run", type=float, default=Resources.cpus, metavar="X", help="cores that a run occupies"
-    )
-    how.add_argument(
-        "--gpus-per-run",
-        type=float,
-        default=Resources.gpus,
-        metavar="X",
-        help="GPUs that a run occupies: a share of one, as 0.25, or a whole number",
-    )
-    how.add_argument(
-        "--memory-per-run",
-        type=float,
-        default=Resources.memory_gib,
-        metavar="GIB",
-        help="memory that a run occupies",
-    )
-    how.add_argument(
-        "--device", default=Settings.device, metavar="DEVICE", help="where networks live, as cpu or cuda"
-    )
+    _add_resources(how)
     how.add_argument(
         "--teacher-placement",
         type=TeacherPlacement,
@@ -204,6 +192,29 @@ def add_execution_options(parser: argparse.ArgumentParser) -> argparse._Argument
     how.add_argument("--dry-run", action="store_true", help="print what would run, and stop")
     how.add_argument("--yes", action="store_true", help=YES)
     return how
+
+
+def _add_resources(group: argparse._ActionsContainer) -> None:
+    group.add_argument(
+        "--cpus-per-run", type=float, default=Resources.cpus, metavar="X", help="cores that a run occupies"
+    )
+    group.add_argument(
+        "--gpus-per-run",
+        type=float,
+        default=Resources.gpus,
+        metavar="X",
+        help="GPUs that a run occupies: a share of one, as 0.25, or a whole number",
+    )
+    group.add_argument(
+        "--memory-per-run",
+        type=float,
+        default=Resources.memory_gib,
+        metavar="GIB",
+        help="memory that a run occupies",
+    )
+    group.add_argument(
+        "--device", default=Settings.device, metavar="DEVICE", help="where networks live, as cpu or cuda"
+    )
 
 
 def chosen_campaign(campaign: CampaignSpec, options: argparse.Namespace) -> CampaignSpec:
@@ -234,96 +245,9 @@ def chosen_address(options: argparse.Namespace) -> str | None:
     return None if options.local else options.address or None
 
 
-def names(text: str) -> tuple[str, ...]:
-    """Parses a list of names; an empty text is the one empty name, of an environment without bodies."""
-    return tuple(name.strip() for name in text.split(","))
-
-
-def parse_assignment(text: str) -> tuple[str, str]:
-    """Parses NAME=VALUE.
-
-    Examples:
-        >>> parse_assignment("swinging_creepers=true")
-        ('swinging_creepers', 'true')
-    """
-    name, separator, value = text.partition("=")
-    if not (name and separator):
-        raise argparse.ArgumentTypeError(f"{text!r}: expected NAME=VALUE")
-    return name, value
-
-
-def parse_space(text: str) -> dict[str, tuple[float, float]]:
-    """Parses bounds of a task space.
-
-    Examples:
-        >>> parse_space("stump_height=0:0.3,obstacle_spacing=3:6")
-        {'stump_height': (0.0, 0.3), 'obstacle_spacing': (3.0, 6.0)}
-    """
-    space: dict[str, tuple[float, float]] = {}
-    for name, bounds in map(parse_assignment, text.split(",")):
-        try:
-            low, high = map(float, bounds.split(":"))
-        except ValueError:
-            raise argparse.ArgumentTypeError(
-                f"{name}={bounds}: expected DIMENSION=LOW:HIGH, as in stump_height=0:0.3"
-            ) from None
-        if name in space:
-            raise argparse.ArgumentTypeError(f"{name} is given twice; give its bounds once")
-        space[name] = (low, high)
-    return space
-
-
 def environment_name(name: str, options: argparse.Namespace) -> str:
     """Returns the name of an environment with the options that the command line adds to it."""
     return name + "".join(join_name("", {key: value}) for key, value in options.environment_options or ())
-
-
-def parse_seeds(text: str) -> tuple[int, ...]:
-    """Parses a number of seeds ("4"), or which ones ("8-11", "0,5").
-
-    Examples:
-        >>> parse_seeds("3"), parse_seeds("8-10"), parse_seeds("0,5")
-        ((0, 1, 2), (8, 9, 10), (0, 5))
-    """
-    try:
-        if "-" in text:
-            first, last = (int(part) for part in text.split("-"))
-            seeds = tuple(range(first, last + 1))
-        elif "," in text:
-            seeds = tuple(int(part) for part in text.split(",") if part)
-        else:
-            seeds = tuple(range(int(text)))
-    except ValueError:
-        seeds = ()
-    if not seeds or min(seeds) < 0:
-        raise argparse.ArgumentTypeError(f"{text!r}: expected a number (4), a range (8-11) or a list (0,5)")
-    return seeds
-
-
-def parse_levels(given: Sequence[str]) -> tuple[KnowledgeLevel, ...]:
-    """Returns the levels of expert knowledge that are called so.
-
-    Raises:
-        ValueError: one that does not exist.
-    """
-    unknown = [level for level in given if level not in list(KnowledgeLevel)]
-    if unknown:
-        raise ValueError(
-            f"unknown level of expert knowledge {unknown[0]!r}: expected one of {', '.join(KnowledgeLevel)}"
-        )
-    return tuple(KnowledgeLevel(level) for level in given)
-
-
-def whole_number(text: str) -> int:
-    """Parses a number of steps: 500000, 500_000, 5e5, 500k or 20M."""
-    factor = {"k": 1_000, "M": 1_000_000}.get(text[-1:], 1)
-    try:
-        value = float(text.rstrip("kM")) * factor
-    except ValueError:
-        value = 0.5
-    if value < 1 or value != int(value):
-        raise argparse.ArgumentTypeError(f"{text!r}: expected a whole number such as 500000, 500k or 20M")
-    return int(value)
 
 
 def replace_schedule(schedule: Schedule, options: argparse.Namespace) -> Schedule:

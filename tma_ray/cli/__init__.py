@@ -39,6 +39,7 @@ def _parser() -> CommandParser:
     commands = parser.add_subparsers(title="commands", required=True, metavar="COMMAND")
     for group in (running, looking, verifying, policies, publishing, importing, naming, completion):
         group.add_commands(commands)
+    parser.set_defaults(parser=parser)
     return parser
 
 

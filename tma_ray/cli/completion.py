@@ -37,9 +37,7 @@ def _populate(parser: CommandParser) -> None:
 def _completion(options: argparse.Namespace) -> int:
     import shtab
 
-    from tma_ray.cli import _parser
-
-    parser = _parser()
+    parser: CommandParser = options.parser
     for command in parser.commands():
         for action in command._actions:
             if action.metavar in FILES:

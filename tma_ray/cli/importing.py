@@ -47,7 +47,7 @@ def _populate(parser: CommandParser) -> None:
 
 
 def _add_results(parser: CommandParser) -> None:
-    from tma_ray.campaign.options import whole_number
+    from tma_ray.campaign.option_values import whole_number
     from tma_ray.importing import LARGEST_MEBIBYTES
 
     parser.add_argument("source", type=Path, metavar="SOURCE", help="folder with any number of experiments")

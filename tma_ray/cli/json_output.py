@@ -41,7 +41,7 @@ KEYS: Mapping[str, Mapping[str, str]] = {
         "whole": "whether nothing is damaged",
         "runs": "how many have a manifest that can be read",
         "files": "how many their manifests list",
-        "damage": "list of path, problem and run_id (empty if the file is no single run's)",
+        "damage": "list of path, problem and run_id (empty if the file holds several runs)",
         "unlisted": "paths of files of tables and policies that belong to no run",
     },
     "list": {

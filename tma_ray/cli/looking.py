@@ -7,8 +7,10 @@ from contextlib import closing, suppress
 from pathlib import Path
 from typing import Any
 
-from tma_ray.cli import playing, records, reporting
 from tma_ray.cli.json_output import add_json_option, print_json
+from tma_ray.cli.playing import TASK, add_episode, add_scene
+from tma_ray.cli.records import claims_record, ranking_record, status_record
+from tma_ray.cli.reporting import add_report_command
 from tma_ray.command_line import CommandParser
 
 
@@ -28,7 +30,11 @@ def add_commands(commands: Any) -> None:
         "ended it.",
         populate=_add_logs,
     )
-    reporting.add_report_command(commands)
+    add_report_command(commands)
+    _add_findings(commands)
+
+
+def _add_findings(commands: Any) -> None:
     commands.add_parser(
         "ranking",
         help="rank the teachers on each challenge by mastered tasks",
@@ -115,11 +121,9 @@ def _add_tensorboard(parser: CommandParser) -> None:
 
 
 def _add_render(parser: CommandParser) -> None:
-    playing.add_scene(parser)
-    parser.add_argument(
-        "--task", metavar="TASK", help=f"{playing.TASK} (default: the middle of the task space)"
-    )
-    playing.add_episode(parser)
+    add_scene(parser)
+    parser.add_argument("--task", metavar="TASK", help=f"{TASK} (default: the middle of the task space)")
+    add_episode(parser)
     parser.add_argument(
         "-o",
         "--output",
@@ -146,7 +150,7 @@ def _render(options: argparse.Namespace) -> int:
 
 def _status(options: argparse.Namespace) -> int:
     if options.json:
-        print_json("status", records.status_record(options.root))
+        print_json("status", status_record(options.root))
         return 0
     from tma_ray.campaign.monitor.status import show, watch
 
@@ -167,7 +171,7 @@ def _logs(options: argparse.Namespace) -> int:
 
 def _ranking(options: argparse.Namespace) -> int:
     if options.json:
-        print_json("ranking", records.ranking_record(options.root, options.share))
+        print_json("ranking", ranking_record(options.root, options.share))
         return 0
     from analysis.ranking import show_ranking
 
@@ -177,7 +181,7 @@ def _ranking(options: argparse.Namespace) -> int:
 
 def _claims(options: argparse.Namespace) -> int:
     if options.json:
-        print_json("claims", records.claims_record(options.root))
+        print_json("claims", claims_record(options.root))
         return 0
     from analysis.claims_view import show_claims
 

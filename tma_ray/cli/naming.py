@@ -7,8 +7,8 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
-from tma_ray.cli import records
 from tma_ray.cli.json_output import add_json_option, print_json
+from tma_ray.cli.records import doctor_record, list_record
 from tma_ray.command_line import CommandParser
 
 KINDS = ("teachers", "students", "environments", "embodiments", "challenges", "test-sets", "experiments")
@@ -56,7 +56,7 @@ def _add_list(parser: CommandParser) -> None:
 
 def _doctor(options: argparse.Namespace) -> int:
     if options.json:
-        print_json("doctor", records.doctor_record(options.results))
+        print_json("doctor", doctor_record(options.results))
         return 0
     from tma_ray.campaign.doctor import show
 
@@ -67,7 +67,7 @@ def _doctor(options: argparse.Namespace) -> int:
 def _list(options: argparse.Namespace) -> int:
     descriptions = {kind: _descriptions(kind) for kind in ([options.kind] if options.kind else KINDS)}
     if options.json:
-        print_json("list", records.list_record(descriptions))
+        print_json("list", list_record(descriptions))
         return 0
     from rich.console import Console
     from rich.table import Table

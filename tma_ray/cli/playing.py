@@ -29,7 +29,7 @@ def add_scene(parser: argparse.ArgumentParser) -> None:
 
 def add_episode(group: argparse._ActionsContainer) -> None:
     """Adds the options that limit an episode and its frames."""
-    from tma_ray.campaign.options import whole_number
+    from tma_ray.campaign.option_values import whole_number
 
     group.add_argument(
         "--steps", type=whole_number, default=1000, metavar="N", help="steps after which an episode is left"

@@ -6,7 +6,7 @@ import argparse
 from pathlib import Path
 from typing import Any
 
-from tma_ray.cli import playing
+from tma_ray.cli.playing import TASK, add_episode, add_scene
 from tma_ray.command_line import CommandParser
 
 
@@ -43,13 +43,13 @@ def _add_export(parser: CommandParser) -> None:
 
 
 def _add_play(parser: CommandParser) -> None:
-    playing.add_scene(parser)
+    add_scene(parser)
     parser.add_argument(
         "--task",
         dest="tasks",
         action="append",
         metavar="TASK",
-        help=f"{playing.TASK}; repeatable, for several in turn (default: the middle of the task space)",
+        help=f"{TASK}; repeatable, for several in turn (default: the middle of the task space)",
     )
     parser.add_argument(
         "--size", metavar="SIZE", help="pixels of the window, as 640x480 (default: as the world needs)"
@@ -62,7 +62,7 @@ def _add_play(parser: CommandParser) -> None:
         metavar="FILE",
         help="video (.mp4, .gif) or picture (.png) (default: none)",
     )
-    playing.add_episode(video)
+    add_episode(video)
     parser.set_defaults(command=_play)
 
 

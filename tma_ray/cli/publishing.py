@@ -7,8 +7,8 @@ import sys
 from pathlib import Path
 from typing import Any
 
-from tma_ray.cli import records
 from tma_ray.cli.json_output import add_json_option, print_json
+from tma_ray.cli.records import baselines_record
 from tma_ray.command_line import CommandParser
 
 NOT_WHOLE = 1
@@ -61,7 +61,7 @@ def add_commands(commands: Any) -> None:
 
 
 def _add_tables(parser: CommandParser) -> None:
-    from tma_ray.campaign.options import whole_number
+    from tma_ray.campaign.option_values import whole_number
 
     parser.add_argument("root", metavar="ROOT", help=RESULTS)
     parser.add_argument(
@@ -198,7 +198,7 @@ def _compare(options: argparse.Namespace) -> int:
 
 def _list_baselines(options: argparse.Namespace) -> int:
     if options.json:
-        print_json("baselines list", records.baselines_record())
+        print_json("baselines list", baselines_record())
         return 0
     from analysis.baselines.commands import show_baselines
 

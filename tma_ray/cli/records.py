@@ -1,4 +1,4 @@
-"""What commands find, as the records that they print as JSON; `json_output.KEYS` says what the keys mean."""
+"""Records that commands print as JSON; `json_output.KEYS` says what their keys mean."""
 
 from __future__ import annotations
 

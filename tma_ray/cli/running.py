@@ -6,8 +6,8 @@ import argparse
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from tma_ray.cli import records
 from tma_ray.cli.json_output import add_json_option, print_json
+from tma_ray.cli.records import plan_record
 from tma_ray.command_line import CommandParser
 
 if TYPE_CHECKING:
@@ -51,6 +51,10 @@ def add_commands(commands: Any) -> None:
             "tma-ray campaign --teachers random,riac --seeds 2 --dry-run",
         ),
     )
+    _add_comparing(commands)
+
+
+def _add_comparing(commands: Any) -> None:
     commands.add_parser(
         "plan",
         help="print the size and the cost of an experiment of the benchmark",
@@ -155,7 +159,8 @@ def _add_stop(parser: CommandParser) -> None:
 
 
 def _add_simulate(parser: CommandParser) -> None:
-    from tma_ray.campaign.options import LISTS, names, parse_seeds, whole_number
+    from tma_ray.campaign.option_values import names, parse_seeds, whole_number
+    from tma_ray.campaign.options import LISTS
     from tma_ray.testing import EPISODES
 
     parser.add_argument(
@@ -215,7 +220,7 @@ def _plan(options: argparse.Namespace) -> int:
 
     experiment = find_experiment(options.experiment)
     if options.json:
-        print_json("plan", records.plan_record(experiment, options))
+        print_json("plan", plan_record(experiment, options))
         return 0
     show_detectable_differences(show_plan(experiment, options).cell_rows)
     return 0
@@ -226,7 +231,7 @@ def _simulate(options: argparse.Namespace) -> int:
     from rich.progress import track
 
     from analysis import simulated
-    from tma_ray.campaign.options import parse_levels
+    from tma_ray.campaign.option_values import parse_levels
     from tma_ray.tasks import KnowledgeLevel
     from tma_ray.teachers import TEACHERS, canonical_teacher
     from tma_ray.testing import SIMULATED_CHALLENGES, find_simulated_challenge, matrix

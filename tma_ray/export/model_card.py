@@ -76,6 +76,34 @@ def model_card(
     """
     evaluations = history.evaluations if history else ()
     body = environment.get_wrapper_attr("embodiment") if environment.has_wrapper_attr("embodiment") else None
+    text = (
+        _templates()
+        .get_template("model_card.md.j2")
+        .render(
+            spec=spec,
+            body=body if isinstance(body, Embodiment) else None,
+            about=_first_sentence(environment),
+            domain=environment.get_wrapper_attr("valid_domain"),
+            rows={kind: value_rows(environment, kind) for kind in ("observation", "action")},
+            values=_values,
+            environment_arguments=_arguments(spec),
+            middle=[float(value) for value in _task_in(spec.task_space, environment)],
+            last=evaluations[-1] if evaluations else None,
+            curve=shown(evaluations) if evaluations else [],
+            evaluation_count=len(evaluations),
+            libraries=history.libraries if history else {},
+            files=files,
+            onnx=onnx,
+            licence=licence,
+            version=__version__,
+            physics_version=PHYSICS_VERSION,
+            steps_per_second=round(1 / TIME_STEP) if isinstance(body, Embodiment) else None,
+        )
+    )
+    return re.sub(r"\n{3,}", "\n\n", text.rstrip()) + "\n"
+
+
+def _templates() -> Templates:
     templates = Templates(
         loader=PackageLoader("tma_ray.export"),
         undefined=StrictUndefined,
@@ -91,27 +119,7 @@ def model_card(
         "code": _code,
         "base": base_name,
     }
-    text = templates.get_template("model_card.md.j2").render(
-        spec=spec,
-        body=body if isinstance(body, Embodiment) else None,
-        about=_first_sentence(environment),
-        domain=environment.get_wrapper_attr("valid_domain"),
-        rows={kind: value_rows(environment, kind) for kind in ("observation", "action")},
-        values=_values,
-        environment_arguments=_arguments(spec),
-        middle=[float(value) for value in _task_in(spec.task_space, environment)],
-        last=evaluations[-1] if evaluations else None,
-        curve=shown(evaluations) if evaluations else [],
-        evaluation_count=len(evaluations),
-        libraries=history.libraries if history else {},
-        files=files,
-        onnx=onnx,
-        licence=licence,
-        version=__version__,
-        physics_version=PHYSICS_VERSION,
-        steps_per_second=round(1 / TIME_STEP) if isinstance(body, Embodiment) else None,
-    )
-    return re.sub(r"\n{3,}", "\n\n", text.rstrip()) + "\n"
+    return templates
 
 
 def _first_sentence(environment: Environment) -> str:

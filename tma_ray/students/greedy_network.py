@@ -67,7 +67,7 @@ def tensor_kinds(stored: StoredPolicy) -> dict[str, tuple[tuple[int, ...], str]]
     """Returns what `StoredPolicy.check` expects of the layers, whose sizes are ``hidden_units``.
 
     Raises:
-        PolicyFileError: these are no sizes.
+        PolicyFileError: these are not sizes.
     """
     units = stored.hyperparameters.get("hidden_units")
     if not isinstance(units, list) or not units or not all(type(size) is int and size > 0 for size in units):
