@@ -5,6 +5,8 @@ from __future__ import annotations
 import json
 import subprocess
 import sys
+from collections.abc import Callable
+from functools import cache, partial
 from pathlib import Path
 
 import pytest
@@ -16,6 +18,8 @@ from tma_ray.runs import Placement, RunSpec
 HERE = Path(__file__).parent
 
 Case = tuple[str, str, str]
+RunAndFolder = tuple[RunSpec, Path]
+Finished = Callable[[tuple[Case, ...]], dict[Case, RunAndFolder]]
 
 FEW: tuple[Case, ...] = (("corridor", "sac", "alp_gmm"), ("stump_tracks", "ppo", "alp_gmm"))
 MORE: tuple[Case, ...] = (
@@ -30,37 +34,38 @@ WORLDS = {"corridor": (small_spec, 2_000, (37, 31)), "stump_tracks": (stump_trac
 
 
 @pytest.fixture(scope="module")
-def finished(
-    request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory
-) -> dict[Case, tuple[RunSpec, Path]]:
-    """Runs that were stopped, and then all finished in one new process: their specs and folders."""
-    cases = {}
-    for world, student, teacher in request.param:
+def finished(tmp_path_factory: pytest.TempPathFactory) -> Finished:
+    """Of cases, makes runs that were stopped, and then all finished in one new process; once."""
+    return cache(partial(_finished, tmp_path_factory))
+
+
+def _finished(tmp_path_factory: pytest.TempPathFactory, cases: tuple[Case, ...]) -> dict[Case, RunAndFolder]:
+    runs = {}
+    for world, student, teacher in cases:
         make, steps, stops = WORLDS[world]
         folder = tmp_path_factory.mktemp(f"{world}-{student}")
         spec = make(folder, student, teacher, steps=steps, evaluation_interval=steps // 2)
         for stop in stops:
             assert run(spec, folder / "resumed", stop_after=stop) == "stopped"
         (folder / "spec.json").write_text(json.dumps(spec.to_dict()))
-        cases[world, student, teacher] = spec, folder
-    folders = [str(folder) for _, folder in cases.values()]
+        runs[world, student, teacher] = spec, folder
+    folders = [str(folder) for _, folder in runs.values()]
     subprocess.run([sys.executable, "small_runs.py", *folders], cwd=HERE, check=True)
-    return cases
+    return runs
 
 
 @pytest.mark.parametrize(
-    ("finished", "case"),
+    ("together", "case"),
     [
         *(pytest.param(FEW, case, id="-".join(case)) for case in FEW),
         *(pytest.param(MORE, case, id="-".join(case), marks=pytest.mark.slow) for case in MORE),
     ],
-    indirect=["finished"],
 )
 def test_stopped_and_finished_in_a_new_process(
-    finished: dict[Case, tuple[RunSpec, Path]], case: Case
+    finished: Finished, together: tuple[Case, ...], case: Case
 ) -> None:
     """Many short episodes, stopped twice; or few long ones."""
-    spec, folder = finished[case]
+    spec, folder = finished(together)[case]
     run(spec, folder / "undisturbed")
     undisturbed = data_files(folder / "undisturbed")
     assert len(undisturbed) == 5
