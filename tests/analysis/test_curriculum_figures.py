@@ -159,7 +159,7 @@ def test_boxes_and_gaussians_are_drawn_dimension_by_dimension() -> None:
     assert sizes[0] > sizes[1]
 
 
-@pytest.mark.parametrize(("size", "rows"), [(1, 1), (6, 5), (12, 11)])
+@pytest.mark.parametrize(("size", "rows"), [(1, 1), (6, 5)])
 def test_constant_dimensions_are_left_out(size: int, rows: int) -> None:
     panels = dimension_bands(
         {"random": curriculum("random", size), "adr": curriculum("adr", size)}, axes(size)

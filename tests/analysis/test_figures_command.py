@@ -25,6 +25,7 @@ def test_the_papers_own_numbers_give_its_radar_and_its_bars(tmp_path: Path) -> N
     assert not written.left_out
 
 
+@pytest.mark.slow
 def test_a_campaign_gives_curves_maps_films_and_says_what_is_missing(tmp_path: Path) -> None:
     campaign = SyntheticCampaign(tmp_path / "root", episode_steps=20_000, updates=4, evaluation_every=500_000)
     for teacher in ("random", "alp_gmm"):

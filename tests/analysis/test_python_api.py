@@ -86,5 +86,5 @@ def test_result_runs_keep_every_step() -> None:
 
 
 def test_a_root_that_does_not_exist_is_refused_with_advice(tmp_path: Path) -> None:
-    with pytest.raises(ResultsRootError, match=r"nowhere.*root\.json.*tma-ray"):
+    with pytest.raises(ResultsRootError, match=r"nowhere.*root\.json.*--results"):
         analysis.load(tmp_path / "nowhere")

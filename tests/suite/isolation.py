@@ -1,12 +1,14 @@
-"""Each case leaves names, environment and folder as it met them."""
+"""Each case leaves names, environment, folder and generators as it met them."""
 
 from __future__ import annotations
 
 import os
+import random
 import sys
 from collections.abc import Iterator
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from tma_ray.envs import ENVIRONMENTS
@@ -64,6 +66,19 @@ def _restored_surroundings() -> Iterator[None]:
     for name in set(os.environ) - set(variables) - {"PYTEST_CURRENT_TEST"}:
         del os.environ[name]
     os.environ.update({name: value for name, value in variables.items() if os.environ.get(name) != value})
+
+
+@pytest.fixture(autouse=True)
+def _restored_generators() -> Iterator[None]:
+    """Each case meets the global generators as they were; unseeded, since nobody may draw from them."""
+    plain, arrays = random.getstate(), np.random.get_state()  # noqa: NPY002
+    torch = sys.modules.get("torch")
+    tensors = torch.get_rng_state() if torch else None
+    yield
+    random.setstate(plain)
+    np.random.set_state(arrays)  # noqa: NPY002
+    if torch:
+        torch.set_rng_state(tensors)
 
 
 @pytest.fixture(autouse=True)

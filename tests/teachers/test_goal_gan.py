@@ -127,6 +127,7 @@ def test_without_a_wanted_task_the_network_stays_as_it_is() -> None:
     assert STUMP_TRACKS.contains(before)
 
 
+@pytest.mark.slow
 def test_it_follows_a_student_that_gets_better() -> None:
     """Tasks half a step around the student's skill succeed now and then, lower ones always."""
     teacher = goal_gan(pretraining_iterations=200, iterations_per_task=1.5, noise=0.05)
