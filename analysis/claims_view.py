@@ -46,9 +46,12 @@ def show_claims(root: str | Path, details: bool = False, console: Console | None
         ResultsRootError: there is no such root.
     """
     console = console or Console()
-    for verdict in root_verdicts(load(root)):
+    frames = load(root)
+    for verdict in root_verdicts(frames):
         style = STYLES[verdict.standing]
         console.print(f"[{style}]{verdict.standing}[/{style}]: {verdict.claim.text}", highlight=False)
         console.print(f"  {verdict.claim.source}; {verdict.describe()}", highlight=False)
         for finding in verdict.findings if details else ():
             console.print(f"    {finding.standing}: {finding.evidence}", highlight=False, markup=False)
+    for warning in frames.warnings:
+        console.print(warning, highlight=False, markup=False, style="dim")

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from analysis.baselines import BaselineKind, as_baseline
 from analysis.formatting import amount
 from analysis.frames import Frames, load
+from analysis.identity import NAMED, named_apart
 from analysis.measures import is_baseline
 from analysis.pairwise import pairwise
 from analysis.pooling import COMPARED, POOLED, parts_of, pooled
@@ -21,6 +22,7 @@ from analysis.statistics import SIGNIFICANCE, holm
 from analysis.student_pools import result_runs
 from analysis.style import label
 from tma_ray.benchmark import MATRICES, TEACHERS
+from tma_ray.part_names import base_name
 from tma_ray.results import CHIPMUNK
 
 MEASURE = "mastered_percent"
@@ -29,6 +31,8 @@ PLACE = ["environment", "challenge", "expert_knowledge"]
 """Columns that say where a result was had."""
 
 CONDITIONS = {
+    "environment": "environment",
+    "challenge": "challenge",
     "steps": "training steps",
     "pool": "bodies or students",
     "test_sets": "test tasks",
@@ -52,6 +56,7 @@ class Side:
         table: of `pooling.pooled`, or of `published.paper_frame`.
         runs: of `pooling.pool_runs`, Random lent to all levels; None where only tables are known.
         curves: the same runs at every evaluation, with step; None where `runs` is.
+        frames: what both were made of; None where `runs` is.
     """
 
     name: str
@@ -59,13 +64,28 @@ class Side:
     table: pd.DataFrame
     runs: pd.DataFrame | None = None
     curves: pd.DataFrame | None = None
+    frames: Frames | None = None
 
 
 def side_of(frames: Frames, name: str) -> Side:
     """Returns the results of a root or a release at the end of its runs."""
     runs = result_runs(frames, run_measures(frames))
     curves = result_runs(frames, evaluations_at(frames, sorted(frames.evaluations["step"].unique())))
-    return Side(name, _engine_of(runs), pooled(runs, [MEASURE]), runs, curves)
+    return Side(name, _engine_of(runs), pooled(runs, [MEASURE]), runs, curves, frames)
+
+
+def named_jointly(mine: Side, baselines: Sequence[Side]) -> tuple[Side, list[Side], tuple[str, ...]]:
+    """Returns the same sides with names that stand for one thing in all of them, and what was split.
+
+    What one root calls PPO may have other settings, or another version, in another root.
+    """
+    sides = [mine, *baselines]
+    frames = {place: side.frames for place, side in enumerate(sides) if side.frames is not None}
+    named, said = named_apart([each.cells for each in frames.values()])
+    for (place, each), cells in zip(frames.items(), named, strict=True):
+        if not cells[NAMED].equals(each.cells[NAMED]):
+            sides[place] = side_of(replace(each, cells=cells), sides[place].name)
+    return sides[0], sides[1:], said
 
 
 def _engine_of(runs: pd.DataFrame) -> str:
@@ -112,6 +132,7 @@ def together(mine: Side, baselines: Sequence[Side], *, along: bool = False) -> p
     Returns:
         Of `pooling.pool_runs`, with source: the name of the side.
     """
+    mine, baselines, _ = named_jointly(mine, baselines)
     own = mine.curves if along else mine.runs
     assert own is not None
     assert mine.runs is not None
@@ -187,7 +208,7 @@ def beside(mine: Side, baseline: Side) -> pd.DataFrame:
     Returns:
         `PLACE`, teacher, n, mastered_percent_mean and _std, and differs: what is not the same, in words.
     """
-    theirs = baseline.table[_among(baseline.table, mine.table, PLACE)]
+    theirs = baseline.table[_among(_plain_places(baseline.table), _plain_places(mine.table), PLACE)]
     if baseline.runs is not None:
         theirs = theirs[~_among(theirs, mine.table, COMPARED)]
     differs = [_differences(row, mine, baseline) for _, row in theirs.iterrows()]
@@ -203,8 +224,15 @@ def _among(frame: pd.DataFrame, others: pd.DataFrame, columns: list[str]) -> NDA
     return np.asarray(pd.MultiIndex.from_frame(frame[columns]).isin(known))
 
 
+def _plain_places(table: pd.DataFrame) -> pd.DataFrame:
+    """Returns the table with names of places without their settings."""
+    names = {name: table[name].map(base_name) for name in ("environment", "challenge")}
+    return table.assign(**names)
+
+
 def _differences(row: pd.Series, mine: Side, baseline: Side) -> str:
-    here = mine.table[(mine.table[PLACE] == row[PLACE].tolist()).all(axis=1)]
+    place = [base_name(row["environment"]), base_name(row["challenge"]), row["expert_knowledge"]]
+    here = mine.table[(_plain_places(mine.table)[PLACE] == place).all(axis=1)]
     if baseline.runs is None:
         found = [f"engine {baseline.engine}"]
         if set(here["steps"]) != {row["steps"]}:

@@ -19,6 +19,7 @@ from analysis.compare import (
     beside,
     duels,
     missing,
+    named_jointly,
     new_teachers,
     sentences,
     side_of,
@@ -63,8 +64,7 @@ def write_comparison(root: str | Path, baselines: Sequence[str], output: Path | 
         raise ValueError(f"compare with what? Name a baseline, as in --baseline {PAPER}")
     folder = page_folder(root, output, "compare", "page")
     frames = load(root)
-    mine = side_of(frames, "yours")
-    others = [baseline_side(name) for name in baselines]
+    mine, others, split = named_jointly(side_of(frames, "yours"), [baseline_side(name) for name in baselines])
     runs, curves = together(mine, others), together(mine, others, along=True)
     teachers = new_teachers(mine)
     tests = duels(runs, teachers)
@@ -87,7 +87,7 @@ def write_comparison(root: str | Path, baselines: Sequence[str], output: Path | 
         tables=list(_tables(runs)),
         headlines=headlines(runs),
         overall=overall_rows(runs),
-        warnings=[*frames.warnings, *frames.results.problems],
+        warnings=list(dict.fromkeys([*frames.warnings, *split, *frames.results.problems])),
         verdicts=decided(root_verdicts(frames)),
         significance=SIGNIFICANCE,
         version=version("tma_ray"),

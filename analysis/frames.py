@@ -12,6 +12,7 @@ from typing import Any
 
 import pandas as pd
 
+from analysis.identity import experiments_apart, identity, named_apart
 from tma_ray.results import CHIPMUNK, Results, Table
 from tma_ray.tasks import MASTERY_RETURN
 
@@ -23,8 +24,9 @@ COMPARISON = [
 GROUP = [*COMPARISON, "teacher"]
 """Columns that seeds must have in common to be averaged."""
 
-SETTINGS = ["engine", "mastery_threshold", "plugins", "settings"]
-"""Columns of cells that come from the spec; settings is a short hash of all of it but the seed."""
+SETTINGS = ["engine", "mastery_threshold", "settings", "identity"]
+"""Columns of cells that come from the spec; settings is a short hash of all of it but the seed, identity the
+JSON of `identity.identity`."""
 
 SEED = re.compile(r'"seed": \d+, "student":')
 """The seed in a spec, whose keys are sorted, with the key that follows it."""
@@ -40,7 +42,8 @@ class Frames:
     Attributes:
         cells: one row per cell and run: `GROUP`, campaign, seed, run_id, status, error, spec, steps,
             test_set, physics_version, and of the spec `SETTINGS`: engine (what simulated the worlds),
-            mastery_threshold, plugins (JSON) and settings.
+            mastery_threshold, settings and identity. Names that would stand for several things are split:
+            see `identity.named_apart`.
         attempts: as stored.
         evaluations: run_id, step, test_set, task_index, episodic_return, and mastered: whether that
             is over the threshold of its run.
@@ -87,7 +90,8 @@ def load(root: str | Path) -> Frames:
     """
     results = Results.open(root)
     runs = _with_settings(_plain(results.table(Table.RUNS).to_pandas()))
-    cells = _join(_plain(_frame(results, Table.CELLS)), runs)
+    (cells,), split = named_apart([_join(_plain(_frame(results, Table.CELLS)), runs)])
+    cells, apart = experiments_apart(cells)
     columns = ["run_id", "step", "test_set", "task_index", "episodic_return"]
     evaluations = _frame(results, Table.EVALUATIONS, columns)
     evaluations["mastered"] = evaluations["episodic_return"] > _thresholds(evaluations, runs)
@@ -98,7 +102,7 @@ def load(root: str | Path) -> Frames:
         training=_frame(results, Table.TRAINING),
         test_tasks=_test_tasks(results, evaluations),
         results=results,
-        warnings=tuple(_warnings(cells, evaluations)),
+        warnings=(*_warnings(cells, evaluations), *split, *apart),
     )
 
 
@@ -126,7 +130,7 @@ def _frame(
 
 
 def _with_settings(runs: pd.DataFrame) -> pd.DataFrame:
-    """Adds what comparisons need of each run's spec: engine, mastery_threshold, plugins and settings.
+    """Adds what comparisons need of each run's spec: engine, mastery_threshold, settings and identity.
 
     A spec is long, and there are thousands: those that differ in their seed alone are parsed once.
     """
@@ -154,8 +158,8 @@ def _settings(text: str) -> dict[str, Any]:
     return {
         "engine": str(spec.get("engine", CHIPMUNK)),
         "mastery_threshold": float(spec.get("mastery_threshold", MASTERY_RETURN)),
-        "plugins": json.dumps(spec.get("plugins", {}), sort_keys=True),
         "settings": hashlib.sha256(text.encode()).hexdigest()[:12],
+        "identity": json.dumps(identity(spec), sort_keys=True),
     }
 
 
@@ -196,20 +200,5 @@ def _warnings(cells: pd.DataFrame, evaluations: pd.DataFrame) -> list[str]:
         found.append("No evaluation has finished yet, so there is nothing to compare.")
     engines = sorted(cells["engine"].unique())
     if len(engines) > 1:
-        found.append(f"Runs of different engines ({', '.join(engines)}) are here; they are never compared.")
-    own = cells[cells["engine"] == CHIPMUNK]
-    versions = sorted(own["physics_version"].dropna().unique())
-    if len(versions) > 1:
-        listed = ", ".join(
-            f"{version:g}" if isinstance(version, float) else str(version) for version in versions
-        )
-        found.append(f"Runs of different physics versions ({listed}) are mixed; do not compare them.")
-    for column, what, common in (
-        ("steps", "numbers of training steps", COMPARISON),
-        ("test_set", "test sets", COMPARISON),
-        ("mastery_threshold", "mastery thresholds", COMPARISON),
-        ("plugins", "versions of a plug-in", GROUP),
-    ):
-        if (cells.groupby(common)[column].nunique() > 1).any():
-            found.append(f"Some comparisons mix runs with different {what}.")
+        found.append(f"Runs of different engines ({', '.join(engines)}) stand apart and are never compared.")
     return found

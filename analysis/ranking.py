@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import pandas as pd
 from rich.console import Console
 from rich.table import Table
 
 from analysis.findings import FEW_SEEDS
-from analysis.formatting import number, p_value, plus_minus
+from analysis.formatting import amount, number, p_value, plus_minus
 from analysis.frames import Frames, load
 from analysis.measures import NO_BASELINE, is_baseline
 from analysis.overall import headlines
@@ -85,21 +86,41 @@ def show_ranking(root: str | Path, share: float = 1.0, console: Console | None =
     shown = Table("challenge", "knowledge", "teacher", box=None, pad_edge=False, header_style="bold")
     for heading in ("mastered %", "runs", "beside Random, 95 %", "Welch", "Holm"):
         shown.add_column(heading, justify="right")
-    for _, row in table.iterrows():
-        shown.add_row(*_cells(row), style="bold" if row["rank"] == 1 else None)
+    for (_, row), place in zip(table.iterrows(), places(table), strict=True):
+        shown.add_row(place, *_cells(row), style="bold" if row["rank"] == 1 else None)
     console.print(shown)
-    for note in _notes(table):
+    for note in (*_notes(table), *frames.warnings):
         console.print(f"[dim]{note}[/dim]", highlight=False)
     for sentence in [*headlines(runs_after(frames, share)), *sentences(table)]:
         console.print(sentence, highlight=False)
 
 
+def places(table: pd.DataFrame) -> list[str]:
+    """Returns the challenge of each row of a `ranking`, with what sets it apart from others of its name."""
+    here = ["environment", "challenge", "expert_knowledge"]
+    several = [name for name in COMPARED if name not in here]
+    told = {name: table.groupby(here)[name].transform("nunique", dropna=False) > 1 for name in several}
+    found = []
+    for position, (_, row) in enumerate(table.iterrows()):
+        environment, challenge = row["environment"], row["challenge"]
+        title = challenge_title(environment, challenge, f"{environment} {challenge}")
+        apart = [_said(name, row[name]) for name in several if told[name].iloc[position]]
+        found.append(", ".join([title, *apart]))
+    return found
+
+
+def _said(column: str, value: Any) -> str:
+    if column == "pool":
+        return str(value)
+    if column == "steps" and pd.notna(value):
+        return f"{amount(value)} steps"
+    return f"{column.replace('_', ' ')} {value}"
+
+
 def _cells(row: pd.Series) -> list[str]:
-    environment, challenge = row["environment"], row["challenge"]
-    place = challenge_title(environment, challenge, f"{environment} {challenge}")
     result = plus_minus(row[f"{MEASURE}_mean"], row[f"{MEASURE}_std"])
     partly = "*" if row["missing"] else ""
-    names = [place, row["expert_knowledge"], label(row["teacher"]), result + partly, str(row["n"])]
+    names = [row["expert_knowledge"], label(row["teacher"]), result + partly, str(row["n"])]
     if is_baseline(row["teacher"]):
         return [*names, "", "", ""]
     if row["reason"] or pd.isna(row["p"]):

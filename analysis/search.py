@@ -12,9 +12,9 @@ from rich.table import Table
 
 from analysis.formatting import p_value, plus_minus
 from analysis.frames import Frames, load, parsed
+from analysis.identity import of_searches, searches
 from analysis.measures import readings
 from analysis.statistics import describe, welch
-from analysis.student_pools import of_searches, searches
 from analysis.style import label
 from tma_ray.benchmark import Grid, Matrix
 from tma_ray.part_names import base_name

@@ -8,9 +8,10 @@ from dataclasses import replace
 import pandas as pd
 
 from analysis.frames import Frames
+from analysis.identity import of_searches
 from analysis.pooling import POOLED, lend_baseline, pool_runs
 from analysis.run_measures import run_measures
-from tma_ray.benchmark import EXPERIMENTS, MATRICES, Matrix
+from tma_ray.benchmark import MATRICES, Matrix
 from tma_ray.results import BOX2D
 
 BIPEDAL, RELEASED_BIPEDAL = "classic_bipedal", "old_classic_bipedal"
@@ -50,18 +51,6 @@ def result_runs(frames: Frames, values: pd.DataFrame) -> pd.DataFrame:
     keys = [*POOLED, "run_id", *(["step"] if "step" in values else [])]
     runs = pd.concat(parts, ignore_index=True).drop_duplicates(keys)
     return lend_baseline(runs) if len(runs) else runs
-
-
-def searches() -> list[Matrix]:
-    """Returns the matrices that search for hyper-parameters."""
-    matrices = (matrix for experiment in EXPERIMENTS for matrix in experiment.matrices)
-    return [matrix for matrix in matrices if matrix.teacher_grid or matrix.student_grid]
-
-
-def of_searches(experiments: pd.Series) -> pd.Series:
-    """Returns which of `experiments` are points of a search, by their names."""
-    names = "|".join(matrix.name for matrix in searches())
-    return experiments.str.fullmatch(rf"({names})(_\d+)?").astype(bool)
 
 
 def without_searches(cells: pd.DataFrame) -> pd.DataFrame:

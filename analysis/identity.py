@@ -1,0 +1,224 @@
+"""The identity of results: runs that differ in anything that identifies them have different names.
+
+Every view groups runs by the names of their environment, challenge, body, student, teacher and test set. A
+name that stands for different things among some runs (another version of an algorithm, another content of a
+file, other hyper-parameters under the same label) would pool what must not be pooled. So each such name is
+split here, once, when results are read: most runs keep the plain name, the others get one that says what
+differs.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from functools import cache
+from typing import Any
+
+import pandas as pd
+
+from tma_ray.benchmark import EXPERIMENTS, Matrix
+from tma_ray.part_names import join_name, split_name
+
+NAMED = ["environment", "challenge", "embodiment", "student", "teacher", "test_set"]
+"""Columns of cells whose names identify a part of a run."""
+
+WITHIN = ["engine", "physics_version"]
+"""Columns that keep runs apart everywhere, so that the same name may stand for something else there."""
+
+CONDITIONS = {
+    "steps": "{:,.0f} steps",
+    "physics_version": "physics version {:.0f}",
+    "mastery_threshold": "mastered over {:g}",
+    "test_set": "test set {}",
+}
+"""Columns that runs of one experiment must have in common, and how a name says one of their values."""
+
+MOST_SETTINGS = 4
+"""Settings that a name lists; more are told by their hash."""
+
+BEFORE_VERSIONS = "before 1"
+"""Version of an algorithm whose runs were made before there were versions."""
+
+
+def identity(spec: Mapping[str, Any]) -> dict[str, dict[str, Any]]:
+    """Returns what identifies each part of a run, by the column of `NAMED` that names it.
+
+    Args:
+        spec: of the run, JSON values; empty for a run that says nothing of itself.
+    """
+    options = dict(spec.get("environment_options", {}))
+    options.pop("embodiment", None)
+    files = {name: file["sha256"][:8] for name, file in spec.get("inputs", {}).items()}
+    body = files.pop("environment.embodiment", None)
+    return {
+        "environment": {**options, **_of_part(spec, "environment", files)},
+        "challenge": _challenge(spec),
+        "embodiment": {"sha256": body} if body else {},
+        "student": {**spec.get("student_hyperparameters", {}), **_of_part(spec, "student", files)},
+        "teacher": {**spec.get("teacher_hyperparameters", {}), **_of_part(spec, "teacher", files)},
+        "test_set": {"sha256": _digest(spec["test_set"])} if "test_set" in spec else {},
+    }
+
+
+def named_apart(cells: Sequence[pd.DataFrame]) -> tuple[list[pd.DataFrame], tuple[str, ...]]:
+    """Returns the cells of one or several roots with names that stand for one thing each, and what was split.
+
+    Points of searches for hyper-parameters, which differ by design, keep their names.
+
+    Args:
+        cells: of `load.Frames`, with the column identity (JSON of `identity`, null for runs that wait). Names
+            that were split before are first put together again, so that roots can be named jointly.
+
+    Returns:
+        The same rows with other names, and a sentence for each new name.
+    """
+    frames = [_with_plain_names(frame) for frame in cells]
+    known = pd.concat([frame[_identified(frame)] for frame in frames], ignore_index=True)
+    known = known.drop_duplicates("run_id")
+    said: list[str] = []
+    for column in NAMED:
+        names = _names(known, column)
+        for frame in frames:
+            keys = zip(*(frame[each] for each in (*WITHIN, column)), frame["identity"], strict=True)
+            frame[column] = [
+                names.get((engine, physics, name, _settings(text, column)), name) if apart else name
+                for (engine, physics, name, text), apart in zip(keys, _identified(frame), strict=True)
+            ]
+        renamed = known.assign(
+            to=[
+                names.get((*key, _settings(text, column)))
+                for *key, text in known[[*WITHIN, column, "identity"]].itertuples(index=False, name=None)
+            ]
+        )
+        for (name, to), runs in renamed[renamed["to"].notna()].groupby([column, "to"]):
+            said.append(f"{_runs(len(runs))} of {column} {name!r} stand apart as {to!r}.")
+    return frames, tuple(said)
+
+
+def experiments_apart(cells: pd.DataFrame) -> tuple[pd.DataFrame, tuple[str, ...]]:
+    """Returns cells in which each experiment has runs of one budget, physics, threshold and test set.
+
+    The runs of a place that differ from most get another name of their experiment, which says how.
+
+    Args:
+        cells: of `load.Frames`.
+
+    Returns:
+        The same rows, and a sentence for each new name.
+    """
+    place = ["engine", "experiment", "environment", "challenge", "embodiment", "student", "expert_knowledge"]
+    begun = cells[cells["steps"].notna()]
+    names, said = cells["experiment"].copy(), []
+    for key, rows in begun.groupby(place, sort=True):
+        variants = Counter(rows[list(CONDITIONS)].itertuples(index=False, name=None))
+        if len(variants) < 2:
+            continue
+        most = max(variants, key=lambda values: (variants[values], str(values)))
+        for values in sorted(set(variants) - {most}, key=str):
+            pairs = zip(CONDITIONS.values(), values, most, strict=True)
+            words = ", ".join(text.format(value) for text, value, other in pairs if value != other)
+            mine = (rows[list(CONDITIONS)] == list(values)).all(axis=1)
+            names[mine.index[mine]] = f"{key[1]} ({words})"
+            where = f"{key[2]} {key[3]}, {key[5]}"
+            said.append(f"{_runs(int(mine.sum()))} of {key[1]} ({where}) stand apart: {words}.")
+    return cells.assign(experiment=names), tuple(said)
+
+
+def searches() -> list[Matrix]:
+    """Returns the matrices that search for hyper-parameters."""
+    matrices = (matrix for experiment in EXPERIMENTS for matrix in experiment.matrices)
+    return [matrix for matrix in matrices if matrix.teacher_grid or matrix.student_grid]
+
+
+def of_searches(experiments: pd.Series) -> pd.Series:
+    """Returns which of `experiments` are points of a search, by their names."""
+    names = "|".join(matrix.name for matrix in searches())
+    return experiments.str.fullmatch(rf"({names})(_\d+)?( \(.*\))?").astype(bool)
+
+
+def _of_part(spec: Mapping[str, Any], part: str, files: Mapping[str, str]) -> dict[str, Any]:
+    """Returns version, source and files of a part; nothing of a run that says nothing of itself."""
+    if not spec or part not in spec:
+        return {}
+    found: dict[str, Any] = {"algorithm_version": spec.get("algorithm_versions", {}).get(part)}
+    plugin = spec.get("plugins", {}).get(part)
+    if plugin is not None:
+        found["source"] = plugin["digest"][:8]
+    elif found["algorithm_version"] is None:
+        found["algorithm_version"] = BEFORE_VERSIONS
+    return found | {
+        name.removeprefix(f"{part}."): sha256 for name, sha256 in files.items() if name.startswith(f"{part}.")
+    }
+
+
+def _challenge(spec: Mapping[str, Any]) -> dict[str, Any]:
+    """Returns what a challenge asks, its resets as shares of the budget."""
+    steps = spec.get("schedule", {}).get("steps") or 1
+    space = {
+        dimension["name"]: f"{dimension['low']:g}..{dimension['high']:g}"
+        for dimension in spec.get("task_space", ())
+    }
+    return space | {
+        "easy_task": spec.get("easy_task"),
+        "cuts": spec.get("cuts", 0),
+        "resets": [round(step / steps, 3) for step in spec.get("resets", ())],
+    }
+
+
+def _with_plain_names(cells: pd.DataFrame) -> pd.DataFrame:
+    if "names" not in cells:
+        names = [json.dumps(row) for row in cells[NAMED].to_dict("records")]
+        return cells.assign(names=pd.Series(names, index=cells.index, dtype=object))
+    return cells.assign(**{name: [json.loads(text)[name] for text in cells["names"]] for name in NAMED})
+
+
+def _identified(cells: pd.DataFrame) -> pd.Series:
+    return cells["identity"].notna() & ~of_searches(cells["experiment"])
+
+
+def _names(known: pd.DataFrame, column: str) -> dict[tuple[Any, ...], str]:
+    """Returns the new name of each variant but that of most runs, by `WITHIN`, old name and settings."""
+    variants: dict[tuple[Any, ...], Counter[str]] = {}
+    for *key, text in known[[*WITHIN, column, "identity"]].itertuples(index=False, name=None):
+        variants.setdefault(tuple(key), Counter())[_settings(text, column)] += 1
+    return {
+        (*key, settings): name
+        for key, counts in variants.items()
+        if len(counts) > 1
+        for settings, name in _other_names(str(key[-1]), counts).items()
+    }
+
+
+def _other_names(name: str, counts: Counter[str]) -> dict[str, str]:
+    plain = max(counts, key=lambda settings: (counts[settings], settings))
+    reference = json.loads(plain)
+    found = {}
+    for settings in sorted(set(counts) - {plain}):
+        values = json.loads(settings)
+        differing = {
+            key: values.get(key) for key in {**reference, **values} if values.get(key) != reference.get(key)
+        }
+        if len(differing) > MOST_SETTINGS:
+            version = {key: value for key, value in differing.items() if key == "algorithm_version"}
+            differing = version | {"settings": _digest(values)}
+        base, own = split_name(name)
+        found[settings] = join_name(base, {**own, **differing})
+    return found
+
+
+@cache
+def _settings(text: object, column: str) -> str:
+    """Returns the settings of one column of an identity, as JSON with sorted keys."""
+    if not isinstance(text, str):
+        return "{}"
+    return json.dumps(json.loads(text)[column], sort_keys=True)
+
+
+def _runs(count: int) -> str:
+    return f"{count} run{'s' if count > 1 else ''}"
+
+
+def _digest(value: Any) -> str:
+    return hashlib.sha256(json.dumps(value, sort_keys=True).encode()).hexdigest()[:8]

@@ -1,0 +1,146 @@
+"""Runs that differ in anything that identifies them are never pooled, tested together or named alike."""
+
+from __future__ import annotations
+
+import copy
+import io
+import json
+from pathlib import Path
+from typing import Any
+
+import pytest
+from rich.console import Console
+from synthetic_results import SyntheticCampaign
+
+from analysis.compare import beside, named_jointly, side_of, together
+from analysis.frames import COMPARISON, load
+from analysis.measures import readings
+from analysis.ranking import ranking, show_ranking
+from analysis.report import write_report
+from analysis.table_results import table_results
+
+SPEC: dict[str, Any] = {
+    "environment": "stump_tracks",
+    "environment_options": {"embodiment": "classic_bipedal"},
+    "challenge": "original",
+    "task_space": [{"name": "height", "low": 0, "high": 3, "unit": "m"}],
+    "easy_task": [0.0],
+    "test_set": {"name": "line", "dimensions": ["height"], "tasks": [[0.0], [1.0]]},
+    "student": "ppo",
+    "student_hyperparameters": {"learning_rate": 0.0003, "batch_size": 1000, "matmul_precision": "highest"},
+    "teacher": "alp_gmm",
+    "teacher_hyperparameters": {"explore": 0.2},
+    "algorithm_versions": {"environment": 1, "student": 1, "teacher": 1},
+    "plugins": {},
+    "inputs": {},
+    "schedule": {"steps": 1000},
+    "mastery_threshold": 230,
+}
+
+SHA = "ab" * 32
+
+OTHERS: dict[str, tuple[list[str], Any]] = {
+    "learning rate": (["student_hyperparameters", "learning_rate"], 0.001),
+    "batch size": (["student_hyperparameters", "batch_size"], 64),
+    "precision": (["student_hyperparameters", "matmul_precision"], "medium"),
+    "teacher setting": (["teacher_hyperparameters", "explore"], 0.5),
+    "environment option": (["environment_options", "swinging_creepers"], True),
+    "version of the teacher": (["algorithm_versions", "teacher"], 2),
+    "version of the student": (["algorithm_versions", "student"], 2),
+    "version of the environment": (["algorithm_versions", "environment"], 2),
+    "before there were versions": (["algorithm_versions"], {}),
+    "source of a plug-in": (["plugins", "teacher"], {"module": "mine", "digest": "cd" * 8}),
+    "body in a file": (["inputs", "environment.embodiment"], {"name": "hopper.toml", "sha256": SHA}),
+    "weights in a file": (["inputs", "environment.cppn_weights"], {"name": "w.npz", "sha256": SHA}),
+    "task space": (["task_space", 0, "high"], 4),
+    "test tasks": (["test_set", "tasks"], [[0.5], [1.0]]),
+    "resets": (["resets"], [350]),
+    "cuts": (["cuts"], 4),
+}
+"""What identifies a run: where it stands in the spec, and another value."""
+
+COLUMNS = {"steps": 2000, "physics_version": 2}
+
+
+def changed(path: list[Any], value: Any) -> dict[str, Any]:
+    spec = copy.deepcopy(SPEC)
+    place: Any = spec
+    for key in path[:-1]:
+        place = place[key]
+    place[path[-1]] = value
+    return spec
+
+
+def write(root: Path, spec: dict[str, Any], masters: int, seeds: range, teacher: str = "alp_gmm") -> None:
+    campaign = SyntheticCampaign(root, steps=spec["schedule"]["steps"], experiment="mine")
+    for seed in seeds:
+        text = json.dumps({**spec, "teacher": teacher, "seed": seed}, sort_keys=True)
+        returns = {campaign.steps: [300.0] * masters + [0.0] * (2 - masters)}
+        names = {"run_id": f"{root.name}-{teacher}-{masters}-{seed}", "student": "ppo", "test_set": "line"}
+        campaign.plain_run(teacher, seed, returns, level="none", spec=text, **names)
+
+
+@pytest.mark.parametrize("kind", OTHERS)
+def test_other_runs_of_a_root_are_never_pooled(kind: str, tmp_path: Path) -> None:
+    write(tmp_path, SPEC, 2, range(3))
+    write(tmp_path, changed(*OTHERS[kind]), 0, range(3, 5))
+    frames = load(tmp_path)
+    table = ranking(frames)
+    assert sorted(zip(table["mastered_percent_mean"], table["n"], strict=True)) == [(0, 2), (100, 3)]
+    means = readings(frames).groupby([*COMPARISON, "teacher"])["mastered_percent"].agg(["mean", "size"])
+    assert sorted(means.itertuples(index=False, name=None)) == [(0, 2), (100, 3)]
+    shown = [row for results in table_results(frames) for row in results.rows.itertuples()]
+    assert {(row.mean, row.n) for row in shown} == {(0, 2), (100, 3)}
+    assert any("2 runs of" in warning and "stand apart as" in warning for warning in frames.warnings)
+
+
+@pytest.mark.parametrize("kind", OTHERS)
+def test_other_runs_of_a_baseline_stand_beside_and_not_for_mine(kind: str, tmp_path: Path) -> None:
+    mine, theirs = tmp_path / "mine", tmp_path / "theirs"
+    write(mine, SPEC, 2, range(3))
+    write(theirs, changed(*OTHERS[kind]), 0, range(2))
+    write(theirs, changed(*OTHERS[kind]), 1, range(2), "random")
+    own, others, said = named_jointly(side_of(load(mine), "mine"), [side_of(load(theirs), "theirs")])
+    runs = together(own, others)
+    pooled = runs.groupby(["environment", "challenge", "pool", "test_sets", "teacher"])["source"].nunique()
+    assert set(pooled) == {1}
+    assert any("stand apart as" in sentence for sentence in said)
+    assert len(runs) + sum(map(len, (beside(own, side) for side in others))) > 3
+
+
+def test_the_same_settings_are_pooled_across_roots(tmp_path: Path) -> None:
+    mine, theirs = tmp_path / "mine", tmp_path / "theirs"
+    write(mine, SPEC, 2, range(3))
+    write(theirs, SPEC, 1, range(3), "random")
+    own, others, said = named_jointly(side_of(load(mine), "mine"), [side_of(load(theirs), "theirs")])
+    assert said == ()
+    assert set(together(own, others)["source"]) == {"mine", "theirs"}
+
+
+def test_names_say_what_differs(tmp_path: Path) -> None:
+    write(tmp_path, SPEC, 2, range(3))
+    other = changed(*OTHERS["learning rate"])
+    other["student_hyperparameters"]["batch_size"] = 64
+    write(tmp_path, other, 0, range(3, 5))
+    frames = load(tmp_path)
+    assert set(frames.cells["student"]) == {"ppo", "ppo:batch_size=64:learning_rate=0.001"}
+    assert frames.warnings == (
+        "2 runs of student 'ppo' stand apart as 'ppo:batch_size=64:learning_rate=0.001'.",
+    )
+    console = Console(file=io.StringIO(), width=200)
+    show_ranking(tmp_path, console=console)
+    text = console.file.getvalue()  # type: ignore[attr-defined]
+    assert "classic_bipedal/ppo:batch_size=64:learning_rate=0.001" in text
+    assert "2 runs of student 'ppo' stand apart" in text
+    assert "stand apart as" in write_report(tmp_path, tmp_path / "page").read_text()
+
+
+def test_runs_from_before_versions_say_so(tmp_path: Path) -> None:
+    write(tmp_path, SPEC, 2, range(3))
+    write(tmp_path, changed(*OTHERS["before there were versions"]), 0, range(3, 5))
+    assert "alp_gmm:algorithm_version=before 1" in set(load(tmp_path).cells["teacher"])
+
+
+def test_device_and_engine_of_a_machine_are_no_barrier(tmp_path: Path) -> None:
+    write(tmp_path, SPEC, 2, range(3))
+    assert load(tmp_path).warnings == ()
