@@ -24,9 +24,7 @@ from tma_ray.students import STUDENTS
 from tma_ray.teachers import TEACHERS
 
 PAGES = sorted(
-    str(path.relative_to(ROOT))
-    for folder in ("docs", "benchmarks")
-    for path in (ROOT / folder).rglob("*.md")
+    str(path.relative_to(ROOT)) for folder in ("docs", "benchmarks") for path in (ROOT / folder).rglob("*.md")
 )
 
 NOT_MEASURED = {
@@ -139,7 +137,9 @@ def test_measured_tables_name_their_versions(page: str) -> None:
 
 
 def test_exemptions_are_needed() -> None:
-    found = {(page, table.heading) for page in PAGES for table in measured_tables(page, (ROOT / page).read_text())}
+    found = {
+        (page, table.heading) for page in PAGES for table in measured_tables(page, (ROOT / page).read_text())
+    }
     assert set(NOT_MEASURED) <= found
 
 
