@@ -88,11 +88,11 @@ def named_apart(cells: Sequence[pd.DataFrame]) -> tuple[list[pd.DataFrame], tupl
             ]
         renamed = known.assign(
             to=[
-                names.get((*key, _settings(text, column)))
+                names.get((*key, _settings(text, column)), "")
                 for *key, text in known[[*WITHIN, column, "identity"]].itertuples(index=False, name=None)
             ]
         )
-        for (name, to), runs in renamed[renamed["to"].notna()].groupby([column, "to"]):
+        for (name, to), runs in renamed[renamed["to"] != ""].groupby([column, "to"]):
             said.append(f"{_runs(len(runs))} of {column} {name!r} stand apart as {to!r}.")
     return frames, tuple(said)
 
