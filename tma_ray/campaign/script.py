@@ -15,6 +15,7 @@ from tma_ray.campaign.failures.outages import OutageError
 from tma_ray.campaign.monitor.progress import Snapshot
 from tma_ray.campaign.options import add_options, chosen_address, chosen_campaign, chosen_settings
 from tma_ray.campaign.plan import CampaignSpec, Plan
+from tma_ray.campaign.preflight.address import check_address
 from tma_ray.command_line import CommandParser
 from tma_ray.results import RootInUseError
 
@@ -61,12 +62,15 @@ def run_plan(
         The exit code, as of `main`.
 
     Raises:
-        ValueError: what takes over an hour was not confirmed.
+        ValueError: an address that cannot be a cluster's, or what takes over an hour was not confirmed.
+        ConnectionError: nothing listens at the address.
         Exception: what `execute_plan` raises.
     """
     from tma_ray.campaign.execution import execute_plan
 
-    console, settings = Console(), chosen_settings(options)
+    console, settings, address = Console(), chosen_settings(options), chosen_address(options)
+    if address is not None and not options.dry_run:
+        check_address(address)
     console.print(plan.describe(), highlight=False, soft_wrap=True)
     cost = long_cost(plan, results, settings, known)
     if cost is not None and known is None:
@@ -76,7 +80,7 @@ def run_plan(
     if cost is not None:
         confirm(plan.name, cost, yes=options.yes, ask=terminal_question())
     try:
-        ended = execute_plan(plan, results, settings, chosen_address(options))
+        ended = execute_plan(plan, results, settings, address)
     except KeyboardInterrupt:  # the second one: runs go on from the checkpoints they had
         return EXIT_STOPPED
     except OutageError as error:
