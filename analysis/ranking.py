@@ -22,6 +22,19 @@ from analysis.style import challenge_title, label
 
 MEASURE = "mastered_percent"
 
+PLACE = ["environment", "challenge", "expert_knowledge"]
+"""Columns of one table of results."""
+
+WIDTHS = {
+    "teacher": 17,
+    "mastered %": 11,
+    "runs": 4,
+    "beside Random, 95 %": 22,
+    "Welch's p": 9,
+    "Holm": 7,
+}
+"""Columns that are shown, and their widths in characters."""
+
 TEACHER = ["environment", "expert_knowledge", "teacher"]
 """Columns that tell the results of one sentence: a teacher's at one level, over all challenges."""
 
@@ -83,12 +96,9 @@ def show_ranking(root: str | Path, share: float = 1.0, console: Console | None =
     if table[f"{MEASURE}_mean"].notna().sum() == 0:
         console.print("No run has been evaluated to its end here.")
         return
-    shown = Table("challenge", "knowledge", "teacher", box=None, pad_edge=False, header_style="bold")
-    for heading in ("mastered %", "runs", "beside Random, 95 %", "Welch", "Holm"):
-        shown.add_column(heading, justify="right")
-    for (_, row), place in zip(table.iterrows(), places(table), strict=True):
-        shown.add_row(place, *_cells(row), style="bold" if row["rank"] == 1 else None)
-    console.print(shown)
+    for (place, level), rows in table.groupby([pd.Series(places(table)), "expert_knowledge"], sort=False):
+        console.print(f"{place}, expert knowledge {level}", style="bold", highlight=False)
+        console.print(_shown(rows))
     for note in (*_notes(table), *frames.warnings):
         console.print(f"[dim]{note}[/dim]", highlight=False)
     for sentence in [*headlines(runs_after(frames, share)), *sentences(table)]:
@@ -117,16 +127,26 @@ def _said(column: str, value: Any) -> str:
     return f"{column.replace('_', ' ')} {value}"
 
 
+def _shown(rows: pd.DataFrame) -> Table:
+    """Returns the results of one challenge at one level, at most 80 columns wide."""
+    shown = Table(box=None, pad_edge=False, padding=(0, 1))
+    for heading, width in WIDTHS.items():
+        shown.add_column(heading, min_width=width, justify="left" if heading == "teacher" else "right")
+    for _, row in rows.iterrows():
+        shown.add_row(*_cells(row), style="bold" if row["rank"] == 1 else None)
+    return shown
+
+
 def _cells(row: pd.Series) -> list[str]:
     result = plus_minus(row[f"{MEASURE}_mean"], row[f"{MEASURE}_std"])
     partly = "*" if row["missing"] else ""
-    names = [row["expert_knowledge"], label(row["teacher"]), result + partly, str(row["n"])]
+    names = [label(row["teacher"]), result + partly, str(row["n"])]
     if is_baseline(row["teacher"]):
         return [*names, "", "", ""]
     if row["reason"] or pd.isna(row["p"]):
-        return [*names, "", row["reason"] or NO_BASELINE, ""]
+        return [*names, row["reason"] or NO_BASELINE, "", ""]
     interval = f"{number(row['difference'])} [{number(row['low'])}, {number(row['high'])}]"
-    return [*names, interval, p_value(row["p"]), p_value(row["holm"])]
+    return [*names, interval, *(p_value(row[name]).removeprefix("p = ") for name in ("p", "holm"))]
 
 
 def _notes(table: pd.DataFrame) -> list[str]:

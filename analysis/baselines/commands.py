@@ -18,7 +18,8 @@ def show_baselines(console: Console | None = None) -> None:
     Raises:
         BaselineError: one is damaged.
     """
-    table = Table("baseline", "engine", "runs", "teachers", "licence", "where", box=None, pad_edge=False)
+    table = Table("baseline", "engine", "runs", "teachers", "licence", box=None, pad_edge=False)
+    table.add_column("where", overflow="fold")
     for baseline in baselines():
         manifest = baseline.manifest
         teachers = str(len(manifest.holds.get("teachers", ())))
