@@ -22,16 +22,13 @@ from analysis.style import challenge_title, label
 
 MEASURE = "mastered_percent"
 
-PLACE = ["environment", "challenge", "expert_knowledge"]
-"""Columns of one table of results."""
-
 WIDTHS = {
-    "teacher": 17,
-    "mastered %": 11,
+    "teacher": 16,
+    "mastered %": 12,
     "runs": 4,
-    "beside Random, 95 %": 22,
-    "Welch's p": 9,
-    "Holm": 7,
+    "beside Random, 95 %": 23,
+    "Welch p": 7,
+    "Holm p": 7,
 }
 """Columns that are shown, and their widths in characters."""
 
@@ -131,7 +128,7 @@ def _shown(rows: pd.DataFrame) -> Table:
     """Returns the results of one challenge at one level, at most 80 columns wide."""
     shown = Table(box=None, pad_edge=False, padding=(0, 1))
     for heading, width in WIDTHS.items():
-        shown.add_column(heading, min_width=width, justify="left" if heading == "teacher" else "right")
+        shown.add_column(heading, width=width, justify="left" if heading == "teacher" else "right")
     for _, row in rows.iterrows():
         shown.add_row(*_cells(row), style="bold" if row["rank"] == 1 else None)
     return shown
@@ -146,7 +143,7 @@ def _cells(row: pd.Series) -> list[str]:
     if row["reason"] or pd.isna(row["p"]):
         return [*names, row["reason"] or NO_BASELINE, "", ""]
     interval = f"{number(row['difference'])} [{number(row['low'])}, {number(row['high'])}]"
-    return [*names, interval, *(p_value(row[name]).removeprefix("p = ") for name in ("p", "holm"))]
+    return [*names, interval, *(p_value(row[name]).lstrip("p =\N{NO-BREAK SPACE}") for name in ("p", "holm"))]
 
 
 def _notes(table: pd.DataFrame) -> list[str]:

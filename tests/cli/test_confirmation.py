@@ -57,7 +57,7 @@ def test_only_what_takes_over_an_hour_has_to_be_confirmed(tmp_path: Path) -> Non
 
 
 def test_runs_that_are_done_do_not_count(tmp_path: Path) -> None:
-    plan = plan_of("sac", 3_000_000)
+    plan = plan_of("sac", 20_000_000)
     whole = long_cost(plan, str(tmp_path), Settings())
     assert whole is not None
     committer = Committer.open(tmp_path)

@@ -72,12 +72,12 @@ def json_value(value: Any) -> Any:
     """Returns `value` as JSON has it: NaN and infinities as null, numbers of numpy as Python's."""
     if isinstance(value, Mapping):
         return {str(key): json_value(item) for key, item in value.items()}
-    if isinstance(value, (list, tuple)):
-        return [json_value(item) for item in value]
     if isinstance(value, Enum):
         value = value.value
     if hasattr(value, "tolist"):  # numpy's numbers and arrays
         value = value.tolist()
+    if isinstance(value, (list, tuple)):
+        return [json_value(item) for item in value]
     if isinstance(value, float) and not math.isfinite(value):
         return None
     return str(value) if isinstance(value, Path) else value

@@ -1,0 +1,82 @@
+"""JSON of commands: declared keys, and nothing that JSON does not have."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from tma_ray.campaign.costs import estimation
+from tma_ray.campaign.costs.speed import Throughput
+from tma_ray.cli import main
+from tma_ray.cli.json_output import KEYS, json_value
+from tma_ray.results import RunStatus
+
+ARGUMENTS: dict[str, list[str]] = {
+    "status": ["{root}"],
+    "verify": ["{root}"],
+    "ranking": ["{root}"],
+    "claims": ["{root}"],
+    "plan": ["parkour", "--tier", "smoke"],
+    "list": [],
+    "doctor": [],
+    "baselines list": [],
+}
+
+
+@pytest.fixture
+def printed(root: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> Any:
+    """Runs a command with --json and returns what it prints."""
+    monkeypatch.setattr(estimation, "measure", lambda spec, settings: Throughput("any", 1e4, 1e4, 100))
+
+    def run(command: str, *more: str) -> Any:
+        arguments = [word.format(root=root) for word in ARGUMENTS[command]]
+        assert main([*command.split(), *arguments, *more, "--json"]) == 0
+        return json.loads(
+            capsys.readouterr().out, parse_constant=lambda text: pytest.fail(f"{text} is no JSON")
+        )
+
+    return run
+
+
+@pytest.mark.parametrize("command", KEYS)
+def test_every_command_prints_the_keys_that_are_declared(printed: Any, command: str) -> None:
+    record = printed(command)
+    assert list(record) == list(KEYS[command])
+    assert any(record.values())
+
+
+def test_status_and_ranking_name_settings(printed: Any) -> None:
+    (campaign,) = printed("status")["campaigns"]
+    cells = {cell["teacher"]: cell for cell in campaign["cells"]}
+    assert set(cells) == {"random", "alp_gmm", "alp_gmm:fit_every=20"}
+    assert {cell["student"] for cell in cells.values()} == {"ppo:hidden_units=16x16"}
+    assert [run["state"] for cell in cells.values() for run in cell["runs"]] == [RunStatus.DONE] * 3
+    rows = printed("ranking")["rows"]
+    assert {row["teacher"] for row in rows} == set(cells)
+    assert all(row["mastered_percent_std"] is None for row in rows)  # of a single run
+
+
+def test_one_kind_can_be_listed(printed: Any) -> None:
+    (kind,) = printed("list", "teachers")["kinds"].items()
+    assert kind[0] == "teachers"
+    assert {entry["name"] for entry in kind[1]} >= {"random", "alp_gmm"}
+
+
+def test_everything_that_is_listed_is_described(printed: Any) -> None:
+    for kind, entries in printed("list")["kinds"].items():
+        for entry in entries:
+            assert len(entry["description"]) > 5, f"{kind} {entry['name']}"
+
+
+def test_values_that_json_does_not_have() -> None:
+    value = {
+        "a": float("nan"),
+        "b": [np.float32("inf"), np.int64(3)],
+        "c": np.array([1.0, np.nan]),
+        "d": Path("x"),
+    }
+    assert json_value(value) == {"a": None, "b": [None, 3], "c": [1.0, None], "d": "x"}
