@@ -31,8 +31,8 @@ KNOWN = {
     "ppo": KnownSpeed(training=8_000, playing=20_000, algorithm_version=1, physics_version=3),
     "sac": KnownSpeed(training=150, playing=20_000, algorithm_version=1, physics_version=3),
 }
-"""Speeds of students with their default hyper-parameters, as `speed.measure` found them on a busy AMD EPYC, used
-while the versions that they were measured at are current; others are measured on this machine, in seconds."""
+"""Speeds of students with their default hyper-parameters, as `speed.measure` found them on an AMD EPYC; they
+are used while the versions that they were measured at are current. Others are measured here, in seconds."""
 
 SLOWEST = Throughput("any", training=20, playing=2_000, transition_bytes=0)
 """A run that is slower than any: what takes less than an hour at that speed needs no measurement."""
