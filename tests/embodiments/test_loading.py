@@ -64,12 +64,12 @@ Change = Callable[[str], str]
         ),
         (
             lambda text: text.replace("under_water = 600", "outside_water = 2.5"),
-            "steps_survivable_outside_water 2.5 must be a whole number",
+            "steps_survivable_outside_water 2.5: Expected `int | null`, got `float`",
         ),
         (lambda text: text.replace("[[parts]]", "[parts]"), "mine.toml"),
         (
             lambda text: text.replace('critical = ["stump_tracks"]', "critical = true"),
-            "critical must be a list",
+            "critical True: Expected `array`, got `bool`",
         ),
         (
             lambda text: text.replace("torque_cost", "substeps = 0\ntorque_cost"),
@@ -163,3 +163,23 @@ def test_a_missing_file_is_named(tmp_path: Path) -> None:
 
 def _text() -> str:
     return (DATA / "classic_bipedal.toml").read_text()
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        ("torque_cost = ", "torque_cost = 'x' # ", "body: torque_cost 'x': Expected `float`, got `str`"),
+        ("spawn_height = ", "spawn_height = nan # ", "spawn_height nan: expected numbers within"),
+        ("density = ", "density = 1e300 # ", r"density 1e\+300: expected numbers within"),
+        ("position = ", "position = [1.0] # ", r"position \[1.0\]: Expected `array` of length 2, got 1"),
+        ("head = ", "head = 1 # ", "head 1: Expected `bool`, got `int`"),
+        ("[[joints]]", "[joints]", "joints .*: expected sections"),
+    ],
+)
+def test_mistyped_fields_are_named(tmp_path: Path, old: str, new: str, message: str) -> None:
+    path, text = tmp_path / "mine.toml", _text()
+    start = text.index(old)
+    end = text.index("[[", start + 2) if old == "[[joints]]" else len(text)
+    path.write_text(text[:start] + text[start:end].replace(old, new, 1))
+    with pytest.raises(EmbodimentError, match=message):
+        load_embodiment(path)

@@ -11,22 +11,28 @@ from functools import cache
 from importlib import resources
 from importlib.resources.abc import Traversable
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any, get_type_hints
+
+import msgspec
 
 from tma_ray.embodiments.checks import EmbodimentError
-from tma_ray.embodiments.embodiment import BodyType, Embodiment, LidarLayout
+from tma_ray.embodiments.embodiment import Embodiment
 from tma_ray.embodiments.parts import GripSensor, Joint, Part
-from tma_ray.embodiments.polygon import Polygon
+from tma_ray.embodiments.polygon import Point, Polygon
 from tma_ray.embodiments.repeats import expand_repeats, repeats
 from tma_ray.embodiments.variants import body_parameters, resized, with_motor_torque
 from tma_ray.part_names import join_name
 
 SIZE, MOTOR_TORQUE = "size", "motor_torque"
 SURVIVAL = ("steps_survivable_under_water", "steps_survivable_outside_water")
+ENTRIES = ("parts", "joints", "grip_sensors", "repeat")
+"""Fields of a body's file that are lists of sections."""
+
+LARGEST = 1e9
+"""Bound of every number in a body's file."""
+
 EVERY_BODY = (SIZE, MOTOR_TORQUE, *SURVIVAL)
 """Parameters that every body has."""
-
-Kind = TypeVar("Kind", bound=StrEnum)
 
 
 def embodiment_names() -> list[str]:
@@ -85,12 +91,15 @@ def _parse(path: Traversable, settings: Mapping[str, float]) -> Embodiment:
         return _built(tomllib.loads(path.read_text(encoding="utf-8")), settings)
     except EmbodimentError:
         raise
-    except (OSError, tomllib.TOMLDecodeError, TypeError, ValueError) as error:
+    except (OSError, tomllib.TOMLDecodeError, TypeError, ValueError, RecursionError) as error:
         raise EmbodimentError(f"{path}: {error}") from error
 
 
 def _built(data: dict[str, Any], settings: Mapping[str, float]) -> Embodiment:
     """Returns the body of a file's contents with `settings`, which its name tells."""
+    for name in ENTRIES:
+        if not _are_tables(data.get(name, [])):
+            raise ValueError(f"{name} {data[name]!r:.80}: expected sections, as in [[{name}]]")
     sections = repeats(data)
     counts = {name: section.count for name, section in sections.items()}
     for name, value in settings.items():
@@ -101,7 +110,7 @@ def _built(data: dict[str, Any], settings: Mapping[str, float]) -> Embodiment:
             known = ", ".join([*sections, *EVERY_BODY])
             raise ValueError(f"unknown parameter {name!r}; known: {known}")
     survival = {name: settings[name] for name in SURVIVAL if name in settings}
-    body = _embodiment(expand_repeats(data, counts) | survival)
+    body = _embodiment(expand_repeats(data, counts), survival)
     if SIZE in settings:
         body = resized(body, settings[SIZE])
     if MOTOR_TORQUE in settings:
@@ -109,13 +118,16 @@ def _built(data: dict[str, Any], settings: Mapping[str, float]) -> Embodiment:
     return replace(body, name=join_name(body.name, settings))
 
 
-def _embodiment(data: dict[str, Any]) -> Embodiment:
-    _check_fields("body", data, Embodiment)
+def _are_tables(value: object) -> bool:
+    return isinstance(value, list) and all(isinstance(entry, dict) for entry in value)
+
+
+def _embodiment(data: dict[str, Any], survival: Mapping[str, float]) -> Embodiment:
+    values = _decoded("body", data, Embodiment)
     return Embodiment(
         **{
-            **data,
-            "body_type": _one_of(BodyType, "body_type", data["body_type"]),
-            "lidars": _one_of(LidarLayout, "lidars", data.get("lidars", LidarLayout.DOWN)),
+            **values,
+            **survival,
             "parts": tuple(_part(entry) for entry in data["parts"]),
             "joints": tuple(_joint(entry) for entry in data["joints"]),
             "grip_sensors": tuple(_grip_sensor(entry) for entry in data.get("grip_sensors", [])),
@@ -123,40 +135,56 @@ def _embodiment(data: dict[str, Any]) -> Embodiment:
     )
 
 
-def _one_of(kind: type[Kind], name: str, value: str) -> Kind:
-    try:
-        return kind(value)
-    except ValueError:
-        raise ValueError(f"{name} {value!r} must be one of {', '.join(kind)}") from None
-
-
 def _part(entry: dict[str, Any]) -> Part:
     what = f"part {entry.get('name')!r}"
     values = {("shape" if key == "vertices" else key): value for key, value in entry.items()}
-    _check_fields(what, values, Part, {"shape": "vertices"})
-    critical = entry.get("critical", [])
-    if not (isinstance(critical, list) and all(isinstance(name, str) for name in critical)):
-        raise ValueError(f"{what}: critical must be a list of environments' names, got {critical!r}")
-    try:
-        shape = Polygon(tuple((float(x), float(y)) for x, y in entry["vertices"]))
-    except ValueError as error:
-        raise ValueError(f"{what}: {error}") from error
-    return Part(
-        **{**values, "shape": shape, "position": tuple(entry["position"]), "critical": tuple(critical)}
-    )
+    return Part(**_decoded(what, values, Part, {"shape": "vertices"}))
 
 
 def _joint(entry: dict[str, Any]) -> Joint:
-    _check_fields(f"joint {entry.get('part_a')!r} to {entry.get('part_b')!r}", entry, Joint)
-    points: dict[str, Any] = {
-        key: tuple(entry[key]) for key in ("anchor", "anchor_b", "limits") if key in entry
-    }
-    return Joint(**(entry | points))
+    return Joint(**_decoded(f"joint {entry.get('part_a')!r} to {entry.get('part_b')!r}", entry, Joint))
 
 
 def _grip_sensor(entry: dict[str, Any]) -> GripSensor:
-    _check_fields(f"grip sensor {entry.get('name')!r}", entry, GripSensor)
-    return GripSensor(**{**entry, "position": tuple(entry["position"])})
+    return GripSensor(**_decoded(f"grip sensor {entry.get('name')!r}", entry, GripSensor))
+
+
+def _decoded(
+    what: str,
+    entry: dict[str, Any],
+    kind: type[Embodiment | Part | Joint | GripSensor],
+    renamed: dict[str, str] | None = None,
+) -> dict[str, Any]:
+    """Returns the fields of an entry as `kind` declares them; lists of further entries stay as they are."""
+    _check_fields(what, entry, kind, renamed)
+    types, names = get_type_hints(kind), renamed or {}
+    decoded = {}
+    for name, value in entry.items():
+        label = f"{what}: {names.get(name, name)}"
+        if not _is_bounded(value):
+            raise ValueError(f"{label} {value!r:.80}: expected numbers within ±{LARGEST:g}")
+        try:
+            if name == "shape":
+                decoded[name] = Polygon(msgspec.convert(value, tuple[Point, ...]))
+            else:
+                decoded[name] = value if name in ENTRIES else msgspec.convert(value, types[name])
+        except msgspec.ValidationError as error:
+            choices = f"must be one of {', '.join(types[name])}" if _is_choice(types[name]) else f": {error}"
+            raise ValueError(f"{label} {value!r:.80} {choices}".replace(" : ", ": ")) from error
+        except ValueError as error:
+            raise ValueError(f"{what}: {error}") from error
+    return decoded
+
+
+def _is_choice(kind: object) -> bool:
+    return isinstance(kind, type) and issubclass(kind, StrEnum)
+
+
+def _is_bounded(value: object) -> bool:
+    """Tells whether numbers in `value` are finite and none that only a slip of the pen makes."""
+    if isinstance(value, list):
+        return all(map(_is_bounded, value))
+    return not isinstance(value, (int, float)) or abs(value) <= LARGEST
 
 
 def _check_fields(

@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from typing import Any
+
+import msgspec
 
 Entry = dict[str, Any]
 
@@ -62,9 +64,12 @@ def repeats(data: Mapping[str, Any]) -> dict[str, Repeat]:
     sections: dict[str, Repeat] = {}
     for entry in data.get("repeat", []):
         values = {"parts": [], "joints": [], "links": [], "grip_sensors": []} | entry
+        unknown = sorted(entry.keys() - {field.name for field in fields(Repeat)})
+        if unknown:
+            raise ValueError(f"repeat {entry.get('parameter')!r}: unknown field {unknown[0]!r}")
         try:
-            section = Repeat(**values)
-        except TypeError as error:
+            section = msgspec.convert(values, Repeat, strict=True)
+        except msgspec.ValidationError as error:
             raise ValueError(f"repeat {entry.get('parameter')!r}: {error}") from error
         section.check(section.count)
         if section.parameter in sections:
