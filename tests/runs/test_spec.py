@@ -2,6 +2,7 @@ from __future__ import annotations
 
 import itertools
 import json
+import math
 from dataclasses import replace
 from pathlib import Path
 
@@ -12,6 +13,7 @@ from corridor import Corridor
 from small_runs import small_spec
 
 from tma_ray.benchmark import challenges_of
+from tma_ray.decoding import DamagedFileError
 from tma_ray.registry import UnknownNameError
 from tma_ray.runs import Cell, Plugin, RunSpec, Schedule, effective_spec
 from tma_ray.tasks import KnowledgeLevel, TaskSpace
@@ -46,6 +48,18 @@ def test_whatever_changes_the_result_changes_the_id(tmp_path: Path) -> None:
     ]
     assert len({spec.run_id, *(other.run_id for other in others)}) == 1 + len(others)
     assert replace(spec, seed=0).run_id == spec.run_id
+
+
+@pytest.mark.parametrize("text", ["", "[]", "{}", "{", '{"seed": "0"}', '{"schedule": {"steps": -1}}'])
+def test_what_is_no_spec_is_refused_by_the_name_of_its_file(text: str) -> None:
+    with pytest.raises(DamagedFileError, match=r"policies/a/spec\.json"):
+        RunSpec.from_json(text, "policies/a/spec.json")
+
+
+def test_infinite_numbers_have_no_identity(tmp_path: Path) -> None:
+    spec = small_spec(tmp_path)
+    with pytest.raises(ValueError, match="must be finite"):
+        _ = replace(spec, student_hyperparameters={"clip": math.inf}).run_id
 
 
 def test_what_a_challenge_does_to_a_run_is_part_of_its_spec() -> None:

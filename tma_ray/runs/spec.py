@@ -172,7 +172,7 @@ class RunSpec:
         """Returns the run's row of the table of runs."""
         return RunRecord(
             run_id=self.run_id,
-            spec=json.dumps(self.to_dict(), sort_keys=True),
+            spec=_canonical(self.to_dict()),
             environment=self.environment,
             challenge=self.challenge,
             embodiment=self.embodiment,
@@ -260,4 +260,18 @@ def _float32(rows: list[list[float]]) -> Task:
 
 
 def _digest(content: Mapping[str, Any]) -> str:
-    return spec_digest(json.dumps(content, sort_keys=True))
+    return spec_digest(_canonical(content))
+
+
+def _canonical(content: Mapping[str, Any]) -> str:
+    """Returns the JSON that is hashed and stored.
+
+    Raises:
+        ValueError: a number is infinite or NaN, which JSON does not have.
+    """
+    try:
+        return json.dumps(content, sort_keys=True, allow_nan=False)
+    except ValueError as error:
+        raise ValueError(
+            f"every number of a run must be finite: {error}; check its hyper-parameters"
+        ) from error

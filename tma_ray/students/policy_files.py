@@ -7,14 +7,19 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Final, NoReturn
+from typing import Annotated, Any, Final, NoReturn, TypeAlias, TypeVar
 
+import msgspec
 import numpy as np
 from gymnasium import spaces
 from numpy.typing import NDArray
 from safetensors import SafetensorError
 from safetensors.numpy import load as parse_tensors
 from safetensors.numpy import save as serialise_tensors
+
+from tma_ray.decoding import DamagedFileError, decode_json
+
+T = TypeVar("T")
 
 FORMAT_VERSION: Final = 1
 """Raise it when names or meaning of what students write change."""
@@ -25,6 +30,35 @@ TENSORS_FILE: Final = "policy.safetensors"
 _LARGEST: Final = float(np.finfo(np.float32).max)
 
 _ADVICE: Final = "copy the whole folder again, or run its spec again on a new results root"
+
+
+Bound: TypeAlias = Annotated[float, msgspec.Meta(ge=-_LARGEST, le=_LARGEST)] | None
+"""Of one dimension of a space; None, which JSON has, where there is none."""
+
+
+@dataclass(frozen=True)
+class _Version:
+    """What every version of `POLICY_FILE` says."""
+
+    format_version: int
+
+
+@dataclass(frozen=True)
+class _Bounds:
+    """Both bounds of every dimension of a space."""
+
+    low: Annotated[tuple[Bound, ...], msgspec.Meta(min_length=1)]
+    high: Annotated[tuple[Bound, ...], msgspec.Meta(min_length=1)]
+
+
+@dataclass(frozen=True)
+class _Settings:
+    """What `POLICY_FILE` says besides its version."""
+
+    student: str
+    observation_space: _Bounds
+    action_space: _Bounds
+    hyperparameters: dict[str, Any]
 
 
 class PolicyFileError(ValueError):
@@ -124,38 +158,31 @@ def read_policy(folder: Path, student: str) -> StoredPolicy:
         PolicyFileError: a file is missing, damaged, of another format version or of another student.
     """
     path = folder / POLICY_FILE
-    content = _json_object(path)
-    version = content.get("format_version")
-    if type(version) is not int or version != FORMAT_VERSION:
+    data = _bytes(path)
+    version = _decoded(path, data, _Version).format_version
+    if version != FORMAT_VERSION:
         raise PolicyFileError(
             path,
-            f"format_version is {version!r:.40}, this tma_ray reads {FORMAT_VERSION}; "
+            f"format_version is {version}, this tma_ray reads {FORMAT_VERSION}; "
             f"load it with the tma_ray that saved it, or run its spec again",
         )
-    if content.get("student") != student:
+    settings = _decoded(path, data, _Settings)
+    if settings.student != student:
         raise PolicyFileError(
-            path, f"a policy of student {content.get('student')!r:.80}, not of {student!r}; name its student"
+            path, f"a policy of student {settings.student!r:.80}, not of {student!r}; name its student"
         )
-    hyperparameters = content.get("hyperparameters")
-    if not isinstance(hyperparameters, dict):
-        raise PolicyFileError(path, f"hyperparameters: expected an object; {_ADVICE}")
-    observation_space, action_space = (
-        _box(path, content, f"{kind}_space") for kind in ("observation", "action")
-    )
+    observation_space = _box(path, settings.observation_space, "observation_space")
+    action_space = _box(path, settings.action_space, "action_space")
     tensors = _tensors(folder / TENSORS_FILE)
-    return StoredPolicy(folder, observation_space, action_space, hyperparameters, tensors)
+    return StoredPolicy(folder, observation_space, action_space, settings.hyperparameters, tensors)
 
 
-def _json_object(path: Path) -> dict[str, Any]:
+def _decoded(path: Path, data: bytes, kind: type[T]) -> T:
     try:
-        content = json.loads(_bytes(path))
-    except (ValueError, RecursionError) as error:
-        if isinstance(error, PolicyFileError):
-            raise
-        raise PolicyFileError(path, f"no JSON ({error!s:.80}); {_ADVICE}") from error
-    if not isinstance(content, dict):
-        raise PolicyFileError(path, f"expected a JSON object, found {type(content).__name__}; {_ADVICE}")
-    return content
+        return decode_json(data, kind, str(path))
+    except DamagedFileError as error:
+        problem = str(error).removeprefix(f"{path} is ")
+        raise PolicyFileError(path, f"{problem}; {_ADVICE}") from error
 
 
 def _tensors(path: Path) -> dict[str, NDArray[Any]]:
@@ -181,20 +208,10 @@ def _bounds(space: spaces.Box) -> dict[str, list[float | None]]:
     }
 
 
-def _box(path: Path, content: Mapping[str, Any], name: str) -> spaces.Box:
-    found = content.get(name)
-    sides = [found.get(side) for side in ("low", "high")] if isinstance(found, dict) else []
-    bounds = []
-    for values, absent in zip(sides, (-np.inf, np.inf), strict=False):
-        if isinstance(values, list) and values and all(_is_bound(value) for value in values):
-            bounds.append(np.array([absent if value is None else value for value in values], np.float32))
-    if len(bounds) != 2 or bounds[0].shape != bounds[1].shape or (bounds[0] > bounds[1]).any():
-        problem = f"{name} {found!r:.80}: expected as many numbers low as high, null without a bound"
+def _box(path: Path, bounds: _Bounds, name: str) -> spaces.Box:
+    low = np.array([-np.inf if value is None else value for value in bounds.low], np.float32)
+    high = np.array([np.inf if value is None else value for value in bounds.high], np.float32)
+    if low.shape != high.shape or (low > high).any():
+        problem = f"{name}: expected as many numbers low as high, and none over it"
         raise PolicyFileError(path, f"{problem}; {_ADVICE}")
-    return spaces.Box(bounds[0], bounds[1], dtype=np.float32)
-
-
-def _is_bound(value: object) -> bool:
-    if isinstance(value, (int, float)) and not isinstance(value, bool):
-        return -_LARGEST <= value <= _LARGEST
-    return value is None
+    return spaces.Box(low, high, dtype=np.float32)
