@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import inspect
 import re
+import shutil
 import subprocess
 import sys
 from pathlib import Path
@@ -107,12 +108,12 @@ def test_trajectories_have_to_be_declared(monkeypatch: pytest.MonkeyPatch) -> No
 
 
 def test_a_third_party_runs_it_with_pytest(tmp_path: Path) -> None:
-    """Teacher and test of the README, in a project of their own."""
-    readme = (Path(__file__).parents[2] / "README.md").read_text()
-    blocks = re.findall(r"```python\n(.*?)```", readme, re.DOTALL)
-    for file, sign in (("frontier.py", "class Frontier("), ("test_frontier.py", "class TestFrontier(")):
-        (block,) = (block for block in blocks if sign in block)
-        (tmp_path / file).write_text(block)
+    """Teacher and test of the page on new teachers, in a project of their own."""
+    root = Path(__file__).parents[2]
+    shutil.copy(root / "examples" / "frontier_teacher.py", tmp_path)
+    blocks = re.findall(r"```python\n(.*?)```", (root / "docs" / "add_teacher.md").read_text(), re.DOTALL)
+    (test,) = (block for block in blocks if "class TestFrontier(" in block)
+    (tmp_path / "test_frontier.py").write_text(test)
     command = [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", str(tmp_path)]
     result = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False)
     assert result.returncode == 0, result.stdout
