@@ -21,8 +21,9 @@ import pandas as pd
 from tma_ray.benchmark import EXPERIMENTS, Matrix
 from tma_ray.part_names import join_name, split_name
 
-NAMED = ["environment", "challenge", "embodiment", "student", "teacher", "test_set"]
-"""Columns of cells whose names identify a part of a run."""
+NAMED = ["challenge", "environment", "embodiment", "student", "teacher", "test_set"]
+"""Columns of cells whose names identify a part of a run; those of challenges belong to an environment, and
+are split before its own."""
 
 WITHIN = ["engine", "physics_version"]
 """Columns that keep runs apart everywhere, so that the same name may stand for something else there."""
@@ -81,17 +82,9 @@ def named_apart(cells: Sequence[pd.DataFrame]) -> tuple[list[pd.DataFrame], tupl
     for column in NAMED:
         names = _names(known, column)
         for frame in frames:
-            keys = zip(*(frame[each] for each in (*WITHIN, column)), frame["identity"], strict=True)
-            frame[column] = [
-                names.get((engine, physics, name, _settings(text, column)), name) if apart else name
-                for (engine, physics, name, text), apart in zip(keys, _identified(frame), strict=True)
-            ]
-        renamed = known.assign(
-            to=[
-                names.get((*key, _settings(text, column)), "")
-                for *key, text in known[[*WITHIN, column, "identity"]].itertuples(index=False, name=None)
-            ]
-        )
+            rows = zip(_variants(frame, column), frame[column], _identified(frame), strict=True)
+            frame[column] = [names.get(variant, name) if apart else name for variant, name, apart in rows]
+        renamed = known.assign(to=[names.get(variant, "") for variant in _variants(known, column)])
         for (name, to), runs in renamed[renamed["to"] != ""].groupby([column, "to"]):
             said.append(f"{_runs(len(runs))} of {column} {name!r} stand apart as {to!r}.")
     return frames, tuple(said)
@@ -178,11 +171,18 @@ def _identified(cells: pd.DataFrame) -> pd.Series:
     return cells["identity"].notna() & ~of_searches(cells["experiment"])
 
 
+def _variants(cells: pd.DataFrame, column: str) -> list[tuple[Any, ...]]:
+    """Returns where the name of each row is one name, the name, and the settings that it stands for."""
+    places = [*WITHIN, "environment"] if column == "challenge" else WITHIN
+    rows = cells[[*places, column, "identity"]].itertuples(index=False, name=None)
+    return [(*key, _settings(text, column)) for *key, text in rows]
+
+
 def _names(known: pd.DataFrame, column: str) -> dict[tuple[Any, ...], str]:
     """Returns the new name of each variant but that of most runs, by `WITHIN`, old name and settings."""
     variants: dict[tuple[Any, ...], Counter[str]] = {}
-    for *key, text in known[[*WITHIN, column, "identity"]].itertuples(index=False, name=None):
-        variants.setdefault(tuple(key), Counter())[_settings(text, column)] += 1
+    for *key, settings in _variants(known, column):
+        variants.setdefault(tuple(key), Counter())[settings] += 1
     return {
         (*key, settings): name
         for key, counts in variants.items()

@@ -4,20 +4,26 @@ from __future__ import annotations
 
 import copy
 import io
+import itertools
 import json
 from pathlib import Path
 from typing import Any
 
+import pandas as pd
 import pytest
 from rich.console import Console
 from synthetic_results import SyntheticCampaign
 
 from analysis.compare import beside, named_jointly, side_of, together
 from analysis.frames import COMPARISON, load
+from analysis.identity import NAMED, identity, named_apart
 from analysis.measures import readings
 from analysis.ranking import ranking, show_ranking
 from analysis.report import write_report
 from analysis.table_results import table_results
+from tma_ray.benchmark import MATRICES
+from tma_ray.runs import Cell, Schedule, effective_spec
+from tma_ray.tasks import KnowledgeLevel
 
 SPEC: dict[str, Any] = {
     "environment": "stump_tracks",
@@ -106,6 +112,36 @@ def test_other_runs_of_a_baseline_stand_beside_and_not_for_mine(kind: str, tmp_p
     assert set(pooled) == {1}
     assert any("stand apart as" in sentence for sentence in said)
     assert len(runs) + sum(map(len, (beside(own, side) for side in others))) > 3
+
+
+def test_the_papers_matrices_keep_their_names() -> None:
+    """All bodies, students and challenges of the benchmark in one root: nothing of it stands apart."""
+    rows = []
+    for matrix in MATRICES:
+        for body, student in itertools.product(matrix.embodiments, matrix.students):
+            for teacher, level in (("random", KnowledgeLevel.NONE), ("adr", KnowledgeLevel.LOW)):
+                cell = Cell(matrix.environment, matrix.challenge, body, student, teacher, level)
+                spec = effective_spec(cell, 0, Schedule())
+                names = {name: getattr(spec, name) for name in NAMED if name != "test_set"}
+                where = {"run_id": spec.run_id, "experiment": matrix.name, "test_set": spec.test_set.name}
+                text = json.dumps(identity(spec.to_dict()), sort_keys=True)
+                rows.append(names | where | {"engine": "Chipmunk", "physics_version": 1, "identity": text})
+    cells = pd.DataFrame(rows)
+    (named,), said = named_apart([cells])
+    assert said == ()
+    assert named[NAMED].equals(cells[NAMED])
+
+
+def test_a_challenge_of_another_environment_is_another_one(tmp_path: Path) -> None:
+    write(tmp_path, SPEC, 2, range(3))
+    campaign = SyntheticCampaign(tmp_path, steps=1000, experiment="parkour", environment="parkour")
+    space = [{"name": "theta", "low": 0, "high": 1, "unit": ""}]
+    text = json.dumps({**SPEC, "environment": "parkour", "task_space": space, "seed": 0}, sort_keys=True)
+    names = {"student": "ppo", "test_set": "line", "run_id": "other"}
+    campaign.plain_run("alp_gmm", 0, {1000: [300.0, 0.0]}, level="none", spec=text, **names)
+    frames = load(tmp_path)
+    assert frames.warnings == ()
+    assert set(frames.cells["challenge"]) == {"original"}
 
 
 def test_the_same_settings_are_pooled_across_roots(tmp_path: Path) -> None:
