@@ -34,7 +34,7 @@ class Challenge:
         task_space: what the teacher may choose from.
         test_set: name of a CSV shipped with the package, without its ending.
         easy_task: a task easy for an untrained student, the initial mean at high expert
-            knowledge; None where nobody knows one.
+            knowledge; None where none is known.
         other_test_sets: name of the CSV of each type of body that cannot live in the worlds of `test_set`.
         resets: shares of the budget after which the student forgets everything, in rising order.
         cuts: intervals per dimension that change places in the teacher's space, as the run's seed has it;

@@ -31,7 +31,7 @@ def _answer(teacher: Teacher, query: Query, episode: Episode, state_values: Stat
         return state_values(query.observations)
     if not teacher.wants_trajectory:
         raise ValueError(
-            f"{type(teacher).__name__} asked for a trajectory that nobody recorded: declare "
+            f"{type(teacher).__name__} asked for a trajectory that was not recorded: declare "
             f"wants_trajectory = True in its class"
         )
     return even_trajectory(episode)

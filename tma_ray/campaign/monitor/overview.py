@@ -13,7 +13,7 @@ INTERRUPTED = "interrupted"
 """A run that has been started and is not done, and whose last attempt is known to have ended."""
 
 WAITING = "waiting"
-"""A run that a campaign lists and nobody has started."""
+"""A run that a campaign lists and that has not been started."""
 
 
 @dataclass(frozen=True)

@@ -80,7 +80,7 @@ def _headline(runs: Sequence[RunState]) -> str:
     """Returns how many runs are done, how fast the others are, and when they will be done."""
     done = sum(run.state == RunStatus.DONE for run in runs)
     speed = sum(run.steps_per_second for run in runs)
-    budget = max((run.steps for run in runs), default=0)  # of those that nobody has started, too
+    budget = max((run.steps for run in runs), default=0)  # also of those that have not been started
     left = sum((run.steps or budget) - run.step for run in runs if run.state != RunStatus.FAILED)
     eta = f", {speed:,.0f} steps/s, about {duration(left / speed)} left" if speed else ""
     return f"{done}/{len(runs)} runs done{eta}"

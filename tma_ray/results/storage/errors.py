@@ -1,4 +1,4 @@
-"""A storage that refuses for a while: errors that say so, and patience with them."""
+"""Errors of a storage that refuses an operation, and retries until it accepts it."""
 
 from __future__ import annotations
 

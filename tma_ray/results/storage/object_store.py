@@ -1,4 +1,4 @@
-"""Buckets of S3 and Google Cloud Storage as file systems: addressing, credentials, patience, plain errors."""
+"""Buckets of S3 and Google Cloud Storage as file systems: addressing, credentials, retries, plain errors."""
 
 from __future__ import annotations
 
@@ -80,8 +80,8 @@ def open_bucket(uri: str) -> tuple[Any, str, str]:
         options = _s3_options(parts.netloc, options)
         filesystem = _s3(options)
     else:
-        patience = timedelta(seconds=GCS_RETRY_SECONDS)
-        filesystem = fs.GcsFileSystem(retry_time_limit=patience, **options)
+        retry_time = timedelta(seconds=GCS_RETRY_SECONDS)
+        filesystem = fs.GcsFileSystem(retry_time_limit=retry_time, **options)
     query = f"?{urlencode(options)}" if options else ""
     return filesystem, path, f"{parts.scheme}://{parts.netloc}{parts.path}{query}"
 

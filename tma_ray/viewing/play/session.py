@@ -18,7 +18,7 @@ REST: Final = 1.5
 """Seconds for which the end of an episode is seen before the next one begins."""
 
 LONGEST_WAIT: Final = 0.1
-"""Seconds that are made up for at most, lest a slow machine fall behind ever more."""
+"""Longest delay that is caught up with, s: a slow machine would fall behind ever more."""
 
 
 class Session:
