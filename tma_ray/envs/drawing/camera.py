@@ -34,7 +34,7 @@ HEAD_MARGIN = 0.15
 """How near to the upper and lower edge the head may come, as a share of the frame's height."""
 
 REACH = 5.0
-"""Ground and ceiling are averaged so far behind and ahead of the head, in m, so that the camera does not shake."""
+"""Ground and ceiling are averaged so far behind and ahead of the head, in m: else the camera would shake."""
 
 
 class View(NamedTuple):
