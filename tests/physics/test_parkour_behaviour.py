@@ -34,7 +34,8 @@ def test_random_actions_earn_as_much_and_last_as_long(name: str) -> None:
 
 @pytest.mark.parametrize("name", bodies(*parkour.BODIES))
 def test_random_gaits_are_as_fast(name: str) -> None:
-    ours, theirs = gaits(name, 30, parkour.place_of(name)), measured("random_gaits", "parkour", name)
+    """As many gaits as the release was measured with: their speeds vary by more than their mean."""
+    ours, theirs = gaits(name, 100, parkour.place_of(name)), measured("random_gaits", "parkour", name)
     assert ours["best_1s_speed"].mean() == pytest.approx(theirs["best_1s_speed"].mean, abs=0.5)
     assert ours["length"].mean() == pytest.approx(theirs["length"].mean, rel=0.15)
 
