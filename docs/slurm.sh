@@ -62,7 +62,7 @@ fi
 ((${SLURM_RESTART_COUNT:-0} == 0)) || sleep 120
 
 # In the background, so that this shell hears signals: the campaign then leaves with checkpoints.
-python "$@" --address "$address:$port" &
+python "$@" --yes --address "$address:$port" &
 driver=$!
 again=no
 stop() {

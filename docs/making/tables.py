@@ -12,6 +12,8 @@ import pyarrow as pa
 
 from tma_ray import cli
 from tma_ray.benchmark import CHALLENGES, KNOWLEDGE_REQUIREMENTS, challenges_of, load_test_set
+from tma_ray.cli.json_output import KEYS
+from tma_ray.command_line import METAVARS
 from tma_ray.embodiments import embodiment_names, load_embodiment
 from tma_ray.envs import ENVIRONMENTS, make_environment
 from tma_ray.results import SCHEMAS, Table
@@ -184,6 +186,23 @@ def commands() -> str:
     return "\n\n".join(f"## {name}\n\n```text\n{text}```" for name, text in helps())
 
 
+def json_keys() -> str:
+    """Returns the keys of the JSON that commands print, and their meaning."""
+    return markdown(
+        ("command", "key", "value"),
+        [
+            (f"`tma-ray {command}`", f"`{key}`", meaning)
+            for command, keys in KEYS.items()
+            for key, meaning in keys.items()
+        ],
+    )
+
+
+def metavars() -> str:
+    """Returns what the words in capitals in helps stand for."""
+    return markdown(("word", "value"), [(f"`{word}`", meaning) for word, meaning in METAVARS.items()])
+
+
 def helps() -> Iterator[tuple[str, str]]:
     """Yields every command with its help, 80 characters wide."""
     before = os.environ.get("COLUMNS")
@@ -252,5 +271,7 @@ GENERATED: dict[str, Callable[[], str]] = {
     "test sets": test_sets,
     "columns": all_columns,
     "commands": commands,
+    "json keys": json_keys,
+    "metavars": metavars,
 }
 """What pages may ask for, by name."""
