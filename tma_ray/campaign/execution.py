@@ -1,4 +1,4 @@
-"""From a campaign to its results: refuse, connect, schedule."""
+"""Execution of campaigns: checks, connection to Ray, scheduling."""
 
 from __future__ import annotations
 

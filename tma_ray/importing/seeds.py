@@ -1,4 +1,4 @@
-"""One seed as it is imported: its progress and its history held against each other."""
+"""One seed as it is imported: its progress file and its teacher history, checked against each other."""
 
 from __future__ import annotations
 

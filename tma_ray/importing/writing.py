@@ -1,4 +1,4 @@
-"""ImportSummary seeds as the runs of a results root."""
+"""Writes imported seeds as the runs of a results root."""
 
 from __future__ import annotations
 

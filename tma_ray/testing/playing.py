@@ -1,4 +1,4 @@
-"""Trial inputs of the conformance kit: task spaces of many shapes, and pupils without memory."""
+"""Trial inputs of the conformance kit: task spaces of many shapes, and trial students without memory."""
 
 from __future__ import annotations
 

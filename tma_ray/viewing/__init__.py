@@ -1,1 +1,1 @@
-"""Policies seen at work: rendered episodes, and a live window with sliders."""
+"""Viewing of policies: rendered episodes, and a live window with sliders."""

@@ -1,4 +1,4 @@
-"""Shows how far the campaigns of a results root are: once, or again and again."""
+"""Status of the campaigns of a results root, printed once or kept up to date."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Plug-ins on their way to the workers: the user's own files, and nothing else of the user's."""
+"""Shipping of plug-ins to the workers: the user's own files, and nothing else of the user's."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Trying every environment and plug-in on every node before the first run."""
+"""Warm-up of every node: each environment and plug-in is tried there before the first run."""
 
 from __future__ import annotations
 

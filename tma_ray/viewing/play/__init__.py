@@ -1,4 +1,4 @@
-"""A policy live: the world, sliders that choose its task, a window or a video."""
+"""Live play of a policy: its world, sliders that choose the task, a window or a video."""
 
 import os
 

@@ -1,4 +1,4 @@
-"""A session as a picture of any size: the world, sliders, and what is going on; mouse and keys act on it."""
+"""The view of a session: the world, sliders and text in a picture of any size; mouse and keys act on it."""
 
 from __future__ import annotations
 
