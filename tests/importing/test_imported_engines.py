@@ -1,4 +1,4 @@
-"""ImportSummary runs are marked as Box2D's, and never pooled or tested with ours."""
+"""Imported runs are marked as Box2D's, and never pooled or tested with ours."""
 
 import json
 from pathlib import Path
