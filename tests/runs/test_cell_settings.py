@@ -8,6 +8,7 @@ from dataclasses import replace
 import pytest
 
 from tma_ray.campaign import Campaign
+from tma_ray.envs import make_environment
 from tma_ray.runs import Cell, RunSpec, Schedule, effective_spec
 from tma_ray.students import STUDENTS, check_hyperparameters
 from tma_ray.tasks import KnowledgeLevel
@@ -111,3 +112,16 @@ def test_every_teacher_refuses_numbers_that_are_not_finite(name: str) -> None:
 def test_students_of_every_kind_take_settings(name: str) -> None:
     assert check_hyperparameters(f"{name}:gamma=0.5").gamma == 0.5
     assert STUDENTS.origin(f"{name}:gamma=0.5") is None
+
+
+def test_an_environment_is_made_with_the_options_of_its_name() -> None:
+    for name, kwargs, swinging in [
+        ("parkour", {}, False),
+        ("parkour:swinging_creepers=true", {}, True),
+        ("parkour:swinging_creepers=true", {"swinging_creepers": False}, False),
+    ]:
+        environment = make_environment(name, embodiment="fish", **kwargs)
+        assert environment.get_wrapper_attr("_swinging_creepers") is swinging
+        environment.close()
+    with pytest.raises(ValueError, match="did you mean 'swinging_creepers'"):
+        make_environment("parkour:swinging_creeper=true")

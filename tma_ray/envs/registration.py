@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from numbers import Real
 from typing import Any
 
 import gymnasium
 
+from tma_ray.hyperparameters import parse_settings
+from tma_ray.part_names import split_name
 from tma_ray.registry import Registry
 from tma_ray.tasks import MASTERY_RETURN, TaskSpace
 
@@ -45,14 +48,20 @@ def make_environment(name: str, **kwargs: Any) -> Environment:
     """Returns a new environment.
 
     Args:
-        name: a name in ENVIRONMENTS, or ``module:Name``.
-        kwargs: for its constructor, such as `embodiment` and `render_mode`.
+        name: a name in ENVIRONMENTS, or ``module:Name``, with options if wanted
+            (``parkour:swinging_creepers=true``).
+        kwargs: for its constructor, such as `embodiment` and `render_mode`; they take precedence over options
+            after the name.
 
     Raises:
         UnknownNameError: nothing answers to `name`.
-        ValueError: it has no task space, so that no teacher could work with it.
+        ValueError: an option that it does not have, a value of another type, or an environment without a task
+            space, with which no teacher could work.
     """
-    environment = ENVIRONMENTS.get(name)(**kwargs)
+    base, text = split_name(name)
+    kind: Callable[..., Environment] = ENVIRONMENTS.get(base)
+    options = {option: value for option, value in text.items() if option not in kwargs}
+    environment = kind(**parse_settings(kind, options, kind="option"), **kwargs)
     for attribute in ("task_space", "valid_domain"):
         declared = environment.has_wrapper_attr(attribute)
         if not declared or not isinstance(environment.get_wrapper_attr(attribute), TaskSpace):
