@@ -13,6 +13,7 @@ from typing import Any
 import pandas as pd
 
 from analysis.identity import experiments_apart, identity, named_apart
+from tma_ray.decoding import DamagedFileError, decode_json
 from tma_ray.results import CHIPMUNK, Results, Table
 from tma_ray.tasks import MASTERY_RETURN
 
@@ -109,10 +110,9 @@ def load(root: str | Path) -> Frames:
 def parsed(text: object) -> dict[str, Any]:
     """Returns the JSON object in `text`, or an empty one if it holds something else."""
     try:
-        value = json.loads(text) if isinstance(text, str) else None
-    except ValueError:
+        return decode_json(text, dict[str, Any], "a spec") if isinstance(text, str) else {}
+    except DamagedFileError:
         return {}
-    return value if isinstance(value, dict) else {}
 
 
 def mastery_threshold(spec: object) -> float:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -12,6 +11,7 @@ import numpy as np
 from gymnasium import spaces
 from numpy.typing import NDArray
 
+from tma_ray.decoding import DamagedFileError, decode_json
 from tma_ray.envs import Environment, Signal
 from tma_ray.results import POLICIES, Results, ResultsRootError, Table
 from tma_ray.runs.saved_policies import SavedPolicy
@@ -146,8 +146,8 @@ def _libraries(results: Results, run_id: str) -> dict[str, str]:
         return {}
     last = max(attempts, key=lambda attempt: int(attempt["attempt"]))
     try:
-        content = json.loads(last["fingerprint"])
-    except ValueError:
+        content = decode_json(last["fingerprint"], dict[str, Any], "a fingerprint")
+    except DamagedFileError:
         return {}
     about_the_machine = ("cpu", "threads", "device", "system")
     return {name: str(value) for name, value in content.items() if name not in about_the_machine}

@@ -127,6 +127,10 @@ class SpecFacts:
         schedule: its budget.
         plugins: sources of what does not ship with tma_ray, by part of the run.
         task_space: dimensions of what the teacher chooses from.
+        environment_options: of the environment, the embodiment among them.
+        student_hyperparameters: of the student.
+        teacher_hyperparameters: of the teacher.
+        test_set: the evaluation tasks.
     """
 
     engine: str | None = None
@@ -139,6 +143,10 @@ class SpecFacts:
     schedule: ScheduleFacts = field(default_factory=ScheduleFacts)
     plugins: Mapping[str, Any] = field(default_factory=dict)
     task_space: tuple[Mapping[str, str | float], ...] = ()
+    environment_options: Mapping[str, Any] = field(default_factory=dict)
+    student_hyperparameters: Mapping[str, Any] = field(default_factory=dict)
+    teacher_hyperparameters: Mapping[str, Any] = field(default_factory=dict)
+    test_set: Mapping[str, Any] = field(default_factory=dict)
 
 
 def spec_digest(spec: str) -> str:
