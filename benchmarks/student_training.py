@@ -1,7 +1,8 @@
 """Training steps per CPU second of our loop beside stable-baselines3's own `learn`, on the same environment.
 
 Both are measured alternately in one process with one torch thread, by the processor's time, so that the
-ratio means something on a noisy machine:
+ratio means something on a noisy machine. SAC's updates are spread over the episode on both sides, one every
+10 steps, since a short stretch may hold no end of an episode; as many are made on average:
 
     python benchmarks/student_training.py --students ppo sac --precisions highest medium
 
@@ -102,7 +103,8 @@ def measure(name: str, precision: str, env_name: str, steps: int, repeats: int) 
     """Returns the medians of `repeats` alternating stretches of `steps` steps, after one of warming up."""
     values = default_hyperparameters(name) | {"matmul_precision": precision}
     if name == "sac":
-        values |= {"exploration_steps": 1_000, "buffer_size": 200_000}  # stock touches all of its buffer
+        values |= {"exploration_steps": 1_000, "updates": "interleaved"}
+        values |= {"buffer_size": 200_000, "log_std": "clamp"}  # stock touches all of its buffer
     env = gymnasium.make(env_name)
     student = make_student(name, env.observation_space, env.action_space, np.random.SeedSequence(0), values)
     loops = {"ours": OurLoop(student, env), "stock": StockLoop(name, env_name, values)}

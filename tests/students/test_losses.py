@@ -12,14 +12,24 @@ from stable_baselines3.common.torch_layers import BaseFeaturesExtractor
 from stable_baselines3.common.type_aliases import ReplayBufferSamples, RolloutBufferSamples
 from torch import nn
 
-from tma_ray.students.hyperparameters import PPOHyperparameters, SACHyperparameters
+from tma_ray.students.hyperparameters import LogStd, PPOHyperparameters, SACHyperparameters
 from tma_ray.students.mlp.layout import Layout
 from tma_ray.students.mlp.modules import FlatParameters, blocks_of
 from tma_ray.students.mlp.network import forward, split
 from tma_ray.students.ppo.losses import Steps, losses
 from tma_ray.students.ppo.trunk import Trunk
 from tma_ray.students.ppo.update import PPOUpdate
-from tma_ray.students.sac.losses import Transitions, actor_loss, critic_loss, joined
+from tma_ray.students.sac.losses import (
+    LOG_STD_RANGE,
+    SQUASH_EPSILON,
+    Transitions,
+    actor_loss,
+    critic_loss,
+    in_range,
+    joined,
+    squashed_draw,
+)
+from tma_ray.students.sac.policy import POLICIES
 from tma_ray.students.sac.update import SACUpdate
 from tma_ray.students.sb3.algorithm_models import SpacesOnly
 
@@ -143,7 +153,7 @@ def test_ppo_equals_stock_after_ten_updates(dtype, tolerance, value_clip_range, 
 
 def sac(hyper: SACHyperparameters, dtype) -> stable_baselines3.SAC:
     model = stable_baselines3.SAC(
-        "MlpPolicy",
+        POLICIES[hyper.log_std],
         world(),
         learning_rate=hyper.learning_rate,
         tau=hyper.target_rate,
@@ -175,9 +185,15 @@ def transitions(dtype, batch_size: int = 50) -> ReplayBufferSamples:
 
 
 @DTYPES
-@pytest.mark.parametrize(("spread", "rate"), [(0.0, 1e-3), (2.0, 1e-4)], ids=["usual", "beyond-the-clamp"])
-def test_sac_equals_stock_after_ten_updates(dtype, tolerance, spread, rate):
-    hyper = SACHyperparameters(hidden_units=(40, 30), learning_rate=rate, entropy_coefficient=0.2)
+@pytest.mark.parametrize(
+    ("log_std", "spread", "rate"),
+    [(LogStd.CLAMP, 0.0, 1e-3), (LogStd.CLAMP, 2.0, 1e-4), (LogStd.TANH, 1.0, 1e-3)],
+    ids=["clamp", "beyond-the-clamp", "tanh"],
+)
+def test_sac_equals_stock_after_ten_updates(dtype, tolerance, log_std, spread, rate):
+    hyper = SACHyperparameters(
+        hidden_units=(40, 30), learning_rate=rate, entropy_coefficient=0.2, log_std=log_std
+    )
     model, stock = sac(hyper, dtype), sac(hyper, dtype)
     with torch.no_grad():
         model.actor.log_std.bias += spread  # some log deviations are over their bound then
@@ -250,11 +266,8 @@ def test_sacs_losses_of_stacked_runs_are_those_of_each_run():
 
         own = Transitions(*(column[run] for column in batch))
         pair = joined([network(critic, critic_layout) for critic in critics])
-        policy = network(actor, actor_layout)
-        return (
-            critic_loss(pair, own, targets[run]),
-            actor_loss(policy, pair, own.observations, noise[run], 0.2),
-        )
+        draw = squashed_draw(network(actor, actor_layout)(own.observations), noise[run], LogStd.TANH)
+        return critic_loss(pair, own, targets[run]), actor_loss(pair, own.observations, draw, 0.2)
 
     for index, trained in enumerate((critics, [actor])):
         stacked = both()[index]
@@ -268,3 +281,37 @@ def test_sacs_losses_of_stacked_runs_are_those_of_each_run():
 
 def columns() -> tuple[torch.Tensor, ...]:
     return tuple(transitions(torch.float64))[:5]
+
+
+@pytest.mark.parametrize("log_std", list(LogStd))
+def test_a_squashed_draw_is_that_of_a_transformed_normal_distribution(log_std):
+    """Actions, densities and their gradients against torch's distributions and finite differences."""
+    low, high = LOG_STD_RANGE
+    outputs, noise = random(30, 2 * ACTION, dtype=torch.float64), random(30, ACTION, dtype=torch.float64)
+    outputs[:, :ACTION] *= 0.3
+    outputs[:, ACTION:] = 0.3 * outputs[:, ACTION:] + (0.8 if log_std is LogStd.TANH else 0)
+    outputs.requires_grad_()
+    draw = squashed_draw(outputs, noise, log_std)
+
+    means, heads = outputs[:, :ACTION], outputs[:, ACTION:]
+    middle, half = (low + high) / 2, (high - low) / 2
+    log_deviations = middle + half * torch.tanh(heads) if log_std is LogStd.TANH else heads
+    normal = torch.distributions.Normal(means, log_deviations.exp())
+    before = means + normal.stddev * noise
+    squashing = torch.log(1 - torch.tanh(before) ** 2 + SQUASH_EPSILON)
+    expected = (normal.log_prob(before) - squashing).sum(dim=1, keepdim=True)
+    torch.testing.assert_close(draw.actions, before.tanh(), rtol=1e-9, atol=1e-12)
+    torch.testing.assert_close(draw.log_probabilities, expected, rtol=1e-8, atol=1e-8)
+    mine, plain = (torch.autograd.grad(d.sum(), outputs)[0] for d in (draw.log_probabilities, expected))
+    torch.testing.assert_close(mine, plain, rtol=1e-6, atol=1e-6)
+    assert torch.autograd.gradcheck(lambda values: squashed_draw(values, noise, log_std), outputs)
+
+
+def test_the_log_deviation_of_a_new_policy_is_about_minus_nine_and_within_its_range():
+    model = sac(SACHyperparameters(), torch.float32)
+    seen = random(100, OBSERVATION, dtype=torch.float32)
+    with torch.no_grad():
+        log_deviations = model.actor.get_action_dist_params(seen)[1]
+        extreme = in_range(torch.tensor([-1e9, 0.0, 1e9]), LogStd.TANH)
+    assert (log_deviations + 9).abs().mean() < 1
+    torch.testing.assert_close(extreme, torch.tensor([-20.0, -9.0, 2.0]))

@@ -84,6 +84,31 @@ class PPOHyperparameters:
             )
 
 
+class LogStd(StrEnum):
+    """Map from the actor's output to the policy's log deviation, within [-20, 2].
+
+    Attributes:
+        TANH: the tangent hyperbolic scaled to the range; about -9 at the start (Spinning Up 0.1.1).
+        CLAMP: clamped to the range; about 0 at the start (stable-baselines3).
+    """
+
+    TANH = "tanh"
+    CLAMP = "clamp"
+
+
+class UpdateSchedule(StrEnum):
+    """Time of SAC's updates.
+
+    Attributes:
+        EPISODE_END: all at the end of each episode, the first one included: its length divided by
+            `steps_per_update`, rounded up (Spinning Up 0.1.1).
+        INTERLEAVED: one every `steps_per_update` steps, after the uniform actions.
+    """
+
+    EPISODE_END = "episode_end"
+    INTERLEAVED = "interleaved"
+
+
 @dataclass(frozen=True)
 class SACHyperparameters:
     """Soft actor-critic with a fixed entropy coefficient (paper, appendix on DRL students).
@@ -94,9 +119,11 @@ class SACHyperparameters:
         learning_rate: Adam's step size of actor and critics.
         buffer_size: transitions kept for replay.
         batch_size: transitions per update.
-        exploration_steps: environment steps of uniform actions at the start of the run, without
-            updates; happens once, not again after a reset (the release).
-        steps_per_update: environment steps per update (the release makes them all at the episode's end).
+        exploration_steps: environment steps of uniform actions at the start of the run; happens once,
+            not again after a reset (the release).
+        steps_per_update: environment steps per update.
+        updates: time of the updates.
+        log_std: map from the actor's output to the log deviation.
         gamma: discount factor.
         target_rate: share of the critics that the target critics take over at each update.
         entropy_coefficient: weight alpha of the policy's entropy in the return.
@@ -112,6 +139,8 @@ class SACHyperparameters:
     batch_size: int = 1_000
     exploration_steps: int = 10_000
     steps_per_update: int = 10
+    updates: UpdateSchedule = UpdateSchedule.EPISODE_END
+    log_std: LogStd = LogStd.TANH
     gamma: float = 0.99
     target_rate: float = 0.005
     entropy_coefficient: float = 0.005

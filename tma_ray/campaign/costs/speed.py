@@ -27,6 +27,10 @@ MEASURED_SECONDS = 1.5
 EXPLORATION = {"exploration_steps": 1_000, "learning_starts": 1_000}
 """What students call the steps before their first update, and how many a measurement leaves them at most."""
 
+SCHEDULE = {"updates": "interleaved"}
+"""What students call the time of their updates, and the one that spreads as many over all steps: a
+measurement is much shorter than what a long episode may owe at its end."""
+
 STORAGE = {"buffer_size": 50_000}
 """What students call the size of their replay buffer, and what a measurement leaves of it at most."""
 
@@ -62,6 +66,7 @@ def measure(spec: RunSpec, settings: Settings) -> Throughput:
     values |= {
         name: min(values[name], most) for name, most in (EXPLORATION | STORAGE).items() if name in values
     }
+    values |= {name: value for name, value in SCHEDULE.items() if name in values}
     seed, resources = np.random.SeedSequence(0), settings.resources
     student = make_student(
         base_name(spec.student), observation, action, seed, values, settings.device, resources.threads

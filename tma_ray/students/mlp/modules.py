@@ -51,9 +51,11 @@ class FlatParameters:
             parameter.data = view
         self.networks, start = [], 0
         for layout in map(_layout, networks):
-            self.networks.append(Network(self.values[start : start + layout.parameters], layout))
-            start += layout.parameters
+            part = slice(start, start + layout.parameters)
+            self.networks.append(Network(self.values[part], layout, self.gradient[part]))
+            start = part.stop
         self.others = [parameter.detach().requires_grad_() for parameter in others]
+        self._others_gradient = self.views(self.gradient)[len(self.parameters) - len(others) :]
 
     def views(self, buffer: torch.Tensor) -> list[torch.Tensor]:
         """Returns the parts of `buffer` (p,) that belong to the parameters, in their shapes."""
@@ -62,8 +64,10 @@ class FlatParameters:
 
     def differentiate(self, loss: torch.Tensor) -> None:
         """Writes the gradient of `loss`, which was computed with `networks` and `others`."""
-        leaves = [*(network.parameters for network in self.networks), *self.others]
-        torch.cat([part.reshape(-1) for part in torch.autograd.grad(loss, leaves)], out=self.gradient)
+        leaves = [network.parameters for network in self.networks]
+        others = torch.autograd.grad(loss, [*leaves, *self.others])[len(leaves) :]
+        for memory, gradient in zip(self._others_gradient, others, strict=True):
+            memory.copy_(gradient)
 
 
 def as_modules(parameters: torch.Tensor, layout: Layout) -> list[nn.Module]:

@@ -64,15 +64,20 @@ class Network:
     Args:
         parameters: (p,); a view, so that it is always the present ones that are applied.
         layout: of the network.
+        gradient: memory for the parameters' gradient (p,), which each backward pass overwrites.
 
     Attributes:
         parameters: the same memory, as a leaf of autograd.
+        gradient: likewise.
     """
 
-    def __init__(self, parameters: torch.Tensor, layout: Layout) -> None:
+    def __init__(
+        self, parameters: torch.Tensor, layout: Layout, gradient: torch.Tensor | None = None
+    ) -> None:
         self.parameters = parameters.detach().requires_grad_()
         self._frozen = parameters.detach()
         self.layout = layout
+        self.gradient = torch.zeros_like(self._frozen) if gradient is None else gradient
         self._memory: dict[tuple[str, int], torch.Tensor] = {}
 
     def __call__(self, inputs: torch.Tensor) -> torch.Tensor:
@@ -112,8 +117,7 @@ class _LeanPass(torch.autograd.Function):
         layers = split(parameters, ctx.network.layout)
         if not wants_parameters:
             return _input_gradient(layers, kept, gradient), None, None
-        result = torch.empty_like(parameters)
-        targets = split(result, ctx.network.layout)
+        targets = split(ctx.network.gradient, ctx.network.layout)
         for index in range(len(layers) - 1, -1, -1):
             weight_gradient, bias_gradient = targets[index]
             torch.mm(gradient.t(), kept[index], out=weight_gradient)
@@ -121,7 +125,7 @@ class _LeanPass(torch.autograd.Function):
             if index:
                 out = ctx.network.buffer("gradient", index - 1, gradient)
                 gradient = _through_relu(torch.mm(gradient, layers[index][0], out=out), kept[index])
-        return torch.mm(gradient, layers[0][0]) if wants_inputs else None, result, None
+        return torch.mm(gradient, layers[0][0]) if wants_inputs else None, ctx.network.gradient, None
 
 
 _lean_pass: Any = _LeanPass.apply

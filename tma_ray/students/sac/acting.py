@@ -11,22 +11,31 @@ from tma_ray.students.mlp.rows import FloatArray, RowArrays, apply_row
 
 @kernel
 def squashed_action(
-    network: RowArrays, observation: Observations, noise: FloatArray, lowest: float, highest: float
+    network: RowArrays,
+    observation: Observations,
+    noise: FloatArray,
+    log_std_range: tuple[float, float],
+    clamp: bool,
 ) -> Actions:
     """Returns the tangent hyperbolic (a,) of a normal variable.
 
     Args:
-        network: whose outputs are means and log deviations.
+        network: whose outputs are means and, before they are brought into their range, log deviations.
         observation: (o,).
         noise: standard normal (a,).
-        lowest: bound of the log deviation.
-        highest: likewise.
+        log_std_range: bounds of the log deviation.
+        clamp: the log deviation is clamped to its range; else it is a scaled tangent hyperbolic.
     """
     weights, sizes, work, active = network
+    low, high = np.float32(log_std_range[0]), np.float32(log_std_range[1])
     outputs = apply_row(weights, sizes, work, active, observation)
     count = len(noise)
     actions = np.empty_like(noise)
     for k in range(count):
-        deviation = np.exp(min(max(outputs[count + k], np.float32(lowest)), np.float32(highest)))
-        actions[k] = np.tanh(outputs[k] + deviation * noise[k])
+        output = outputs[count + k]
+        if clamp:
+            log_deviation = min(max(output, low), high)
+        else:
+            log_deviation = low + np.float32(0.5) * (high - low) * (np.tanh(output) + np.float32(1))
+        actions[k] = np.tanh(outputs[k] + np.exp(log_deviation) * noise[k])
     return actions

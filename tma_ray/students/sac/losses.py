@@ -13,6 +13,8 @@ from typing import NamedTuple, TypeAlias
 
 import torch
 
+from tma_ray.students.hyperparameters import LogStd
+
 LOG_STD_RANGE = -20.0, 2.0
 """Bounds of the log deviation."""
 
@@ -55,15 +57,24 @@ class Draw(NamedTuple):
     log_probabilities: torch.Tensor
 
 
-def squashed_draw(outputs: torch.Tensor, noise: torch.Tensor) -> Draw:
+def in_range(outputs: torch.Tensor, log_std: LogStd) -> torch.Tensor:
+    """Returns the log deviations, within `LOG_STD_RANGE`, of an actor's `outputs` for them."""
+    low, high = LOG_STD_RANGE
+    if log_std is LogStd.CLAMP:
+        return outputs.clamp(low, high)
+    return low + 0.5 * (high - low) * (outputs.tanh() + 1)
+
+
+def squashed_draw(outputs: torch.Tensor, noise: torch.Tensor, log_std: LogStd) -> Draw:
     """Returns the tangent hyperbolic of normal variables, and its log density.
 
     Args:
-        outputs: of the actor: means and log deviations, not clamped (n, 2a).
+        outputs: of the actor (n, 2a).
         noise: standard normal (n, a).
+        log_std: map to the log deviations.
     """
     mean, log_deviation = outputs.chunk(2, dim=-1)
-    log_deviation = log_deviation.clamp(*LOG_STD_RANGE)
+    log_deviation = in_range(log_deviation, log_std)
     actions = (mean + log_deviation.exp() * noise).tanh()
     log_density = -0.5 * noise.square() - log_deviation - _HALF_LOG_2PI
     log_squashing = (1 - actions.square() + SQUASH_EPSILON).log()
@@ -93,9 +104,6 @@ def critic_loss(critics: Pass, batch: Transitions, targets: torch.Tensor) -> tor
     return 0.5 * (values - targets).square().mean(dim=-2).sum(dim=-1)
 
 
-def actor_loss(
-    actor: Pass, critics: Pass, observations: torch.Tensor, noise: torch.Tensor, alpha: float
-) -> torch.Tensor:
-    """Returns the mean of alpha log pi - min Q over actions drawn with `noise` (n, a)."""
-    draw = squashed_draw(actor(observations), noise)
+def actor_loss(critics: Pass, observations: torch.Tensor, draw: Draw, alpha: float) -> torch.Tensor:
+    """Returns the mean of alpha log pi - min Q over the actions in `draw`, drawn from the actor."""
     return -soft_values(critics, observations, draw, alpha).mean(dim=(-2, -1))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 from typing import Any
 
@@ -19,7 +20,7 @@ from tma_ray.students.greedy_network import (
     stored_parameters,
     tensor_kinds,
 )
-from tma_ray.students.hyperparameters import SACHyperparameters
+from tma_ray.students.hyperparameters import LogStd, SACHyperparameters, UpdateSchedule
 from tma_ray.students.layers import in_a_row, unscale
 from tma_ray.students.mlp.modules import FlatParameters, as_modules, blocks_of
 from tma_ray.students.mlp.network import as_batch
@@ -27,6 +28,7 @@ from tma_ray.students.policy_files import read_policy
 from tma_ray.students.replay import ReplayBuffer
 from tma_ray.students.sac.acting import squashed_action
 from tma_ray.students.sac.losses import LOG_STD_RANGE, joined, soft_values, squashed_draw
+from tma_ray.students.sac.policy import POLICIES
 from tma_ray.students.sac.update import SACUpdate
 from tma_ray.students.sb3.stable_baselines import Experience, StableBaselinesStudent
 
@@ -35,11 +37,14 @@ POLICY = "sac"
 
 
 class SAC(StableBaselinesStudent[SACHyperparameters, stable_baselines3.SAC]):
-    """Soft actor-critic with a fixed entropy coefficient: one update every 10 steps.
+    """Soft actor-critic with a fixed entropy coefficient, as in Spinning Up 0.1.1, which the paper names.
 
-    The first 10,000 actions of the run are uniform, without updates. Time limits bootstrap. The greedy
-    action is the squashed mean. stable-baselines3 has no V network (the original release has one):
-    V(s) = E[min Q(s, a) - alpha log pi(a|s)] is averaged over sampled actions.
+    The first 10,000 actions of the run are uniform. At the end of each episode, from the first one on,
+    the networks are updated once for every 10 steps of it, rounded up; an episode that the run's budget
+    cuts has no end and no updates. Batches are drawn with replacement: a buffer with fewer transitions
+    than a batch serves, too. Time limits bootstrap. The greedy action is the squashed mean.
+    stable-baselines3 has no V network (the original release has one): V(s) = E[min Q(s, a) - alpha log
+    pi(a|s)] is averaged over sampled actions.
     """
 
     algorithm_version = SACHyperparameters.algorithm_version
@@ -48,7 +53,7 @@ class SAC(StableBaselinesStudent[SACHyperparameters, stable_baselines3.SAC]):
     def _make_model(self) -> stable_baselines3.SAC:
         hyper = self.hyperparameters
         model = stable_baselines3.SAC(
-            "MlpPolicy",
+            POLICIES[hyper.log_std],
             env=None,  # type: ignore[arg-type]  # stepped by the run, not by the model
             learning_rate=hyper.learning_rate,
             buffer_size=hyper.buffer_size,
@@ -70,7 +75,7 @@ class SAC(StableBaselinesStudent[SACHyperparameters, stable_baselines3.SAC]):
     def _start(self) -> None:
         sizes = self.observation_space.shape[0], self.action_space.shape[0]
         self._replay = ReplayBuffer(self.hyperparameters.buffer_size, *sizes, self._batches, self.device)
-        self._steps = 0
+        self._steps, self._episode_steps = 0, 0
 
     def _connect(self) -> None:
         actor, critics = self.model.actor, self.model.critic.q_networks
@@ -91,24 +96,36 @@ class SAC(StableBaselinesStudent[SACHyperparameters, stable_baselines3.SAC]):
     def _restore_update(self) -> None:
         self._update.restore()
 
-    def _train(self) -> None:
-        """Updates the networks once."""
-        self._update(self._replay.sample(self.hyperparameters.batch_size))
+    def _train(self, updates: int) -> None:
+        """Updates the networks, each time with a new batch."""
+        for _ in range(updates):
+            self._update(self._replay.sample(self.hyperparameters.batch_size))
 
     def act(self, observation: Observations) -> Actions:  # noqa: D102
         if self._steps < self.hyperparameters.exploration_steps:
             return self._exploration.uniform(self._low, self._high).astype(np.float32)
-        return self._unscale(
-            squashed_action(self._greedy.row.arrays, observation, self._noise(), *LOG_STD_RANGE)
-        )
+        network, clamp = self._greedy.row.arrays, self.hyperparameters.log_std is LogStd.CLAMP
+        action = squashed_action(network, observation, self._noise(), LOG_STD_RANGE, clamp)
+        return self._unscale(action)
 
     def observe(self, transition: Transition) -> None:  # noqa: D102
         self._replay.add(transition, self._scale(transition.action))
         self._steps += 1
-        hyper = self.hyperparameters
-        if self._steps > hyper.exploration_steps and self._steps % hyper.steps_per_update == 0:
+        self._episode_steps += 1
+        ended = transition.terminated or transition.truncated
+        updates = self._due(ended)
+        if ended:
+            self._episode_steps = 0
+        if updates:
             with self._updating():
-                self._train()
+                self._train(updates)
+
+    def _due(self, ended: bool) -> int:
+        """Returns how many updates follow the step, with which an episode may have `ended`."""
+        hyper = self.hyperparameters
+        if hyper.updates is UpdateSchedule.EPISODE_END:
+            return math.ceil(self._episode_steps / hyper.steps_per_update) if ended else 0
+        return int(self._steps > hyper.exploration_steps and self._steps % hyper.steps_per_update == 0)
 
     def act_greedily(self, observations: Observations) -> Actions:  # noqa: D102
         return self._unscale(self._greedy(observations, squash=True))
@@ -121,7 +138,7 @@ class SAC(StableBaselinesStudent[SACHyperparameters, stable_baselines3.SAC]):
             outputs = self._actor.networks[0].frozen(inputs)
             for _ in range(hyper.value_samples):
                 noise = self._values.standard_normal((len(inputs), self._low.size), dtype=np.float32)
-                draw = squashed_draw(outputs, torch.from_numpy(noise).to(self.device))
+                draw = squashed_draw(outputs, torch.from_numpy(noise).to(self.device), hyper.log_std)
                 critics = joined([critic.frozen for critic in self._critics.networks])
                 total += soft_values(critics, inputs, draw, hyper.entropy_coefficient)
         values: NDArray[np.float64] = (total[:, 0] / hyper.value_samples).numpy(force=True)
@@ -164,6 +181,7 @@ class SAC(StableBaselinesStudent[SACHyperparameters, stable_baselines3.SAC]):
     def _load_experience(self, folder: Path, counters: dict[str, Any]) -> None:
         self._replay.load(folder)
         self._steps = counters["steps"]
+        self._episode_steps = 0  # states are saved at the end of an episode, after its updates
 
     def _scale(self, actions: Actions) -> Actions:
         """Returns `actions` mapped from the action space to [-1, 1]."""
@@ -183,8 +201,8 @@ class StockSAC(SAC):
     def _restore_update(self) -> None:
         """Restores nothing: the model's optimisers are the only ones."""
 
-    def _train(self) -> None:
-        self.model.train(gradient_steps=1, batch_size=self.hyperparameters.batch_size)
+    def _train(self, updates: int) -> None:
+        self.model.train(gradient_steps=updates, batch_size=self.hyperparameters.batch_size)
 
 
 def _between(low: Actions, high: Actions, actions: Actions) -> Actions:

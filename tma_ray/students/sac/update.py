@@ -61,7 +61,7 @@ class SACUpdate:
     def _train_critics(self, batch: Transitions, noise: torch.Tensor) -> torch.Tensor:
         hyper, (actor,) = self._hyper, self._actor.networks
         with torch.no_grad():
-            draw = squashed_draw(actor(batch.next_observations), noise)
+            draw = squashed_draw(actor(batch.next_observations), noise, hyper.log_std)
             targets = joined([network.frozen for network in self._targets.networks])
             values = soft_values(targets, batch.next_observations, draw, hyper.entropy_coefficient)
             goals = batch.rewards + (1 - batch.dones) * hyper.gamma * values
@@ -71,9 +71,10 @@ class SACUpdate:
         return loss
 
     def _train_actor(self, observations: torch.Tensor, noise: torch.Tensor) -> torch.Tensor:
-        (actor,) = self._actor.networks
+        hyper, (actor,) = self._hyper, self._actor.networks
         critics = joined([network.frozen for network in self._critics.networks])
-        loss = actor_loss(actor, critics, observations, noise, self._hyper.entropy_coefficient)
+        draw = squashed_draw(actor(observations), noise, hyper.log_std)
+        loss = actor_loss(critics, observations, draw, hyper.entropy_coefficient)
         self._actor.differentiate(loss)
         self._actor_adam.step()
         return loss
