@@ -32,6 +32,7 @@ NOT_MEASURED = {
     ("docs/benchmark.md", "Protocol"): "what the paper says, and where",
     ("docs/experiments.md", "The experiments of the paper"): "how many runs the matrices have",
     ("docs/simulated_students.md", "The challenges"): "how they are defined",
+    ("docs/students.md", "SAC"): "values of settings",
     ("docs/students.md", "Students"): "names",
 }
 """Tables in which most cells have a digit, although nobody measured them, and what they hold instead."""
