@@ -100,7 +100,7 @@ def test_files_that_hold_no_network_are_refused(tmp_path: Path) -> None:
         CPPN.load(text)
     one = tmp_path / "one.npy"
     np.save(one, np.zeros(3))
-    with pytest.raises(ValueError, match=r"no \.npz file"):
+    with pytest.raises(ValueError, match=r"not an \.npz file"):
         CPPN.load(one)
     with pytest.raises(ValueError, match=r"less\.npz: weights 'w4' are missing"):
         CPPN.load(save(tmp_path / "less.npz", {k: v for k, v in arrays.items() if k != "w4"}))
