@@ -25,6 +25,9 @@ NAMED = ["challenge", "environment", "embodiment", "student", "teacher", "test_s
 """Columns of cells whose names identify a part of a run; those of challenges belong to an environment, and
 are split before its own."""
 
+OF_BODIES = ("embodiment", "original_embodiment")
+"""Options of environments that name the body, as its own column does; the second of imported runs."""
+
 WITHIN = ["engine", "physics_version"]
 """Columns that keep runs apart everywhere, so that the same name may stand for something else there."""
 
@@ -49,8 +52,9 @@ def identity(spec: Mapping[str, Any]) -> dict[str, dict[str, Any]]:
     Args:
         spec: of the run, JSON values; empty for a run that says nothing of itself.
     """
-    options = dict(spec.get("environment_options", {}))
-    options.pop("embodiment", None)
+    options = {
+        key: value for key, value in spec.get("environment_options", {}).items() if key not in OF_BODIES
+    }
     files = {name: file["sha256"][:8] for name, file in spec.get("inputs", {}).items()}
     body = files.pop("environment.embodiment", None)
     return {
