@@ -1,4 +1,7 @@
-"""Teachers that do what they should not; named as ``misbehaving:Name``."""
+"""Teachers that do what they should not; named as ``misbehaving:Name``.
+
+They look for files in a folder: a file that a hyper-parameter named would be an input of the run.
+"""
 
 from __future__ import annotations
 
@@ -23,40 +26,40 @@ class Raising(Random):
 
 @dataclass
 class Dying(Random):
-    """Kills its process at its 40th episode, but only once: a marker file says that it has."""
+    """Kills its process at its 40th episode, but only once: a file `died` in a folder says that it has."""
 
-    marker: str = ""
+    folder: str = ""
     episodes_: int = 0
 
     def observe(self, episode: Episode) -> None:
         self.episodes_ += 1
-        if self.episodes_ == 40 and not Path(self.marker).exists():
-            Path(self.marker).touch()
+        if self.episodes_ == 40 and not Path(self.folder, "died").exists():
+            Path(self.folder, "died").touch()
             os.kill(os.getpid(), signal.SIGKILL)
 
 
 @dataclass
 class Waiting(Random):
-    """Raises until a file is there: whatever was missing has been mended."""
+    """Raises until a file `needed` is in a folder: whatever was missing has been mended."""
 
-    needed: str = ""
+    folder: str = ""
 
     def sample(self) -> Task:
-        if not Path(self.needed).exists():
-            raise FileNotFoundError(f"{self.needed} is missing")
+        if not Path(self.folder, "needed").exists():
+            raise FileNotFoundError(f"{self.folder}/needed is missing")
         return super().sample()
 
 
 @dataclass
 class Lingering(RIAC):
-    """Its run cannot end before a file is there: after some episodes each takes half a second until then."""
+    """Its run cannot end before a file `stopped` is in a folder: until then, late episodes take longer."""
 
-    awaited: str = ""
+    folder: str = ""
     hurried: int = 50
     episodes_: int = 0
 
     def observe(self, episode: Episode) -> None:
         self.episodes_ += 1
-        if self.episodes_ > self.hurried and not Path(self.awaited).exists():
+        if self.episodes_ > self.hurried and not Path(self.folder, "stopped").exists():
             time.sleep(0.5)
         super().observe(episode)

@@ -42,9 +42,9 @@ def idle(teacher: str, level: KnowledgeLevel = KnowledgeLevel.NONE) -> Cell:
     return replace(corridor(teacher, level), student="idle_student:Idle", student_hyperparameters={})
 
 
-def lingering(stopped: Path) -> Cell:
-    """Returns a cell whose run cannot end before `stopped` is there."""
-    settings = {"region_capacity": 20, "awaited": str(stopped)}
+def lingering(folder: Path) -> Cell:
+    """Returns a cell whose run cannot end before a file `stopped` is in a folder."""
+    settings = {"region_capacity": 20, "folder": str(folder)}
     return replace(idle("misbehaving:Lingering"), teacher_hyperparameters=settings)
 
 
@@ -126,7 +126,7 @@ def test_an_exception_fails_its_run_and_the_rest_goes_on(tmp_path: Path) -> None
 
 
 def test_a_killed_process_is_replaced_and_nothing_is_lost_or_doubled(tmp_path: Path) -> None:
-    dying = {"marker": str(tmp_path / "died")}
+    dying = {"folder": str(tmp_path)}
     cell = replace(idle("misbehaving:Dying"), teacher_hyperparameters=dying)
     ended = execute(campaign(cell), tmp_path / "killed", checkpoint_seconds=0.05)
     assert (tmp_path / "died").exists()
@@ -139,22 +139,22 @@ def test_a_killed_process_is_replaced_and_nothing_is_lost_or_doubled(tmp_path: P
 def test_a_stopped_campaign_leaves_checkpoints_and_continues_wherever_its_teachers_are(
     tmp_path: Path,
 ) -> None:
-    what = campaign(lingering(tmp_path / "has stopped"))
-    committer = Committer(Store.open(tmp_path / "stopped"))
+    what = campaign(lingering(tmp_path))
+    committer = Committer(Store.open(tmp_path / "root"))
     inline = settings(teachers=TeacherPlacement.INLINE)
     scheduler = Scheduler(committer, inline, quiet(), lambda: None)
-    checkpoints = tmp_path / "stopped" / "checkpoints"
+    checkpoints = tmp_path / "root" / "checkpoints"
     ended = scheduler.execute(what.plan().runs, lambda: any(checkpoints.rglob("index.json")))
-    (tmp_path / "has stopped").touch()
+    (tmp_path / "stopped").touch()
     assert (ended.done, ended.stopped, ended.waiting) == (0, 1, 0)
-    assert [row["outcome"] for row in rows(tmp_path / "stopped", Table.ATTEMPTS)] == ["stopped"]
+    assert [row["outcome"] for row in rows(tmp_path / "root", Table.ATTEMPTS)] == ["stopped"]
     committer.write_cells("short", what.plan().cell_rows)
-    ((state,),) = overview(tmp_path / "stopped", time.time()).campaigns["short"].values()
+    ((state,),) = overview(tmp_path / "root", time.time()).campaigns["short"].values()
     assert state.state == "interrupted"
     assert 0 < state.step < SCHEDULE.steps
-    assert execute(what, tmp_path / "stopped", teachers=TeacherPlacement.ACTOR).done == 1
-    assert len(rows(tmp_path / "stopped", Table.TEACHER_LOG)) > 3
-    assert data_files(tmp_path / "stopped") == alone(what, tmp_path / "undisturbed")
+    assert execute(what, tmp_path / "root", teachers=TeacherPlacement.ACTOR).done == 1
+    assert len(rows(tmp_path / "root", Table.TEACHER_LOG)) > 3
+    assert data_files(tmp_path / "root") == alone(what, tmp_path / "undisturbed")
 
 
 @pytest.mark.parametrize(

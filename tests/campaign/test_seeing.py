@@ -55,7 +55,7 @@ def shown(root: Path, *, cells: bool = False) -> str:
 def failed_once(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A folder with a root in which a run has finished and another failed, for lack of a file beside it."""
     folder = tmp_path_factory.mktemp("failed")
-    waiting = replace(idle("misbehaving:Waiting"), teacher_hyperparameters={"needed": str(folder / "needed")})
+    waiting = replace(idle("misbehaving:Waiting"), teacher_hyperparameters={"folder": str(folder)})
     what, root = campaign(idle("random"), waiting), folder / "root"
     committer = Committer.open(root)
     committer.write_cells("short", what.plan().cell_rows)
@@ -153,7 +153,7 @@ def test_mended_runs_run_again_and_their_cells_are_done(failed_once: Path, one_f
 
 @pytest.mark.usefixtures("cluster")
 def test_a_campaign_that_is_asked_to_stop_leaves_checkpoints_and_goes_on_later(tmp_path: Path) -> None:
-    what = campaign(lingering(tmp_path / "has stopped"))
+    what = campaign(lingering(tmp_path))
     asked: list[str] = []
 
     class Asking:
@@ -167,7 +167,7 @@ def test_a_campaign_that_is_asked_to_stop_leaves_checkpoints_and_goes_on_later(t
 
     inline = settings(teachers=TeacherPlacement.INLINE)
     ended = execute_plan(what.plan(), tmp_path / "root", inline, None, Asking())
-    (tmp_path / "has stopped").touch()
+    (tmp_path / "stopped").touch()
     assert "campaign 'short'" in asked[0]
     assert (ended.done, ended.stopped) == (0, 1)
     assert "No campaign is running" in shown(tmp_path / "root")
