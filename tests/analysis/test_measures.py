@@ -122,8 +122,8 @@ def test_other_budgets_are_not_compared(campaign: SyntheticCampaign) -> None:
         campaign.plain_run("random", seed, {1000: [300 * seed]})
         campaign.plain_run("adr", seed, {2000: [300 * seed]}, steps=2000)
     frames = load(campaign.root)
-    assert measure(frames).tests.iloc[0]["reason"] == "trained for other numbers of steps"
-    assert any("numbers of training steps" in warning for warning in frames.warnings)
+    assert measure(frames).tests.iloc[0]["reason"] == measures.NO_BASELINE
+    assert any("stand apart: 1,000 steps" in warning for warning in frames.warnings)
 
 
 def test_without_random_nothing_is_tested(campaign: SyntheticCampaign) -> None:
@@ -212,8 +212,8 @@ def test_each_run_is_judged_by_its_own_threshold(campaign: SyntheticCampaign) ->
 def test_mixed_thresholds_and_versions_of_a_plugin_are_warned_of(campaign: SyntheticCampaign) -> None:
     for seed, (threshold, digest) in enumerate([(1.0, "old"), (2.0, "new")]):
         plugins = {"teacher": {"module": "mine", "digest": digest}}
-        spec = json.dumps({"mastery_threshold": threshold, "plugins": plugins})
+        spec = json.dumps({"teacher": "mine", "mastery_threshold": threshold, "plugins": plugins})
         campaign.plain_run("mine", seed, {1000: [3]}, spec=spec)
     warnings = " ".join(load(campaign.root).warnings)
-    assert "different mastery thresholds" in warnings
-    assert "different versions of a plug-in" in warnings
+    assert "stand apart: mastered over 1" in warnings
+    assert "1 run of teacher 'mine' stand apart as 'mine:source=new'" in warnings

@@ -265,7 +265,7 @@ def test_warnings_are_shown(tmp_path: Path) -> None:
     campaign = small(tmp_path, steps=1000)
     campaign.plain_run("random", 0, {1000: [300]})
     campaign.plain_run("random", 1, {1000: [300]}, physics_version=2)
-    assert "stand apart: physics version 2" in report(tmp_path).text
+    assert "stand apart: physics version 1" in report(tmp_path).text
 
 
 def damage(root: Path) -> None:

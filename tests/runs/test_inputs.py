@@ -15,7 +15,7 @@ from small_runs import SCHEDULE, STUDENTS, run
 
 from analysis.baselines import release, verify
 from tma_ray.export import export
-from tma_ray.results import Committer, Results, Store, read_plugin
+from tma_ray.results import Committer, Results, Store, read_plugin, verify_root
 from tma_ray.runs import Cell, RunSpec, Schedule, effective_spec, inputs
 from tma_ray.runs.inputs import arguments
 from tma_ray.runs.spec import InputFile
@@ -179,6 +179,8 @@ def test_damaged_and_missing_inputs_are_named(tmp_path: Path) -> None:
     files = [path for path in results.store.files("inputs") if "plugin" not in path]
     assert len(files) == 1
     (released / files[0]).write_text("another body")
-    assert any("its sha256 is not its name" in problem for problem in verify(released).problems)
+    assert any("its sha256 is not the recorded one" in problem for problem in verify(released).problems)
+    assert any("its sha256 is not its name" in str(damage) for damage in verify_root(results.store).damage)
     (released / files[0]).unlink()
-    assert any("it is missing, and the run reads it" in problem for problem in verify(released).problems)
+    assert any(files[0] in problem and "missing" in problem for problem in verify(released).problems)
+    assert any("the run reads it" in str(damage) for damage in verify_root(results.store).damage)
