@@ -202,6 +202,7 @@ def test_what_is_not_finite_or_too_much_is_left_out() -> None:
     assert len(figure.axes) == MOST_PER_TEACHER
 
 
+@pytest.mark.slow
 def test_a_figure_repeats_itself() -> None:
     first, second = (png(film_of({"riac": curriculum("riac")})) for _ in range(2))
     assert first == second

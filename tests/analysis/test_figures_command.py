@@ -16,6 +16,7 @@ def names(files: tuple[Path, ...]) -> set[str]:
     return {file.name for file in files}
 
 
+@pytest.mark.slow
 def test_the_papers_own_numbers_give_its_radar_and_its_bars(tmp_path: Path) -> None:
     written = write_figures("paper-2021", tmp_path, "svg")
     assert names(written.files) == {

@@ -77,6 +77,7 @@ def test_what_cannot_be_drawn_is_refused() -> None:
         animation(shots * (MOST_SHOTS + 1), PLANE)
 
 
+@pytest.mark.slow
 def test_an_animation_moves_is_small_and_repeats_itself() -> None:
     shots = [Shot(name, name, curriculum(name)) for name in ("riac", "alp_gmm")]
     content = animation(shots, PLANE, frames=4, seconds=2)

@@ -38,6 +38,7 @@ def test_the_best_and_the_worst_seed_play_the_task_that_tells_runs_apart(root: P
 
 
 @pytest.mark.parametrize(("ending", "element"), [("mp4", "<video"), ("gif", "<img")])
+@pytest.mark.slow
 def test_videos_are_embedded_with_what_came_of_them(
     root: Path, tmp_path: Path, ending: str, element: str
 ) -> None:
@@ -55,6 +56,7 @@ def test_without_videos_there_is_no_heading_for_them(root: Path) -> None:
     assert "Policies at work" not in write_report(root).read_text()
 
 
+@pytest.mark.slow
 def test_latex_shows_every_table_and_figure_it_wrote(root: Path, tmp_path: Path) -> None:
     document = write_latex(root, tmp_path / "latex").document
     text = document.read_text()

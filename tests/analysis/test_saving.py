@@ -36,6 +36,7 @@ def test_endings_are_added_and_folders_made(tmp_path: Path) -> None:
     assert all(file.is_file() for file in files)
 
 
+@pytest.mark.slow
 def test_no_file_tells_when_it_was_written(tmp_path: Path) -> None:
     for vector in Vector:
         for file in save(figure(), tmp_path / vector, vector):

@@ -99,6 +99,7 @@ def test_cells_share_runs_and_running_again_does_only_what_is_missing(tmp_path: 
     assert {state.state for runs in cells_now.values() for state in runs} == {"done"}
 
 
+@pytest.mark.slow
 def test_a_damaged_run_is_done_again_and_nothing_else(tmp_path: Path) -> None:
     what, root = campaign(corridor("random"), corridor("alp_gmm")), tmp_path / "root"
     execute(what, root)

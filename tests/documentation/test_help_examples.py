@@ -19,7 +19,10 @@ EXAMPLES = [
 ]
 
 
-@pytest.mark.parametrize("example", EXAMPLES)
+@pytest.mark.parametrize(
+    "example",
+    [pytest.param(each, marks=pytest.mark.slow if "--latex" in each else ()) for each in EXAMPLES],
+)
 def test_the_example_runs(example: str, place: Path) -> None:
     shutil.copytree(place / "results", place / "colleague")
     assert execute(shlex.split(example, comments=True)) == 0

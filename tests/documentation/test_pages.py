@@ -14,7 +14,13 @@ from commands import execute, simple_commands, understood
 from data_blocks import CHECKS
 from declared import CHANGES, ENDINGS, EXEMPTIONS, changed, exempt, exit_code
 
-LONG = ("README.md", "docs/get_started.md", "docs/add_student.md")
+LONG = (
+    "README.md",
+    "docs/get_started.md",
+    "docs/add_student.md",
+    "docs/add_teacher.md",
+    "docs/experiments.md",
+)
 """Pages whose commands train and report again and again."""
 
 

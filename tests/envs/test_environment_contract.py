@@ -97,6 +97,7 @@ def test_it_repeats_bit_for_bit_whatever_came_before(name: str, body: str) -> No
     assert play(env, 1) == played_anew(name, body)
 
 
+@pytest.mark.slow
 @together
 def test_all_repeat_bit_for_bit_in_another_process(catalogue: list[tuple[str, str]]) -> None:
     code = (

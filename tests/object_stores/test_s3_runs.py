@@ -22,6 +22,7 @@ def short(tmp_path_factory: pytest.TempPathFactory) -> tuple[RunSpec, dict[str, 
     return short_run(tmp_path_factory.mktemp("short"))
 
 
+@pytest.mark.slow
 def test_a_run_interrupted_in_a_bucket_gives_the_files_of_one_on_a_disk(
     s3_root: str, short: tuple[RunSpec, dict[str, bytes]], tmp_path: Path
 ) -> None:

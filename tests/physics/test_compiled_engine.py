@@ -123,6 +123,7 @@ def test_resets_leak_nothing(count: int) -> None:
     assert growth(lambda seed: play_a_little(engine, seed), count) < 1_000_000
 
 
+@pytest.mark.slow
 def test_engines_leak_nothing() -> None:
     assert growth(lambda seed: play_a_little(CompiledEngine(BODY, RULES), seed), 500) < 1_000_000
 

@@ -71,8 +71,10 @@ def test_up_to_its_first_reset_a_run_is_one_without(tmp_path: Path, student: str
 
 @pytest.mark.parametrize(
     ("student", "changes"),
-    [("ppo", {"resets": (1_050, 1_600), "cuts": 4}), ("sac", {"resets": (1_050, 1_600)})],
-    ids=["ppo-resets-shuffled", "sac-resets"],
+    [
+        pytest.param("ppo", {"resets": (1_050, 1_600), "cuts": 4}, id="ppo-resets-shuffled"),
+        pytest.param("sac", {"resets": (1_050, 1_600)}, id="sac-resets", marks=pytest.mark.slow),
+    ],
 )
 def test_stopped_around_a_reset_and_resumed(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, student: str, changes: dict[str, Any]

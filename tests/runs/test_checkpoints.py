@@ -148,6 +148,7 @@ def full_disk(*arguments: object) -> None:
     raise StorageError("the disk is full")
 
 
+@pytest.mark.slow
 def test_a_run_outlasts_a_full_disk_wherever_it_strikes(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

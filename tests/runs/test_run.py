@@ -107,8 +107,15 @@ def test_lock_step_equals_one_task_after_the_other(tmp_path: Path) -> None:
     assert together == one_by_one
 
 
-@pytest.mark.parametrize("teacher", ["Inquisitive", "Scrutinising"])
-@pytest.mark.parametrize("student", ["ppo", "sac"])
+@pytest.mark.parametrize(
+    ("student", "teacher"),
+    [
+        ("ppo", "Inquisitive"),
+        ("ppo", "Scrutinising"),
+        ("sac", "Inquisitive"),
+        pytest.param("sac", "Scrutinising", marks=pytest.mark.slow),
+    ],
+)
 def test_queries_are_answered_without_disturbing_training(tmp_path: Path, student: str, teacher: str) -> None:
     asked, silent = (
         small_spec(tmp_path, student, teacher=name, steps=1_500)

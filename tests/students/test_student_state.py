@@ -17,6 +17,7 @@ OBSERVATIONS = np.random.default_rng(0).normal(size=(20, 3)).astype(np.float32)
 NAMES = pytest.mark.parametrize("name", ["ppo", "sac"])
 
 
+@pytest.mark.slow
 def test_a_new_process_goes_on_bit_for_bit(tmp_path):
     expected, calls = [], []
     for name in ("ppo", "sac"):

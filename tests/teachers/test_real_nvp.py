@@ -80,6 +80,7 @@ def test_the_density_integrates_to_one(size: int, condition: float) -> None:
 
 
 @pytest.mark.parametrize("size", [1, 2])
+@pytest.mark.slow
 def test_it_learns_where_a_condition_belongs(size: int) -> None:
     setter = fitted(size)
     for condition in (0.1, 0.9):

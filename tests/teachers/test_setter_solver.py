@@ -34,6 +34,7 @@ def taught(updates: int = 80) -> tuple[SetterSolver, list[TeacherUpdate]]:
     return teacher, teacher.drain_updates()
 
 
+@pytest.mark.slow
 def test_the_judge_separates_what_the_student_can_from_what_it_cannot() -> None:
     teacher, updates = taught()
     easy, hard = np.random.default_rng(0).random((2, 200, 2)) * [0.45, 1] + np.array([[[0, 0]], [[0.55, 0]]])

@@ -107,6 +107,7 @@ def test_trajectories_have_to_be_declared(monkeypatch: pytest.MonkeyPatch) -> No
         kit.test_tasks_stay_inside_the_space(SCENARIOS[0])
 
 
+@pytest.mark.slow
 def test_a_third_party_runs_it_with_pytest(tmp_path: Path) -> None:
     """Teacher and test of the page on new teachers, in a project of their own."""
     root = Path(__file__).parents[2]

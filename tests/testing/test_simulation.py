@@ -111,6 +111,7 @@ def small_matrix(jobs: int) -> pd.DataFrame:
     return matrix.tabulate(cells, runs)
 
 
+@pytest.mark.slow
 def test_levels_share_runs_and_more_processes_change_nothing() -> None:
     frame = small_matrix(jobs=2)
     pd.testing.assert_frame_equal(frame, small_matrix(jobs=1))
