@@ -100,7 +100,13 @@ def test_other_runs_of_a_root_are_never_pooled(kind: str, tmp_path: Path) -> Non
     assert any("2 runs of" in warning and "stand apart as" in warning for warning in frames.warnings)
 
 
-@pytest.mark.parametrize("kind", OTHERS)
+SHORT = ("learning rate", "version of the teacher", "source of a plug-in")
+"""Differences that the fast tests try across roots, too."""
+
+
+@pytest.mark.parametrize(
+    "kind", [pytest.param(each, marks=() if each in SHORT else pytest.mark.slow) for each in OTHERS]
+)
 def test_other_runs_of_a_baseline_stand_beside_and_not_for_mine(kind: str, tmp_path: Path) -> None:
     mine, theirs = tmp_path / "mine", tmp_path / "theirs"
     write(mine, SPEC, 2, range(3))

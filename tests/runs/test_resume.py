@@ -21,8 +21,9 @@ Case = tuple[str, str, str]
 RunAndFolder = tuple[RunSpec, Path]
 Finished = Callable[[tuple[Case, ...]], dict[Case, RunAndFolder]]
 
-FEW: tuple[Case, ...] = (("corridor", "sac", "alp_gmm"),)
+FEW: tuple[Case, ...] = (("corridor", "ppo", "alp_gmm"),)
 MORE: tuple[Case, ...] = (
+    ("corridor", "sac", "alp_gmm"),
     ("stump_tracks", "ppo", "alp_gmm"),
     ("corridor", "ppo", "odd_teachers:Scrutinising"),
     ("corridor", "sac", "spdl"),

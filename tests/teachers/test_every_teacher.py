@@ -29,15 +29,26 @@ TINY: dict[str, dict[str, Any]] = {
 FEW = tuple(scenario for scenario in SCENARIOS if scenario.name in ("plane", "rugged"))
 
 
-def _kit(name: str, **members: Any) -> type[TeacherConformance]:
-    return type(name, (TeacherConformance,), members)
+class HeavyConformance(TeacherConformance):
+    """The kit of a teacher whose libraries take seconds to import: it continues in a new process when slow."""
+
+    @pytest.mark.slow
+    def test_a_saved_teacher_continues_in_a_new_process(self) -> None:
+        """Bit for bit, after any number of episodes."""
+        super().test_a_saved_teacher_continues_in_a_new_process()
+
+
+def _kit(
+    name: str, kind: type[TeacherConformance] = TeacherConformance, **members: Any
+) -> type[TeacherConformance]:
+    return type(name, (kind,), members)
 
 
 for _name in TEACHERS.names():
     _teacher = TEACHERS.get(_name)
     if _name in TINY:
         globals()[f"Test_{_name}"] = _kit(
-            f"Test_{_name}", teacher=_teacher, hyperparameters=TINY[_name], scenarios=FEW
+            f"Test_{_name}", HeavyConformance, teacher=_teacher, hyperparameters=TINY[_name], scenarios=FEW
         )
         _kept = _kit(f"Test_{_name}_everywhere", teacher=_teacher, hyperparameters=SMALLER[_name])
         globals()[f"Test_{_name}_everywhere"] = pytest.mark.slow(_kept)
