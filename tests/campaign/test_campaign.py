@@ -71,15 +71,23 @@ def alone(what: Campaign, root: Path) -> dict[str, bytes]:
     return data_files(root)
 
 
-def test_actors_give_the_files_of_a_run_in_one_process(tmp_path: Path) -> None:
-    what = campaign(corridor("riac", region_capacity=20), idle("odd_teachers:Scrutinising"))
+@pytest.mark.parametrize(
+    "cells",
+    [
+        [idle("odd_teachers:Scrutinising")],
+        pytest.param([idle("random"), corridor("riac", region_capacity=20)], marks=pytest.mark.slow),
+    ],
+    ids=["one", "several"],
+)
+def test_actors_give_the_files_of_a_run_in_one_process(tmp_path: Path, cells: list[Cell]) -> None:
+    what, count = campaign(*cells), len(cells)
     ended = execute(what, tmp_path / "actors", checkpoint_seconds=0.5)
-    assert (ended.done, ended.failed, ended.total) == (2, 0, 2)
+    assert (ended.done, ended.failed, ended.total) == (count, 0, count)
     expected = alone(what, tmp_path / "alone")
-    assert len(expected) == 10
+    assert len(expected) == 5 * count
     assert data_files(tmp_path / "actors") == expected
     attempts = rows(tmp_path / "actors", Table.ATTEMPTS)
-    assert [(row["outcome"], row["attempt"]) for row in attempts] == [("done", 0)] * 2
+    assert [(row["outcome"], row["attempt"]) for row in attempts] == [("done", 0)] * count
     assert all(row["env_steps_per_second"] > 0 and row["host"] for row in attempts)
 
 
@@ -116,6 +124,7 @@ def test_a_damaged_run_is_done_again_and_nothing_else(tmp_path: Path) -> None:
     assert {run for run, attempt in attempts if attempt == 1} == {first, second}
 
 
+@pytest.mark.slow
 def test_an_exception_fails_its_run_and_the_rest_goes_on(tmp_path: Path) -> None:
     both = campaign(idle("misbehaving:Raising"), idle("random"))
     ended = execute(both, tmp_path, teachers=TeacherPlacement.INLINE)

@@ -152,6 +152,7 @@ def test_mended_runs_run_again_and_their_cells_are_done(failed_once: Path, one_f
 
 
 @pytest.mark.usefixtures("cluster")
+@pytest.mark.slow
 def test_a_campaign_that_is_asked_to_stop_leaves_checkpoints_and_goes_on_later(tmp_path: Path) -> None:
     what = campaign(lingering(tmp_path))
     asked: list[str] = []

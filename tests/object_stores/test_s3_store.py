@@ -69,7 +69,7 @@ def test_an_object_replaced_while_it_is_read_is_read_whole(
     assert store.read_bytes("manifest") == content
 
 
-@pytest.mark.parametrize("fault", ["refuse", "drop"])
+@pytest.mark.parametrize("fault", ["refuse", pytest.param("drop", marks=pytest.mark.slow)])
 def test_throttling_and_lost_connections_are_waited_out(s3_root: str, proxy: Proxy, fault: str) -> None:
     store = Store.open(s3_root)
     left = dict.fromkeys(("PUT", "GET", "HEAD", "DELETE"), 2)
@@ -124,7 +124,10 @@ def test_a_lasting_failure_names_the_file_and_loses_nothing(s3_root: str, proxy:
 
 
 @pytest.mark.usefixtures("impatient")
-@pytest.mark.parametrize("part", ["partNumber=1", "partNumber=2", "POST"])
+@pytest.mark.parametrize(
+    "part",
+    [*(pytest.param(f"partNumber={part}", marks=pytest.mark.slow) for part in (1, 2)), "POST"],
+)
 def test_a_large_upload_that_fails_midway_leaves_no_object(s3_root: str, proxy: Proxy, part: str) -> None:
     store = Store.open(s3_root)
     proxy.refuse = lambda method, path: part in path or (method == part and "uploadId" in path)

@@ -55,7 +55,7 @@ def test_a_student_forgets_at_its_steps_within_episodes_and_after_evaluations(
     assert not {525, 526} <= set(ends), "at least one is within an episode"
 
 
-@pytest.mark.parametrize("student", ["ppo", "sac"])
+@pytest.mark.parametrize("student", ["ppo", pytest.param("sac", marks=pytest.mark.slow)])
 def test_up_to_its_first_reset_a_run_is_one_without(tmp_path: Path, student: str) -> None:
     often = {"evaluation_interval": 500, "training_window": 500}
     plain = small_spec(tmp_path, student, "alp_gmm", steps=1_500, **often)

@@ -112,7 +112,7 @@ def test_lock_step_equals_one_task_after_the_other(tmp_path: Path) -> None:
     [
         ("ppo", "Inquisitive"),
         ("ppo", "Scrutinising"),
-        ("sac", "Inquisitive"),
+        pytest.param("sac", "Inquisitive", marks=pytest.mark.slow),
         pytest.param("sac", "Scrutinising", marks=pytest.mark.slow),
     ],
 )

@@ -30,7 +30,7 @@ FEW = tuple(scenario for scenario in SCENARIOS if scenario.name in ("plane", "ru
 
 
 class HeavyConformance(TeacherConformance):
-    """The kit of a teacher whose libraries take seconds to import: it continues in a new process when slow."""
+    """The kit of a teacher whose libraries take seconds to import in the new process of a case."""
 
     @pytest.mark.slow
     def test_a_saved_teacher_continues_in_a_new_process(self) -> None:

@@ -46,6 +46,7 @@ def test_the_judge_separates_what_the_student_can_from_what_it_cannot() -> None:
     assert np.mean(losses[-20:]) < 0.7 * np.mean(losses[:5])
 
 
+@pytest.mark.slow
 def test_the_setter_proposes_tasks_as_feasible_as_asked_and_spreads() -> None:
     teacher, _ = taught()
     latents = torch.from_numpy(np.random.default_rng(0).standard_normal((300, 2)))
