@@ -86,7 +86,16 @@ def write(root: Path, spec: dict[str, Any], masters: int, seeds: range, teacher:
         campaign.plain_run(teacher, seed, returns, level="none", spec=text, **names)
 
 
-@pytest.mark.parametrize("kind", OTHERS)
+SHORT = ("learning rate", "version of the teacher", "source of a plug-in")
+"""Differences that the fast tests try."""
+
+
+kinds = pytest.mark.parametrize(
+    "kind", [pytest.param(each, marks=() if each in SHORT else pytest.mark.slow) for each in OTHERS]
+)
+
+
+@kinds
 def test_other_runs_of_a_root_are_never_pooled(kind: str, tmp_path: Path) -> None:
     write(tmp_path, SPEC, 2, range(3))
     write(tmp_path, changed(*OTHERS[kind]), 0, range(3, 5))
@@ -100,13 +109,7 @@ def test_other_runs_of_a_root_are_never_pooled(kind: str, tmp_path: Path) -> Non
     assert any("2 runs of" in warning and "stand apart as" in warning for warning in frames.warnings)
 
 
-SHORT = ("learning rate", "version of the teacher", "source of a plug-in")
-"""Differences that the fast tests try across roots, too."""
-
-
-@pytest.mark.parametrize(
-    "kind", [pytest.param(each, marks=() if each in SHORT else pytest.mark.slow) for each in OTHERS]
-)
+@kinds
 def test_other_runs_of_a_baseline_stand_beside_and_not_for_mine(kind: str, tmp_path: Path) -> None:
     mine, theirs = tmp_path / "mine", tmp_path / "theirs"
     write(mine, SPEC, 2, range(3))

@@ -135,6 +135,7 @@ def test_an_exception_fails_its_run_and_the_rest_goes_on(tmp_path: Path) -> None
     assert "sample" in str(failed[0].error), "the traceback names the function"
 
 
+@pytest.mark.slow
 def test_a_killed_process_is_replaced_and_nothing_is_lost_or_doubled(tmp_path: Path) -> None:
     dying = {"folder": str(tmp_path)}
     cell = replace(idle("misbehaving:Dying"), teacher_hyperparameters=dying)

@@ -27,7 +27,10 @@ def shapes_of(world: World, terrain: Terrain) -> tuple[pymunk.Space, Shapes]:
     return space, list(zip(kinds, [*solids, *creepers, water], strict=True))
 
 
-@pytest.mark.parametrize(("depth", "swinging"), [(-np.inf, False), (2.0, False), (0.5, True), (4.0, True)])
+SLOW = [pytest.param(*case, marks=pytest.mark.slow) for case in ((-np.inf, False), (4.0, True))]
+
+
+@pytest.mark.parametrize(("depth", "swinging"), [(2.0, False), (0.5, True), *SLOW])
 def test_a_ray_meets_what_is_nearest(depth: float, swinging: bool) -> None:
     rng = np.random.default_rng(2)
     terrain = parkour_world(creepers=(0.4, 2.0, 1.0), swinging=swinging)
