@@ -1,0 +1,92 @@
+"""Coverage of confidence intervals with few seeds, by simulation: the table of ``docs/statistics.md``."""
+
+from __future__ import annotations
+
+import argparse
+import math
+from collections.abc import Callable
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+from scipy import stats
+
+from analysis.statistics.estimates import (
+    Estimate,
+    interquartile_mean,
+    interquartile_mean_of,
+    performance_profile,
+    probability_of_improvement,
+)
+
+SIZES = (2, 3, 5, 10, 32)
+STRATA = (1, 5)
+LARGE = 400_000
+"""Values that stand for a whole population."""
+
+Floats = NDArray[np.float64]
+Draw = Callable[[np.random.Generator, float, tuple[int, ...]], Floats]
+
+
+def normal(rng: np.random.Generator, shift: float, shape: tuple[int, ...]) -> Floats:
+    """Returns standard normal values, moved by `shift`."""
+    return rng.normal(shift, 1.0, shape)
+
+
+def bounded(rng: np.random.Generator, shift: float, shape: tuple[int, ...]) -> Floats:
+    """Returns per cents of mastered tasks of a hard challenge: many at 0."""
+    return np.clip(rng.normal(10.0 + 10.0 * shift, 12.0, shape), 0.0, 100.0)
+
+
+def bimodal(rng: np.random.Generator, shift: float, shape: tuple[int, ...]) -> Floats:
+    """Returns per cents of mastered tasks of a student that learns in some runs only."""
+    learns = rng.random(shape) < 0.5 + 0.1 * shift
+    return np.where(learns, rng.normal(80.0, 8.0, shape), rng.normal(5.0, 3.0, shape)).clip(0.0, 100.0)
+
+
+def coverage(draw: Draw, strata: int, n: int, experiments: int) -> tuple[float, float, float]:
+    """Returns how often the intervals of the three estimates hold."""
+    rng = np.random.default_rng([strata, n])
+    population, better = draw(rng, 0.0, (LARGE,)), draw(rng, 1.0, (LARGE,))
+    middle = float(np.mean(interquartile_mean(draw(rng, 0.0, (20_000, n * strata)))))
+    ranks = stats.rankdata(np.concatenate([better, population]))[:LARGE].sum()
+    chance = (ranks - LARGE * (LARGE + 1) / 2) / LARGE**2
+    threshold = float(np.quantile(population, 0.7))
+    share = float((population > threshold).mean())
+    held = np.zeros(3)
+    for _ in range(experiments):
+        first, second = (
+            {
+                str(i): pd.Series(values, index=[f"{name}{i}-{k}" for k in range(n)])
+                for i, values in enumerate(draw(rng, shift, (strata, n)))
+            }
+            for name, shift in (("a", 0.0), ("b", 1.0))
+        )
+        profile = performance_profile(first, [threshold]).iloc[0]
+        held += [
+            _holds(interquartile_mean_of(first), middle),
+            _holds(probability_of_improvement(second, first), chance),
+            profile["low"] <= share <= profile["high"],
+        ]
+    return tuple(held / experiments)
+
+
+def _holds(estimate: Estimate, truth: float) -> bool:
+    assert math.isfinite(estimate.low)
+    return estimate.low <= truth <= estimate.high
+
+
+def main() -> None:
+    """Prints the table."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--experiments", type=int, default=4_000, help="simulated for each row (%(default)s)")
+    experiments = parser.parse_args().experiments
+    for draw in (normal, bounded, bimodal):
+        for strata in STRATA:
+            for n in SIZES:
+                shares = (f"{100 * each:.1f}" for each in coverage(draw, strata, n, experiments))
+                print(f"| {draw.__name__} | {strata} | {n} | {' | '.join(shares)} |", flush=True)
+
+
+if __name__ == "__main__":
+    main()
