@@ -4,7 +4,8 @@ VENV := .venv
 BIN := $(VENV)/bin
 INSTALLED := $(VENV)/.installed
 RESULTS ?= results
-PROCESSES ?= auto
+# One more than the cores, since tests wait for Ray, a store and a browser, too.
+PROCESSES ?= $(shell $(PYTHON) -c 'import os; print((os.cpu_count() or 1) + 1)')
 SEED ?= 1
 PYTEST := $(BIN)/python -m pytest --costs 10 --randomly-seed $(SEED)
 SIDE_BY_SIDE := --numprocesses $(PROCESSES) --dist loadscope --no-loadscope-reorder
