@@ -48,7 +48,11 @@ def ranking(frames: Frames, share: float = 1.0) -> pd.DataFrame:
         a comparison), and of Welch's test against Random: difference, low, high, p, reason, and holm: p
         adjusted for all teachers of the comparison. Best first.
     """
-    runs = runs_after(frames, share)
+    return _ranked(runs_after(frames, share))
+
+
+def _ranked(runs: pd.DataFrame) -> pd.DataFrame:
+    """Returns the rows of `ranking`, from runs of `student_pools.runs_after`."""
     table = pooled(runs, [MEASURE])
     tests = pairwise(runs, MEASURE, "random").rename(columns={"first": "teacher"})
     columns = ["difference", "low", "high", "p", "holm", "reason"]
@@ -89,7 +93,8 @@ def show_ranking(root: str | Path, share: float = 1.0, console: Console | None =
         ResultsRootError: there is no such root.
     """
     console, frames = console or Console(), load(root)
-    table = ranking(frames, share)
+    runs = runs_after(frames, share)
+    table = _ranked(runs)
     if table[f"{MEASURE}_mean"].notna().sum() == 0:
         console.print("No run has been evaluated to its end here.")
         return
@@ -98,7 +103,7 @@ def show_ranking(root: str | Path, share: float = 1.0, console: Console | None =
         console.print(_shown(rows))
     for note in (*_notes(table), *frames.warnings):
         console.print(f"[dim]{note}[/dim]", highlight=False)
-    for sentence in [*headlines(runs_after(frames, share)), *sentences(table)]:
+    for sentence in [*headlines(runs), *sentences(table)]:
         console.print(sentence, highlight=False)
 
 
