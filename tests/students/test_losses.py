@@ -252,6 +252,24 @@ def test_the_losses_of_stacked_runs_are_those_of_each_run():
             torch.testing.assert_close(gradient[run], expected[run], rtol=1e-10, atol=1e-12)
 
 
+@pytest.mark.parametrize("value_clip_range", [0.2, None])
+@pytest.mark.parametrize("runs", [(), (3,)], ids=["alone", "stacked"])
+def test_ppos_gradient_is_autograds(runs, value_clip_range):
+    hyper = PPOHyperparameters(entropy_coefficient=0.01, value_clip_range=value_clip_range)
+    shapes = ((50, OBSERVATION), (50, ACTION), (50,), (50,), (50,), (50,))
+    steps = Steps(*(0.5 * random(*runs, *shape, dtype=torch.float64) for shape in shapes))
+    outputs = (0.5 * random(*runs, 50, ACTION + 1, dtype=torch.float64)).requires_grad_()
+    log_std = (0.3 * random(*runs, ACTION, dtype=torch.float64)).requires_grad_()
+    old = torch.distributions.Normal(outputs[..., :-1], log_std.exp()[..., None, :]).log_prob(steps.actions)
+    steps = steps._replace(old_log_prob=old.sum(dim=-1).detach() + 0.3 * steps.old_log_prob)
+    parts = losses(outputs, log_std, steps, hyper)
+    by_outputs, by_log_std = torch.autograd.grad(parts.total.sum(), (outputs, log_std))
+    torch.testing.assert_close(parts.outputs_gradient, by_outputs, rtol=1e-10, atol=1e-14)
+    torch.testing.assert_close(parts.log_std_gradient, by_log_std, rtol=1e-10, atol=1e-14)
+    assert parts.clipped.min() > 0  # both sides of the clipping are met
+    assert parts.clipped.max() < 1
+
+
 def test_sacs_losses_of_stacked_runs_are_those_of_each_run():
     actor_layout = Layout((OBSERVATION, 8, 6, 2 * ACTION))
     critic_layout = Layout((OBSERVATION + ACTION, 8, 6, 1))

@@ -66,8 +66,24 @@ class FlatParameters:
         """Writes the gradient of `loss`, which was computed with `networks` and `others`."""
         leaves = [network.parameters for network in self.networks]
         others = torch.autograd.grad(loss, [*leaves, *self.others])[len(leaves) :]
-        for memory, gradient in zip(self._others_gradient, others, strict=True):
-            memory.copy_(gradient)
+        self._keep(others)
+
+    def backpropagate(
+        self, outputs: torch.Tensor, gradient: torch.Tensor, others: Sequence[torch.Tensor] = ()
+    ) -> None:
+        """Writes the gradient of a loss that was differentiated by hand.
+
+        Args:
+            outputs: of `networks` (n, h).
+            gradient: of the loss by the outputs (n, h).
+            others: of the loss by each of `others`.
+        """
+        torch.autograd.grad(outputs, [network.parameters for network in self.networks], gradient)
+        self._keep(others)
+
+    def _keep(self, others: Sequence[torch.Tensor]) -> None:
+        for memory, own in zip(self._others_gradient, others, strict=True):
+            memory.copy_(own)
 
 
 def as_modules(parameters: torch.Tensor, layout: Layout) -> list[nn.Module]:

@@ -69,6 +69,8 @@ class Network:
     Attributes:
         parameters: the same memory, as a leaf of autograd.
         gradient: likewise.
+        layers: weights and biases, as views of the parameters without a gradient.
+        layer_gradients: views of `gradient`, likewise.
     """
 
     def __init__(
@@ -78,6 +80,9 @@ class Network:
         self._frozen = parameters.detach()
         self.layout = layout
         self.gradient = torch.zeros_like(self._frozen) if gradient is None else gradient
+        # views of fixed memory, made once: making them at every pass is a hundredth of a training step
+        self.layers = split(self._frozen, layout)
+        self.layer_gradients = split(self.gradient, layout)
         self._memory: dict[tuple[str, int], torch.Tensor] = {}
 
     def __call__(self, inputs: torch.Tensor) -> torch.Tensor:
@@ -104,22 +109,20 @@ class _LeanPass(torch.autograd.Function):
 
     @staticmethod
     def forward(ctx: Any, inputs: torch.Tensor, parameters: torch.Tensor, network: Network) -> torch.Tensor:
-        layers = split(parameters, network.layout)
-        *kept, outputs = activations(layers, inputs, lambda *where: network.buffer("outputs", *where))
+        *kept, outputs = activations(network.layers, inputs, lambda *where: network.buffer("outputs", *where))
         ctx.network = network
         ctx.save_for_backward(parameters, *kept)
         return outputs
 
     @staticmethod
     def backward(ctx: Any, *gradients: torch.Tensor) -> tuple[torch.Tensor | None, torch.Tensor | None, None]:
-        (gradient,), (parameters, *kept) = gradients, ctx.saved_tensors
+        (gradient,), (_, *kept) = gradients, ctx.saved_tensors
         wants_inputs, wants_parameters, _ = ctx.needs_input_grad
-        layers = split(parameters, ctx.network.layout)
+        layers = ctx.network.layers
         if not wants_parameters:
             return _input_gradient(layers, kept, gradient), None, None
-        targets = split(ctx.network.gradient, ctx.network.layout)
         for index in range(len(layers) - 1, -1, -1):
-            weight_gradient, bias_gradient = targets[index]
+            weight_gradient, bias_gradient = ctx.network.layer_gradients[index]
             torch.mm(gradient.t(), kept[index], out=weight_gradient)
             torch.sum(gradient, dim=0, out=bias_gradient)
             if index:
