@@ -48,6 +48,17 @@ def test_defaults_that_are_written_out_change_nothing() -> None:
     assert spec_of(Cell(teacher="alp_gmm", space={"stump_height": (low, high)})).run_id == default.run_id
 
 
+def test_one_body_is_one_run_however_it_is_written() -> None:
+    bodies = (
+        "spider:pairs_of_legs=3:size=1.2",
+        "spider:size=1.20:pairs_of_legs=3.0:steps_survivable_under_water=600",
+    )
+    specs = [spec_of(Cell(embodiment=body)) for body in (*bodies, "spider", "spider:size=1:pairs_of_legs=2")]
+    assert specs[0].run_id == specs[1].run_id
+    assert specs[1].embodiment == "spider:pairs_of_legs=3:size=1.2"
+    assert specs[2].run_id == specs[3].run_id
+
+
 def test_every_setting_is_part_of_the_identity() -> None:
     cells = [
         Cell(),

@@ -96,7 +96,18 @@ def _parse(path: Traversable, settings: Mapping[str, float]) -> Embodiment:
 
 
 def _built(data: dict[str, Any], settings: Mapping[str, float]) -> Embodiment:
-    """Returns the body of a file's contents with `settings`, which its name tells."""
+    """Returns the body of a file's contents with `settings`; its name tells those that make a difference."""
+    body = _variant(data, settings)
+    different = [
+        name
+        for name in settings
+        if body != _variant(data, {other: value for other, value in settings.items() if other != name})
+    ]
+    return replace(body, name=join_name(body.name, {name: settings[name] for name in different}))
+
+
+def _variant(data: dict[str, Any], settings: Mapping[str, float]) -> Embodiment:
+    """Returns the body of a file's contents with `settings`, under the file's name."""
     for name in ENTRIES:
         if not _are_tables(data.get(name, [])):
             raise ValueError(f"{name} {data[name]!r:.80}: expected sections, as in [[{name}]]")
@@ -115,7 +126,7 @@ def _built(data: dict[str, Any], settings: Mapping[str, float]) -> Embodiment:
         body = resized(body, settings[SIZE])
     if MOTOR_TORQUE in settings:
         body = with_motor_torque(body, settings[MOTOR_TORQUE])
-    return replace(body, name=join_name(body.name, settings))
+    return body
 
 
 def _are_tables(value: object) -> bool:

@@ -11,7 +11,7 @@ import numpy as np
 
 from tma_ray.benchmark import challenges_of, find_challenge, load_test_set
 from tma_ray.envs import make_environment, mastery_return
-from tma_ray.part_names import base_name
+from tma_ray.part_names import base_name, join_name, split_name
 from tma_ray.physics import PHYSICS_VERSION
 from tma_ray.runs.cell_settings import (
     Bounds,
@@ -72,8 +72,13 @@ class Cell:
 
 @dataclass(frozen=True)
 class _Setting:
-    """Settings that challenge and environment make together."""
+    """Settings that challenge and environment make together.
 
+    Attributes:
+        embodiment: canonical name of the body, empty where it has none.
+    """
+
+    embodiment: str
     challenge: str
     task_space: TaskSpace
     easy_task: tuple[float, ...] | None
@@ -104,6 +109,8 @@ def effective_spec(cell: Cell, seed: int, schedule: Schedule, *, independent_lev
     environment, options = environment_settings(cell.environment, cell.environment_options)
     options |= {"embodiment": cell.embodiment} if cell.embodiment else {}
     setting = _setting(cell, options)
+    if setting.embodiment:
+        options["embodiment"] = setting.embodiment
     if level is KnowledgeLevel.HIGH:
         _check_easy_task(environment, setting)
     options, inputs = captured("environment", options)
@@ -149,7 +156,7 @@ def _setting(cell: Cell, options: Mapping[str, Any]) -> _Setting:
         own_space: TaskSpace = environment.get_wrapper_attr("task_space")
         domain: TaskSpace = environment.get_wrapper_attr("valid_domain")
         threshold = mastery_return(environment)
-        body_type = _body_type(environment)
+        body_type, embodiment = _body_type(environment), _canonical_body(cell, environment)
     finally:
         environment.close()
     name, bounds = challenge_bounds(cell.challenge, cell.space)
@@ -171,7 +178,7 @@ def _setting(cell: Cell, options: Mapping[str, Any]) -> _Setting:
     for corner in (space.low, space.high):
         if space.names != domain.names or not domain.contains(corner):
             raise ValueError(f"the task space of {canonical!r} exceeds the valid domain at {corner.tolist()}")
-    return _Setting(canonical, space, easy_task, threshold, tests, resets, cuts)
+    return _Setting(embodiment, canonical, space, easy_task, threshold, tests, resets, cuts)
 
 
 def _body_type(environment: gymnasium.Env[Any, Any]) -> str:
@@ -179,6 +186,14 @@ def _body_type(environment: gymnasium.Env[Any, Any]) -> str:
     if not environment.has_wrapper_attr("embodiment"):
         return ""
     return str(environment.get_wrapper_attr("embodiment").body_type)
+
+
+def _canonical_body(cell: Cell, environment: gymnasium.Env[Any, Any]) -> str:
+    """Returns the cell's body with the parameters that make a difference, so that one body has one name."""
+    if not environment.has_wrapper_attr("embodiment"):
+        return cell.embodiment
+    body = environment.get_wrapper_attr("embodiment")
+    return join_name(base_name(cell.embodiment), split_name(body.name)[1])
 
 
 def _check_spaces(cell: Cell, environment: gymnasium.Env[Any, Any]) -> None:
