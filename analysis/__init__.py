@@ -8,7 +8,7 @@ Where to begin::
     frames.cells, frames.evaluations  # pandas frames
     runs = analysis.runs_after(frames)  # a row a run, with all that is measured of it
     analysis.pooled(runs)  # a row a teacher
-    analysis.pairwise(runs, "mastered_percent")  # Welch's test between all pairs
+    analysis.comparisons.pairwise(runs, "mastered_percent")  # Welch's test between all pairs
 
 ``docs/analysis.md`` has the columns and more of this. What is listed here is for everyday work. What needs
 matplotlib, scipy or jinja2, as `analysis.figures` does, is imported when it is first asked for.
@@ -19,24 +19,26 @@ from __future__ import annotations
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
-from analysis.curriculum_measures import curriculum_curves, curriculum_measures
-from analysis.frames import Frames, load
-from analysis.measures import aggregate, evaluation_curves, mastered_tasks, readings, training_curves
-from analysis.pairwise import pairwise
-from analysis.pairwise_statistics import pairwise_from_statistics
-from analysis.pooling import pooled
-from analysis.published import paper_frame
-from analysis.run_measures import evaluations_at, run_measures
-from analysis.student_pools import result_runs, runs_after
-from analysis.table_results import table_results
-from analysis.task_axes import task_axes
+from analysis.comparisons.pairwise import pairwise
+from analysis.comparisons.pairwise_statistics import pairwise_from_statistics
+from analysis.data.frames import Frames, load
+from analysis.data.published import paper_frame
+from analysis.data.task_axes import task_axes
+from analysis.measures.curriculum_measures import curriculum_curves, curriculum_measures
+from analysis.measures.evaluations import aggregate, evaluation_curves, final_evaluations, mastered_tasks
+from analysis.measures.pooling import pooled
+from analysis.measures.run_measures import evaluations_at, run_measures
+from analysis.measures.student_pools import result_runs, runs_after
+from analysis.measures.training import training_curves
+from analysis.tables.results import table_results
 
 if TYPE_CHECKING:
-    from analysis import baselines, figures, style
-    from analysis.aggregates import interquartile_means
+    from analysis import baselines, figures
     from analysis.baselines import find_baseline
-    from analysis.curriculum_pictures import curriculum_of
-    from analysis.tables import result_tables
+    from analysis.comparisons.aggregates import interquartile_means
+    from analysis.data.curricula import curriculum_of
+    from analysis.figures import style
+    from analysis.tables.paper_tables import result_tables
 
 __all__ = [
     "Frames",
@@ -48,6 +50,7 @@ __all__ = [
     "evaluation_curves",
     "evaluations_at",
     "figures",
+    "final_evaluations",
     "find_baseline",
     "interquartile_means",
     "load",
@@ -56,7 +59,6 @@ __all__ = [
     "pairwise_from_statistics",
     "paper_frame",
     "pooled",
-    "readings",
     "result_runs",
     "result_tables",
     "run_measures",
@@ -67,14 +69,14 @@ __all__ = [
     "training_curves",
 ]
 
-_PARTS = ("baselines", "figures", "style")
-"""Modules that take long to import."""
+_PARTS = {"baselines": "baselines", "figures": "figures", "style": "figures.style"}
+"""Modules that take long to import, by the names that they have here."""
 
 _LATER = {
-    "curriculum_of": "curriculum_pictures",
+    "curriculum_of": "data.curricula",
     "find_baseline": "baselines",
-    "interquartile_means": "aggregates",
-    "result_tables": "tables",
+    "interquartile_means": "comparisons.aggregates",
+    "result_tables": "tables.paper_tables",
 }
 """Functions by the module they are in, which takes long to import."""
 
@@ -82,7 +84,7 @@ _LATER = {
 def __getattr__(name: str) -> Any:
     """Imports what takes long when it is first asked for."""
     if name in _PARTS:
-        return import_module(f"{__name__}.{name}")
+        return import_module(f"{__name__}.{_PARTS[name]}")
     if name in _LATER:
         return getattr(import_module(f"{__name__}.{_LATER[name]}"), name)
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

@@ -158,9 +158,9 @@ def _vectors(tasks: np.ndarray) -> pa.Array:
 
 def measure(root: Path) -> dict[str, Any]:
     """Loads `root` and makes every table, in this process; returns seconds and memory."""
-    from analysis.frames import load
-    from analysis.table_rendering import TableFormat, render
-    from analysis.tables_command import tables_of
+    from analysis.commands.tables import tables_of
+    from analysis.data.frames import load
+    from analysis.tables.rendering import TableFormat, render
 
     start = time.perf_counter()
     frames = load(root)

@@ -3,7 +3,7 @@
 python experiments/hyperparameter_search.py --tier lite --results results
 """
 
-from analysis.search import show_search
+from analysis.commands.search import show_search
 from tma_ray.benchmark import find_experiment
 from tma_ray.campaign import run_experiment
 

@@ -3,7 +3,7 @@
 python experiments/stump_tracks_challenges.py --tier lite --results results
 """
 
-from analysis.ranking import show_ranking
+from analysis.commands.ranking import show_ranking
 from tma_ray.benchmark import find_experiment
 from tma_ray.campaign import run_experiment
 

@@ -10,9 +10,9 @@ from jinja2 import Environment, PackageLoader, StrictUndefined
 
 from analysis.baselines.manifest import BaselineKind, BaselineManifest
 from analysis.formatting import amount
-from analysis.style import label, teacher_order
-from analysis.table import Table
-from analysis.table_rendering import TableFormat, render
+from analysis.names import label, teacher_order
+from analysis.tables.rendering import TableFormat, render
+from analysis.tables.table import Table
 
 CARD_FILE = "README.md"
 
@@ -28,7 +28,10 @@ def card(manifest: BaselineManifest, made: str, citation: str = "", tables: Sequ
     """
     # Markdown, and every value has been escaped or is ours.
     environment = Environment(  # noqa: S701
-        loader=PackageLoader("analysis"), undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True
+        loader=PackageLoader("analysis.baselines"),
+        undefined=StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
     )
     cited = citation or f"{manifest.name}, made with {manifest.software} on {manifest.created[:10]}."
     text = environment.get_template("card.md.j2").render(

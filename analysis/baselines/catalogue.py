@@ -12,8 +12,8 @@ from typing import Final
 import pandas as pd
 
 from analysis.baselines.manifest import BASELINE_FILE, BaselineError, BaselineKind, BaselineManifest
-from analysis.frames import Frames, load
-from analysis.published import published_frame
+from analysis.data.frames import Frames, load
+from analysis.data.published import published_frame
 from tma_ray.results import Store
 
 SHIPPED: Final = Path(__file__).parent

@@ -1,4 +1,4 @@
-"""What a baseline says of itself: ``baseline.json`` beside its files."""
+"""Manifest of a baseline: ``baseline.json`` beside its files."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ FORMAT_VERSION: Final = 1
 
 
 class BaselineError(ValueError):
-    """A place that is no baseline, or one that cannot be used; the message says why and what to do."""
+    """A place that is not a baseline, or one that cannot be used; the message says why and what to do."""
 
 
 class BaselineKind(StrEnum):
@@ -27,7 +27,7 @@ class BaselineKind(StrEnum):
     RUNS = "runs"
     """Those of a results root: every evaluation and episode of every run."""
     PUBLISHED = "published"
-    """Means and deviations that somebody published: there are no runs to pool or to test with."""
+    """Means and deviations that somebody published: without runs to pool or to test with."""
 
 
 @dataclass(frozen=True)
@@ -106,7 +106,7 @@ class BaselineManifest:
         """Returns what the baseline in `store` says of itself.
 
         Raises:
-            BaselineError: there is no baseline, a damaged one, or one of another version.
+            BaselineError: not a baseline, a damaged one, or one of another version.
         """
         where = store.where(BASELINE_FILE)
         try:

@@ -23,11 +23,11 @@ from analysis.baselines.manifest import (
     BaselineManifest,
 )
 from analysis.baselines.verification import verify
+from analysis.data.frames import STATUSES, Frames, load
 from analysis.formatting import duration
-from analysis.frames import STATUSES, Frames, load
-from analysis.table import Table
-from analysis.table_results import table_results
-from analysis.tables import result_tables
+from analysis.tables.paper_tables import result_tables
+from analysis.tables.results import table_results
+from analysis.tables.table import Table
 from tma_ray.results import CHIPMUNK, SCHEMA_VERSION, Copy, Store, copy_merged, holder_of
 
 HELD: Final = {
@@ -65,7 +65,7 @@ def release(
         The new folder.
 
     Raises:
-        ResultsRootError: there is no such root.
+        ResultsRootError: no results root at that place.
         BaselineError: a campaign is at work on the root, a run is not done, the root holds none or is
             damaged, or the folder exists.
         DamagedFileError: a newer version wrote columns that would be lost.

@@ -1,4 +1,4 @@
-"""Whether a baseline is what was released, every file and nothing else: against accidents, not malice."""
+"""Verification of baselines, every file and nothing else: against accidents, not malice."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ class Verification:
 
     @property
     def whole(self) -> bool:
-        """Whether every file is what was released, and there is no other."""
+        """Whether every file is what was released, and none was added."""
         return not self.damage
 
 
@@ -57,7 +57,7 @@ def verify(name: str | Path) -> Verification:
         name: of a known baseline, or its folder or address.
 
     Raises:
-        BaselineError: there is no such baseline, or its manifest cannot be read.
+        BaselineError: no baseline of that name or place, or its manifest cannot be read.
     """
     baseline = find_baseline(name)
     store = Store.open(baseline.place)

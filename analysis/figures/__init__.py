@@ -1,16 +1,15 @@
-"""Figures: one function each, data in, matplotlib figure out. `analysis.style.save` writes them."""
+"""Figures: one function each, data in, matplotlib figure out. `analysis.figures.style.save` writes them."""
 
-from analysis.figures.axes import share_step_label, step_axis
-from analysis.figures.bars import Whisker, bars_with_pairs
-from analysis.figures.curves import CurvePanel, curves_with_stars
-from analysis.figures.film import animation, projected
-from analysis.figures.final_bars import final_bars
-from analysis.figures.learning_curve import learning_curve
+from analysis.figures.bars.drawing import Whisker, bars_with_pairs
+from analysis.figures.curricula.film_strips import Shot, film_strip
+from analysis.figures.curricula.motion import animation, projected
+from analysis.figures.curves.pairs import pairwise_curves
+from analysis.figures.curves.panels import body_panels, knowledge_panels
+from analysis.figures.curves.stars import CurvePanel, curves_with_stars
+from analysis.figures.elements.axes import share_step_label, step_axis
 from analysis.figures.mastery import mastery_map
-from analysis.figures.pairs import pairwise_curves
-from analysis.figures.panels import body_panels, knowledge_panels
-from analysis.figures.radar import radar
-from analysis.teacher_view import Shot, film_strip
+from analysis.figures.radars.chart import radar
+from analysis.figures.seeds import final_bars, learning_curve
 
 __all__ = [
     "CurvePanel",

@@ -1,4 +1,4 @@
-"""Which test tasks are mastered, by which share of seeds."""
+"""Maps of the test tasks that are mastered, by share of seeds."""
 
 from __future__ import annotations
 
@@ -9,8 +9,10 @@ from matplotlib.cm import ScalarMappable
 from matplotlib.figure import Figure
 from matplotlib.ticker import PercentFormatter
 
-from analysis.style import MUTED, RULE, short_label, styled, teacher_order
-from analysis.task_axes import Axis
+from analysis.data.task_axes import Axis
+from analysis.figures.style import styled
+from analysis.looks import MUTED, RULE
+from analysis.names import short_label, teacher_order
 
 SHARE_COLOURS = "Blues"
 """From paper white for nobody to dark for every seed; readable with any colour vision."""

@@ -13,7 +13,7 @@ from analysis.statistics.samples import CONFIDENCE, SIGNIFICANCE, Description, d
 
 @dataclass(frozen=True)
 class Comparison:
-    """Welch's t-test of a sample against a reference; NaN where there is no test.
+    """Welch's t-test of a sample against a reference; NaN where it was not tested.
 
     Attributes:
         n: values in the sample.
@@ -24,7 +24,7 @@ class Comparison:
         t: test statistic.
         degrees_of_freedom: Welch and Satterthwaite's, seldom whole.
         p: two-sided p-value.
-        reason: why there is no test; empty when there is one.
+        reason: why it was not tested; empty where it was.
     """
 
     n: int

@@ -43,7 +43,7 @@ class Estimate:
         low: lower end of the interval; NaN where there is none.
         high: upper end of it.
         n: runs of the sample, of both for a comparison.
-        reason: why there is no interval; empty when there is one.
+        reason: why the interval is missing; empty where it is not.
     """
 
     value: float
@@ -90,7 +90,7 @@ def probability_of_improvement(first: Strata, second: Strata) -> Estimate:
     It is Mann and Whitney's U over the number of pairs, averaged over strata with equal weight. The interval
     of a stratum is Newcombe's (2006, method 5) with Student's t in place of the normal quantile; those of
     several strata are joined by Zou and Donner's (2008) method of variance estimates recovery. All stay
-    within 0 and 1. There is no estimate for samples that share a run, or that are not of the same strata.
+    within 0 and 1. Samples that share a run, or that are not of the same strata, have no estimate.
 
     Args:
         first: strata of one group.

@@ -15,7 +15,7 @@ class Standing(StrEnum):
         SUPPORTED: the interval leaves no doubt of it.
         REFUTED: the interval leaves no doubt of its contrary.
         UNDECIDED: the interval allows for both.
-        NO_DATA: there are no complete results to hold it against.
+        NO_DATA: complete results to hold it against are missing.
     """
 
     SUPPORTED = "supported"
@@ -49,7 +49,7 @@ def greater(low: float, high: float, margin: float = MARGIN) -> Standing:
 
 
 def equivalent(low: float, high: float, margin: float = MARGIN) -> Standing:
-    """Returns the standing of "there is no difference that matters", by the interval of the difference.
+    """Returns the standing of "the difference does not matter", by the interval of the difference.
 
     Supported where the interval is within plus and minus `margin`; else refuted where it leaves out 0. An
     interval of NaN decides nothing.

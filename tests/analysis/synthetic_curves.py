@@ -9,7 +9,7 @@ import numpy as np
 import pandas as pd
 from synthetic_pools import cell
 
-from analysis.pooling import pool_runs
+from analysis.measures.pooling import pool_runs
 
 MILLION = 1_000_000
 

@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from analysis.curriculum import Curriculum
-from analysis.task_axes import Axis
+from analysis.data.curricula import Curriculum
+from analysis.data.task_axes import Axis
 
 STEPS = 20_000_000
 PROBE_EVERY = 250_000

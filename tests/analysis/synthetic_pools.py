@@ -7,7 +7,7 @@ from typing import Any
 
 import pandas as pd
 
-from analysis.pooling import pool_runs
+from analysis.measures.pooling import pool_runs
 
 PARKOUR = {"classic_bipedal": "walking", "fish": "swimming", "climbing_chimpanzee": "climbing"}
 

@@ -5,7 +5,7 @@ import pytest
 from scipy import stats
 from synthetic_pools import cell, parkour, pool
 
-from analysis.aggregates import (
+from analysis.comparisons.aggregates import (
     ACROSS,
     CHALLENGES,
     improvements,
@@ -13,8 +13,8 @@ from analysis.aggregates import (
     profiles,
     stratified_differences,
 )
-from analysis.measures import NO_BASELINE
-from analysis.overall import headlines
+from analysis.comparisons.overall import headlines
+from analysis.data.reference import NO_BASELINE
 
 BODIES = {"classic_bipedal": [30, 50, 41, 38], "fish": [0, 60, 70, 1], "climbing_chimpanzee": [0, 1, 0, 0]}
 

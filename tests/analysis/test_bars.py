@@ -13,10 +13,10 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from synthetic_curves import SKILL
 
+from analysis.comparisons.pairwise_statistics import pairwise_from_statistics
 from analysis.figures import Whisker, bars_with_pairs
-from analysis.figures.letters import lanes, shared_letters
-from analysis.pairwise_statistics import pairwise_from_statistics
-from analysis.style import png
+from analysis.figures.bars.compact_letters import compact_letter_display, lanes
+from analysis.figures.style import png
 
 
 def results(means: dict[str, float], std: float = 2.0, n: int = 16, **place: str) -> pd.DataFrame:
@@ -78,7 +78,7 @@ NAMES = ["a", "b", "c", "d", "e", "f"]
 
 @given(st.sets(st.sampled_from(list(itertools.combinations(NAMES, 2)))))
 def test_names_share_a_letter_exactly_if_they_do_not_differ(different: set[tuple[str, str]]) -> None:
-    found = shared_letters(NAMES, sorted(different))
+    found = compact_letter_display(NAMES, sorted(different))
     assert all(found.values())
     for pair in itertools.combinations(NAMES, 2):
         share = set(found[pair[0]]) & set(found[pair[1]])

@@ -17,10 +17,10 @@ from synthetic_results import SyntheticCampaign
 
 from analysis.baselines import BaselineError, as_baseline, baselines, find_baseline, release, verify
 from analysis.baselines.catalogue import PLACES_VARIABLE
-from analysis.baselines.commands import show_baselines, show_verification
-from analysis.frames import Frames, load
-from analysis.published import paper_frame
-from analysis.tables_command import write_tables
+from analysis.commands.baselines import show_baselines, show_verification
+from analysis.commands.tables import write_tables
+from analysis.data.frames import Frames, load
+from analysis.data.published import paper_frame
 from tma_ray.results import Lease, Results, ResultsRootError, Store, Table, compact
 
 TEACHERS = ("random", "alp_gmm", "<b>|mine")

@@ -9,18 +9,18 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from analysis.charts import (
+from analysis.data.curricula import Curriculum
+from analysis.data.task_axes import Axis
+from analysis.pages.charts import (
     END,
     Chart,
     curve_chart,
     mastery_charts,
     overview_chart,
+    probed_task_charts,
     seeds_chart,
-    taught_charts,
-    teaching_charts,
+    training_task_charts,
 )
-from analysis.curriculum import Curriculum
-from analysis.task_axes import Axis
 
 PLANE = (Axis("Stump height", 0.0, 3.0), Axis("Obstacle spacing (m)", 0.0, 6.0))
 CUBE = (Axis("a", 0.0, 1.0), Axis("constant", 2.0, 2.0), Axis("b", -1.0, 1.0), Axis("c", 0.0, 10.0))
@@ -121,7 +121,7 @@ def curriculum(size: int, gaussians: list[dict[str, Any]], boxes: list[dict[str,
 def test_a_gaussian_is_outlined_at_two_standard_deviations() -> None:
     covariance = np.array([[0.3, 0.1], [0.1, 0.6]])
     gaussian = {"weight": 1.0, "mean": np.array([1.0, 2.0]), "covariance": covariance}
-    (chart,) = teaching_charts("t", {"alp_gmm": curriculum(2, [gaussian], [])}, PLANE, "caption")
+    (chart,) = probed_task_charts("t", {"alp_gmm": curriculum(2, [gaussian], [])}, PLANE, "caption")
     _, outline, dots = shown(chart, 100)
     edge = np.array([outline["x"][:-1], outline["y"][:-1]]).T - [1.0, 2.0]
     distance = np.sqrt(np.einsum("ni,ij,nj->n", edge, np.linalg.inv(covariance), edge))
@@ -134,15 +134,15 @@ def test_a_gaussian_is_outlined_at_two_standard_deviations() -> None:
 
 def test_boxes_of_many_dimensions_span_their_share_of_each_column() -> None:
     box = {"low": np.array([0.25, 2.0, -1.0, 5.0]), "high": np.array([0.5, 2.0, 0.0, 10.0]), "score": 0.0}
-    (chart,) = teaching_charts("t", {"adr": curriculum(4, [], [box])}, CUBE, "caption")
+    (chart,) = probed_task_charts("t", {"adr": curriculum(4, [], [box])}, CUBE, "caption")
     heights = np.array([height for height in shown(chart, 100)[0]["y"] if height is not None]).reshape(3, 5)
     assert heights.min(axis=1) == pytest.approx([0.25, 0.0, 0.5])
     assert heights.max(axis=1) == pytest.approx([0.5, 0.5, 1.0])
     assert len(shown(chart, 100)[2]["x"]) == 3  # one task, a dot for each dimension that varies
 
 
-def test_what_was_taught_is_coloured_by_return_part_by_part() -> None:
-    (chart,) = taught_charts("t", {"adr": curriculum(2, [], [])}, PLANE, "caption")
+def test_training_tasks_are_coloured_by_return_part_by_part() -> None:
+    (chart,) = training_task_charts("t", {"adr": curriculum(2, [], [])}, PLANE, "caption")
     assert [frame.name for frame in chart.figure.frames] == ["20", "100"]  # parts without episodes have none
     assert shown(chart, 20)[0]["marker"]["color"] == [-50.0]
     assert shown(chart, 100)[0]["x"] == [1.0]

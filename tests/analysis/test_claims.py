@@ -8,12 +8,12 @@ import pytest
 from rich.console import Console
 from synthetic_results import SyntheticCampaign
 
-from analysis.claim_sources import PaperSource, RootSource
-from analysis.claims import Verdict, judge
-from analysis.claims_view import show_claims
+from analysis.claims.judging import Verdict, judge
+from analysis.claims.sources import PaperSource, RootSource
+from analysis.commands.claims import show_claims
+from analysis.data.frames import load
 from analysis.formatting import number
-from analysis.frames import load
-from analysis.report import write_report
+from analysis.pages.report import write_report
 from analysis.statistics.verdicts import Standing
 from tma_ray.benchmark import MATRICES, TEACHERS, challenges_of, find_challenge
 from tma_ray.benchmark.claims import CLAIMS

@@ -8,9 +8,18 @@ from pathlib import Path
 import pytest
 from synthetic_results import SyntheticCampaign
 
-from analysis.compare import baseline_side, beside, duels, missing, new_teachers, sentences, side_of, together
-from analysis.compare_page import write_comparison
-from analysis.frames import load
+from analysis.comparisons.sides import (
+    baseline_side,
+    beside,
+    duels,
+    missing,
+    new_teachers,
+    sentences,
+    side_of,
+    together,
+)
+from analysis.data.frames import load
+from analysis.pages.compare.page import write_comparison
 from tma_ray.cli import main
 
 CHALLENGES = ("mostly_unfeasible", "mostly_trivial", "rugged_difficulty")

@@ -12,11 +12,14 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Ellipse, Rectangle
 from synthetic_logs import KINDS, STEPS, axes, curriculum
 
-from analysis.curriculum import PANELS, RETURNS, Curriculum, curriculum_strip
-from analysis.dimensions import QUANTILES, dimension_bands
-from analysis.scalars import BINS, MOST_PER_TEACHER, scalar_curves, scalars_of
-from analysis.style import look, png, teacher_order
-from analysis.teacher_view import MOMENTS, REPORT_WIDTH, Shot, ellipse, film_strip, moments
+from analysis.data.curricula import MOMENTS, PANELS, RETURNS, Curriculum, moments
+from analysis.figures.curricula.dimensions import QUANTILES, dimension_bands
+from analysis.figures.curricula.film_strips import REPORT_WIDTH, Shot, ellipse, film_strip
+from analysis.figures.curricula.scalars import BINS, MOST_PER_TEACHER, scalar_curves, scalars_of
+from analysis.figures.curricula.strip import curriculum_strip
+from analysis.figures.style import png
+from analysis.looks import look
+from analysis.names import teacher_order
 
 PLANE = axes(2)
 

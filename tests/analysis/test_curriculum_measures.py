@@ -8,8 +8,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from synthetic_results import SyntheticCampaign
 
-from analysis.curriculum_measures import coverage_and_entropy, curriculum_curves, curriculum_measures
-from analysis.frames import load
+from analysis.data.frames import load
+from analysis.measures.curriculum_measures import coverage_and_entropy, curriculum_curves, curriculum_measures
 from tma_ray.tasks import TaskSpace
 
 SQUARE = TaskSpace.from_bounds({"height": (0, 3), "spacing": (0, 6)})

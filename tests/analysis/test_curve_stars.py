@@ -12,10 +12,11 @@ from matplotlib.axes import Axes
 from matplotlib.colors import to_hex
 from synthetic_curves import MILLION, curve_runs
 
+from analysis.comparisons.pairwise import pairwise
 from analysis.figures import CurvePanel, curves_with_stars, pairwise_curves
-from analysis.pairwise import pairwise
-from analysis.pooling import COMPARED, pooled
-from analysis.style import look, png
+from analysis.figures.style import png
+from analysis.looks import look
+from analysis.measures.pooling import COMPARED, pooled
 
 TEACHERS = ("random", "adr", "alp_gmm", "spdl")
 

@@ -20,7 +20,7 @@ from synthetic_results import SyntheticCampaign
 
 from analysis import load
 from analysis.baselines import BaselineError, find_baseline, release, verify
-from analysis.ranking import show_ranking
+from analysis.commands.ranking import show_ranking
 from tma_ray.campaign.monitor.overview import overview
 from tma_ray.campaign.monitor.status import show
 from tma_ray.results import (

@@ -5,11 +5,13 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from analysis.data.frames import GROUP
+from analysis.data.task_axes import Axis
 from analysis.figures import final_bars, learning_curve, mastery_map
+from analysis.figures.style import png
 from analysis.formatting import amount, duration, number, plus_minus
-from analysis.frames import GROUP
-from analysis.style import label, look, png, teacher_order
-from analysis.task_axes import Axis
+from analysis.looks import look
+from analysis.names import label, teacher_order
 
 LOOK_OF_FRONTIER = ("#aa4499", ">", (0, (6, 2)))
 PLANE = (Axis("Height", 0, 3), Axis("Spacing", 0, 6))
@@ -71,10 +73,10 @@ def test_a_curve_starts_where_all_runs_have_values() -> None:
 
 
 def test_bars_show_means_deviations_and_seeds() -> None:
-    reading = pd.DataFrame(
+    finals = pd.DataFrame(
         {"teacher": ["adr"] * 3, "mastered_percent": [10.0, 20.0, 60.0], "step": 5, "provisional": False}
     )
-    axes = final_bars(reading).axes[0]
+    axes = final_bars(finals).axes[0]
     assert axes.patches[0].get_width() == pytest.approx(30)
     dots = next(c for c in axes.collections if len(c.get_offsets()) == 3)
     np.testing.assert_allclose(dots.get_offsets()[:, 0], [10, 20, 60])

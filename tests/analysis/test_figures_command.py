@@ -8,7 +8,7 @@ import pytest
 from PIL import Image
 from synthetic_results import SyntheticCampaign
 
-from analysis.figures_command import write_figures
+from analysis.commands.figures import write_figures
 from tma_ray.cli import main
 
 

@@ -11,10 +11,10 @@ from matplotlib.patches import Ellipse, Rectangle
 from PIL import Image
 from synthetic_logs import STEPS, axes, curriculum
 
+from analysis.data.curricula import MOMENTS
 from analysis.figures import Shot, animation, film_strip, projected
-from analysis.figures.film import MOST_FRAMES, MOST_SHOTS
-from analysis.style import png
-from analysis.teacher_view import MOMENTS
+from analysis.figures.curricula.motion import MOST_FRAMES, MOST_SHOTS
+from analysis.figures.style import png
 
 PLANE = axes(2)
 

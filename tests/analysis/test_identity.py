@@ -14,13 +14,14 @@ import pytest
 from rich.console import Console
 from synthetic_results import SyntheticCampaign
 
-from analysis.compare import beside, named_jointly, side_of, together
-from analysis.frames import COMPARISON, load
-from analysis.identity import NAMED, identity, named_apart
-from analysis.measures import readings
-from analysis.ranking import ranking, show_ranking
-from analysis.report import write_report
-from analysis.table_results import table_results
+from analysis.commands.ranking import show_ranking
+from analysis.comparisons.ranking import ranking
+from analysis.comparisons.sides import beside, named_jointly, side_of, together
+from analysis.data.frames import COMPARISON, load
+from analysis.data.identity import NAMED, identity, named_apart
+from analysis.measures.evaluations import final_evaluations
+from analysis.pages.report import write_report
+from analysis.tables.results import table_results
 from tma_ray.benchmark import MATRICES
 from tma_ray.runs import Cell, Schedule, effective_spec
 from tma_ray.tasks import KnowledgeLevel
@@ -102,7 +103,9 @@ def test_other_runs_of_a_root_are_never_pooled(kind: str, tmp_path: Path) -> Non
     frames = load(tmp_path)
     table = ranking(frames)
     assert sorted(zip(table["mastered_percent_mean"], table["n"], strict=True)) == [(0, 2), (100, 3)]
-    means = readings(frames).groupby([*COMPARISON, "teacher"])["mastered_percent"].agg(["mean", "size"])
+    means = (
+        final_evaluations(frames).groupby([*COMPARISON, "teacher"])["mastered_percent"].agg(["mean", "size"])
+    )
     assert sorted(means.itertuples(index=False, name=None)) == [(0, 2), (100, 3)]
     shown = [row for results in table_results(frames) for row in results.rows.itertuples()]
     assert {(row.mean, row.n) for row in shown} == {(0, 2), (100, 3)}

@@ -5,9 +5,10 @@ import numpy as np
 import pytest
 from synthetic_results import SyntheticCampaign
 
-from analysis import measures
-from analysis.comparison import measure
-from analysis.frames import load
+from analysis.comparisons.measured import measure
+from analysis.data.frames import load
+from analysis.data.reference import NO_BASELINE
+from analysis.measures import evaluations, training
 
 
 @pytest.fixture
@@ -15,45 +16,45 @@ def campaign(tmp_path: Path) -> SyntheticCampaign:
     return SyntheticCampaign(tmp_path, steps=1000)
 
 
-def readings_by_run(campaign: SyntheticCampaign):
-    return measures.readings(load(campaign.root)).set_index("run_id")
+def finals_by_run(campaign: SyntheticCampaign):
+    return evaluations.final_evaluations(load(campaign.root)).set_index("run_id")
 
 
 def test_mastered_means_strictly_over_the_threshold(campaign: SyntheticCampaign) -> None:
     run = campaign.plain_run("random", 0, {0: [0, 0, 0, 0], 1000: [230.0, 230.0001, 300, -100]})
-    reading = readings_by_run(campaign).loc[run]
-    assert reading["mastered_percent"] == 50
-    assert reading["evaluation_return"] == pytest.approx((230 + 230.0001 + 300 - 100) / 4)
+    finals = finals_by_run(campaign).loc[run]
+    assert finals["mastered_percent"] == 50
+    assert finals["evaluation_return"] == pytest.approx((230 + 230.0001 + 300 - 100) / 4)
 
 
 def test_a_finished_run_is_read_at_its_last_evaluation(campaign: SyntheticCampaign) -> None:
     run = campaign.plain_run("random", 0, {0: [300], 500: [300], 1000: [0]})
-    reading = readings_by_run(campaign).loc[run]
-    assert (reading["step"], reading["mastered_percent"]) == (1000, 0)
-    assert not reading["provisional"]
+    finals = finals_by_run(campaign).loc[run]
+    assert (finals["step"], finals["mastered_percent"]) == (1000, 0)
+    assert not finals["provisional"]
 
 
 def test_running_runs_wait_for_finished_ones(campaign: SyntheticCampaign) -> None:
     done = campaign.plain_run("random", 0, {0: [0], 1000: [300]})
     campaign.plain_run("random", 1, {0: [0], 500: [300]}, status="running")
-    assert list(readings_by_run(campaign).index) == [done]
+    assert list(finals_by_run(campaign).index) == [done]
 
 
 def test_a_group_under_way_is_read_where_all_its_runs_have_been(campaign: SyntheticCampaign) -> None:
     campaign.plain_run("random", 0, {0: [0], 250: [300], 500: [0], 750: [0]}, status="running")
     campaign.plain_run("random", 1, {0: [0], 250: [0]}, status="running")
     campaign.plain_run("random", 2, {0: [0]}, status="failed")
-    reading = readings_by_run(campaign)
-    assert list(reading["step"]) == [250, 250]
-    assert list(reading["mastered_percent"]) == [100, 0]
-    assert reading["provisional"].all()
+    finals = finals_by_run(campaign)
+    assert list(finals["step"]) == [250, 250]
+    assert list(finals["mastered_percent"]) == [100, 0]
+    assert finals["provisional"].all()
 
 
 def test_failed_runs_count_nowhere_but_in_the_counts(campaign: SyntheticCampaign) -> None:
     campaign.plain_run("random", 0, {0: [0], 1000: [300]})
     failed = campaign.plain_run("random", 1, {0: [0], 1000: [0]}, status="failed")
     measured = measure(load(campaign.root))
-    for table in (measured.readings, measured.evaluations):
+    for table in (measured.finals, measured.evaluations):
         assert failed not in set(table["run_id"])
     row = measured.summary.iloc[0]
     assert (row["seeds"], row["n"], row["done"], row["failed"]) == (2, 1, 1, 1)
@@ -62,8 +63,8 @@ def test_failed_runs_count_nowhere_but_in_the_counts(campaign: SyntheticCampaign
 def test_curves_are_means_with_standard_errors_over_runs(campaign: SyntheticCampaign) -> None:
     for seed, last in enumerate([[300, 0], [300, 300], [0, 0]]):
         campaign.plain_run("random", seed, {0: [0, 0], 1000: last})
-    curves = measures.evaluation_curves(load(campaign.root))
-    table = measures.aggregate(curves, "mastered_percent").set_index("step")
+    curves = evaluations.evaluation_curves(load(campaign.root))
+    table = evaluations.aggregate(curves, "mastered_percent").set_index("step")
     assert list(table["n"]) == [3, 3]
     assert table.loc[1000, "mean"] == 50
     assert table.loc[1000, "std"] == pytest.approx(50)
@@ -74,7 +75,7 @@ def test_shares_of_seeds_that_master_each_task(campaign: SyntheticCampaign) -> N
     campaign.plain_run("random", 0, {0: [300, 300, 300], 1000: [300, 0, 300]})
     campaign.plain_run("random", 1, {0: [300, 300, 300], 1000: [0, 0, 300]})
     frames = load(campaign.root)
-    shares = measures.mastered_tasks(frames, measures.readings(frames))
+    shares = evaluations.mastered_tasks(frames, evaluations.final_evaluations(frames))
     assert list(shares["share"]) == [0.5, 0.0, 1.0]
     assert list(shares["n"]) == [2, 2, 2]
 
@@ -122,14 +123,14 @@ def test_other_budgets_are_not_compared(campaign: SyntheticCampaign) -> None:
         campaign.plain_run("random", seed, {1000: [300 * seed]})
         campaign.plain_run("adr", seed, {2000: [300 * seed]}, steps=2000)
     frames = load(campaign.root)
-    assert measure(frames).tests.iloc[0]["reason"] == measures.NO_BASELINE
+    assert measure(frames).tests.iloc[0]["reason"] == NO_BASELINE
     assert any("stand apart: 1,000 steps" in warning for warning in frames.warnings)
 
 
 def test_without_random_nothing_is_tested(campaign: SyntheticCampaign) -> None:
     for seed in range(3):
         campaign.plain_run("adr", seed, {1000: [100 * seed]})
-    assert set(measure(load(campaign.root)).tests["reason"]) == {measures.NO_BASELINE}
+    assert set(measure(load(campaign.root)).tests["reason"]) == {NO_BASELINE}
 
 
 def test_cells_that_share_runs_are_averaged_each_and_counted_once(tmp_path: Path) -> None:
@@ -139,10 +140,10 @@ def test_cells_that_share_runs_are_averaged_each_and_counted_once(tmp_path: Path
     campaign.campaign = "the_same_again"
     for seed in range(2):
         campaign.cell(campaign.record("random", seed, "none"), "none")
-    summary = measures.summarise(frames := load(tmp_path), measures.readings(frames))
+    summary = evaluations.summarise(frames := load(tmp_path), evaluations.final_evaluations(frames))
     assert list(summary["expert_knowledge"]) == ["high", "low", "none"]
     assert list(summary["n"]) == list(summary["done"]) == [2, 2, 2]
-    curves = measures.aggregate(measures.evaluation_curves(frames), "mastered_percent")
+    curves = evaluations.aggregate(evaluations.evaluation_curves(frames), "mastered_percent")
     assert set(curves["n"]) == {2}
 
 
@@ -151,13 +152,13 @@ def test_training_returns_of_a_short_run_are_means_of_its_latest_episodes(tmp_pa
     run = campaign.run("random", 0)
     frames = load(tmp_path)
     episodes = frames.episode_returns([run])
-    curve = measures.training_curves(frames).set_index("step")["training_return"]
+    curve = training.training_curves(frames).set_index("step")["training_return"]
     assert list(curve.index) == list(range(1_000, 40_001, 1_000))
     assert curve[1_000] == pytest.approx(episodes["episodic_return"][0])
     assert curve[30_000] == pytest.approx(
         episodes[episodes["step"] <= 30_000]["episodic_return"][-20:].mean()
     )
-    quarters = measures.training_quarters(frames).iloc[0]
+    quarters = training.training_quarters(frames).iloc[0]
     end = episodes["step"].max()
     assert quarters["first_quarter"] == pytest.approx(
         episodes[episodes["step"] <= end / 4]["episodic_return"].mean()
@@ -170,7 +171,7 @@ def test_training_returns_of_a_short_run_are_means_of_its_latest_episodes(tmp_pa
 def test_the_training_curve_of_a_running_run_ends_with_its_last_episode(tmp_path: Path) -> None:
     campaign = SyntheticCampaign(tmp_path, steps=40_000, evaluation_every=20_000, episode_steps=700, grid=3)
     campaign.run("random", 0, "running", 0.5)
-    assert measures.training_curves(load(tmp_path))["step"].max() == 19_000  # the last ended at 19,600
+    assert training.training_curves(load(tmp_path))["step"].max() == 19_000  # the last ended at 19,600
 
 
 def test_training_returns_of_a_long_run_come_from_its_windows(tmp_path: Path) -> None:
@@ -179,7 +180,7 @@ def test_training_returns_of_a_long_run_come_from_its_windows(tmp_path: Path) ->
     )
     run = campaign.run("random", 0)
     frames = load(tmp_path)
-    curve = measures.training_curves(frames)
+    curve = training.training_curves(frames)
     assert list(curve["step"]) == list(range(500_000, 5_000_001, 500_000))
     windows = frames.training[frames.training["run_id"] == run]["mean_return"]
     np.testing.assert_array_equal(curve["training_return"], windows)
@@ -201,10 +202,12 @@ def test_each_run_is_judged_by_its_own_threshold(campaign: SyntheticCampaign) ->
             "random", 0, {1000: [-60, -40, 231]}, environment="pendulum", spec=own, run_id="own"
         ),
     ]
-    readings = readings_by_run(campaign)
-    assert list(readings.loc[runs, "mastered_percent"].round()) == [33, 67]
+    finals = finals_by_run(campaign)
+    assert list(finals.loc[runs, "mastered_percent"].round()) == [33, 67]
     frames = load(campaign.root)
-    shares = measures.mastered_tasks(frames, measures.readings(frames)).set_index("environment")["share"]
+    shares = evaluations.mastered_tasks(frames, evaluations.final_evaluations(frames)).set_index(
+        "environment"
+    )["share"]
     assert shares["pendulum"].tolist() == [0, 1, 1]
     assert not frames.warnings
 

@@ -11,8 +11,8 @@ import pytest
 from playwright.sync_api import Browser, Page, expect, sync_playwright
 from synthetic_results import SyntheticCampaign
 
-from analysis.compare_page import write_comparison
-from analysis.report import write_report
+from analysis.pages.compare.page import write_comparison
+from analysis.pages.report import write_report
 
 DESK, PHONE = {"width": 1280, "height": 900}, {"width": 390, "height": 844}
 

@@ -8,11 +8,11 @@ from scipy import stats
 from synthetic_pools import cell, parkour, pool
 from synthetic_results import SyntheticCampaign
 
-from analysis.frames import load
-from analysis.measures import NO_BASELINE
-from analysis.pairwise import OTHER_PARTS, pairwise
-from analysis.pooling import COMPARED, lend_baseline, pool_runs
-from analysis.run_measures import evaluations_at, every
+from analysis.comparisons.pairwise import OTHER_PARTS, pairwise
+from analysis.data.frames import load
+from analysis.data.reference import NO_BASELINE
+from analysis.measures.pooling import COMPARED, pool_runs, reuse_random
+from analysis.measures.run_measures import evaluations_at, every
 from analysis.statistics import describe, holm
 from analysis.statistics.power import detectable_difference
 
@@ -109,7 +109,7 @@ def test_random_lent_to_a_level_is_tested_there_and_not_against_itself() -> None
         *(cell("random", seed, seed, expert_knowledge="none") for seed in range(3)),
         *(cell("adr", seed, 2 * seed, expert_knowledge="high") for seed in range(3)),
     )
-    tests = pairwise(lend_baseline(runs), "mastered_percent", reference="random")
+    tests = pairwise(reuse_random(runs), "mastered_percent", reference="random")
     assert tests[["expert_knowledge", "first", "reason"]].to_numpy().tolist() == [["high", "adr", ""]]
 
 

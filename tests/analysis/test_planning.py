@@ -8,7 +8,8 @@ import pytest
 from rich.console import Console
 from scipy import stats
 
-from analysis.planning import detectable_differences, show_detectable_differences
+from analysis.commands.planning import show_detectable_differences
+from analysis.comparisons.planning import detectable_differences
 from tma_ray.benchmark import paper_results
 
 

@@ -7,9 +7,9 @@ import pytest
 from synthetic_pools import PARKOUR_POOL, cell, parkour, pool
 from synthetic_results import SyntheticCampaign
 
-from analysis.frames import load
-from analysis.pooling import POOLED, lend_baseline, pool_runs, pooled
-from analysis.run_measures import evaluations_at, every, run_measures
+from analysis.data.frames import load
+from analysis.measures.pooling import POOLED, pool_runs, pooled, reuse_random
+from analysis.measures.run_measures import evaluations_at, every, run_measures
 
 THREE_BODIES = {"classic_bipedal": [30, 50], "fish": [0, 60], "climbing_chimpanzee": [0, 1]}
 
@@ -155,7 +155,7 @@ def test_random_is_lent_to_levels_at_which_it_was_not_run() -> None:
         cell("adr", 0, 3, expert_knowledge="high"),
         cell("adr", 0, 3, expert_knowledge="low"),
     )
-    lent = pooled(lend_baseline(runs)).set_index(["expert_knowledge", "teacher"])["mastered_percent_mean"]
+    lent = pooled(reuse_random(runs)).set_index(["expert_knowledge", "teacher"])["mastered_percent_mean"]
     assert lent.to_dict() == {
         ("none", "random"): 1,
         ("low", "random"): 2,
@@ -167,7 +167,7 @@ def test_random_is_lent_to_levels_at_which_it_was_not_run() -> None:
 
 def test_without_random_nothing_is_lent() -> None:
     runs = pool(cell("adr", 0, 3), cell("adr", 0, 3, expert_knowledge="high"))
-    pd.testing.assert_frame_equal(lend_baseline(runs), runs)
+    pd.testing.assert_frame_equal(reuse_random(runs), runs)
 
 
 def test_several_measures_are_described_each_over_its_values() -> None:
@@ -206,5 +206,5 @@ def test_an_empty_root_has_empty_tables(tmp_path: Path) -> None:
     runs = pool_runs(frames.cells, run_measures(frames))
     assert list(runs.columns[: len(POOLED)]) == POOLED
     assert pooled(runs).empty
-    assert pooled(lend_baseline(runs), by=["embodiment"]).empty
+    assert pooled(reuse_random(runs), by=["embodiment"]).empty
     assert pool_runs(frames.cells, evaluations_at(frames, [100])).empty

@@ -13,7 +13,7 @@ import pandas as pd
 import pytest
 
 import analysis
-from analysis.pooling import COMPARED
+from analysis.measures.pooling import COMPARED
 from tma_ray.results import ResultsRootError
 
 HERE = Path(__file__).parents[2]
@@ -63,7 +63,7 @@ def test_importing_it_imports_nothing_slow() -> None:
 
 def test_every_name_that_it_offers_is_there() -> None:
     """Functions, not the modules of the same name, whatever was imported before."""
-    import analysis.pairwise
+    import analysis.comparisons.pairwise
 
     for name in analysis.__all__:
         assert getattr(analysis, name) is not None

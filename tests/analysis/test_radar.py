@@ -13,12 +13,13 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from synthetic_pools import cell, pool
 
-from analysis.figures import radar
-from analysis.pairwise import pairwise
-from analysis.pairwise_statistics import pairwise_from_statistics
-from analysis.pooling import lend_baseline, pooled
-from analysis.published import paper_frame
-from analysis.style import look, png
+from analysis.comparisons.pairwise import pairwise
+from analysis.comparisons.pairwise_statistics import pairwise_from_statistics
+from analysis.data.published import paper_frame
+from analysis.figures.radars.chart import radar
+from analysis.figures.style import png
+from analysis.looks import look
+from analysis.measures.pooling import pooled, reuse_random
 
 CHALLENGES = [
     "mostly_unfeasible",
@@ -46,7 +47,7 @@ def drawn(table: pd.DataFrame) -> Figure:
 
 
 def lines_of(figure: Figure, panel: int = 0) -> dict[str, list[float]]:
-    """Returns the values on the spokes by teacher."""
+    """Returns the values on the axes by teacher."""
     lines = [line for line in figure.axes[panel].lines if not str(line.get_label()).startswith("_")]
     return {str(line.get_label()): list(np.asarray(line.get_ydata(), float)[:-1]) for line in lines}
 
@@ -60,7 +61,7 @@ def notes_of(figure: Figure) -> str:
 
 
 def uppers_of(figure: Figure, panel: int = 0) -> list[tuple[float, float]]:
-    """Returns spoke and height of each upper baseline."""
+    """Returns axis and height of each upper baseline."""
     marks = [line for line in figure.axes[panel].lines if line.get_gid() == "upper"]
     return [
         (round(angle / (2 * math.pi) * len(CHALLENGES)), height)
@@ -82,7 +83,7 @@ def test_the_papers_numbers_are_ratios_of_its_random() -> None:
 
 def test_the_upper_baseline_is_the_best_on_the_original_space_and_not_for_diverse_students() -> None:
     marks = uppers_of(drawn(paper_frame()), panel=2)
-    assert [spoke for spoke, _ in marks] == [0, 1, 2, 3]
+    assert [axis for axis, _ in marks] == [0, 1, 2, 3]
     assert [height for _, height in marks] == pytest.approx([51.9 / 18, 51.9 / 18, 51.9 / 27.8, 51.9 / 30.3])
 
 
@@ -154,7 +155,7 @@ def test_a_radar_of_our_own_runs_lends_random_to_the_other_levels() -> None:
         for teacher, level, mean in (("random", "none", 10), ("adr", "high", 40), ("riac", "none", 10))
         for seed in range(4)
     ]
-    runs = lend_baseline(pool(*cells))
+    runs = reuse_random(pool(*cells))
     figure = radar(pooled(runs), pairwise(runs, "mastered_percent", "random"))
     none, high = lines_of(figure, 0), lines_of(figure, 1)
     assert none == {"random": [1.0] * 5, "riac": [1.0] * 5}

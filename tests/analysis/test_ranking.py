@@ -7,8 +7,9 @@ from pathlib import Path
 from rich.console import Console
 from synthetic_results import SyntheticCampaign
 
-from analysis.frames import load
-from analysis.ranking import ranking, sentences, show_ranking
+from analysis.commands.ranking import show_ranking
+from analysis.comparisons.ranking import ranking, sentences
+from analysis.data.frames import load
 
 
 def write(root: Path, teacher: str, mastered: list[int], challenge: str, level: str = "none") -> None:

@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 from synthetic_results import SyntheticCampaign
 
-from analysis.report import write_report
+from analysis.pages.report import write_report
 from tma_ray.results import ResultsRootError, Table
 
 HOSTILE = "<script>alert('$x^')</script>"
@@ -86,7 +86,7 @@ def full(full_root: Path) -> Page:
 @pytest.fixture
 def unpainted(monkeypatch: pytest.MonkeyPatch) -> None:
     """Figures are made, but not painted, which takes most of a report's time: for tests of the words."""
-    monkeypatch.setattr("analysis.picture.png", lambda figure: b"\x89PNG")
+    monkeypatch.setattr("analysis.figures.picture.png", lambda figure: b"\x89PNG")
 
 
 def test_the_page_loads_nothing_from_elsewhere(full: Page) -> None:
@@ -111,7 +111,7 @@ def test_a_hostile_name_is_only_text(full: Page, full_root: Path) -> None:
 def test_charts_are_described_and_say_of_how_many_seeds(full: Page) -> None:
     captions = re.findall(r"n = 3 seeds per teacher", full.words)
     assert len(captions) == 5  # three curves, seed by seed, mastered tasks
-    for title in ("What was taught", "What teachers would teach", "Seed by seed"):
+    for title in ("Training tasks", "Probed tasks", "Seed by seed"):
         assert title in full.words
 
 
@@ -188,7 +188,7 @@ def test_one_seed_concludes_nothing(tmp_path: Path) -> None:
 @pytest.mark.usefixtures("unpainted")
 def test_one_teacher_alone(tmp_path: Path) -> None:
     small(tmp_path).run("random", 0)
-    assert "There is no other teacher." in report(tmp_path).words
+    assert "Other teachers were not run." in report(tmp_path).words
 
 
 @pytest.mark.usefixtures("unpainted")
@@ -292,7 +292,7 @@ def test_a_damaged_file_is_left_out_and_named(tmp_path: Path, harm: Callable[[Pa
 
 def test_analysis_needs_neither_torch_nor_ray() -> None:
     code = (
-        "import sys, analysis, analysis.report\n"
+        "import sys, analysis, analysis.pages.report\n"
         "found = {'torch', 'ray', 'stable_baselines3', 'pymunk', 'matplotlib.pyplot'} & set(sys.modules)\n"
         "assert not found, found"
     )
@@ -317,7 +317,7 @@ def test_a_world_with_a_threshold_and_a_task_space_of_its_own(tmp_path: Path, hi
     campaign._write(record, "done", tables, 1000)
     page = report(tmp_path)
     assert "return on the task is over \N{MINUS SIGN}200" in page.words
-    assert {"comparison-1-taught-random", "comparison-1-teaching-random"} <= set(page.charts)
+    assert {"comparison-1-training-tasks-random", "comparison-1-probed-tasks-random"} <= set(page.charts)
     assert any("dimension by dimension" in (image["alt"] or "") for image in page.images)
     assert "over \N{MINUS SIGN}200. Each seed" in page.words
     assert "masters 100.0" in page.words

@@ -9,11 +9,11 @@ import pytest
 from synthetic_results import SyntheticCampaign
 
 from analysis import load
-from analysis.comparison import measure
-from analysis.report import write_report
-from analysis.report.latex import write_latex
-from analysis.report.overview import distinct
-from analysis.report.videos import Video, wanted_videos
+from analysis.commands.latex import write_latex
+from analysis.comparisons.measured import measure
+from analysis.pages.report import write_report
+from analysis.pages.report.overview import distinct
+from analysis.pages.report.videos import Video, wanted_videos
 
 
 @pytest.fixture

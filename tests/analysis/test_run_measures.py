@@ -6,8 +6,8 @@ import pandas as pd
 import pytest
 from synthetic_results import SyntheticCampaign
 
-from analysis.frames import load
-from analysis.run_measures import best_seeds, evaluations_at, every, measure_names, run_measures
+from analysis.data.frames import load
+from analysis.measures.run_measures import best_seeds, evaluations_at, every, measure_names, run_measures
 from tma_ray.results import Table
 
 

@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 from matplotlib.figure import Figure
 
-from analysis.style import Vector, save
+from analysis.figures.style import Vector, save
 
 
 def figure() -> Figure:

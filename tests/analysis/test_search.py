@@ -8,8 +8,9 @@ from pathlib import Path
 from rich.console import Console
 from synthetic_results import SyntheticCampaign
 
-from analysis.frames import load
-from analysis.search import search_results, show_search
+from analysis.commands.search import show_search
+from analysis.data.frames import load
+from analysis.measures.searches import search_results
 from tma_ray.benchmark import PPO_GRID, TEACHER_GRIDS
 
 

@@ -14,13 +14,13 @@ import pytest
 from synthetic_pools import cell, parkour, pool
 from synthetic_results import SyntheticCampaign
 
-from analysis.frames import load
-from analysis.pooling import lend_baseline, pooled
-from analysis.table import Cell, Table, with_best
-from analysis.table_rendering import DASH, TableFormat, render
-from analysis.table_results import TableResults, published_table_results, results_of, table_results
-from analysis.tables import hyperparameters, knowledge_needs, result_tables
-from analysis.tables_command import write_tables
+from analysis.commands.tables import write_tables
+from analysis.data.frames import load
+from analysis.measures.pooling import pooled, reuse_random
+from analysis.tables.paper_tables import hyperparameters, knowledge_needs, result_tables
+from analysis.tables.rendering import DASH, TableFormat, render
+from analysis.tables.results import TableResults, published_table_results, results_of, table_results
+from analysis.tables.table import Cell, Table, with_best
 from tma_ray.benchmark import TEACHER_GRIDS, paper_results
 
 STEPS = 1_000
@@ -277,6 +277,6 @@ def test_what_there_is_not_is_refused(root: str, step: int | None) -> None:
 
 
 def test_random_is_lent_before_tables_are_made() -> None:
-    runs = lend_baseline(pool(cell("random", 0, 1.0), cell("adr", 0, 3.0, expert_knowledge="high")))
+    runs = reuse_random(pool(cell("random", 0, 1.0), cell("adr", 0, 3.0, expert_knowledge="high")))
     (table,) = result_tables(TableResults(results_of(pooled(runs))))
     assert table.cell("random", "high").mean == 1

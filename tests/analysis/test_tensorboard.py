@@ -17,8 +17,8 @@ from synthetic_results import SyntheticCampaign
 from tensorboardX.proto.event_pb2 import Event, SessionLog
 from tensorboardX.record_writer import masked_crc32c
 
-from analysis import tensorboard
-from analysis.tensorboard import EventFolder
+from analysis.tensorboard import folder as tensorboard
+from analysis.tensorboard.folder import EventFolder
 from tma_ray.cli import main
 from tma_ray.results import Results, RunWriter, Table
 

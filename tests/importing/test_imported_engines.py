@@ -9,14 +9,15 @@ from release_folders import Release, stumps
 from analysis import load
 from analysis.baselines import Baseline
 from analysis.baselines import release as pack
-from analysis.compare import baseline_side, beside, duels, side_of, together
-from analysis.frames import GROUP, Frames
-from analysis.measures import against_baseline, evaluation_curves, readings
-from analysis.pairwise import pairwise
-from analysis.pooling import POOLED, pooled
-from analysis.ranking import ranking
-from analysis.student_pools import runs_after
-from analysis.table_results import table_results
+from analysis.comparisons.against_random import against_baseline
+from analysis.comparisons.pairwise import pairwise
+from analysis.comparisons.ranking import ranking
+from analysis.comparisons.sides import baseline_side, beside, duels, side_of, together
+from analysis.data.frames import GROUP, Frames
+from analysis.measures.evaluations import evaluation_curves, final_evaluations
+from analysis.measures.pooling import POOLED, pooled
+from analysis.measures.student_pools import runs_after
+from analysis.tables.results import table_results
 from tma_ray.importing import import_results
 from tma_ray.results import CHIPMUNK, Committer, RunRecord, RunWriter, Store, Table
 from tma_ray.runs import RunSpec
@@ -94,8 +95,8 @@ def test_no_pair_is_tested_across_engines(mixed: Frames) -> None:
 
 def test_reports_and_tables_keep_them_apart(mixed: Frames) -> None:
     assert "engine" in GROUP
-    reading = readings(mixed)
-    tests = against_baseline(reading, evaluation_curves(mixed), "mastered_percent")
+    finals = final_evaluations(mixed)
+    tests = against_baseline(finals, evaluation_curves(mixed), "mastered_percent")
     assert dict(zip(tests["engine"], tests["difference"], strict=True)) == {"Box2D": 30, "Chipmunk": 10}
     remarks = [results.remark for results in table_results(mixed)]
     assert sorted(remarks) == [

@@ -10,12 +10,12 @@ import pytest
 from release_folders import EPISODE, EPOCH, TESTS, Release, parkour, stumps
 
 from analysis import load
-from analysis.frames import Frames
-from analysis.measures import evaluation_measures
-from analysis.pooling import pooled
-from analysis.student_pools import runs_after
-from analysis.table_results import table_results
-from analysis.tables import result_tables
+from analysis.data.frames import Frames
+from analysis.measures.evaluations import evaluation_measures
+from analysis.measures.pooling import pooled
+from analysis.measures.student_pools import runs_after
+from analysis.tables.paper_tables import result_tables
+from analysis.tables.results import table_results
 from tma_ray.importing import ImportRefusedError, ImportSummary, import_results
 from tma_ray.importing.names import CRITERIA, TEACHERS
 from tma_ray.results import DATA_TABLES, Results, Table

@@ -10,7 +10,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from analysis import simulated
+from analysis.commands import simulated
 from tma_ray.cli import main
 from tma_ray.tasks import KnowledgeLevel
 from tma_ray.testing import SIMULATED_CHALLENGES, SimulatedChallenge, Simulation, matrix, simulate

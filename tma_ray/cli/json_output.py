@@ -21,7 +21,7 @@ KEYS: Mapping[str, Mapping[str, str]] = {
     "ranking": {
         "root": "results root",
         "share": "share of the budget after which runs were read",
-        "rows": "results, the best of each challenge first, with the columns of analysis.ranking.ranking",
+        "rows": "results, the best of each challenge first, with the columns of analysis.comparisons.ranking",
         "sentences": "the same in words",
     },
     "claims": {
@@ -34,7 +34,7 @@ KEYS: Mapping[str, Mapping[str, str]] = {
         "parts": "list of name, teachers, cells, asked (cells with their seeds), executed (runs) and steps",
         "cost": "hours (of all runs, one after the other), core_hours, gpu_hours, at_once (runs on this "
         "machine), wall_hours, disk_gib, checkpoint_gib and memory_gib",
-        "detectable": "smallest detectable differences, with the columns of analysis.planning",
+        "detectable": "smallest detectable differences, with the columns of analysis.comparisons.planning",
     },
     "verify": {
         "root": "results root or release",

@@ -173,7 +173,7 @@ def _ranking(options: argparse.Namespace) -> int:
     if options.json:
         print_json("ranking", ranking_record(options.root, options.share))
         return 0
-    from analysis.ranking import show_ranking
+    from analysis.commands.ranking import show_ranking
 
     show_ranking(options.root, options.share)
     return 0
@@ -183,21 +183,21 @@ def _claims(options: argparse.Namespace) -> int:
     if options.json:
         print_json("claims", claims_record(options.root))
         return 0
-    from analysis.claims_view import show_claims
+    from analysis.commands.claims import show_claims
 
     show_claims(options.root, options.details)
     return 0
 
 
 def _search(options: argparse.Namespace) -> int:
-    from analysis.search import show_search
+    from analysis.commands.search import show_search
 
     show_search(options.root)
     return 0
 
 
 def _tensorboard(options: argparse.Namespace) -> int:
-    from analysis.tensorboard import EventFolder, watch
+    from analysis.tensorboard.folder import EventFolder, watch
 
     with closing(EventFolder(options.root, options.folder)) as events:
         print(f"runs with news: {events.update()}; to look at them: tensorboard --logdir {options.folder}")

@@ -170,7 +170,7 @@ def _add_compact(parser: CommandParser) -> None:
 
 
 def _tables(options: argparse.Namespace) -> int:
-    from analysis.tables_command import write_tables
+    from analysis.commands.tables import write_tables
 
     written = write_tables(options.root, options.step, options.format, options.output)
     for warning in written.warnings:
@@ -180,7 +180,7 @@ def _tables(options: argparse.Namespace) -> int:
 
 
 def _figures(options: argparse.Namespace) -> int:
-    from analysis.figures_command import write_figures
+    from analysis.commands.figures import write_figures
 
     written = write_figures(options.root, options.output, options.format, options.only)
     for warning in (*written.warnings, *(f"left out: {text}" for text in written.left_out)):
@@ -190,7 +190,7 @@ def _figures(options: argparse.Namespace) -> int:
 
 
 def _compare(options: argparse.Namespace) -> int:
-    from analysis.compare_page import write_comparison
+    from analysis.pages.compare.page import write_comparison
 
     print(write_comparison(options.root, options.baselines, options.output))
     return 0
@@ -200,7 +200,7 @@ def _list_baselines(options: argparse.Namespace) -> int:
     if options.json:
         print_json("baselines list", baselines_record())
         return 0
-    from analysis.baselines.commands import show_baselines
+    from analysis.commands.baselines import show_baselines
 
     show_baselines()
     return 0
@@ -214,7 +214,7 @@ def _baseline_path(options: argparse.Namespace) -> int:
 
 
 def _verify_baseline(options: argparse.Namespace) -> int:
-    from analysis.baselines.commands import show_verification
+    from analysis.commands.baselines import show_verification
 
     return 0 if show_verification(options.name) else NOT_WHOLE
 

@@ -40,8 +40,8 @@ def status_record(root: str) -> dict[str, Any]:
 
 def ranking_record(root: str, share: float) -> dict[str, Any]:
     """Returns the ranking of a root after a share of the budget."""
-    from analysis.frames import load
-    from analysis.ranking import ranking, sentences
+    from analysis.comparisons.ranking import ranking, sentences
+    from analysis.data.frames import load
 
     table = ranking(load(root), share)
     return {"root": root, "share": share, "rows": _rows(table), "sentences": sentences(table)}
@@ -49,8 +49,8 @@ def ranking_record(root: str, share: float) -> dict[str, Any]:
 
 def claims_record(root: str) -> dict[str, Any]:
     """Returns what the results of a root say of each of the paper's claims."""
-    from analysis.claims_view import root_verdicts
-    from analysis.frames import load
+    from analysis.claims.sources import root_verdicts
+    from analysis.data.frames import load
 
     claims = [
         {
@@ -68,7 +68,7 @@ def claims_record(root: str) -> dict[str, Any]:
 
 def plan_record(experiment: Experiment, options: argparse.Namespace) -> dict[str, Any]:
     """Returns the size and the cost of what the options choose of an experiment."""
-    from analysis.planning import detectable_differences
+    from analysis.comparisons.planning import detectable_differences
     from tma_ray.campaign.costs.estimation import estimate
     from tma_ray.campaign.experiments import experiment_plan
     from tma_ray.campaign.options import chosen_settings

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 from tma_ray.command_line import CommandParser
 
 if TYPE_CHECKING:
-    from analysis.report.videos import Video, WantedVideo
+    from analysis.pages.report.videos import Video, WantedVideo
 
 LONGEST = 2000
 """Steps after which a video ends, if its episode has not: the limit of the benchmark's worlds."""
@@ -45,9 +45,9 @@ def _add_report(parser: CommandParser) -> None:
 
 
 def _report(options: argparse.Namespace) -> int:
-    from analysis.report import write_report
-    from analysis.report.latex import write_latex
-    from analysis.report.writing import report_folder
+    from analysis.commands.latex import write_latex
+    from analysis.pages.report import write_report
+    from analysis.pages.report.writing import report_folder
 
     folder = report_folder(options.root, options.output)
     videos = list(_videos(options.root, folder / "videos")) if options.videos else []
@@ -63,8 +63,8 @@ def _report(options: argparse.Namespace) -> int:
 def _videos(root: str, folder: Path) -> Iterator[Video]:
     """Renders what the report wants to show; what cannot be rendered is named and left out."""
     from analysis import load
-    from analysis.comparison import measure
-    from analysis.report.videos import wanted_videos
+    from analysis.comparisons.measured import measure
+    from analysis.pages.report.videos import wanted_videos
 
     frames = load(root)
     for wanted in wanted_videos(frames, measure(frames)):
@@ -78,7 +78,7 @@ def _videos(root: str, folder: Path) -> Iterator[Video]:
 def _video(root: str, wanted: WantedVideo, folder: Path) -> Video:
     from importlib.util import find_spec
 
-    from analysis.report.videos import Video
+    from analysis.pages.report.videos import Video
     from tma_ray.runs.saved_policies import find_policy
     from tma_ray.runs.streams import evaluation_seeds
     from tma_ray.viewing.rendering import EpisodeSettings, render

@@ -214,7 +214,7 @@ def _one_cell(name: str) -> Campaign:
 
 
 def _plan(options: argparse.Namespace) -> int:
-    from analysis.planning import show_detectable_differences
+    from analysis.commands.planning import show_detectable_differences
     from tma_ray.benchmark import find_experiment
     from tma_ray.campaign.planning import show_plan
 
@@ -230,7 +230,7 @@ def _simulate(options: argparse.Namespace) -> int:
     from rich.console import Console
     from rich.progress import track
 
-    from analysis import simulated
+    from analysis.commands import simulated
     from tma_ray.campaign.option_values import parse_levels
     from tma_ray.tasks import KnowledgeLevel
     from tma_ray.teachers import TEACHERS, canonical_teacher

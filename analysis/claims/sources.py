@@ -1,0 +1,118 @@
+"""Sources that claims are held against: results of roots, and the paper's own tables."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from functools import cache
+
+import pandas as pd
+
+from analysis.claims.judging import Sample, Verdict, judge
+from analysis.data.frames import Frames
+from analysis.data.reference import is_baseline
+from analysis.measures.pooling import pooled
+from analysis.measures.student_pools import BIPEDAL, RELEASED_BIPEDAL, runs_after
+from analysis.statistics import Description, describe
+from analysis.statistics.verdicts import Standing
+from tma_ray.benchmark import PaperResult, paper_results
+from tma_ray.benchmark.statements import Reading
+from tma_ray.results import BOX2D
+
+MEASURE = "mastered_percent"
+
+PLACE = ("environment", "challenge", "expert_knowledge")
+"""Columns that tell results of one place from others."""
+
+
+class PaperSource:
+    """The paper's tables; they hold final results, and single bodies of Parkour only."""
+
+    def sample(self, reading: Reading) -> Sample | None:
+        """Returns n, mean and std of the entry, None where the tables have none."""
+        entries = [result for result in _entries(reading) if result.teacher == reading.teacher]
+        if reading.share < 1 or not entries:
+            return None
+        entry = max(entries, key=lambda result: result.seeds)
+        return Sample(Description(entry.seeds, entry.mean, entry.std))
+
+    def teachers(self, reading: Reading) -> Sequence[str]:
+        """Returns who has an entry there."""
+        return sorted({result.teacher for result in _entries(reading)})
+
+
+class RootSource:
+    """Complete pools of the runs of one root; Random lends its runs to levels at which it was not run.
+
+    Where several pools have results of a challenge, as of two kinds of students, the largest counts.
+    """
+
+    def __init__(self, frames: Frames) -> None:
+        self._frames = frames
+        self._read = cache(self._read_after)
+        columns = ["environment", "challenge", "teacher"]
+        self._present = set(frames.cells[columns].itertuples(index=False, name=None))
+
+    def sample(self, reading: Reading) -> Sample | None:
+        """Returns the runs of the reading, None unless all of its pool are there."""
+        if (reading.environment, reading.challenge, reading.teacher) not in self._present:
+            return None
+        places, runs = self._read(reading.share)
+        found = places.get(_place(reading))
+        if found is None or (found := found[found["teacher"] == reading.teacher]).empty:
+            return None
+        best = found.sort_values("n", kind="stable").iloc[-1]
+        by = ["embodiment"] if reading.embodiment else []
+        keys = ["environment", "challenge", "pool", "expert_knowledge", "steps", "teacher", *by]
+        mine = runs[(runs[keys] == best[keys].tolist()).all(axis=1)]
+        values = mine.dropna(subset=[MEASURE]).set_index("run_id")[MEASURE]
+        return Sample(describe(values), values)
+
+    def teachers(self, reading: Reading) -> Sequence[str]:
+        """Returns who has complete results there."""
+        places, _ = self._read(reading.share)
+        found = places.get(_place(reading))
+        return [] if found is None else sorted(found["teacher"].unique())
+
+    def _read_after(self, share: float) -> tuple[dict[tuple[str, ...], pd.DataFrame], pd.DataFrame]:
+        """Returns complete results by place, over bodies and of each body, and runs, after a share."""
+        runs = runs_after(self._frames, share)
+        places: dict[tuple[str, ...], pd.DataFrame] = {}
+        for by in ([], ["embodiment"]):
+            table = pooled(runs, [MEASURE], by=by)
+            groups = table[table["missing"] == ""].groupby([*PLACE, *by], observed=True)
+            places |= {tuple(map(str, key)): group for key, group in groups}
+        for key, group in list(places.items()):
+            theirs = group[group["engine"] == BOX2D]
+            if key[-1] == RELEASED_BIPEDAL and len(theirs):
+                places.setdefault((*key[:-1], BIPEDAL), theirs)
+        return places, runs
+
+
+def _entries(reading: Reading) -> list[PaperResult]:
+    wanted = (reading.environment, reading.challenge, reading.level)
+    return [
+        result
+        for result in paper_results()
+        if (result.environment, result.challenge, result.expert_knowledge) == wanted
+        and (not reading.embodiment or result.embodiments == (reading.embodiment,))
+        and not (result.doubt and not is_baseline(result.teacher))
+    ]
+
+
+def _place(reading: Reading) -> tuple[str, ...]:
+    place = (reading.environment, reading.challenge, reading.level.value)
+    return (*place, reading.embodiment) if reading.embodiment else place
+
+
+def decided(verdicts: Sequence[Verdict]) -> list[Verdict]:
+    """Returns those of `verdicts` of which the results say anything, if only about one statement."""
+    return [
+        verdict
+        for verdict in verdicts
+        if any(finding.standing is not Standing.NO_DATA for finding in verdict.findings)
+    ]
+
+
+def root_verdicts(frames: Frames) -> list[Verdict]:
+    """Returns what the results of a root say of each of the paper's claims."""
+    return judge(RootSource(frames))

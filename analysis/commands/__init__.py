@@ -1,0 +1,1 @@
+"""Commands that read results: each writes files or prints to the terminal."""

@@ -1,0 +1,41 @@
+"""The command that prints the standing of the paper's claims beside results."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from rich.console import Console
+
+from analysis.claims.sources import root_verdicts
+from analysis.data.frames import load
+from analysis.statistics.verdicts import Standing
+
+STYLES = {
+    Standing.SUPPORTED: "green",
+    Standing.REFUTED: "red",
+    Standing.UNDECIDED: "yellow",
+    Standing.NO_DATA: "dim",
+}
+
+
+def show_claims(root: str | Path, details: bool = False, console: Console | None = None) -> None:
+    """Prints the paper's claims and their standing beside the results of a root.
+
+    Args:
+        root: results root.
+        details: also every single statement, with the numbers behind it.
+        console: where to print.
+
+    Raises:
+        ResultsRootError: no results root at that place.
+    """
+    console = console or Console()
+    frames = load(root)
+    for verdict in root_verdicts(frames):
+        style = STYLES[verdict.standing]
+        console.print(f"[{style}]{verdict.standing}[/{style}]: {verdict.claim.text}", highlight=False)
+        console.print(f"  {verdict.claim.source}; {verdict.describe()}", highlight=False)
+        for finding in verdict.findings if details else ():
+            console.print(f"    {finding.standing}: {finding.evidence}", highlight=False, markup=False)
+    for warning in frames.warnings:
+        console.print(warning, highlight=False, markup=False, style="dim")

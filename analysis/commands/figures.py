@@ -1,0 +1,73 @@
+"""The command that writes every figure that results allow."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+from analysis.baselines import BaselineKind, as_baseline
+from analysis.comparisons.measured import measure
+from analysis.data.frames import load
+from analysis.figures.paper_figures import Drawing, drawings, published_drawings
+from analysis.figures.style import Vector, save
+
+
+@dataclass(frozen=True)
+class WrittenFigures:
+    """What `write_figures` made.
+
+    Attributes:
+        files: vector and PNG files, and GIFs.
+        left_out: figures that there is not enough for, and why.
+        warnings: what a reader must know before trusting them.
+    """
+
+    files: tuple[Path, ...]
+    left_out: tuple[str, ...]
+    warnings: tuple[str, ...]
+
+
+def write_figures(
+    root: str | Path, output: Path, vector: Vector | str = Vector.PDF, only: str = ""
+) -> WrittenFigures:
+    """Writes the figures of the paper that the results of a root or a baseline allow.
+
+    Args:
+        root: a folder, an ``s3://`` or ``gs://`` address, or the name of a baseline such as ``paper-2021``.
+        output: folder to write to, which is made.
+        vector: pdf or svg; a PNG lies beside each.
+        only: beginning of the names of the figures that are wanted; empty for all.
+
+    Raises:
+        ResultsRootError: no results root at that place.
+        ValueError: an unknown format.
+    """
+    kind = Vector(vector)
+    baseline = as_baseline(root)
+    if baseline is not None and baseline.manifest.kind is BaselineKind.PUBLISHED:
+        return _write(list(published_drawings(baseline.published())), output, kind, only, ())
+    frames = load(root)
+    warnings = (*frames.warnings, *frames.results.problems)
+    return _write(list(drawings(frames, measure(frames))), output, kind, only, warnings)
+
+
+def _write(
+    found: list[Drawing], output: Path, kind: Vector, only: str, warnings: tuple[str, ...]
+) -> WrittenFigures:
+    files: list[Path] = []
+    left_out = []
+    output.mkdir(parents=True, exist_ok=True)
+    for drawing in found:
+        if not drawing.name.startswith(only):
+            continue
+        try:
+            figure = drawing.draw()
+        except ValueError as error:  # not enough data for this one: said, and the others are drawn
+            left_out.append(f"{drawing.name}: {error}")
+            continue
+        if isinstance(figure, bytes):
+            files.append(output / f"{drawing.name}.gif")
+            files[-1].write_bytes(figure)
+        else:
+            files += save(figure, output / drawing.name, kind)
+    return WrittenFigures(tuple(files), tuple(left_out), warnings)

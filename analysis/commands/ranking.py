@@ -1,0 +1,100 @@
+"""The command that prints the ranking of teachers on each challenge."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import pandas as pd
+from rich.console import Console
+from rich.table import Table
+
+from analysis.comparisons.overall import headlines
+from analysis.comparisons.ranking import MEASURE, ranked, sentences
+from analysis.data.frames import load
+from analysis.data.reference import NO_BASELINE, is_baseline
+from analysis.formatting import amount, number, p_value, plus_minus
+from analysis.measures.pooling import COMPARED
+from analysis.measures.student_pools import runs_after
+from analysis.names import challenge_title, label
+
+WIDTHS = {
+    "teacher": 16,
+    "mastered %": 12,
+    "runs": 4,
+    "beside Random, 95 %": 23,
+    "Welch p": 7,
+    "Holm p": 7,
+}
+"""Columns that are shown, and their widths in characters."""
+
+
+def show_ranking(root: str | Path, share: float = 1.0, console: Console | None = None) -> None:
+    """Prints who masters how much on each challenge of a root, and what that says.
+
+    Raises:
+        ResultsRootError: no results root at that place.
+    """
+    console, frames = console or Console(), load(root)
+    runs = runs_after(frames, share)
+    table = ranked(runs)
+    if table[f"{MEASURE}_mean"].notna().sum() == 0:
+        console.print("No run has been evaluated to its end here.")
+        return
+    for (place, level), rows in table.groupby([pd.Series(places(table)), "expert_knowledge"], sort=False):
+        console.print(f"{place}, expert knowledge {level}", style="bold", highlight=False)
+        console.print(_shown(rows))
+    for note in (*_notes(table), *frames.warnings):
+        console.print(f"[dim]{note}[/dim]", highlight=False)
+    for sentence in [*headlines(runs), *sentences(table)]:
+        console.print(sentence, highlight=False)
+
+
+def places(table: pd.DataFrame) -> list[str]:
+    """Returns the challenge of each row of a `ranking`, with what sets it apart from others of its name."""
+    here = ["environment", "challenge", "expert_knowledge"]
+    several = [name for name in COMPARED if name not in here]
+    told = {name: table.groupby(here)[name].transform("nunique", dropna=False) > 1 for name in several}
+    found = []
+    for position, (_, row) in enumerate(table.iterrows()):
+        environment, challenge = row["environment"], row["challenge"]
+        title = challenge_title(environment, challenge, f"{environment} {challenge}")
+        apart = [_said(name, row[name]) for name in several if told[name].iloc[position]]
+        found.append(", ".join([title, *apart]))
+    return found
+
+
+def _said(column: str, value: Any) -> str:
+    if column == "pool":
+        return str(value)
+    if column == "steps" and pd.notna(value):
+        return f"{amount(value)} steps"
+    return f"{column.replace('_', ' ')} {value}"
+
+
+def _shown(rows: pd.DataFrame) -> Table:
+    """Returns the results of one challenge at one level, at most 80 columns wide."""
+    shown = Table(box=None, pad_edge=False, padding=(0, 1))
+    for heading, width in WIDTHS.items():
+        shown.add_column(heading, width=width, justify="left" if heading == "teacher" else "right")
+    for _, row in rows.iterrows():
+        shown.add_row(*_cells(row), style="bold" if row["rank"] == 1 else None)
+    return shown
+
+
+def _cells(row: pd.Series) -> list[str]:
+    result = plus_minus(row[f"{MEASURE}_mean"], row[f"{MEASURE}_std"])
+    partly = "*" if row["missing"] else ""
+    names = [label(row["teacher"]), result + partly, str(row["n"])]
+    if is_baseline(row["teacher"]):
+        return [*names, "", "", ""]
+    if row["reason"] or pd.isna(row["p"]):
+        return [*names, row["reason"] or NO_BASELINE, "", ""]
+    interval = f"{number(row['difference'])} [{number(row['low'])}, {number(row['high'])}]"
+    return [*names, interval, *(p_value(row[name]).lstrip("p =\N{NO-BREAK SPACE}") for name in ("p", "holm"))]
+
+
+def _notes(table: pd.DataFrame) -> list[str]:
+    """Returns what is missing of the results marked with an asterisk, each reason once."""
+    gaps = table[table["missing"] != ""].groupby(["environment", "challenge"], sort=False)["missing"]
+    return [f"* {challenge}: {'; '.join(dict.fromkeys(texts))}" for (_, challenge), texts in gaps]

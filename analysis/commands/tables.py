@@ -1,0 +1,86 @@
+"""The command that writes the paper's tables from a results root."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+from analysis.baselines import BaselineKind, as_baseline
+from analysis.data.frames import Frames, load
+from analysis.measures.searches import search_results
+from analysis.tables.paper_tables import hyperparameters, knowledge_needs, result_tables
+from analysis.tables.rendering import ENDINGS, TableFormat, render
+from analysis.tables.results import published_table_results, table_results
+from analysis.tables.table import Table
+
+
+@dataclass(frozen=True)
+class WrittenTables:
+    """What `write_tables` made.
+
+    Attributes:
+        text: all tables, one after the other.
+        files: where they lie, one file each; empty without a folder to write to.
+        warnings: what a reader must know before trusting them.
+    """
+
+    text: str
+    files: tuple[Path, ...]
+    warnings: tuple[str, ...]
+
+
+def write_tables(
+    root: str | Path,
+    step: int | None = None,
+    kind: TableFormat | str = TableFormat.MARKDOWN,
+    output: Path | None = None,
+) -> WrittenTables:
+    """Makes the paper's tables of a root, finished or not, and writes them if told where to.
+
+    Args:
+        root: a folder, an ``s3://`` or ``gs://`` address, or the name of a baseline: ``paper-2021`` for the
+            paper's own.
+        step: steps at which runs are read; None for their ends.
+        kind: markdown, latex or csv.
+        output: folder to write to, which is made.
+
+    Raises:
+        ResultsRootError: no results root at that place.
+        BaselineError: a damaged baseline.
+        ValueError: a step under 1, or published results at another step than their last.
+    """
+    if step is not None and step < 1:
+        raise ValueError(f"step {step}: expected at least 1, or none for the ends of the runs")
+    kind, baseline = TableFormat(kind), as_baseline(root)
+    if baseline is not None and baseline.manifest.kind is BaselineKind.PUBLISHED:
+        if step is not None:
+            raise ValueError(f"{root} has results at the end of training only; leave out the step")
+        results = published_table_results(baseline.published())
+        tables, warnings = [*result_tables(results), hyperparameters(), knowledge_needs()], tuple[str, ...]()
+    else:
+        frames = load(root if baseline is None else baseline.place)
+        tables = list(tables_of(frames, step))
+        warnings = (*frames.warnings, *frames.results.problems, *_none_of(tables))
+    texts = {f"{table.name}.{ENDINGS[kind]}": render(table, kind) for table in tables}
+    if output is not None:
+        output.mkdir(parents=True, exist_ok=True)
+        for name, text in texts.items():
+            (output / name).write_text(text, encoding="utf-8")
+    files = () if output is None else tuple(output / name for name in texts)
+    return WrittenTables("\n".join(texts.values()), files, warnings)
+
+
+def tables_of(frames: Frames, step: int | None = None) -> Iterator[Table]:
+    """Yields the tables of a root: those of results of which it has any cell, and the two others."""
+    for results in table_results(frames, step):
+        yield from result_tables(results)
+    yield hyperparameters(search_results(frames))
+    yield knowledge_needs()
+
+
+def _none_of(tables: list[Table]) -> Iterator[str]:
+    known = {table.name for table in result_tables(published_table_results())}
+    absent = sorted(name for name in known if not any(table.name.startswith(name) for table in tables))
+    if absent:
+        yield f"Nothing of these tables was run: {', '.join(absent)}."

@@ -1,0 +1,189 @@
+"""Interquartile means, probabilities of improvement and performance profiles of pooled runs."""
+
+from __future__ import annotations
+
+from collections.abc import Hashable, Sequence
+
+import pandas as pd
+
+from analysis.comparisons.pairwise import nobody, pairs_of
+from analysis.measures.pooling import COMPARED, PARTS, POOLED
+from analysis.statistics import Comparison, holm, stratified
+from analysis.statistics.estimates import (
+    Estimate,
+    interquartile_mean_of,
+    performance_profile,
+    probability_of_improvement,
+)
+
+ACROSS = ["expert_knowledge", "steps", "engine", "physics_version", "mastery_threshold"]
+"""Columns that runs of several challenges must have in common to be aggregated."""
+
+PLACES = ["environment", "challenge", "pool", "test_sets"]
+"""Columns that tell challenges apart."""
+
+CHALLENGES = [*PLACES, *PARTS]
+"""Columns that tell the strata of an aggregate over challenges apart."""
+
+ESTIMATE = list(Estimate.__dataclass_fields__)
+
+
+def interquartile_means(
+    runs: pd.DataFrame,
+    measure: str,
+    by: Sequence[str] = POOLED,
+    strata: Sequence[str] = PARTS,
+) -> pd.DataFrame:
+    """Returns the interquartile mean of each group of runs, with its interval.
+
+    Args:
+        runs: of `pooling.pool_runs`; those without the measure do not count, and no run counts twice.
+        measure: column of `runs`.
+        by: columns that a group has in common, teacher among them; ``[*ACROSS, "teacher"]`` over challenges.
+        strata: columns that tell the strata of a sample apart; `CHALLENGES` over challenges.
+
+    Returns:
+        `by`, measure, value, low, high, n, reason (of `statistics.estimates.Estimate`), and missing: strata
+        of other teachers in which this one has no results, in words; empty where there are none.
+    """
+    by, rows = list(by), []
+    common = [column for column in by if column != "teacher"]
+    for _, compared in runs.groupby(common, dropna=False, sort=True):
+        groups = compared.groupby(by, dropna=False, sort=True)
+        samples = {key: strata_of(_counted(group, measure, by), measure, strata) for key, group in groups}
+        everywhere = {name for sample in samples.values() for name in sample}
+        for key, sample in samples.items():
+            estimate = interquartile_mean_of(sample)
+            missing = "; ".join(sorted(everywhere - set(sample)))
+            row = dict(zip(by, key, strict=True)) | {"measure": measure}
+            rows.append(row | vars(estimate) | {"missing": missing})
+    return pd.DataFrame(rows, columns=[*by, "measure", *ESTIMATE, "missing"])
+
+
+def improvements(
+    runs: pd.DataFrame,
+    measure: str,
+    reference: str | None = None,
+    within: Sequence[str] = COMPARED,
+    strata: Sequence[str] = PARTS,
+) -> pd.DataFrame:
+    """Returns the probability that a run of one teacher beats one of another, one row a pair.
+
+    Args:
+        runs: of `pooling.pool_runs`.
+        measure: column of `runs`.
+        reference: the teacher that all others are set against; None for all pairs.
+        within: columns that teachers must have in common to be compared; `ACROSS` over challenges.
+        strata: columns within which runs are compared; `CHALLENGES` over challenges.
+
+    Returns:
+        `within`, measure, first, second, and value, low, high, n, reason of `statistics.estimates.Estimate`.
+    """
+    within, rows = list(within), []
+    for key, group in runs.groupby(within, dropna=False, sort=True):
+        counted = _counted(group, measure, ["teacher"])
+        samples = {str(name): strata_of(part, measure, strata) for name, part in counted.groupby("teacher")}
+        for first, second in pairs_of(list(samples), reference):
+            estimate = vars(probability_of_improvement(samples[first], samples.get(second, {})))
+            if second not in samples:
+                estimate |= {"reason": nobody(second)}
+            names = {"measure": measure, "first": first, "second": second}
+            rows.append(dict(zip(within, key, strict=True)) | names | estimate)
+    return pd.DataFrame(rows, columns=[*within, "measure", "first", "second", *ESTIMATE])
+
+
+def stratified_differences(
+    runs: pd.DataFrame,
+    measure: str,
+    reference: str,
+    within: Sequence[str] = ACROSS,
+) -> pd.DataFrame:
+    """Returns the difference of each teacher to a reference over all challenges that both have, one row each.
+
+    Challenges have equal weight, and within a challenge its bodies and students. One family: p is adjusted
+    for all teachers that have `within` in common.
+
+    Args:
+        runs: of `pooling.pool_runs`.
+        measure: column of `runs`.
+        reference: the teacher that all others are compared with.
+        within: columns that teachers must have in common to be compared.
+
+    Returns:
+        `within`, measure, teacher, challenges (how many), the columns of `statistics.Comparison`, and holm.
+    """
+    within, rows = list(within), []
+    for key, group in runs.groupby(within, dropna=False, sort=True):
+        counted = _counted(group, measure, ["teacher"])
+        strata = {
+            str(name): _by_challenge(part, measure) for name, part in counted.groupby("teacher", sort=True)
+        }
+        others = strata.pop(reference, {})
+        for teacher, mine in strata.items():
+            challenges = [
+                place for place in mine if place in others and set(mine[place]) == set(others[place])
+            ]
+            pairs = [
+                (mine[place][part], others[place][part])
+                for place in challenges
+                for part in sorted(mine[place])
+            ]
+            weights = [1 / len(mine[place]) for place in challenges for _ in mine[place]]
+            test = vars(stratified(pairs, weights))
+            if not others:
+                test |= {"reason": nobody(reference)}
+            names = {"measure": measure, "teacher": teacher, "challenges": len(challenges)}
+            rows.append(dict(zip(within, key, strict=True)) | names | test)
+    columns = [*within, "measure", "teacher", "challenges", *Comparison.__dataclass_fields__]
+    table = pd.DataFrame(rows, columns=columns)
+    table["holm"] = table.groupby(within, dropna=False)["p"].transform(holm) if len(table) else table["p"]
+    return table
+
+
+def _by_challenge(rows: pd.DataFrame, measure: str) -> dict[Hashable, dict[str, pd.Series]]:
+    """Returns the samples of each body and student by challenge."""
+    places = rows.groupby(PLACES, dropna=False, sort=True)
+    return {place: strata_of(part, measure, PARTS) for place, part in places}
+
+
+def profiles(
+    runs: pd.DataFrame,
+    measure: str,
+    thresholds: Sequence[float],
+    by: Sequence[str] = POOLED,
+    strata: Sequence[str] = PARTS,
+) -> pd.DataFrame:
+    """Returns the share of runs over each threshold, group by group, with intervals.
+
+    Args:
+        runs: of `pooling.pool_runs`.
+        measure: column of `runs`.
+        thresholds: values of the measure.
+        by: columns that a group has in common; ``[*ACROSS, "teacher"]`` over challenges.
+        strata: columns that tell the strata of a sample apart; `CHALLENGES` over challenges.
+
+    Returns:
+        `by`, measure, threshold, share, low, high, n, reason.
+    """
+    by, rows = list(by), []
+    for key, group in runs.groupby(by, dropna=False, sort=True):
+        sample = strata_of(_counted(group, measure, by), measure, strata)
+        profile = performance_profile(sample, thresholds)
+        shared = dict(zip(by, key, strict=True)) | {"measure": measure}
+        rows += [
+            shared | {str(name): value for name, value in each.items()} for each in profile.to_dict("records")
+        ]
+    return pd.DataFrame(rows, columns=[*by, "measure", "threshold", "share", "low", "high", "n", "reason"])
+
+
+def strata_of(rows: pd.DataFrame, measure: str, strata: Sequence[str]) -> dict[str, pd.Series]:
+    """Returns the values of `measure` by stratum, named by what tells them apart, indexed by run id."""
+    return {
+        ", ".join(map(str, key)): part.set_index("run_id")[measure].astype(float)
+        for key, part in rows.groupby(list(strata), dropna=False, sort=True)
+    }
+
+
+def _counted(runs: pd.DataFrame, measure: str, by: Sequence[str]) -> pd.DataFrame:
+    """Returns the rows with a value, once for each run of a group."""
+    return runs[runs[measure].notna()].drop_duplicates([*by, "run_id"])

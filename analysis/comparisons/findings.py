@@ -1,0 +1,169 @@
+"""Findings of a comparison in plain words, with their uncertainty."""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import pandas as pd
+
+from analysis.data.reference import NO_BASELINE, is_baseline
+from analysis.formatting import amount, number, p_value, plus_minus
+from analysis.names import label
+from analysis.statistics import SIGNIFICANCE
+
+
+class Measure(NamedTuple):
+    """How a measure is talked about: its column, name, unit, unit of differences, and verbs."""
+
+    column: str
+    name: str
+    unit: str
+    points: str
+    leads: str
+    has: str
+
+
+MASTERED = Measure(
+    column="mastered_percent",
+    name="Mastered",
+    unit="\N{NO-BREAK SPACE}%",
+    points=" points",
+    leads="masters the most test tasks:",
+    has="masters",
+)
+TEST_RETURN = Measure(
+    column="evaluation_return",
+    name="Test return",
+    unit="",
+    points="",
+    leads="has the highest test return:",
+    has="has a test return of",
+)
+
+FEW_SEEDS = 10
+"""Under this many seeds a sentence warns the reader; the paper used 16 to 48."""
+
+
+def verdict(test: pd.Series) -> str:
+    """Returns the result of a test against Random in a word or two, after Holm, or why there was none."""
+    if test["reason"]:
+        return str(test["reason"])
+    if not test["holm"] < SIGNIFICANCE:
+        return "not distinguishable"
+    return "better" if test["difference"] > 0 else "worse"
+
+
+def compared_by(summary: pd.DataFrame) -> Measure:
+    """Returns what teachers are compared by: mastered tasks, or test returns where nobody masters any."""
+    means = summary["mastered_percent_mean"].dropna()
+    return TEST_RETURN if len(means) and (means == 0).all() else MASTERED
+
+
+def findings(summary: pd.DataFrame, tests: pd.DataFrame) -> list[str]:
+    """Returns the sentences that open a comparison.
+
+    Args:
+        summary: rows of `measures.summarise`, of one comparison.
+        tests: rows of `measures.against_baseline` for both measures, of the same comparison.
+    """
+    read = summary[summary["n"] > 0]
+    if read.empty:
+        return ["No run has been evaluated yet."]
+    sentences, measure = [], MASTERED
+    if (read["mastered_percent_mean"] == 0).all():
+        sentences.append(
+            "No seed masters any test task, so what follows compares mean returns on the test set."
+        )
+        measure = TEST_RETURN
+    tests = tests[tests["measure"] == measure.column].set_index("teacher")
+    final = read[~read["provisional"]]
+    if len(final):
+        final = final.sort_values(f"{measure.column}_mean", ascending=False, kind="stable")
+        sentences += [_leader(final, measure), *_certainty(final, tests, measure)]
+    running = read[read["provisional"]]
+    if len(final) == 1:
+        sentences.append("No other teacher has finished." if len(running) else "Other teachers were not run.")
+    return sentences + [_so_far(row, tests, measure) for _, row in running.iterrows()]
+
+
+def _leader(ranked: pd.DataFrame, measure: Measure) -> str:
+    best = ranked.iloc[0]
+    spread = f"mean ± standard deviation over {best['n']} seeds" if best["n"] > 1 else "1 seed"
+    verb = measure.leads if len(ranked) > 1 else measure.has
+    return f"{label(best['teacher'])} {verb} {_value(best, measure)} ({spread})."
+
+
+def _value(row: pd.Series, measure: Measure) -> str:
+    return plus_minus(row[f"{measure.column}_mean"], row[f"{measure.column}_std"]) + measure.unit
+
+
+def _so_far(row: pd.Series, tests: pd.DataFrame, measure: Measure) -> str:
+    """Returns where a teacher stands whose runs are all under way, beside Random at the same step."""
+    name = label(row["teacher"])
+    text = f"So far, at {amount(row['step'])} steps, {name} {measure.has} {_value(row, measure)}"
+    if row["teacher"] in tests.index and math.isfinite(tests.loc[row["teacher"], "difference"]):
+        test = tests.loc[row["teacher"]]
+        text += f", {_gap(test['difference'], measure)} than Random at that step"
+    return f"{text}; its runs are still under way."
+
+
+def _gap(difference: float, measure: Measure) -> str:
+    return f"{number(abs(difference))}{measure.points} {'more' if difference >= 0 else 'less'}"
+
+
+def _certainty(ranked: pd.DataFrame, tests: pd.DataFrame, measure: Measure) -> list[str]:
+    """Returns how far the order of the finished teachers can be trusted."""
+    best = ranked["teacher"].iloc[0]
+    if len(ranked) == 1:
+        return []
+    tests = tests[tests.index.isin(ranked["teacher"])]
+    if (tests["reason"] == NO_BASELINE).all():
+        return ["Random has not been run to its end here, so no test was made."]
+    if is_baseline(best):
+        sentences = ["No teacher does better than Random."]
+    else:
+        sentences = [_against_random(best, tests.loc[best], measure)]
+    also = "also " if not is_baseline(best) and tests.loc[best, "holm"] < SIGNIFICANCE else ""
+    return [*sentences, *_others(tests.drop(index=best, errors="ignore"), also), *_few(tests)]
+
+
+def _against_random(teacher: str, test: pd.Series, measure: Measure) -> str:
+    lead = f"That is {_gap(test['difference'], measure)} than Random"
+    if test["reason"] == "needs 2 seeds":
+        return f"{lead}, but a single seed cannot tell skill from luck: nothing can be concluded."
+    if test["reason"]:
+        return f"{lead}; not tested ({test['reason']})."
+    interval = f"95 % confidence interval {number(test['low'])} to {number(test['high'])}"
+    found = f"Welch's t-test, {p_value(test['holm'])} after Holm"
+    if test["holm"] < SIGNIFICANCE:
+        return f"{lead} ({interval}), a significant difference ({found})."
+    return (
+        f"{lead} ({interval}), which may be chance: the seeds do not tell {label(teacher)} and Random apart "
+        f"({found})."
+    )
+
+
+def _others(tests: pd.DataFrame, also: str) -> list[str]:
+    sentences = []
+    verdicts = tests.apply(verdict, axis=1) if len(tests) else pd.Series(dtype=object)
+    for word, phrase in (
+        ("better", f"{also}significantly better than Random".capitalize().replace("random", "Random")),
+        ("worse", "Significantly worse than Random"),
+        ("not distinguishable", "Not distinguishable from Random"),
+    ):
+        teachers = sorted(label(teacher) for teacher in verdicts[verdicts == word].index)
+        if teachers:
+            sentences.append(f"{phrase}: {', '.join(teachers)}.")
+    return sentences
+
+
+def _few(tests: pd.DataFrame) -> list[str]:
+    tested = tests[tests["reason"] == ""]
+    smallest = tested[["n", "reference_n"]].min().min() if len(tested) else FEW_SEEDS
+    if smallest >= FEW_SEEDS:
+        return []
+    return [
+        f"With no more than {smallest} seeds only large differences can show, and their size is uncertain; "
+        f"take this as an indication, not as a result."
+    ]

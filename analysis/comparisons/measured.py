@@ -1,0 +1,60 @@
+"""All that was measured over a root, whole or for one comparison of teachers."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, fields
+
+import pandas as pd
+
+from analysis.comparisons.against_random import against_baseline
+from analysis.data.frames import COMPARISON, Frames
+from analysis.measures.evaluations import evaluation_curves, final_evaluations, summarise
+from analysis.measures.training import training_curves
+
+
+@dataclass(frozen=True, eq=False)
+class Measured:
+    """Frames that all have the columns of `load.COMPARISON`.
+
+    Attributes:
+        cells: of `Frames`.
+        finals: one row per run, of `evaluations.final_evaluations`.
+        summary: one row per teacher, of `summarise`.
+        tests: of `measures.against_baseline`, for mastered tasks and for test returns.
+        evaluations: of `evaluation_curves`.
+        training: of `measures.training_curves`.
+    """
+
+    cells: pd.DataFrame
+    finals: pd.DataFrame
+    summary: pd.DataFrame
+    tests: pd.DataFrame
+    evaluations: pd.DataFrame
+    training: pd.DataFrame
+
+    def comparisons(self) -> Iterator[Measured]:
+        """Yields the part of each comparison, in a fixed order."""
+        keys = self.cells[COMPARISON].drop_duplicates().sort_values(COMPARISON)
+        for key in keys.itertuples(index=False, name=None):
+            yield Measured(*(table[(table[COMPARISON] == list(key)).all(axis=1)] for table in self._tables()))
+
+    def _tables(self) -> list[pd.DataFrame]:
+        return [getattr(self, field.name) for field in fields(self)]
+
+
+def measure(frames: Frames) -> Measured:
+    """Returns everything that is measured of a root."""
+    finals, training = final_evaluations(frames), training_curves(frames)
+    evaluations = evaluation_curves(frames)
+    tests = [
+        against_baseline(finals, evaluations, name) for name in ("mastered_percent", "evaluation_return")
+    ]
+    return Measured(
+        cells=frames.cells,
+        finals=finals,
+        summary=summarise(frames, finals),
+        tests=pd.concat(tests, ignore_index=True),
+        evaluations=evaluations,
+        training=training,
+    )

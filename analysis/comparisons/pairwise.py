@@ -1,0 +1,118 @@
+"""Welch's t-test between the groups of a comparison, at the end of training and along it."""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+import pandas as pd
+
+from analysis.data.reference import NO_BASELINE, is_baseline
+from analysis.measures.pooling import COMPARED, PARTS
+from analysis.statistics import Comparison, describe, holm, welch
+from analysis.statistics.power import detectable_difference
+
+OTHER_PARTS = "other bodies or students"
+"""Why two groups were not tested whose runs are not of the same bodies and students."""
+
+
+def pairwise(
+    runs: pd.DataFrame,
+    measure: str,
+    reference: str | None = None,
+    within: Sequence[str] = COMPARED,
+    between: str = "teacher",
+) -> pd.DataFrame:
+    """Returns Welch's t-test between groups of runs, one row a pair.
+
+    Runs without the measure do not count. Groups that share a run are not tested, nor groups that pool
+    other bodies or students.
+
+    Args:
+        runs: of `pooling.pool_runs`; with a step column among `within`, the values of
+            `run_measures.evaluations_at`, and so tests along learning curves.
+        measure: column of `runs`.
+        reference: the group that all others are tested against, such as "random"; None for all pairs.
+        within: columns that groups must have in common to be compared.
+        between: column that tells groups apart: teacher, or expert_knowledge (with teacher among `within`).
+
+    Returns:
+        `within`, measure, first, second (the reference, if there is one), the columns of
+        `statistics.Comparison` for first minus second, and
+
+        - uncounted: runs of both without the measure, or not yet at the step; while there are any, the
+          test is not the last word;
+        - detectable: smallest difference that so many runs with these standard deviations find with power
+          0.8; NaN without a test;
+        - holm: p adjusted for all tests that have `within` in common, step left out, so that all pairs and
+          steps of a comparison are one family.
+    """
+    within, rows = list(within), []
+    parts = [column for column in PARTS if column not in (*within, between)]
+    family = [column for column in within if column != "step"]
+    runs = runs[[*within, between, *parts, "run_id", measure]]
+    members = runs.groupby([*family, between], dropna=False)["run_id"].transform("nunique")
+    runs = runs.assign(members=members)
+    for key, group in _groups(runs, within):
+        shared = dict(zip(within, key, strict=True)) | {"measure": measure}
+        samples = {
+            str(name): _sample(part, measure, parts) for name, part in group.groupby(between, sort=True)
+        }
+        for first, second in pairs_of(list(samples), reference):
+            other = samples.get(second) or _sample(group.head(0), measure, parts)
+            row = shared | {"first": first, "second": second} | _compared(samples[first], other)
+            rows.append(row if second in samples else row | {"reason": nobody(second)})
+    own = ["measure", "first", "second", *Comparison.__dataclass_fields__, "uncounted", "detectable"]
+    table = pd.DataFrame(rows, columns=[*within, *own])
+    table["holm"] = table.groupby(family, dropna=False)["p"].transform(holm) if len(table) else table["p"]
+    return table
+
+
+def _groups(runs: pd.DataFrame, within: list[str]) -> Iterator[tuple[tuple[object, ...], pd.DataFrame]]:
+    runs = runs[runs["step"].notna()] if "step" in within else runs
+    yield from runs.groupby(within, dropna=False, sort=True)
+
+
+def pairs_of(names: Sequence[str], reference: str | None) -> Iterator[tuple[str, str]]:
+    """Yields each name with `reference`, or all pairs if there is none."""
+    if reference is None:
+        yield from itertools.combinations(names, 2)
+    else:
+        yield from ((name, reference) for name in names if name != reference)
+
+
+@dataclass(frozen=True, eq=False)
+class _Sample:
+    """A group of runs: its values by run id, its bodies and students, and how many runs have no value."""
+
+    values: pd.Series
+    parts: frozenset[tuple[object, ...]]
+    uncounted: int
+
+
+def _sample(rows: pd.DataFrame, measure: str, parts: Sequence[str]) -> _Sample:
+    rows = rows.drop_duplicates("run_id")
+    there = rows[measure].notna().to_numpy()
+    values = pd.Series(rows[measure].to_numpy(float)[there], index=rows["run_id"].to_numpy(object)[there])
+    columns = [rows[column].to_numpy(object)[there] for column in parts]
+    uncounted = int(rows["members"].max()) - len(values) if len(rows) else 0
+    return _Sample(values, frozenset(zip(*columns, strict=True)), uncounted)
+
+
+def _compared(first: _Sample, second: _Sample) -> dict[str, object]:
+    """Returns the test of two groups, what it left out, and the difference that it could find."""
+    comparison, detectable = welch(first.values, second.values), math.nan
+    if not comparison.reason and first.parts != second.parts:
+        sizes = len(first.values), len(second.values)
+        comparison = Comparison(*sizes, comparison.difference, reason=OTHER_PARTS)
+    if not comparison.reason:
+        detectable = detectable_difference(describe(first.values), describe(second.values))
+    uncounted = first.uncounted + second.uncounted
+    return vars(comparison) | {"uncounted": uncounted, "detectable": detectable}
+
+
+def nobody(reference: str) -> str:
+    """Returns why nothing was compared with `reference`, which was not run."""
+    return NO_BASELINE if is_baseline(reference) else f"no {reference} to compare with"

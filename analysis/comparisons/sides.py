@@ -1,0 +1,265 @@
+"""A teacher of one's own among released results: who is comparable, who is better, what stands apart."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+
+from analysis.baselines import BaselineKind, as_baseline
+from analysis.comparisons.pairwise import pairwise
+from analysis.data.frames import Frames, load
+from analysis.data.identity import NAMED, named_apart
+from analysis.data.reference import is_baseline
+from analysis.formatting import amount
+from analysis.measures.pooling import COMPARED, POOLED, parts_of, pooled
+from analysis.measures.run_measures import evaluations_at, run_measures
+from analysis.measures.student_pools import result_runs
+from analysis.names import label
+from analysis.statistics import SIGNIFICANCE, holm
+from tma_ray.benchmark import MATRICES, TEACHERS
+from tma_ray.part_names import base_name
+from tma_ray.results import CHIPMUNK
+
+MEASURE = "mastered_percent"
+
+PLACE = ["environment", "challenge", "expert_knowledge"]
+"""Columns that say where a result was had."""
+
+CONDITIONS = {
+    "environment": "environment",
+    "challenge": "challenge",
+    "steps": "training steps",
+    "pool": "bodies or students",
+    "test_sets": "test tasks",
+    "engine": "engine",
+    "physics_version": "physics version",
+    "mastery_threshold": "threshold of mastery",
+}
+"""Columns that results must share, beside their place, to be compared, and what they are called."""
+
+FAMILY = [*COMPARED, "first"]
+"""Tests of one teacher against all others on a challenge are corrected together."""
+
+
+@dataclass(frozen=True)
+class Side:
+    """Results from one place.
+
+    Attributes:
+        name: what readers know them by.
+        engine: what simulated their worlds.
+        table: of `pooling.pooled`, or of `published.paper_frame`.
+        runs: of `pooling.pool_runs`, Random lent to all levels; None where only tables are known.
+        curves: the same runs at every evaluation, with step; None where `runs` is.
+        frames: what both were made of; None where `runs` is.
+    """
+
+    name: str
+    engine: str
+    table: pd.DataFrame
+    runs: pd.DataFrame | None = None
+    curves: pd.DataFrame | None = None
+    frames: Frames | None = None
+
+
+def side_of(frames: Frames, name: str) -> Side:
+    """Returns the results of a root or a release at the end of its runs."""
+    runs = result_runs(frames, run_measures(frames))
+    curves = result_runs(frames, evaluations_at(frames, sorted(frames.evaluations["step"].unique())))
+    return Side(name, _engine_of(runs), pooled(runs, [MEASURE]), runs, curves, frames)
+
+
+def named_jointly(mine: Side, baselines: Sequence[Side]) -> tuple[Side, list[Side], tuple[str, ...]]:
+    """Returns the same sides with names that stand for one thing in all of them, and what was split.
+
+    What one root calls PPO may have other settings, or another version, in another root.
+    """
+    sides = [mine, *baselines]
+    frames = {place: side.frames for place, side in enumerate(sides) if side.frames is not None}
+    named, said = named_apart([each.cells for each in frames.values()])
+    for (place, each), cells in zip(frames.items(), named, strict=True):
+        if not cells[NAMED].equals(each.cells[NAMED]):
+            sides[place] = side_of(replace(each, cells=cells), sides[place].name)
+    return sides[0], sides[1:], said
+
+
+def _engine_of(runs: pd.DataFrame) -> str:
+    """Returns what simulated the worlds of `runs`, and which version of our physics it was."""
+    found = []
+    for engine in sorted(map(str, runs["engine"].unique())):
+        rows = runs[runs["engine"] == engine]
+        versions = ", ".join(f"{version:g}" for version in sorted(rows["physics_version"].dropna().unique()))
+        found.append(f"{engine}, physics version {versions}" if engine == CHIPMUNK else engine)
+    return "; ".join(found)
+
+
+def baseline_side(place: str) -> Side:
+    """Returns the results of a baseline by name, or at a folder or address of a baseline or a root.
+
+    Raises:
+        BaselineError: a damaged baseline.
+        ResultsRootError: nothing of that name or at that place.
+    """
+    baseline = as_baseline(place)
+    if baseline is None:
+        return side_of(load(place), Path(place).name)
+    if baseline.manifest.kind is BaselineKind.PUBLISHED:
+        return published_side(baseline.manifest.name, baseline.published())
+    return side_of(baseline.frames(), baseline.manifest.name)
+
+
+def published_side(name: str, frame: pd.DataFrame) -> Side:
+    """Returns published tables (columns of `published.paper_frame`) without parts of what they pool."""
+    whole = frame.groupby(PLACE)["n"].transform("max") == frame["n"]
+    return Side(name, ", ".join(sorted(frame["engine"].unique())), frame[whole].reset_index(drop=True))
+
+
+def together(mine: Side, baselines: Sequence[Side], *, along: bool = False) -> pd.DataFrame:
+    """Returns the runs that may be compared with each other: mine, and those of baselines of the same kind.
+
+    A baseline's teacher that I have run under the same conditions is left out: mine stands for it.
+
+    Args:
+        mine: results of one's own.
+        baselines: others.
+        along: at every evaluation, instead of at their ends.
+
+    Returns:
+        Of `pooling.pool_runs`, with source: the name of the side.
+    """
+    mine, baselines, _ = named_jointly(mine, baselines)
+    own = mine.curves if along else mine.runs
+    assert own is not None
+    assert mine.runs is not None
+    parts = [own.assign(source=mine.name)]
+    for side in baselines:
+        theirs = side.curves if along else side.runs
+        if theirs is None:
+            continue
+        wanted = _among(theirs, mine.runs, COMPARED) & ~_among(theirs, mine.runs, POOLED)
+        parts.append(theirs[wanted].assign(source=side.name))
+    return pd.concat(parts, ignore_index=True)
+
+
+def new_teachers(mine: Side) -> list[str]:
+    """Returns the teachers that are compared: those the benchmark does not know, else all but Random."""
+    teachers = [teacher for teacher in mine.table["teacher"].unique() if not is_baseline(teacher)]
+    return [teacher for teacher in teachers if teacher not in TEACHERS] or teachers
+
+
+def duels(runs: pd.DataFrame, teachers: Sequence[str]) -> pd.DataFrame:
+    """Returns Welch's test of each of `teachers` against every other one, challenge by challenge.
+
+    Returns:
+        Of `pairwise.pairwise`, with the teacher that is looked at first, and holm over all that it is tested
+        against on a challenge.
+    """
+    tests = pairwise(runs, MEASURE)
+    swapped = tests.assign(
+        first=tests["second"],
+        second=tests["first"],
+        difference=-tests["difference"],
+        low=-tests["high"],
+        high=-tests["low"],
+        n=tests["reference_n"],
+        reference_n=tests["n"],
+        t=-tests["t"],
+    )
+    both = pd.concat([tests, swapped], ignore_index=True)
+    both = both[both["first"].isin(teachers)].reset_index(drop=True)
+    both["holm"] = both.groupby(FAMILY, dropna=False)["p"].transform(holm)
+    return both
+
+
+def sentences(tests: pd.DataFrame) -> list[str]:
+    """Returns what `duels` found, Random first, in plain words."""
+    said = []
+    order = tests.assign(last=~tests["second"].map(is_baseline)) if len(tests) else tests.assign(last=False)
+    for key, rows in order.groupby(["environment", "expert_knowledge", "first", "last", "second"], sort=True):
+        environment, level, first, _, second = map(str, key)
+        place = f"{environment.replace('_', ' ').capitalize()}, expert knowledge {level}"
+        said.append(f"{place}: {label(first)} is {_found(rows, label(second))}.")
+    return said
+
+
+def _found(rows: pd.DataFrame, other: str) -> str:
+    tested = rows[rows["p"].notna()]
+    if tested.empty:
+        reasons = ", ".join(dict.fromkeys(rows["reason"]))
+        return f"not tested against {other} ({reasons})"
+    sure = tested[tested["holm"] < SIGNIFICANCE]
+    better, worse = int((sure["difference"] > 0).sum()), int((sure["difference"] < 0).sum())
+    of = f"{len(tested)} challenge{'s' if len(tested) > 1 else ''}"
+    if not better and not worse:
+        return f"not distinguishable from {other} on any of {of}"
+    parts = [f"better than {other} on {better} of {of}" if better else f"on none of {of} better than {other}"]
+    parts += [f"worse on {worse}"] if worse else []
+    return f"{', '.join(parts)} (p < {SIGNIFICANCE} after Holm)"
+
+
+def beside(mine: Side, baseline: Side) -> pd.DataFrame:
+    """Returns the results of a baseline that must not be compared with mine, where I have some.
+
+    Returns:
+        `PLACE`, teacher, n, mastered_percent_mean and _std, and differs: what is not the same, in words.
+    """
+    theirs = baseline.table[_among(_plain_places(baseline.table), _plain_places(mine.table), PLACE)]
+    if baseline.runs is not None:
+        theirs = theirs[~_among(theirs, mine.table, COMPARED)]
+    differs = [_differences(row, mine, baseline) for _, row in theirs.iterrows()]
+    columns = [*PLACE, "teacher", "n", f"{MEASURE}_mean", f"{MEASURE}_std"]
+    return theirs[columns].assign(differs=differs).reset_index(drop=True)
+
+
+def _among(frame: pd.DataFrame, others: pd.DataFrame, columns: list[str]) -> NDArray[np.bool_]:
+    """Returns which rows of `frame` agree with any of `others` in all of `columns`."""
+    if frame.empty or others.empty:
+        return np.zeros(len(frame), dtype=bool)
+    known = pd.MultiIndex.from_frame(others[columns])
+    return np.asarray(pd.MultiIndex.from_frame(frame[columns]).isin(known))
+
+
+def _plain_places(table: pd.DataFrame) -> pd.DataFrame:
+    """Returns the table with names of places without their settings."""
+    names = {name: table[name].map(base_name) for name in ("environment", "challenge")}
+    return table.assign(**names)
+
+
+def _differences(row: pd.Series, mine: Side, baseline: Side) -> str:
+    place = [base_name(row["environment"]), base_name(row["challenge"]), row["expert_knowledge"]]
+    here = mine.table[(_plain_places(mine.table)[PLACE] == place).all(axis=1)]
+    if baseline.runs is None:
+        found = [f"engine {baseline.engine}"]
+        if set(here["steps"]) != {row["steps"]}:
+            found.append(f"{amount(row['steps'])} steps")
+        students = {student for pool in here["pool"] for _, student in parts_of(pool)}
+        if students != set(row["students"]):
+            found.append(f"students {', '.join(row['students'])}")
+        return "; ".join(found)
+    return "; ".join(
+        f"{words}: {amount(row[column]) if column == 'steps' else row[column]}"
+        for column, words in CONDITIONS.items()
+        if row[column] not in set(here[column])
+    )
+
+
+def missing(mine: Side, teachers: Sequence[str]) -> list[str]:
+    """Returns the challenges of the benchmark on which `teachers` have no result at any level, in words."""
+    places = dict.fromkeys((matrix.environment, matrix.challenge) for matrix in MATRICES)
+    said = []
+    for teacher in teachers:
+        own = mine.table[(mine.table["teacher"] == teacher) & (mine.table["n"] > 0)]
+        done = set(own[["environment", "challenge"]].itertuples(index=False, name=None))
+        absent = [
+            f"{environment} {challenge}"
+            for environment, challenge in places
+            if (environment, challenge) not in done
+        ]
+        if absent:
+            said.append(f"{label(teacher)}: {', '.join(absent)}")
+    return said

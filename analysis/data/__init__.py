@@ -1,0 +1,1 @@
+"""Results as frames: of roots, of published tables, and of single curricula."""

@@ -1,0 +1,124 @@
+"""The curriculum of one run: training tasks, probed tasks, and the teacher's own record of its updates."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+
+from analysis.data.frames import Frames
+from tma_ray.tasks import MASTERY_RETURN
+
+PANELS = 5
+"""Equal parts of a run, one panel each."""
+
+RETURNS = (-100.0, 300.0)
+"""Range of the colours in the benchmark's worlds, in every report, from falling at once to crossing the
+track; worlds with a mastery threshold of their own are coloured from the 2nd to the 98th percentile."""
+
+
+@dataclass(frozen=True, eq=False)
+class Curriculum:
+    """What one run has to show of its curriculum.
+
+    Attributes:
+        episodes: step, task, world_task and episodic_return.
+        probes: step and task.
+        updates: step, gaussians, boxes and scalars of the teacher.
+        steps: length of the run.
+        mastery: episodic return over which a task is mastered.
+    """
+
+    episodes: pd.DataFrame
+    probes: pd.DataFrame
+    updates: pd.DataFrame
+    steps: int
+    mastery: float = MASTERY_RETURN
+
+    @property
+    def shuffled(self) -> bool:
+        """Whether the teacher chooses in a shuffled space, which is not the world's."""
+        return bool(self.episodes["world_task"].notna().any())
+
+    @property
+    def tasks(self) -> NDArray[np.float32]:
+        """Tasks of the episodes as the world had them (n, d)."""
+        column = self.episodes["world_task" if self.shuffled else "task"]
+        return stack(column)
+
+    def during(self, part: int) -> Curriculum:
+        """Returns what happened in one of the `PANELS` equal parts of the run."""
+        low, high = self.steps * part / PANELS, self.steps * (part + 1) / PANELS
+
+        def cut(frame: pd.DataFrame) -> pd.DataFrame:
+            return frame[(frame["step"] > low) & (frame["step"] <= high)]
+
+        return Curriculum(cut(self.episodes), cut(self.probes), cut(self.updates), self.steps, self.mastery)
+
+    def probed_at(self, step: int) -> NDArray[np.float32]:
+        """Returns the tasks of the last probe up to `step` (n, d); (0, 0) if the probes end before it."""
+        steps = self.probes["step"]
+        last = steps[steps <= step].max() if (steps >= step).any() else None
+        return stack(self.probes.loc[steps == last, "task"])
+
+    def update_at(self, step: int) -> pd.Series | None:
+        """Returns the teacher's last update up to `step`, None if it had none."""
+        earlier = self.updates[self.updates["step"] <= step].sort_values("step", kind="stable")
+        return None if earlier.empty else earlier.iloc[-1]
+
+
+def stack(tasks: pd.Series) -> NDArray[np.float32]:
+    """Returns a column of tasks as one array (n, d); (0, 0) when there are none."""
+    return np.stack(tasks.to_list()).astype(np.float32) if len(tasks) else np.empty((0, 0), np.float32)
+
+
+def return_range(curricula: Mapping[str, Curriculum], mastery: float) -> tuple[float, float]:
+    """Returns the ends of the colours of returns: `RETURNS` in the benchmark's worlds."""
+    if mastery == MASTERY_RETURN:
+        return RETURNS
+    returns = np.concatenate(
+        [each.episodes["episodic_return"].to_numpy(float) for each in curricula.values()]
+    )
+    low, high = np.percentile([*returns, mastery], (2, 98))
+    return min(low, mastery), max(high, mastery)
+
+
+MOMENTS = 6
+"""Moments of a run, from its start to its end."""
+
+
+def moments(curricula: Mapping[str, Curriculum], count: int = MOMENTS) -> list[int]:
+    """Returns at most `count` steps at which some teacher was probed, evenly spaced over the run."""
+    steps = sorted({int(step) for each in curricula.values() for step in each.probes["step"].unique()})
+    chosen = np.unique(np.linspace(0, len(steps) - 1, min(count, len(steps))).round().astype(int))
+    return [steps[index] for index in chosen] if steps else []
+
+
+def gaussians_of(update: pd.Series) -> list[dict[str, Any]]:
+    """Returns the mixture components of an update, the heaviest first."""
+    found = update["gaussians"] if update["gaussians"] is not None else ()
+    return sorted(found, key=lambda gaussian: -float(gaussian["weight"]))
+
+
+def boxes_of(update: pd.Series) -> list[dict[str, Any]]:
+    """Returns the boxes of an update, the largest first, so that those within others lie above them.
+
+    Projections of boxes say themselves which lies above.
+    """
+    found = update["boxes"] if update["boxes"] is not None else ()
+
+    def height(box: dict[str, Any]) -> tuple[float, float]:
+        return box.get("above", 0.0), -float(np.prod(np.subtract(box["high"], box["low"])))
+
+    return sorted(found, key=height)
+
+
+def curriculum_of(frames: Frames, run: pd.Series) -> Curriculum:
+    """Returns what there is of the curriculum of one run, a row of `Frames.cells`."""
+    run_id = run["run_id"]
+    tables = frames.episodes(run_id), frames.curriculum(run_id), frames.teacher_log(run_id)
+    return Curriculum(*tables, steps=int(run["steps"]), mastery=float(run["mastery_threshold"]))

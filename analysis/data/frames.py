@@ -1,0 +1,209 @@
+"""Result tables as pandas frames, ready to group by cell."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import pandas as pd
+
+from analysis.data.identity import experiments_apart, identity, named_apart
+from tma_ray.decoding import DamagedFileError, decode_json
+from tma_ray.results import CHIPMUNK, Results, Table
+from tma_ray.tasks import MASTERY_RETURN
+
+COMPARISON = [
+    *("engine", "experiment", "environment", "challenge", "embodiment", "student", "expert_knowledge")
+]
+"""Columns that teachers must have in common to be compared."""
+
+GROUP = [*COMPARISON, "teacher"]
+"""Columns that seeds must have in common to be averaged."""
+
+SETTINGS = ["engine", "mastery_threshold", "settings", "identity"]
+"""Columns of cells that come from the spec; settings is a short hash of all of it but the seed, identity the
+JSON of `identity.identity`."""
+
+SEED = re.compile(r'"seed": \d+, "student":')
+"""The seed in a spec, whose keys are sorted, with the key that follows it."""
+
+STATUSES = ("done", "running", "failed", "waiting")
+"""What a run of a cell may be; waiting is a cell whose run has not started."""
+
+
+@dataclass(frozen=True)
+class Frames:
+    """The results of one root. Long tables that hold tasks are read run by run, when asked for.
+
+    Attributes:
+        cells: one row per cell and run: `GROUP`, campaign, seed, run_id, status, error, spec, steps,
+            test_set, physics_version, and of the spec `SETTINGS`: engine (what simulated the worlds),
+            mastery_threshold, settings and identity. Names that would stand for several things are split:
+            see `identity.named_apart`.
+        attempts: as stored.
+        evaluations: run_id, step, test_set, task_index, episodic_return, and mastered: whether that
+            is over the threshold of its run.
+        training: as stored.
+        test_tasks: test_set, task_index, task (float32 (d,)).
+        warnings: what a reader must know before trusting a comparison.
+        results: where the long tables are read from.
+    """
+
+    cells: pd.DataFrame
+    attempts: pd.DataFrame
+    evaluations: pd.DataFrame
+    training: pd.DataFrame
+    test_tasks: pd.DataFrame
+    results: Results = field(repr=False)
+    warnings: tuple[str, ...] = ()
+
+    def episode_returns(self, run_ids: Sequence[str]) -> pd.DataFrame:
+        """Returns run_id, step and episodic_return of every training episode of `run_ids`."""
+        return _frame(self.results, Table.EPISODES, ["run_id", "step", "episodic_return"], run_ids)
+
+    def episodes(self, run_id: str) -> pd.DataFrame:
+        """Returns the training episodes of one run, tasks as float32 (d,)."""
+        columns = ["step", "episode", "task", "world_task", "episodic_return"]
+        return _frame(self.results, Table.EPISODES, columns, [run_id])
+
+    def curriculum(self, run_id: str) -> pd.DataFrame:
+        """Returns the probed tasks of one run, tasks as float32 (d,)."""
+        return _frame(self.results, Table.CURRICULUM, ["step", "sample", "task"], [run_id])
+
+    def teacher_log(self, run_id: str) -> pd.DataFrame:
+        """Returns step, gaussians, boxes and scalars of every update of the teacher of one run."""
+        return _frame(self.results, Table.TEACHER_LOG, ["step", "gaussians", "boxes", "scalars"], [run_id])
+
+
+def load(root: str | Path) -> Frames:
+    """Reads a root, finished or not; what is missing becomes an empty frame and a warning.
+
+    Args:
+        root: a folder, or an ``s3://`` or ``gs://`` address.
+
+    Raises:
+        ResultsRootError: no results root at that place.
+    """
+    results = Results.open(root)
+    runs = _with_settings(_plain(results.table(Table.RUNS).to_pandas()))
+    (cells,), split = named_apart([_join(_plain(_frame(results, Table.CELLS)), runs)])
+    cells, apart = experiments_apart(cells)
+    columns = ["run_id", "step", "test_set", "task_index", "episodic_return"]
+    evaluations = _frame(results, Table.EVALUATIONS, columns)
+    evaluations["mastered"] = evaluations["episodic_return"] > _thresholds(evaluations, runs)
+    return Frames(
+        cells=cells,
+        attempts=_frame(results, Table.ATTEMPTS),
+        evaluations=evaluations,
+        training=_frame(results, Table.TRAINING),
+        test_tasks=_test_tasks(results, evaluations),
+        results=results,
+        warnings=(*_warnings(cells, evaluations), *split, *apart),
+    )
+
+
+def unfailed(cells: pd.DataFrame) -> pd.DataFrame:
+    """Returns `GROUP`, seed, run_id, status and steps of the cells whose runs did not fail."""
+    return cells.loc[cells["status"] != "failed", [*GROUP, "seed", "run_id", "status", "steps"]]
+
+
+def parsed(text: object) -> dict[str, Any]:
+    """Returns the JSON object in `text`, or an empty one if it holds something else."""
+    try:
+        return decode_json(text, dict[str, Any], "a spec") if isinstance(text, str) else {}
+    except DamagedFileError:
+        return {}
+
+
+def mastery_threshold(spec: object) -> float:
+    """Returns the episodic return over which tasks are mastered in a run with this `spec` (JSON)."""
+    return float(parsed(spec).get("mastery_threshold", MASTERY_RETURN))
+
+
+def _frame(
+    results: Results, table: Table, columns: list[str] | None = None, run_ids: Sequence[str] | None = None
+) -> pd.DataFrame:
+    """Reads a table with its strings as categories: run ids repeat millions of times."""
+    content = results.table(table, run_ids=None if run_ids is None else set(run_ids), columns=columns)
+    frame: pd.DataFrame = content.to_pandas(strings_to_categorical=True)
+    return frame
+
+
+def _with_settings(runs: pd.DataFrame) -> pd.DataFrame:
+    """Adds what comparisons need of each run's spec: engine, mastery_threshold, settings and identity.
+
+    A spec is long, and there are thousands: those that differ in their seed alone are parsed once.
+    """
+    texts = [_without_seed(spec) for spec in runs["spec"]]
+    known = {text: _settings(text) for text in set(texts)}
+    return runs.assign(**{name: [known[text][name] for text in texts] for name in SETTINGS})
+
+
+def _thresholds(evaluations: pd.DataFrame, runs: pd.DataFrame) -> pd.Series | float:
+    """Returns the threshold of each evaluation's run; one number where all have the same."""
+    known = runs["mastery_threshold"].unique()
+    if len(known) == 1:
+        return float(known[0])
+    return evaluations["run_id"].map(runs.set_index("run_id")["mastery_threshold"]).astype(float)
+
+
+def _without_seed(spec: str) -> str:
+    text, found = SEED.subn('"student":', spec, count=1)
+    content = {} if found else parsed(spec)
+    return text if found else json.dumps({name: content[name] for name in content if name != "seed"})
+
+
+def _settings(text: str) -> dict[str, Any]:
+    spec = parsed(text)
+    return {
+        "engine": str(spec.get("engine", CHIPMUNK)),
+        "mastery_threshold": float(spec.get("mastery_threshold", MASTERY_RETURN)),
+        "settings": hashlib.sha256(text.encode()).hexdigest()[:12],
+        "identity": json.dumps(identity(spec), sort_keys=True),
+    }
+
+
+def _join(cells: pd.DataFrame, runs: pd.DataFrame) -> pd.DataFrame:
+    """Joins cells with the state of their runs; runs outside any campaign are cells of their own."""
+    alone = runs[~runs["run_id"].isin(cells["run_id"])]
+    single = alone.reindex(columns=cells.columns).assign(campaign="", experiment="single runs")
+    cells = pd.concat([cells, single], ignore_index=True) if len(single) else cells
+    names = ("run_id", "status", "error", "spec", "steps", "test_set", "physics_version")
+    state = runs[[*names, *SETTINGS]]
+    joined = cells.merge(state, on="run_id", how="left")
+    joined["engine"] = joined["engine"].fillna(CHIPMUNK)  # only campaigns of ours have runs that wait
+    joined["status"] = joined["status"].fillna("waiting")
+    joined["error"] = joined["error"].fillna("")
+    # Two campaigns on one root may list the same cell: its runs count once.
+    return joined.drop_duplicates([*GROUP, "run_id"]).reset_index(drop=True)
+
+
+def _plain(frame: pd.DataFrame) -> pd.DataFrame:
+    """Turns categories back into strings: few rows, and merging unequal categories is fragile."""
+    categories = frame.select_dtypes("category").columns
+    return frame.astype(dict.fromkeys(categories, object))
+
+
+def _test_tasks(results: Results, evaluations: pd.DataFrame) -> pd.DataFrame:
+    """Reads the tasks of each test set from one run that met it: they are the same in all."""
+    columns = ["test_set", "task_index", "task"]
+    witnesses = evaluations.drop_duplicates("test_set")["run_id"].astype(str).tolist()
+    tasks = _plain(_frame(results, Table.EVALUATIONS, columns, witnesses))
+    return tasks.drop_duplicates(["test_set", "task_index"]).reset_index(drop=True)
+
+
+def _warnings(cells: pd.DataFrame, evaluations: pd.DataFrame) -> list[str]:
+    found = []
+    if cells.empty:
+        found.append("This root holds no runs yet.")
+    elif evaluations.empty:
+        found.append("No evaluation has finished yet, so there is nothing to compare.")
+    engines = sorted(cells["engine"].unique())
+    if len(engines) > 1:
+        found.append(f"Runs of different engines ({', '.join(engines)}) stand apart and are never compared.")
+    return found

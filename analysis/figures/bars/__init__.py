@@ -1,0 +1,1 @@
+"""Bars of results, with every significant difference between two teachers."""

@@ -1,0 +1,194 @@
+"""Bars of results, with what Welch's test says of every pair of teachers."""
+
+from __future__ import annotations
+
+import itertools
+import textwrap
+from collections.abc import Sequence
+from enum import StrEnum
+
+import numpy as np
+import pandas as pd
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.ticker import MaxNLocator
+
+from analysis.data.reference import is_baseline
+from analysis.figures.bars.compact_letters import lanes
+from analysis.figures.bars.panels import BarPanel, bar_panels
+from analysis.figures.elements.axes import LEAST_PERCENT
+from analysis.figures.elements.checks import require, require_unique
+from analysis.figures.elements.task_planes import remark
+from analysis.figures.style import ONE_COLUMN, TWO_COLUMNS, styled
+from analysis.looks import INK, MUTED, look
+from analysis.names import label, short_label, teacher_order
+
+MOST_BRACKETS = 12
+"""With more significant pairs in a panel than this, letters take the place of brackets."""
+
+LANE = 0.055
+"""Width of a lane of brackets or letters, over the length of the axis."""
+
+
+class Whisker(StrEnum):
+    """What whiskers show."""
+
+    DEVIATION = "standard deviation"
+    ERROR = "standard error"
+
+
+@styled
+def bars_with_pairs(
+    table: pd.DataFrame,
+    tests: pd.DataFrame,
+    measure: str = "mastered_percent",
+    name: str = "Mastered test tasks (%)",
+    whisker: Whisker = Whisker.DEVIATION,
+    by: tuple[str, str] = ("challenge", "expert_knowledge"),
+) -> Figure:
+    """Draws mean results as bars, a row of panels per challenge and a column per level of expert knowledge.
+
+    Pairs of teachers that differ significantly are joined by brackets. Eight teachers make 28 pairs, most of
+    them significant in the paper: so many brackets cannot be told apart at the width of a page. If any panel
+    has over `MOST_BRACKETS`, letters say the same in all panels, in a few columns and without loss: two
+    teachers share a letter exactly if they do not differ significantly. A dashed line is Random's mean; a
+    dash stands where a teacher has no result.
+
+    Args:
+        table: of `pooling.pooled` or `published.paper_frame`, with n.
+        tests: all pairs, of `pairwise.pairwise` or `pairwise_statistics.pairwise_from_statistics`.
+        measure: what is drawn.
+        name: what that is, with its unit.
+        whisker: standard deviation, or standard error of the mean.
+        by: columns of both tables that make rows and columns of panels.
+
+    Raises:
+        ValueError: nothing to draw, or several results of a teacher in one panel.
+    """
+    table = _table(table, measure, whisker, by)
+    teachers = sorted(table["teacher"].unique(), key=teacher_order)
+    rows = bar_panels(table, tests, by)
+    figure, grid = _grid(rows, len(teachers))
+    shown = [(axes, panel) for axes, panel in zip(grid.ravel(), itertools.chain(*rows), strict=True) if panel]
+    brackets = max(len(panel.different) for _, panel in shown) <= MOST_BRACKETS
+    start, end = _limits(table, measure)
+    lane, used = LANE * (end - start), 0
+    for axes, panel in shown:
+        _draw_bars(axes, panel, teachers)
+        used = max(used, (_draw_brackets if brackets else _draw_letters)(axes, panel, teachers, end, lane))
+    axes = grid[0, 0]
+    axes.set_xlim(start, end + lane * (used + 0.5 if used else 0))
+    axes.set_xticks([tick for tick in MaxNLocator(4).tick_values(start, end) if start <= tick <= end])
+    axes.set_ylim(len(teachers) - 0.4, -0.6)
+    axes.set_yticks(range(len(teachers)), [short_label(teacher, 14) for teacher in teachers])
+    notes = [f"{name}; whiskers: one {whisker.value}", *_notes([panel for _, panel in shown], brackets)]
+    wide = int(figure.get_figwidth() * 17)
+    figure.supxlabel("\n".join(line for note in notes for line in textwrap.wrap(note, wide)), fontsize=7)
+    return figure
+
+
+def _table(table: pd.DataFrame, measure: str, whisker: Whisker, by: tuple[str, str]) -> pd.DataFrame:
+    """Returns `by`, teacher, mean and whisker, 0 where there is none."""
+    mean, std = f"{measure}_mean", f"{measure}_std"
+    require(table, [*by, "teacher", "n", mean, std], "results")
+    table = table[table[mean].notna()]
+    require(table, [], f"results with {mean}")
+    require_unique(table, [*by, "teacher"], "results")
+    error = table[std] / (np.sqrt(table["n"]) if whisker is Whisker.ERROR else 1.0)
+    return table[[*by, "teacher"]].assign(mean=table[mean].astype(float), whisker=error.fillna(0.0))
+
+
+def _grid(rows: Sequence[Sequence[BarPanel | None]], teachers: int) -> tuple[Figure, np.ndarray]:
+    """Returns a figure with headed panels that share their axes."""
+    lines, columns = len(rows), len(rows[0])
+    width = TWO_COLUMNS if columns > 1 else ONE_COLUMN
+    figure = Figure(figsize=(width, max(1.7, 0.7 + (0.3 + 0.135 * teachers) * lines)), layout="constrained")
+    grid = figure.subplots(lines, columns, sharex=True, sharey=True, squeeze=False)
+    headings = {panel.titles[1] for row in rows for panel in row if panel}
+    for line, row in enumerate(rows):
+        for column, (axes, panel) in enumerate(zip(grid[line], row, strict=True)):
+            if panel is None:
+                axes.remove()
+                grid[line - 1, column].tick_params(labelbottom=True)
+                continue
+            axes.tick_params(labelsize=6.5)
+            axes.tick_params(axis="y", length=0)
+            axes.grid(axis="x")
+            if len(headings) == 1:
+                axes.set_title(textwrap.fill(panel.titles[0], 30), fontsize=7)
+            elif line == 0:
+                axes.set_title(panel.titles[1], fontsize=7)
+        if len(headings) > 1 and row[0]:
+            grid[line, 0].set_ylabel(textwrap.fill(row[0].titles[0], 18), fontsize=7, fontweight="bold")
+    if len(headings) == 1:
+        figure.suptitle(headings.pop(), fontsize=7.5)
+    return figure, grid
+
+
+def _limits(table: pd.DataFrame, measure: str) -> tuple[float, float]:
+    """Returns where the axis of values starts and ends: no whisker of a percentage goes below 0."""
+    low = 0.0 if measure.endswith("percent") else min(0.0, (table["mean"] - table["whisker"]).min())
+    high = max(
+        (table["mean"] + table["whisker"]).max(), LEAST_PERCENT if measure.endswith("percent") else 0.0
+    )
+    return 1.02 * low, 1.02 * high if high > low else low + 1.0
+
+
+def _draw_bars(axes: Axes, panel: BarPanel, teachers: Sequence[str]) -> None:
+    if panel.rows.empty:
+        remark(axes, "no results")
+        return
+    for place, teacher in enumerate(teachers):
+        if teacher not in panel.rows.index:
+            axes.text(
+                0.01, place, "\N{EN DASH}", transform=axes.get_yaxis_transform(), color=MUTED, va="center"
+            )
+            continue
+        mean, whisker = (float(panel.rows[name][teacher]) for name in ("mean", "whisker"))
+        axes.barh(place, mean, height=0.7, color=look(teacher).colour, alpha=0.75)
+        if whisker > 0:
+            axes.errorbar(mean, place, xerr=whisker, color=INK, capsize=1.5, linewidth=0.7, capthick=0.7)
+        if is_baseline(teacher):
+            axes.axvline(mean, color=look(teacher).colour, linestyle=(0, (3, 2)), linewidth=0.7, zorder=0.5)
+
+
+def _draw_brackets(axes: Axes, panel: BarPanel, teachers: Sequence[str], end: float, lane: float) -> int:
+    """Joins the teachers that differ, right of `end`, and returns how many lanes that took."""
+    places = {teacher: place for place, teacher in enumerate(teachers)}
+    spans = lanes({(min(s), max(s)) for s in ((places[a], places[b]) for a, b in panel.different)})
+    for (low, high), number in spans.items():
+        right = end + lane * (number + 0.75)
+        left, inset = right - 0.45 * lane, 0.16
+        axes.plot(
+            [left, right, right, left],
+            [low + inset, low + inset, high - inset, high - inset],
+            color=INK,
+            linewidth=0.7,
+            gid=f"{teachers[low]} differs from {teachers[high]}",
+        )
+    return max(spans.values(), default=-1) + 1
+
+
+def _draw_letters(axes: Axes, panel: BarPanel, teachers: Sequence[str], end: float, lane: float) -> int:
+    """Writes the letters of each teacher right of `end`, and returns in how many columns."""
+    letters = panel.letters()
+    for place, teacher in enumerate(teachers):
+        for column, letter in enumerate(letters.get(teacher, "")):
+            if letter != " ":
+                x = end + lane * (column + 0.6)
+                axes.text(x, place, letter, fontsize=6.5, ha="center", va="center")
+    return max(map(len, letters.values()), default=0)
+
+
+def _notes(panels: Sequence[BarPanel], brackets: bool) -> list[str]:
+    sign = "<" if brackets else "\N{GREATER-THAN OR EQUAL TO}"
+    test = f"(Welch, p\N{NO-BREAK SPACE}{sign}\N{NO-BREAK SPACE}0.05)."
+    text = "Brackets join teachers that" if brackets else "Teachers that share a letter do not"
+    notes = [f"{text} differ significantly {test}"]
+    untested = [(panel, pair) for panel in panels for pair in panel.untested]
+    if untested:
+        panel, (first, second) = untested[0]
+        more = f" and {len(untested) - 1} more" if len(untested) > 1 else ""
+        where = ", ".join(panel.titles).lower()
+        notes.append(f"Pairs without a test: {label(first)} and {label(second)} ({where}){more}.")
+    return notes

@@ -1,0 +1,59 @@
+"""Figures of the curricula of one comparison, by one run of each teacher."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+
+from analysis.comparisons.examples import examples_of, in_whose_space
+from analysis.comparisons.measured import Measured
+from analysis.data.curricula import Curriculum, moments
+from analysis.data.task_axes import Axis, task_axes
+from analysis.figures.curricula.dimensions import dimension_bands
+from analysis.figures.curricula.scalars import MOST_PER_TEACHER, scalar_curves, scalars_of
+from analysis.figures.picture import Picture
+from analysis.names import label
+
+LARGEST = 20
+"""Spaces with more varied dimensions are not drawn."""
+
+
+def curriculum_pictures(mine: Measured, curricula: Mapping[str, Curriculum]) -> Iterator[Picture]:
+    """Yields the figures of `curricula_of` over the whole run: by dimension, and what teachers log."""
+    axes, examples = task_axes(mine.cells), examples_of(mine)
+    if not curricula:
+        return
+    seeds = ", ".join(f"{label(teacher)}: seed {examples[teacher]['seed']}" for teacher in curricula)
+    which = f"One run of each teacher, the median one by mastered tasks ({seeds})"
+    varied = sum(axis.low < axis.high for axis in axes)
+    probed = {teacher: each for teacher, each in curricula.items() if len(each.probes)}
+    whole_plane = len(axes) == varied == 2  # which charts show step by step
+    if 0 < varied <= LARGEST and not whole_plane and len(moments(probed)) > 1:
+        yield _dimensions(probed, axes, which)
+    figure = scalar_curves(curricula)
+    if figure is not None:
+        yield Picture.of("teacher-scalars", figure, "What teachers log", _scalars_caption(curricula, which))
+
+
+def _dimensions(curricula: Mapping[str, Curriculum], axes: tuple[Axis, ...], which: str) -> Picture:
+    caption = (
+        f"{which}. Of the tasks probed without exploration: median, middle half and middle 90 %, "
+        f"dimension by dimension. Dark lines: bounds of the teacher's box, or two standard deviations "
+        f"around its Gaussian; dots: means of several Gaussians, larger for more weight."
+    )
+    constant = sum(axis.low == axis.high for axis in axes)
+    if constant:
+        caption += f" {constant} constant dimension{'s are' if constant > 1 else ' is'} left out."
+    return Picture.of(
+        "curriculum-dimensions",
+        dimension_bands(curricula, axes),
+        "Curriculum over training, dimension by dimension",
+        caption + in_whose_space(curricula),
+    )
+
+
+def _scalars_caption(curricula: Mapping[str, Curriculum], which: str) -> str:
+    text = (
+        f"{which}: figures that teachers log at their updates; bands show the range where points are dense."
+    )
+    hidden = sum(max(0, len(scalars_of(each)) - MOST_PER_TEACHER) for each in curricula.values())
+    return text + (f" {hidden} more are in the table teacher_log." if hidden else "")

@@ -1,0 +1,1 @@
+"""Elements that several figures have in common."""

@@ -1,0 +1,187 @@
+"""Every figure of the paper that results allow, as matplotlib figures by file name."""
+
+from __future__ import annotations
+
+import itertools
+import re
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from functools import partial
+
+import pandas as pd
+from matplotlib.figure import Figure
+
+from analysis.comparisons.examples import curricula_of, examples_of
+from analysis.comparisons.measured import Measured
+from analysis.comparisons.pairwise import pairwise
+from analysis.comparisons.pairwise_statistics import pairwise_from_statistics
+from analysis.data.curricula import curriculum_of
+from analysis.data.frames import Frames
+from analysis.data.reference import BASELINE, is_baseline
+from analysis.data.task_axes import Axis, task_axes
+from analysis.figures import (
+    CurvePanel,
+    Shot,
+    animation,
+    bars_with_pairs,
+    body_panels,
+    curves_with_stars,
+    film_strip,
+    knowledge_panels,
+    mastery_map,
+    pairwise_curves,
+    projected,
+)
+from analysis.figures.curricula.strip import curriculum_strip
+from analysis.figures.radars.chart import radar
+from analysis.measures.evaluations import mastered_tasks
+from analysis.measures.pooling import COMPARED, PLUS, pool_runs, pooled, reuse_random
+from analysis.measures.run_measures import evaluations_at, run_measures, training_returns_at
+from analysis.measures.student_pools import by_students, without_searches
+from analysis.names import label, title
+from tma_ray.benchmark import Matrix
+
+MEASURE = "mastered_percent"
+
+EARLY = 0.25
+"""Share of the budget after which the radar is drawn once more (paper, sample efficiency)."""
+
+STARS = 4
+"""Rows of stars along a budget: every 5 of 20 million steps."""
+
+
+@dataclass(frozen=True)
+class Drawing:
+    """A figure that is drawn when it is asked for.
+
+    Attributes:
+        name: of its files, without ending.
+        draw: returns the figure, or a GIF.
+    """
+
+    name: str
+    draw: Callable[[], Figure | bytes]
+
+
+def published_drawings(table: pd.DataFrame) -> Iterator[Drawing]:
+    """Yields the figures of published tables, in the columns of `published.paper_frame`."""
+    whole = table.groupby(["environment", "challenge"])["n"].transform("max") == table["n"]
+    pools = table[whole]
+    against, pairs = (pairwise_from_statistics(pools, MEASURE, name) for name in (BASELINE, None))
+    yield Drawing("radar", partial(radar, pools, against))
+    yield from _bars(pools, pairs)
+
+
+def drawings(frames: Frames, measured: Measured) -> Iterator[Drawing]:
+    """Yields the figures of a root: a set for the paper's students, and for each that stands in for them."""
+    for name, matrices, cells in by_students(without_searches(frames.cells)):
+        prefix = f"{name}-" if name else ""
+        for _, mine in cells.dropna(subset=["steps"]).groupby("steps"):
+            budget = int(mine["steps"].iloc[0])
+            tag = prefix if cells["steps"].nunique() == 1 else f"{prefix}{budget}-"
+            found = _of_students(frames, partial(_runs, mine, matrices), budget)
+            yield from (Drawing(tag + drawing.name, drawing.draw) for drawing in found)
+    for comparison in measured.comparisons():
+        first = comparison.cells.iloc[0]
+        parts = (first[column] for column in ("experiment", "embodiment", "student", "expert_knowledge"))
+        name = "-".join(re.sub(r"\W+", "_", str(part)) for part in parts if part)
+        yield from _of_comparison(frames, comparison, name)
+
+
+def _runs(cells: pd.DataFrame, matrices: Sequence[Matrix], values: pd.DataFrame) -> pd.DataFrame:
+    runs = pool_runs(cells, values, matrices)
+    return reuse_random(runs) if len(runs) else runs
+
+
+def _of_students(
+    frames: Frames, runs_with: Callable[[pd.DataFrame], pd.DataFrame], budget: int
+) -> Iterator[Drawing]:
+    final, early = runs_with(run_measures(frames)), runs_with(run_measures(frames, int(EARLY * budget)))
+    for name, runs in (("radar", final), ("radar-early", early)):
+        yield Drawing(name, partial(_radar, runs))
+    yield from _bars(pooled(final, [MEASURE]), pairwise(final, MEASURE))
+    steps = [step for step in sorted(frames.evaluations["step"].unique()) if step <= budget]
+    values = evaluations_at(frames, steps).merge(training_returns_at(frames, steps), "left")
+    curves = runs_with(values)
+    curves = curves[curves["step"].notna()]
+    draw = partial(curves_with_stars, every=budget // STARS)
+    for number, (_, mine) in enumerate(curves.groupby(COMPARED, dropna=False, sort=True), start=1):
+        place = (
+            "-".join(str(mine[column].iloc[0]) for column in COMPARED[:2])
+            + f"-{mine['expert_knowledge'].iloc[0]}"
+        )
+        several = any(PLUS in pool for pool in mine["pool"])
+        panels = partial(body_panels, mine) if several else partial(_panel, mine)
+        yield Drawing(f"curves-{number:02}-{place}", partial(_curves, draw, panels))
+        yield Drawing(f"pairs-{number:02}-{place}", partial(_pairs, mine))
+    for teacher, mine in curves[curves["environment"] == "stump_tracks"].groupby("teacher"):
+        if mine["expert_knowledge"].nunique() > 1 and not is_baseline(str(teacher)):
+            panels = partial(knowledge_panels, mine)
+            yield Drawing(f"knowledge-{teacher}", partial(_curves, draw, panels))
+
+
+def _radar(runs: pd.DataFrame) -> Figure:
+    return radar(pooled(runs, [MEASURE]), pairwise(runs, MEASURE, BASELINE))
+
+
+def _bars(table: pd.DataFrame, tests: pd.DataFrame) -> Iterator[Drawing]:
+    for environment in sorted(table["environment"].unique()):
+        mine, theirs = (frame[frame["environment"] == environment] for frame in (table, tests))
+        yield Drawing(f"bars-{environment}", partial(bars_with_pairs, mine, theirs))
+
+
+def _panel(runs: pd.DataFrame) -> list[CurvePanel]:
+    tests = pairwise(runs, MEASURE, BASELINE, [*COMPARED, "step"])
+    name = title("challenge", runs["challenge"].iloc[0])
+    return [CurvePanel(name, pooled(runs, [MEASURE], ["step"]), tests)]
+
+
+def _curves(draw: Callable[[list[CurvePanel]], Figure], panels: Callable[[], list[CurvePanel]]) -> Figure:
+    return draw(panels())
+
+
+def _pairs(runs: pd.DataFrame) -> Figure:
+    tests = pairwise(runs, MEASURE, None, [*COMPARED, "step"])
+    return pairwise_curves(pooled(runs, [MEASURE], ["step"]), tests)
+
+
+def _of_comparison(frames: Frames, mine: Measured, name: str) -> Iterator[Drawing]:
+    """Yields which tasks are mastered, and curricula with the teachers' own state."""
+    axes = task_axes(mine.cells)
+    varied = [place for place, axis in enumerate(axes) if axis.low < axis.high]
+    if len(mine.finals):
+        plane = (axes[0], axes[1]) if len(axes) == 2 else None
+        for test_set, shares in mastered_tasks(frames, mine.finals).groupby("test_set"):
+            tasks = frames.test_tasks[frames.test_tasks["test_set"] == test_set]
+            yield Drawing(f"{name}-mastery-{test_set}", partial(mastery_map, shares, tasks, plane))
+    for first, second in itertools.combinations(varied[:3], 2):
+        plane = (axes[first], axes[second])
+        suffix = "" if len(axes) == 2 else f"-{axes[first].name}-{axes[second].name}".replace(" ", "_")
+        shots = partial(_shots, frames, mine, (first, second) if len(axes) > 2 else None)
+        yield Drawing(f"{name}-film{suffix}", partial(_film, film_strip, shots, plane))
+        yield Drawing(f"{name}-motion{suffix}", partial(_film, animation, shots, plane))
+    if len(axes) == len(varied) == 2:
+        yield Drawing(f"{name}-training-tasks", partial(_training_tasks, frames, mine, (axes[0], axes[1])))
+
+
+def _training_tasks(frames: Frames, mine: Measured, plane: tuple[Axis, Axis]) -> Figure:
+    curricula = curricula_of(frames, mine)
+    if not curricula:
+        raise ValueError("no run has played an episode")
+    return curriculum_strip(curricula, plane)
+
+
+def _shots(frames: Frames, mine: Measured, dimensions: tuple[int, int] | None) -> list[Shot]:
+    shots = []
+    for teacher, run in examples_of(mine).items():
+        curriculum = curriculum_of(frames, run)
+        if len(curriculum.probes):
+            shown = projected(curriculum, dimensions) if dimensions else curriculum
+            shots.append(Shot(label(teacher), teacher, shown))
+    return shots
+
+
+def _film(
+    draw: Callable[..., Figure | bytes], shots: Callable[[], list[Shot]], plane: tuple[object, object]
+) -> Figure | bytes:
+    return draw(shots(), plane)

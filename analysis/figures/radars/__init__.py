@@ -1,0 +1,1 @@
+"""Radar charts: results on all challenges as ratios of Random."""

@@ -1,0 +1,1 @@
+"""Measures of runs, computed from their evaluations and training, and the pools that runs make up."""

@@ -1,0 +1,116 @@
+"""Coverage of the task space by a curriculum, and its entropy."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+
+from analysis.data.frames import Frames, parsed
+from tma_ray.tasks import Dimension, Task, TaskSpace
+
+BINS = 10
+"""Intervals of the grid along each dimension."""
+
+GRID_DIMENSIONS = 3
+"""Free dimensions up to which the grid is over the whole space; its cells outnumber any probe beyond."""
+
+
+def coverage_and_entropy(tasks: Task, space: TaskSpace, bins: int = BINS) -> tuple[float, float]:
+    """Returns the share of occupied cells of a grid, and the normalised entropy of the tasks over it.
+
+    Dimensions without width are left out. With more than `GRID_DIMENSIONS` others, both numbers are
+    means over the grids of the single dimensions, which do not see how dimensions depend on each other.
+
+    Args:
+        tasks: (n, d), in task units; what lies outside the space counts in the nearest cell.
+        space: bounds of the grid.
+        bins: cells along each dimension.
+
+    Returns:
+        Coverage and Shannon's entropy over its maximum, the logarithm of the number of cells: both in
+        [0, 1], and 1 for tasks spread evenly. n tasks fill n cells at most, so compare equal n only.
+        NaN without tasks or without free dimensions.
+
+    Raises:
+        ValueError: `bins` is under 2.
+    """
+    if bins < 2:
+        raise ValueError(f"{bins} bins: expected at least 2 along each dimension")
+    free = space.width > 0
+    if not len(tasks) or not free.any():
+        return np.nan, np.nan
+    cells = np.minimum((np.clip(space.normalise(tasks), 0, 1)[:, free] * bins).astype(int), bins - 1)
+    if cells.shape[1] <= GRID_DIMENSIONS:
+        return _occupation(
+            np.ravel_multi_index(tuple(cells.T), (bins,) * cells.shape[1]), bins ** cells.shape[1]
+        )
+    marginals = [_occupation(column, bins) for column in cells.T]
+    coverage, entropy = np.mean(marginals, axis=0)
+    return float(coverage), float(entropy)
+
+
+def curriculum_measures(
+    frames: Frames, run_ids: Iterable[str], at: int | None = None, bins: int = BINS
+) -> pd.DataFrame:
+    """Returns how all probed tasks of a run cover its task space: run_id, tasks, coverage, entropy.
+
+    Probed tasks are what a teacher would teach, without its exploration. The table of them is long: ask
+    for the runs that are needed.
+
+    Args:
+        frames: where the probed tasks are.
+        run_ids: runs to measure, one row each, in this order.
+        at: steps up to which probes count; None for all.
+        bins: cells of the grid along each dimension.
+
+    Returns:
+        tasks is the number of probed tasks; 0, and NaN for the rest, where a run has none.
+    """
+    rows = []
+    for run_id, space, probes in _probes(frames, run_ids):
+        mine = probes if at is None else probes[probes["step"] <= at]
+        rows.append((run_id, len(mine), *_measured(mine, space, bins)))
+    return pd.DataFrame(rows, columns=["run_id", "tasks", "coverage", "entropy"])
+
+
+def curriculum_curves(frames: Frames, run_ids: Iterable[str], bins: int = BINS) -> pd.DataFrame:
+    """Returns how each probe covers the task space: run_id, step, tasks, coverage, entropy.
+
+    Args:
+        frames: where the probed tasks are.
+        run_ids: runs to measure.
+        bins: cells of the grid along each dimension.
+    """
+    rows = [
+        (run_id, step, len(probe), *_measured(probe, space, bins))
+        for run_id, space, probes in _probes(frames, run_ids)
+        for step, probe in probes.groupby("step")
+    ]
+    return pd.DataFrame(rows, columns=["run_id", "step", "tasks", "coverage", "entropy"])
+
+
+def _probes(frames: Frames, run_ids: Iterable[str]) -> Iterator[tuple[str, TaskSpace | None, pd.DataFrame]]:
+    """Yields each run with its task space, None where its spec names none, and its probed tasks."""
+    specs = frames.cells.drop_duplicates("run_id").set_index("run_id")["spec"]
+    for run_id in run_ids:
+        dimensions = parsed(specs.get(run_id)).get("task_space", [])
+        space = TaskSpace(tuple(Dimension(**each) for each in dimensions)) if dimensions else None
+        yield run_id, space, frames.curriculum(run_id)
+
+
+def _measured(probes: pd.DataFrame, space: TaskSpace | None, bins: int) -> tuple[float, float]:
+    if space is None or probes.empty:
+        return np.nan, np.nan
+    return coverage_and_entropy(np.stack(probes["task"].to_list()), space, bins)
+
+
+def _occupation(cells: NDArray[np.intp], count: int) -> tuple[float, float]:
+    """Returns coverage and normalised entropy of tasks in `cells` (n,), of `count` there are."""
+    from scipy import stats
+
+    _, sizes = np.unique(cells, return_counts=True)
+    entropy = float(stats.entropy(sizes)) / np.log(count)
+    return sizes.size / count, entropy

@@ -1,0 +1,218 @@
+"""Pools of runs that make up one result: all seeds of a teacher, over a challenge's bodies and students."""
+
+from __future__ import annotations
+
+import itertools
+from collections import Counter
+from collections.abc import Iterable, Iterator, Sequence
+
+import pandas as pd
+
+from analysis.data.frames import STATUSES
+from analysis.data.reference import is_baseline
+from analysis.statistics import describe
+from tma_ray.benchmark import MATRICES, Matrix, challenges_of
+from tma_ray.results import BOX2D, BOX2D_TEST_SET, CHIPMUNK
+from tma_ray.tasks import KnowledgeLevel
+
+SETTINGS = ["steps", "test_sets", "engine", "physics_version", "mastery_threshold"]
+"""What runs must have in common besides, for their numbers to mean the same."""
+
+COMPARED = ["environment", "challenge", "pool", "expert_knowledge", *SETTINGS]
+"""Columns that teachers must have in common to be compared."""
+
+POOLED = [*COMPARED, "teacher"]
+"""Columns that runs must have in common to be pooled; experiments do not matter, nor campaigns."""
+
+PARTS = ["embodiment", "student"]
+"""Columns that tell the parts of a pool apart."""
+
+PLUS = " + "
+
+
+def pool_runs(
+    cells: pd.DataFrame, values: pd.DataFrame, matrices: Sequence[Matrix] = MATRICES
+) -> pd.DataFrame:
+    """Returns one row per run of each pool, with its measures.
+
+    What `matrices` list of one challenge is pooled: the three bodies of Parkour, the two bodies by two
+    students of diverse students. A student that takes the place of theirs is pooled over the same bodies,
+    and any other body over the same students, as a pool of its own.
+    The shipped test sets of a challenge, one for each type of body, count as one; a body tested on
+    several of them is not pooled. Runs that have not begun are counted with those that have, if these
+    agree on their settings.
+
+    Args:
+        cells: of `load.Frames`.
+        values: measures by run_id, as from `run_measures` or `evaluations_at`.
+        matrices: which bodies and students belong together on which challenge.
+
+    Returns:
+        `POOLED`, `PARTS`, seed, run_id, status, settings (digest of the spec without the seed), and the
+        columns of `values`; several rows a run if these have. pool and test_sets name all that belong
+        to them.
+    """
+    rows = cells.assign(
+        pool=_pools(cells, matrices),
+        test_sets=_test_sets(cells),
+        settings=cells["settings"].fillna(""),
+    )
+    for column in SETTINGS:
+        known = rows.groupby(["engine", "environment", "challenge", "pool"])[column]
+        agreed = known.transform("first").where(known.transform("nunique") == 1)
+        rows[column] = rows[column].fillna(agreed)
+    # Experiments may list the same cell: its runs count once.
+    rows = rows.drop_duplicates([*POOLED, "run_id"])
+    rows = rows[[*POOLED, *PARTS, "seed", "run_id", "status", "settings"]]
+    values = values[[column for column in values if column not in SETTINGS]]
+    return rows.merge(values, on="run_id", how="left").sort_values(
+        [*POOLED, *PARTS, "seed"], ignore_index=True
+    )
+
+
+def pooled(
+    runs: pd.DataFrame, measures: Sequence[str] = ("mastered_percent",), by: Sequence[str] = ()
+) -> pd.DataFrame:
+    """Returns the result of each teacher: n, mean and standard deviation of measures over its pool.
+
+    Args:
+        runs: of `pool_runs`, one row per run. A run without the first measure is not counted.
+        measures: columns of `runs`.
+        by: of `PARTS`, to have a row for each body or student instead; or step, with the values of
+            `evaluations_at`, for learning curves over the runs that got to each step.
+
+    Returns:
+        `POOLED` and `by`, runs (how many belong to it), n (how many are counted), missing (why this is
+        not the whole pool, in words; empty if it is), and for each measure its _n, _mean, _std: NaN where
+        there are too few runs.
+    """
+    keys, rows = [*POOLED, *by], []
+    whole = [column for column in keys if column != "step"]
+    runs = runs.assign(number=runs.groupby(whole, dropna=False).ngroup())
+    members = dict(list(runs.drop_duplicates(["number", "run_id"]).groupby("number")))
+    runs = runs[runs["step"].notna()] if "step" in by else runs
+    for key, group in runs.groupby(keys, dropna=False, sort=True):
+        counted = group[group[measures[0]].notna()]
+        row = dict(zip(keys, key, strict=True))
+        listed = members[group["number"].iloc[0]]
+        row |= {"runs": len(listed), "n": len(counted)}
+        row["missing"] = "; ".join(_gaps(listed, counted, by))
+        for measure in measures:
+            described = describe(counted[measure])
+            row |= {f"{measure}_n": described.n, f"{measure}_mean": described.mean}
+            row[f"{measure}_std"] = described.std
+        rows.append(row)
+    summaries = [f"{measure}_{name}" for measure in measures for name in ("n", "mean", "std")]
+    return pd.DataFrame(rows, columns=[*keys, "runs", "n", "missing", *summaries])
+
+
+def reuse_random(runs: pd.DataFrame) -> pd.DataFrame:
+    """Returns `runs` with Random at every level of expert knowledge at which another teacher was run.
+
+    Random uses none, so that its runs at the lowest level where it has any serve where it has none.
+    """
+    rank = runs["expert_knowledge"].map({level.value: level.rank for level in KnowledgeLevel})
+    others = [column for column in COMPARED if column != "expert_knowledge"]
+    lent = [runs]
+    for _, group in runs.assign(rank=rank).groupby(others, dropna=False):
+        baseline = group[group["teacher"].map(is_baseline)]
+        lowest = baseline[baseline["rank"] == baseline["rank"].min()].drop(columns="rank")
+        levels = set(group["expert_knowledge"]) - set(baseline["expert_knowledge"])
+        lent += [lowest.assign(expert_knowledge=level) for level in sorted(levels) if len(lowest)]
+    return pd.concat(lent, ignore_index=True) if len(lent) > 1 else runs
+
+
+def parts_of(pool: str) -> list[tuple[str, str]]:
+    """Returns body and student of each part of a pool, as its label names them."""
+    return [(body, student) for body, _, student in (part.rpartition("/") for part in pool.split(PLUS))]
+
+
+def shipped_together(environments: Iterable[str]) -> dict[tuple[str, str, str], tuple[str, ...]]:
+    """Returns by engine, environment and challenge the test sets that count as one, one per type of body."""
+    return {
+        (engine, environment, name): tuple(
+            sorted(f"{before}{each}" for each in {challenge.test_set, *challenge.other_test_sets.values()})
+        )
+        for engine, before in ((CHIPMUNK, ""), (BOX2D, BOX2D_TEST_SET))
+        for environment in environments
+        for name, challenge in challenges_of(environment).items()
+    }
+
+
+def _label(embodiment: object, student: object) -> str:
+    return f"{embodiment}/{student}"
+
+
+def _pools(cells: pd.DataFrame, matrices: Sequence[Matrix]) -> list[str]:
+    """Returns for each cell the labels of all parts of its pool."""
+    bodies: dict[tuple[str, str], set[str]] = {}
+    students: dict[tuple[str, str], set[str]] = {}
+    for matrix in matrices:
+        place = matrix.environment, matrix.challenge
+        bodies.setdefault(place, set()).update(matrix.embodiments)
+        students.setdefault(place, set()).update(matrix.students)
+    found = []
+    names = ["environment", "challenge", *PARTS]
+    for environment, challenge, body, student in cells[names].itertuples(index=False, name=None):
+        place = environment, challenge
+        together = students[place] if student in students.get(place, ()) else {student}
+        own = bodies[place] if body in bodies.get(place, ()) else {body}
+        found.append(PLUS.join(sorted(_label(*part) for part in itertools.product(own, together))))
+    return found
+
+
+def _test_sets(cells: pd.DataFrame) -> pd.Series:
+    """Returns for each cell its test set, or all shipped ones of its challenge if that is one of them.
+
+    Those of Box2D's worlds have names of their own, and belong together as ours do.
+    """
+    place = ["engine", "environment", "challenge", "embodiment"]
+    alone = cells.groupby(place)["test_set"].transform("nunique") == 1
+    shipped = shipped_together(cells["environment"].unique())
+    places = cells[place[:-1]].itertuples(index=False, name=None)
+    together = [
+        PLUS.join(shipped[where]) if single and test_set in shipped.get(where, ()) else test_set
+        for where, test_set, single in zip(places, cells["test_set"], alone, strict=True)
+    ]
+    return pd.Series(together, index=cells.index, dtype=object)
+
+
+def _gaps(rows: pd.DataFrame, counted: pd.DataFrame, by: Sequence[str]) -> Iterator[str]:
+    """Yields what keeps the `counted` of these rows from being a whole pool."""
+    ids = set(counted["run_id"])
+    uncounted = Counter(
+        status for run_id, status in zip(rows["run_id"], rows["status"], strict=True) if run_id not in ids
+    )
+    if uncounted:
+        numbers = (f"{uncounted[status]} {status}" for status in STATUSES if uncounted[status])
+        yield f"not counted: {', '.join(numbers)}"
+    labels = list(map(_label, counted["embodiment"], counted["student"]))
+    sizes = Counter(labels)
+    absent = sorted(_expected(rows, by) - set(sizes))
+    if absent:
+        yield f"no results of {', '.join(absent)}"
+    if len(set(sizes.values())) > 1:
+        yield f"unequal numbers of seeds: {', '.join(f'{label} {sizes[label]}' for label in sorted(sizes))}"
+    settings = Counter(label for label, _ in set(zip(labels, counted["settings"], strict=True)))
+    if max(settings.values(), default=0) > 1:
+        yield f"different settings: {', '.join(sorted(label for label, n in settings.items() if n > 1))}"
+    seeds = Counter(zip(labels, counted["seed"], strict=True))
+    if max(seeds.values(), default=0) > 1:
+        twice = sorted({label for (label, _), n in seeds.items() if n > 1})
+        yield f"seeds counted more than once: {', '.join(twice)}"
+    step = "evaluated_at" if "evaluated_at" in counted else "step"
+    steps = sorted(set(counted[step])) if step in counted else []
+    if len(steps) > 1:
+        yield f"evaluated at different steps: {', '.join(f'{each:,.0f}' for each in steps)}"
+
+
+def _expected(rows: pd.DataFrame, by: Sequence[str]) -> set[str]:
+    """Returns the labels of the parts that the pool of these rows should have."""
+    here = set(map(_label, rows["embodiment"], rows["student"]))
+    pool = str(rows["pool"].iloc[0])
+    expected = {pool} if pool in here else set(pool.split(PLUS))
+    for column, end in (("embodiment", "{}/"), ("student", "/{}")):
+        if column in by:
+            name = end.format(rows[column].iloc[0])
+            expected = {label for label in expected if f"{label}/".startswith(name) or label.endswith(name)}
+    return expected

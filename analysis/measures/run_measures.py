@@ -1,0 +1,215 @@
+"""Measures of each run: what its student masters, how soon, what it forgets."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+
+from analysis.data.frames import Frames
+from analysis.measures.evaluations import evaluation_measures
+from analysis.measures.training import training_curves
+
+SHARES = (0.5, 0.9)
+"""Shares of what a run masters in the end, of which it is measured when they are reached."""
+
+
+def measure_names(shares: Sequence[float] = SHARES) -> list[str]:
+    """Returns the columns of `run_measures` that are measures, in order."""
+    return [
+        "mastered_percent",
+        "evaluation_return",
+        "mastered_area",
+        *map(steps_to, shares),
+        "forgotten_percent",
+        "training_return",
+    ]
+
+
+def steps_to(share: float) -> str:
+    """Returns the name of the column that says when `share` of the final mastered % was reached."""
+    return f"steps_to_{round(100 * share)}_percent"
+
+
+def run_measures(frames: Frames, at: int | None = None, shares: Sequence[float] = SHARES) -> pd.DataFrame:
+    """Returns one row per run, with what it came to at the end of its budget.
+
+    Args:
+        frames: where runs, evaluations and training windows are.
+        at: steps after which runs are measured, as if that had been their budget; those still under way
+            count once they have been evaluated there. None for each run's own budget.
+        shares: of the final mastered %, each of which gets a column `steps_to`.
+
+    Returns:
+        Sorted by run_id, with the columns
+
+        - run_id, steps (at which it is measured), step (of the last evaluation until then);
+        - mastered_percent and evaluation_return, of that evaluation;
+        - mastered_area, the mean of mastered % over the budget: area under the curve, by trapezoids,
+          through steps; its first and last values hold where no evaluation is;
+        - steps_to_50_percent and so on: first evaluation that masters this share of the final mastered %;
+          NaN where that is 0;
+        - forgotten_percent: of the test tasks, those mastered at an earlier evaluation and not at the last;
+        - training_return, the mean over training episodes, from the windows where there are any;
+        - reason, why a run has no measures, all of which are NaN then: "waiting", "failed",
+          "still running", "not evaluated", "ends before"; else empty.
+    """
+    everything = evaluation_measures(frames.evaluations)
+    rows = _standing(frames, at, _reached(frames, everything))
+    curves = everything[everything["step"] <= everything["run_id"].map(rows["steps"]).astype(float)]
+    evaluations = frames.evaluations
+    if len(curves) < len(everything):
+        limits = evaluations["run_id"].map(rows["steps"]).astype(float)
+        evaluations = evaluations[evaluations["step"] <= limits]
+    ends = curves.drop_duplicates("run_id", keep="last").set_index("run_id")
+    rows["step"] = ends["step"]
+    rows.loc[(rows["reason"] == "") & rows["step"].isna(), "reason"] = "not evaluated"
+    rows = rows.join(ends[["mastered_percent", "evaluation_return"]])
+    rows = rows.join(_of_curves(curves, rows["steps"], shares))
+    rows["forgotten_percent"] = _forgotten(evaluations, ends)
+    rows["training_return"] = _training_return(frames, rows[rows["reason"] == ""])
+    rows.loc[rows["reason"] != "", measure_names(shares)] = np.nan
+    return rows.reset_index()[["run_id", "steps", "step", *measure_names(shares), "reason"]]
+
+
+def evaluations_at(frames: Frames, steps: Iterable[int]) -> pd.DataFrame:
+    """Returns what every run had come to at each of `steps`, of runs that got there and did not fail.
+
+    Returns:
+        step (the one asked for), run_id, evaluated_at (step of the last evaluation at or before it),
+        mastered_percent, evaluation_return.
+    """
+    curves = evaluation_measures(frames.evaluations)
+    curves = curves.rename(columns={"step": "evaluated_at"}).sort_values("evaluated_at", kind="stable")
+    reached = _reached(frames, curves.rename(columns={"evaluated_at": "step"}))
+    standing = [_standing(frames, step, reached).assign(step=step) for step in sorted(steps)]
+    asked = pd.concat([_standing(frames, 0, reached).head(0).assign(step=0), *standing]).reset_index()
+    asked = asked.loc[asked["reason"] == "", ["step", "run_id"]].astype({"step": "int64", "run_id": object})
+    rows = pd.merge_asof(asked, curves, left_on="step", right_on="evaluated_at", by="run_id")
+    rows = rows[rows["evaluated_at"].notna()]
+    return rows[["step", "run_id", "evaluated_at", "mastered_percent", "evaluation_return"]].reset_index(
+        drop=True
+    )
+
+
+def training_returns_at(frames: Frames, steps: Iterable[int]) -> pd.DataFrame:
+    """Returns the mean return of recent training episodes of every run at each of `steps`.
+
+    Of runs that got there and did not fail: the last value of `measures.training_curves` at or before it.
+
+    Returns:
+        step (the one asked for), run_id, training_return.
+    """
+    curves = training_curves(frames)[["run_id", "step", "training_return"]].drop_duplicates(
+        ["run_id", "step"]
+    )
+    curves = curves.sort_values("step", kind="stable").rename(columns={"step": "measured_at"})
+    found, reached = [], _reached(frames, evaluation_measures(frames.evaluations))
+    for step in steps:
+        standing = _standing(frames, step, reached)
+        there = standing.index[standing["reason"] == ""]
+        before = curves[(curves["measured_at"] <= step) & curves["run_id"].isin(there)]
+        found.append(before.drop_duplicates("run_id", keep="last").assign(step=step))
+    rows = pd.concat([curves.head(0).assign(step=0), *found], ignore_index=True)
+    return rows[["step", "run_id", "training_return"]]
+
+
+def every(frames: Frames, interval: int) -> list[int]:
+    """Returns the multiples of `interval` up to the last evaluation of any run, 0 left out.
+
+    Raises:
+        ValueError: `interval` is under 1.
+    """
+    if interval < 1:
+        raise ValueError(f"interval of {interval} steps: expected at least 1")
+    last = frames.evaluations["step"].max()
+    return [] if pd.isna(last) else list(range(interval, int(last) + 1, interval))
+
+
+def best_seeds(runs: pd.DataFrame, measure: str, within: Sequence[str]) -> pd.DataFrame:
+    """Returns the rows of `runs` with the highest `measure`, one for each group that has any.
+
+    Args:
+        runs: one row per run, with the columns `within`, seed and `measure`.
+        measure: what to go by; the lowest seed wins where several are equal.
+        within: columns that a group has in common.
+    """
+    ranked = runs.dropna(subset=[measure]).sort_values([measure, "seed"], ascending=[False, True])
+    return ranked.drop_duplicates(list(within)).sort_values(list(within), ignore_index=True)
+
+
+def _reached(frames: Frames, curves: pd.DataFrame) -> pd.Series:
+    """Returns the step of the last evaluation of each run, by run_id; NaN for a run without."""
+    runs = sorted(frames.cells["run_id"].unique())
+    return curves.groupby("run_id")["step"].max().reindex(runs).astype(float)
+
+
+def _standing(frames: Frames, at: int | None, reached: pd.Series) -> pd.DataFrame:
+    """Returns by run_id the steps at which it is measured, and why it cannot be."""
+    runs = frames.cells.drop_duplicates("run_id").set_index("run_id").sort_index()
+    status, budget = runs["status"], runs["steps"].astype(float)
+    steps = budget if at is None else pd.Series(float(at), index=runs.index)
+    reason = pd.Series("", index=runs.index, dtype=object)
+    there = reached >= steps if at is not None else False
+    reason[status.eq("running") & ~pd.Series(there, index=runs.index)] = "still running"
+    reason[budget < steps] = "ends before"
+    for word in ("waiting", "failed"):
+        reason[status == word] = word
+    return pd.DataFrame({"steps": steps, "reason": reason})
+
+
+def _of_curves(curves: pd.DataFrame, budgets: pd.Series, shares: Sequence[float]) -> pd.DataFrame:
+    """Returns mastered_area and `steps_to` of each share, by run_id."""
+    found: dict[str, list[float]] = {}
+    run_ids, all_steps = curves["run_id"].to_numpy(object), curves["step"].to_numpy(float)
+    all_mastered = curves["mastered_percent"].to_numpy(float)
+    starts = np.flatnonzero(np.append(True, run_ids[1:] != run_ids[:-1])) if len(curves) else np.zeros(0, int)
+    pieces = zip(starts, [*starts[1:], len(curves)], strict=True) if len(starts) else ()
+    for first, end in pieces:  # thousands of runs: slices of arrays, not frames
+        run_id, steps = str(run_ids[first]), all_steps[first:end]
+        mastered = all_mastered[first:end]
+        reached = [_first_reaching(steps, mastered, share) for share in shares]
+        found[run_id] = [_area(steps, mastered, float(budgets[run_id])), *reached]
+    columns = ["mastered_area", *map(steps_to, shares)]
+    return pd.DataFrame.from_dict(found, orient="index", columns=columns, dtype=float)
+
+
+def _area(steps: NDArray[np.float64], mastered: NDArray[np.float64], budget: float) -> float:
+    """Returns the mean of a curve over [0, budget]."""
+    points = np.array([0.0, *steps, budget])
+    return float(np.trapezoid(np.array([mastered[0], *mastered, mastered[-1]]), points)) / budget
+
+
+def _first_reaching(steps: NDArray[np.float64], mastered: NDArray[np.float64], share: float) -> float:
+    if mastered[-1] == 0:
+        return np.nan
+    return float(steps[np.argmax(mastered >= share * mastered[-1])])
+
+
+def _forgotten(evaluations: pd.DataFrame, ends: pd.DataFrame) -> pd.Series:
+    """Returns the % of test tasks once mastered and not at the last evaluation, by run_id."""
+    mastered = evaluations.loc[evaluations["mastered"], ["run_id", "task_index", "step"]]
+    at_end = mastered[mastered["step"] == mastered["run_id"].map(ends["step"]).astype(float)]
+    counts = [
+        part.drop_duplicates(["run_id", "task_index"]).groupby("run_id", observed=True).size()
+        for part in (mastered, at_end)
+    ]
+    ever, last = (c.set_axis(c.index.astype(object)).reindex(ends.index, fill_value=0) for c in counts)
+    return 100.0 * (ever - last) / ends["tasks"]
+
+
+def _training_return(frames: Frames, rows: pd.DataFrame) -> pd.Series:
+    """Returns the mean return of the training episodes of each run, by run_id."""
+    windows = frames.training[["run_id", "step", "episodes", "mean_return"]].dropna()
+    windows = windows[windows["step"] <= windows["run_id"].map(rows["steps"]).astype(float)]
+    windows = windows.astype({"run_id": object})
+    totals = windows.assign(total=windows["mean_return"] * windows["episodes"]).groupby("run_id")
+    means = totals["total"].sum() / totals["episodes"].sum()
+    short = rows.index.difference(means.index)
+    if not len(short):
+        return means
+    episodes = frames.episode_returns(short.tolist()).astype({"run_id": object})
+    episodes = episodes[episodes["step"] <= episodes["run_id"].map(rows["steps"]).astype(float)]
+    return pd.concat([means, episodes.groupby("run_id")["episodic_return"].mean()])

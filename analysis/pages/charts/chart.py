@@ -1,0 +1,154 @@
+"""Elements that all charts share: look, step shown, and names of traces."""
+
+from __future__ import annotations
+
+import html
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import plotly.graph_objects as go
+from plotly.offline import get_plotlyjs
+
+from analysis.data.task_axes import Axis
+from analysis.looks import INK, MUTED, RULE, look
+from analysis.names import label
+
+END = "end"
+"""Frame of a chart that shows the ends of runs; other frames are named by their step."""
+
+FONT = "system-ui, -apple-system, 'Segoe UI', Roboto, 'Helvetica Neue', Arial, sans-serif"
+
+_SYMBOLS = {
+    "o": "circle",
+    "s": "square",
+    "D": "diamond",
+    "^": "triangle-up",
+    "v": "triangle-down",
+    "P": "cross",
+    "X": "x",
+    "p": "pentagon",
+    "h": "hexagon",
+    "<": "triangle-left",
+    ">": "triangle-right",
+    "*": "star",
+    "d": "diamond-tall",
+}
+"""Markers of `style.look` as plotly calls them."""
+
+
+@dataclass(frozen=True, eq=False)
+class Chart:
+    """A chart of a page.
+
+    Traces say in ``meta`` whose they are (teacher, comparison), so that the page can hide them; ``frames``
+    hold what changes with the step.
+
+    Attributes:
+        name: identifier on the page, and name of the picture a reader saves.
+        title: what it is, in a few words.
+        caption: what is shown, of how many seeds.
+        figure: of plotly.
+        teacher: whose chart it is, if it shows a single one.
+    """
+
+    name: str
+    title: str
+    caption: str
+    figure: go.Figure
+    teacher: str = ""
+
+    @property
+    def height(self) -> int:
+        """CSS pixels."""
+        return int(self.figure.layout.height)
+
+    @property
+    def json(self) -> str:
+        """The figure as JSON that may stand in a script element of a page."""
+        return str(self.figure.to_json()).replace("<", "\\u003c")
+
+
+def plotly_library() -> str:
+    """Returns plotly.js, as it may stand in a script element."""
+    return str(get_plotlyjs()).replace("</script", "<\\/script")
+
+
+def figure_of(
+    traces: Iterable[Any], height: int, layout: Mapping[str, Any], frames: Iterable[Any]
+) -> go.Figure:
+    """Returns a figure in the look of the house.
+
+    Args:
+        traces: of plotly.
+        height: CSS pixels.
+        layout: what this chart has of its own.
+        frames: of `step_frame`.
+    """
+    shared = {
+        "template": go.layout.Template(),
+        "height": height,
+        "font": {"family": FONT, "size": 12, "color": INK},
+        "paper_bgcolor": "rgba(0,0,0,0)",
+        "plot_bgcolor": "rgba(0,0,0,0)",
+        "margin": {"l": 54, "r": 14, "t": 34, "b": 46},
+        "hoverlabel": {"font": {"family": FONT, "size": 12}},
+        "uirevision": "kept",  # a reader's zoom outlives a change of step
+        "showlegend": False,
+    }
+    return go.Figure(list(traces), {**shared, **layout}, list(frames))
+
+
+def axis(title: str = "", **own: Any) -> dict[str, Any]:
+    """Returns an axis in the look of the house, with what it has of its own."""
+    quiet = {"gridcolor": RULE, "linecolor": MUTED, "zeroline": False, "automargin": True}
+    return {"title": {"text": shown(title), "standoff": 8}, **quiet, **own}
+
+
+def task_axis(dimension: Axis) -> dict[str, Any]:
+    """Returns the axis of a task dimension in a small chart: its unit stands on a line of its own."""
+    name, bracket, unit = shown(dimension.name).partition(" (")
+    title = f"{name}<br><span style='font-size:10px'>({unit}</span>" if bracket else name
+    return axis(showgrid=False, linecolor=RULE, mirror=True) | {"title": {"text": title, "standoff": 6}}
+
+
+def bounds_of(quantity: str) -> dict[str, Any]:
+    """Returns what an axis may show: per cent end at 0 and 100, though an interval reaches further."""
+    return {"autorangeoptions": {"clipmin": -1, "clipmax": 101}} if "%" in quantity else {}
+
+
+def step_frame(step: object, traces: Mapping[int, Mapping[str, Any]], title: str = "") -> go.Frame:
+    """Returns what a chart shows at `step`: of each trace, by its place, what changes."""
+    layout = {"title": {"text": title}} if title else {}
+    return go.Frame(
+        name=str(step), traces=list(traces), data=[dict(patch) for patch in traces.values()], layout=layout
+    )
+
+
+def marker(teacher: str, **own: Any) -> dict[str, Any]:
+    """Returns the marker of a teacher."""
+    style = look(teacher)
+    return {"color": style.colour, "symbol": _SYMBOLS[style.marker], **own}
+
+
+def line(teacher: str, **own: Any) -> dict[str, Any]:
+    """Returns the line of a teacher."""
+    style = look(teacher)
+    dash = "solid" if isinstance(style.dashes, str) else ",".join(f"{2 * part}px" for part in style.dashes[1])
+    return {"color": style.colour, "dash": dash, "width": 2, **own}
+
+
+def transparent(colour: str, opacity: float) -> str:
+    """Returns ``#rrggbb`` as a colour that lets `1 - opacity` of the page through."""
+    red, green, blue = (int(colour[place : place + 2], 16) for place in (1, 3, 5))
+    return f"rgba({red},{green},{blue},{opacity:g})"
+
+
+def named(teacher: str) -> str:
+    """Returns the label of a teacher as text of a chart."""
+    return shown(label(teacher))
+
+
+def shown(text: str) -> str:
+    """Returns `text` so that plotly shows it as it is: it takes some HTML for its own."""
+    return html.escape(text, quote=False)

@@ -1,0 +1,78 @@
+"""Learning curves: mean and standard error over seeds, against steps."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+import pandas as pd
+import plotly.graph_objects as go
+
+from analysis.looks import look
+from analysis.names import teacher_order
+from analysis.pages.charts.chart import Chart, axis, figure_of, line, marker, named, transparent
+
+HEIGHT = 330
+
+MARKED = 45
+"""Lines with more points have no marks."""
+
+
+def curve_chart(name: str, table: pd.DataFrame, quantity: str, title: str, caption: str) -> Chart:
+    """Returns a chart with a line and a band for each teacher.
+
+    Args:
+        name: of the chart.
+        table: teacher, step, n, mean and standard_error, as of `measures.aggregate`.
+        quantity: label of the vertical axis.
+        title: what is shown.
+        caption: of how many seeds.
+    """
+    mode = "lines+markers" if table.groupby("teacher")["step"].size().max() <= MARKED else "lines"
+    traces = [trace for teacher in _teachers(table) for trace in _traces(teacher, table, mode)]
+    layout = {
+        "xaxis": axis("Environment steps", rangemode="tozero", hoverformat=",d", showgrid=False),
+        "yaxis": axis(quantity),
+        "hovermode": "x unified",
+        "showlegend": True,
+        "legend": {"orientation": "h", "x": 0, "y": 1.02, "yanchor": "bottom"},
+        "meta": {"marks_step": True},
+    }
+    return Chart(name, title, caption, figure_of(traces, HEIGHT, layout, ()))
+
+
+def _teachers(table: pd.DataFrame) -> list[str]:
+    return sorted(map(str, table["teacher"].unique()), key=teacher_order)
+
+
+def _traces(teacher: str, table: pd.DataFrame, mode: str) -> Iterator[go.Scatter]:
+    rows = table[(table["teacher"] == teacher) & table["mean"].notna()].sort_values("step")
+    steps, mean = rows["step"].to_numpy(np.int64), rows["mean"].to_numpy(np.float64)
+    error = rows["standard_error"].fillna(0).to_numpy(np.float64)
+    whose = {"name": named(teacher), "legendgroup": teacher, "meta": {"teacher": teacher}}
+    yield go.Scatter(
+        x=np.concatenate([steps, steps[::-1]]),
+        y=_short(np.concatenate([mean + error, (mean - error)[::-1]])),
+        mode="lines",
+        fill="toself",
+        fillcolor=transparent(look(teacher).colour, 0.16),
+        line={"width": 0},
+        hoverinfo="skip",
+        showlegend=False,
+        **whose,
+    )
+    yield go.Scatter(
+        x=steps,
+        y=_short(mean),
+        mode=mode,
+        line=line(teacher),
+        marker=marker(teacher, size=5),
+        customdata=[[f"{e:.1f}", int(n)] for e, n in zip(error, rows["n"], strict=True)],
+        hovertemplate="%{y:.1f} ± %{customdata[0]}, n = %{customdata[1]}",
+        **whose,
+    )
+
+
+def _short(values: np.ndarray) -> np.ndarray:
+    """Returns values as plotly embeds them in half the room."""
+    return values.astype(np.float32)

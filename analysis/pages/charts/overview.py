@@ -1,0 +1,139 @@
+"""All comparisons of a page at once: the mean of every teacher with its interval, a row for each."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+import pandas as pd
+import plotly.graph_objects as go
+
+from analysis.formatting import number
+from analysis.looks import look
+from analysis.names import teacher_order
+from analysis.pages.charts.chart import (
+    END,
+    Chart,
+    axis,
+    bounds_of,
+    figure_of,
+    marker,
+    named,
+    shown,
+    step_frame,
+)
+from analysis.statistics import describe, mean_interval
+
+SPACING, LEAST = 11, 30
+"""Height of a mean and at least of a row, CSS pixels."""
+
+NOTHING: dict[str, Any] = {"x": [], "y": [], "hovertemplate": "", "error_x": {"array": []}}
+"""A trace without its mean."""
+
+
+def overview_chart(
+    points: pd.DataFrame, rows: Mapping[str, str], quantity: str, title: str, caption: str
+) -> Chart:
+    """Returns a chart with a row for each comparison and in it the mean of each teacher.
+
+    Every pair of comparison and teacher is a trace, so that the page can leave out either; it moves the rows
+    together then, whose anchors are ``rows`` in the meta of the layout.
+
+    Args:
+        points: comparison (its anchor), teacher, step (of an evaluation, or `charts.END`) and value of a run.
+        rows: title of each comparison by its anchor, in order.
+        quantity: label of the horizontal axis.
+        title: what is shown.
+        caption: of how many seeds.
+    """
+    teachers = sorted(map(str, points["teacher"].unique()), key=teacher_order)
+    offsets = dict(zip(teachers, np.linspace(-0.33, 0.33, len(teachers) + 2)[1:-1], strict=True))
+    order = {anchor: place for place, anchor in enumerate(rows)}
+    pairs = list(points[["comparison", "teacher"]].drop_duplicates().itertuples(index=False, name=None))
+    pairs.sort(key=lambda pair: (order[pair[0]], teacher_order(pair[1])))
+    places = {pair: order[pair[0]] + float(offsets[pair[1]]) for pair in pairs}
+    patches = {
+        step: _patches(group, places) for step, group in points.groupby("step", sort=False, dropna=False)
+    }
+    ends, seen = patches.get(END, {}), set[str]()
+    traces = []
+    for index, (anchor, teacher) in enumerate(pairs):
+        traces.append(_trace(anchor, teacher, ends.get(index, NOTHING), teacher not in seen))
+        seen.add(teacher)
+    frames = [step_frame(step, changed) for step, changed in patches.items()]
+    return Chart("overview", title, caption, _figure(traces, frames, rows, quantity))
+
+
+def _patches(group: pd.DataFrame, places: Mapping[tuple[str, str], float]) -> dict[int, dict[str, Any]]:
+    """Returns what a step changes of each trace, by its place; nothing of comparisons without it."""
+    samples = dict(list(group.groupby(["comparison", "teacher"])["value"]))
+    there = set(group["comparison"])
+    return {
+        index: _patch(pair[1], samples[pair], place) if pair in samples else NOTHING
+        for index, (pair, place) in enumerate(places.items())
+        if pair[0] in there
+    }
+
+
+def _figure(
+    traces: list[go.Scatter],
+    frames: list[go.Frame],
+    rows: Mapping[str, str],
+    quantity: str,
+) -> go.Figure:
+    row = max(LEAST, SPACING * (len({trace.legendgroup for trace in traces}) + 1))
+    places = list(range(len(rows)))
+    names = [shown(text) for text in rows.values()]
+    ticks: dict[str, Any] = {"tickvals": places, "ticktext": names, "ticklabelstandoff": 6}
+    layout = {
+        "xaxis": axis(quantity, side="top", **bounds_of(quantity)),
+        "yaxis": axis(range=[len(rows) - 0.5, -0.5], showgrid=False, **ticks),
+        "shapes": [_rule(place + 0.5) for place in places[:-1]],
+        "showlegend": True,
+        "legend": {"orientation": "h", "x": 0, "xanchor": "left", "y": -0.01, "yanchor": "top"},
+        "margin": {"l": 20, "r": 16, "t": 56, "b": 60},
+        "meta": {"rows": list(rows), "row_height": row, "frame_height": 130},
+    }
+    return figure_of(traces, 130 + row * len(rows), layout, frames)
+
+
+def _rule(place: float) -> dict[str, Any]:
+    return {
+        "type": "line",
+        "xref": "paper",
+        "x0": 0,
+        "x1": 1,
+        "y0": place,
+        "y1": place,
+        "line": {"color": "#e6e8eb", "width": 1},
+    }
+
+
+def _trace(anchor: str, teacher: str, end: Mapping[str, Any], first: bool) -> go.Scatter:
+    style = {"color": look(teacher).colour, "thickness": 1.6, "width": 0}
+    return go.Scatter(
+        **{**end, "error_x": {**end["error_x"], **style}},
+        mode="markers",
+        name=named(teacher),
+        legendgroup=teacher,
+        showlegend=first,
+        marker=marker(teacher, size=8),
+        meta={"teacher": teacher, "comparison": anchor},
+    )
+
+
+def _patch(teacher: str, values: pd.Series, place: float) -> dict[str, Any]:
+    sample = describe(values)
+    if not sample.n:
+        return NOTHING
+    low, high = mean_interval(sample)
+    interval = f", 95 % interval {number(low)} to {number(high)}" if sample.n > 1 else ""
+    reach = round(high - sample.mean, 2) if sample.n > 1 else 0.0
+    text = f"{named(teacher)}: {number(sample.mean)}{interval}, n = {sample.n}<extra></extra>"
+    return {
+        "x": [round(sample.mean, 2)],
+        "y": [round(place, 3)],
+        "hovertemplate": text,
+        "error_x": {"array": [reach]},
+    }

@@ -1,0 +1,94 @@
+"""Every seed of every teacher, with the mean and its interval, at any step."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import pandas as pd
+import plotly.graph_objects as go
+
+from analysis.formatting import number
+from analysis.looks import look
+from analysis.names import short_label, teacher_order
+from analysis.pages.charts.chart import (
+    END,
+    Chart,
+    axis,
+    bounds_of,
+    figure_of,
+    marker,
+    named,
+    shown,
+    step_frame,
+)
+from analysis.statistics import describe, mean_interval
+
+ROW = 34
+"""Height of a teacher's row, CSS pixels."""
+
+
+def seeds_chart(name: str, points: pd.DataFrame, quantity: str, title: str, caption: str) -> Chart:
+    """Returns a chart with a row for each teacher: seeds as dots, their mean with its 95 % interval.
+
+    Args:
+        name: of the chart.
+        points: teacher, seed, step (of an evaluation, or `END`) and value.
+        quantity: label of the horizontal axis.
+        title: what is shown.
+        caption: of how many seeds.
+    """
+    teachers = sorted(map(str, points["teacher"].unique()), key=teacher_order)
+    ends = points[points["step"] == END]
+    traces = [trace for teacher in teachers for trace in _traces(teacher, ends)]
+    frames = []
+    for step, rows in points.groupby("step", sort=False):
+        changed = [patch for teacher in teachers for patch in _patches(teacher, rows)]
+        frames.append(step_frame(step, dict(enumerate(changed))))
+    ticks: dict[str, Any] = {
+        "tickvals": [*map(named, teachers)],
+        "ticktext": [shown(short_label(each)) for each in teachers],
+    }
+    layout = {
+        "xaxis": axis(quantity, **bounds_of(quantity)),
+        "yaxis": axis(autorange="reversed", showgrid=False, **ticks),
+        "margin": {"l": 20, "r": 14, "t": 14, "b": 46},
+    }
+    return Chart(name, title, caption, figure_of(traces, 90 + ROW * len(teachers), layout, frames))
+
+
+def _traces(teacher: str, ends: pd.DataFrame) -> list[go.Scatter]:
+    dots, mean = _patches(teacher, ends)
+    whose = {"meta": {"teacher": teacher}, "mode": "markers"}
+    faint = marker(teacher, symbol="circle-open", size=8, opacity=0.75)
+    error = {**mean.pop("error_x"), "color": look(teacher).colour, "thickness": 2, "width": 5}
+    return [
+        go.Scatter(**dots, **whose, name="", marker=faint),
+        go.Scatter(**mean, **whose, name="", marker=marker(teacher, size=11), error_x=error),
+    ]
+
+
+def _patches(teacher: str, rows: pd.DataFrame) -> list[dict[str, Any]]:
+    """Returns what changes with the step: the dots of a teacher, and its mean."""
+    mine = rows[(rows["teacher"] == teacher) & rows["value"].notna()]
+    name = named(teacher)
+    dots = {
+        "x": [round(float(value), 2) for value in mine["value"]],
+        "y": [name] * len(mine),
+        "hovertemplate": [f"{name}, seed {seed}: %{{x:.1f}}" for seed in mine["seed"]],
+    }
+    if mine.empty:
+        return [dots, {"x": [], "y": [], "hovertemplate": "", "error_x": {"array": [], "arrayminus": []}}]
+    sample = describe(mine["value"])
+    low, high = mean_interval(sample)
+    interval = f"<br>95 % interval {number(low)} to {number(high)}" if sample.n > 1 else ""
+    mean = {
+        "x": [round(sample.mean, 2)],
+        "y": [name],
+        "hovertemplate": f"{name}: mean {number(sample.mean)} of {sample.n}{interval}",
+        "error_x": {"array": [_reach(high, sample.mean)], "arrayminus": [_reach(sample.mean, low)]},
+    }
+    return [dots, mean]
+
+
+def _reach(high: float, low: float) -> float:
+    return round(high - low, 2) if high > low else 0.0

@@ -1,0 +1,1 @@
+"""The page that sets one's own results beside released ones."""

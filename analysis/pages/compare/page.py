@@ -1,0 +1,156 @@
+"""The page that puts one's own results beside released ones."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from datetime import UTC, datetime
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any
+
+import pandas as pd
+
+from analysis.claims.sources import decided, root_verdicts
+from analysis.comparisons.overall import headlines, overall_rows
+from analysis.comparisons.pairwise import pairwise
+from analysis.comparisons.pairwise_statistics import pairwise_from_statistics
+from analysis.comparisons.sides import (
+    MEASURE,
+    PLACE,
+    Side,
+    baseline_side,
+    beside,
+    duels,
+    missing,
+    named_jointly,
+    new_teachers,
+    sentences,
+    side_of,
+    together,
+)
+from analysis.data.frames import load
+from analysis.data.published import PAPER
+from analysis.figures.picture import Picture
+from analysis.figures.radars.chart import radar
+from analysis.formatting import plus_minus
+from analysis.measures.pooling import SETTINGS, parts_of, pooled
+from analysis.measures.student_pools import by_students
+from analysis.names import label, teacher_order
+from analysis.pages.compare.places import places, places_chart
+from analysis.pages.controls import controls
+from analysis.pages.page import page, page_folder, write_page
+from analysis.statistics import SIGNIFICANCE
+from analysis.tables.paper_tables import result_tables
+from analysis.tables.results import TableResults, results_of
+from analysis.tables.table import Table
+
+
+def write_comparison(root: str | Path, baselines: Sequence[str], output: Path | None = None) -> Path:
+    """Writes a page that compares the results of a root with baselines.
+
+    Args:
+        root: results of one's own, finished or not.
+        baselines: names of released baselines, folders or addresses of results.
+        output: folder to write to; ``compare`` in `root` if that is a folder.
+
+    Returns:
+        The page, ``index.html`` in `output`, with its figures beside it.
+
+    Raises:
+        ResultsRootError: `root` or a baseline is not a results root.
+        ValueError: no baseline, or an object store and no `output`.
+    """
+    if not baselines:
+        raise ValueError(f"compare with what? Name a baseline, as in --baseline {PAPER}")
+    folder = page_folder(root, output, "compare", "page")
+    frames = load(root)
+    mine, others, split = named_jointly(side_of(frames, "yours"), [baseline_side(name) for name in baselines])
+    runs, curves = together(mine, others), together(mine, others, along=True)
+    teachers = new_teachers(mine)
+    tests = duels(runs, teachers)
+    found = list(places(runs, curves, tests, mine))
+    pictures = list(_radars(runs, others))
+    text = page(
+        "compare.html.j2",
+        mine=mine,
+        teachers=[label(teacher) for teacher in teachers],
+        others=others,
+        sentences=sentences(tests),
+        missing=missing(mine, teachers),
+        places=found,
+        overview=list(places_chart(found)),
+        controls=controls(
+            pd.DataFrame([place.chosen_by for place in found]), runs["teacher"], curves["step"].dropna()
+        ),
+        beside=[(side, _beside_rows(beside(mine, side))) for side in others],
+        pictures=pictures,
+        tables=list(_tables(runs)),
+        headlines=headlines(runs),
+        overall=overall_rows(runs),
+        warnings=list(dict.fromkeys([*frames.warnings, *split, *frames.results.problems])),
+        verdicts=decided(root_verdicts(frames)),
+        significance=SIGNIFICANCE,
+        version=version("tma_ray"),
+        written=datetime.now(UTC),
+    )
+    return write_page(folder, text, {f"{picture.name}.png": picture.png for picture in pictures})
+
+
+def _radars(runs: pd.DataFrame, others: Sequence[Side]) -> Iterator[Picture]:
+    """Yields the radar of what may be compared, and one of each published table."""
+    kinds = [*SETTINGS, "students"]
+    students = runs["pool"].map(lambda pool: ", ".join(sorted({student for _, student in parts_of(pool)})))
+    for place, (_, group) in enumerate(runs.assign(students=students).groupby(kinds, dropna=False), start=1):
+        table, tests = pooled(group, [MEASURE]), pairwise(group, MEASURE, "random")
+        caption = "Your results and what may be compared with them, as ratios of Random."
+        yield from _radar(f"radar-{place}", table, tests, "Yours among comparable baselines", caption)
+    for side in others:
+        if side.runs is None:
+            tests = pairwise_from_statistics(side.table, MEASURE, "random")
+            caption = f"The tables of {side.name} ({side.engine}), set beside: ratios of its own Random."
+            yield from _radar(f"radar-{side.name}", side.table, tests, side.name, caption)
+
+
+def _tables(runs: pd.DataFrame) -> Iterator[dict[str, Any]]:
+    """Yields the paper's tables of what may be compared, as text by row and column."""
+    for _, alike in runs.groupby(SETTINGS, dropna=False):
+        for _, matrices, chosen in by_students(alike):
+            both = pd.concat([pooled(chosen), pooled(chosen, by=["embodiment"])], ignore_index=True)
+            for table in result_tables(TableResults(results_of(both), matrices)):
+                rows = [
+                    (named, [_cell(table, row, column) for column in table.columns])
+                    for row, named in table.rows.items()
+                ]
+                notes = [f"{mark}: {text}" for text, mark in table.notes().items()]
+                columns = list(table.columns.values())
+                yield {"title": table.title, "columns": columns, "rows": rows, "notes": notes}
+
+
+def _cell(table: Table, row: str, column: str) -> dict[str, Any]:
+    cell, marks = table.cell(row, column), table.notes()
+    text = plus_minus(cell.mean, cell.std, cell.digits) if cell.has_number else "\N{EN DASH}"
+    return {"text": text, "best": cell.best, "marks": ", ".join(marks[note] for note in cell.notes)}
+
+
+def _radar(
+    name: str, table: pd.DataFrame, tests: pd.DataFrame, title: str, caption: str
+) -> Iterator[Picture]:
+    try:
+        figure = radar(table, tests)
+    except ValueError:  # no challenge of Stump Tracks, or no results yet
+        return
+    yield Picture.of(name, figure, title, caption)
+
+
+def _beside_rows(table: pd.DataFrame) -> list[dict[str, Any]]:
+    rows = table.assign(order=table["teacher"].map(teacher_order)).sort_values([*PLACE, "order"])
+    return [
+        {
+            "place": f"{row['environment']} {row['challenge']}, {row['expert_knowledge']}".replace("_", " "),
+            "teacher": label(row["teacher"]),
+            "n": row["n"],
+            "mastered": plus_minus(row[f"{MEASURE}_mean"], row[f"{MEASURE}_std"]),
+            "differs": row["differs"],
+        }
+        for _, row in rows.iterrows()
+    ]

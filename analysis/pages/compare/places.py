@@ -1,0 +1,155 @@
+"""A place of a comparison with baselines, such as a challenge at a level, with all that may be compared."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from analysis.comparisons.sides import MEASURE, Side
+from analysis.formatting import number, p_value, plus_minus
+from analysis.looks import look
+from analysis.measures.evaluations import aggregate
+from analysis.measures.pooling import COMPARED, parts_of, pooled
+from analysis.names import challenge_title, label
+from analysis.pages.charts import END, Chart, curve_chart, overview_chart, seeds_chart
+
+QUANTITY = "Mastered test tasks (%)"
+
+
+@dataclass(frozen=True, eq=False)
+class Place:
+    """Where teachers of one's own have results, and those that may be compared with them.
+
+    Attributes:
+        anchor: identifier on the page.
+        title: challenge, students and level.
+        chosen_by: its values in the columns that readers choose by.
+        rows: cells of the ranking, the best teacher first.
+        step_rows: JSON of what changes of them at every evaluation.
+        points: teacher, seed, step (or `charts.END`) and value of every run.
+        charts: learning curves, and seed by seed.
+    """
+
+    anchor: str
+    title: str
+    chosen_by: dict[str, str]
+    rows: list[dict[str, Any]]
+    step_rows: str
+    points: pd.DataFrame
+    charts: tuple[Chart, ...]
+
+
+def places(runs: pd.DataFrame, curves: pd.DataFrame, tests: pd.DataFrame, mine: Side) -> Iterator[Place]:
+    """Yields each place with its ranking and charts.
+
+    Args:
+        runs: of `compare.together`, at their ends.
+        curves: of `compare.together`, at every evaluation.
+        tests: of `compare.duels`.
+        mine: results of one's own.
+    """
+    if runs.empty:
+        return
+    sources = runs.groupby([*COMPARED, "teacher"], dropna=False)["source"].agg("first").reset_index()
+    table = pooled(runs, [MEASURE]).merge(sources, on=[*COMPARED, "teacher"])
+    for count, (key, rows) in enumerate(table.groupby(COMPARED, dropna=False, sort=True), start=1):
+        place = dict(zip(COMPARED, key, strict=True))
+        here, ends, along = (_at(frame, place) for frame in (tests, runs, curves))
+        ranked = rows.sort_values(f"{MEASURE}_mean", ascending=False, na_position="last")
+        points, anchor = _points(ends, along), f"place-{count}"
+        yield Place(
+            anchor=anchor,
+            title=_title(place),
+            chosen_by={name: str(place[name]) for name in ("environment", "challenge", "expert_knowledge")}
+            | {"student": _students(place)},
+            rows=[_ranked(row, here, mine) for _, row in ranked.iterrows()],
+            step_rows=json.dumps(_step_rows(along)).replace("<", "\\u003c"),
+            points=points.assign(comparison=anchor),
+            charts=tuple(_charts(anchor, points)),
+        )
+
+
+def places_chart(found: list[Place]) -> Iterator[Chart]:
+    """Yields the chart of all places at once, if there are several."""
+    if len(found) > 1:
+        points = pd.concat([place.points for place in found], ignore_index=True)
+        titles = {place.anchor: place.title for place in found}
+        caption = "Marks are means over runs, lines their 95 % intervals, of results that may be compared."
+        yield overview_chart(points, titles, QUANTITY, "All challenges", caption)
+
+
+def _at(frame: pd.DataFrame, place: dict[str, Any]) -> pd.DataFrame:
+    fits = np.ones(len(frame), dtype=bool)
+    for column, value in place.items():
+        fits &= (frame[column].isna() if pd.isna(value) else frame[column] == value).to_numpy(bool)
+    return frame[fits]
+
+
+def _points(ends: pd.DataFrame, along: pd.DataFrame) -> pd.DataFrame:
+    """Returns teacher, seed, step (or `END`) and value of every run that was evaluated."""
+    columns = ["teacher", "seed", "step", MEASURE]
+    parts = [along[along["step"].notna()][columns].astype({"step": int}).astype({"step": object})]
+    parts.append(ends.assign(step=END)[columns])
+    table = pd.concat(parts, ignore_index=True).rename(columns={MEASURE: "value"})
+    return table[table["value"].notna()]
+
+
+def _charts(anchor: str, points: pd.DataFrame) -> Iterator[Chart]:
+    if points.empty:
+        return
+    along = points[points["step"] != END].astype({"step": "int64"})
+    if along["step"].nunique() > 1:
+        table = aggregate(along, "value", ["teacher"])
+        caption = "Lines are means over runs, bands ± one standard error of the mean."
+        yield curve_chart(f"{anchor}-curves", table, QUANTITY, "Mastered test tasks over training", caption)
+    caption = "Rings are runs, marks their means with 95 % intervals."
+    yield seeds_chart(f"{anchor}-runs", points, QUANTITY, "Run by run", caption)
+
+
+def _step_rows(along: pd.DataFrame) -> dict[str, dict[str, dict[str, str]]]:
+    """Returns runs and mastered tasks of every teacher at every evaluation, as text."""
+    found: dict[str, dict[str, dict[str, str]]] = {}
+    known = along[along["step"].notna() & along[MEASURE].notna()]
+    for _, rows in known.groupby(["step", "teacher"], sort=True):
+        values, first = rows[MEASURE], rows.iloc[0]
+        texts = {"n": str(len(values)), "mastered": plus_minus(values.mean(), values.std()), "tests": ""}
+        found.setdefault(str(int(first["step"])), {})[str(first["teacher"])] = texts
+    return found
+
+
+def _students(place: dict[str, Any]) -> str:
+    return " and ".join(sorted({student.upper() for _, student in parts_of(place["pool"])}))
+
+
+def _title(place: dict[str, Any]) -> str:
+    environment, name = place["environment"], place["challenge"]
+    challenge = challenge_title(environment, name, f"{environment} {name}")
+    return f"{challenge}, {_students(place)}, expert knowledge {place['expert_knowledge']}"
+
+
+def _ranked(row: pd.Series, tests: pd.DataFrame, mine: Side) -> dict[str, Any]:
+    against = tests[tests["second"] == row["teacher"]]
+    return {
+        "name": row["teacher"],
+        "teacher": label(row["teacher"]),
+        "colour": look(row["teacher"]).colour,
+        "source": row["source"],
+        "own": row["source"] == mine.name,
+        "n": row["n"],
+        "mastered": plus_minus(row[f"{MEASURE}_mean"], row[f"{MEASURE}_std"]),
+        "missing": row["missing"],
+        "tests": [_test(test) for _, test in against.iterrows()],
+    }
+
+
+def _test(test: pd.Series) -> str:
+    first = label(test["first"])
+    if test["reason"]:
+        return f"{first}: not tested ({test['reason']})"
+    interval = f"{number(test['difference'])} [{number(test['low'])}, {number(test['high'])}]"
+    return f"{first} {interval}, {p_value(test['p'])}, {p_value(test['holm']).replace('p', 'Holm', 1)}"

@@ -1,0 +1,103 @@
+"""The table of one comparison: a row for each teacher, at the ends of runs and at every evaluation."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import pandas as pd
+
+from analysis.comparisons.against_random import against_baseline
+from analysis.comparisons.findings import compared_by, verdict
+from analysis.comparisons.measured import Measured
+from analysis.data.frames import COMPARISON
+from analysis.data.reference import is_baseline
+from analysis.formatting import amount, number, p_value, plus_minus
+from analysis.looks import look
+from analysis.names import label, teacher_order
+from analysis.statistics import describe
+
+NONE = {"difference": "", "p": ""}
+
+
+def end_rows(mine: Measured) -> list[dict[str, Any]]:
+    """Returns the rows of the table at the ends of runs, Random first."""
+    tests = mine.tests[mine.tests["measure"] == compared_by(mine.summary).column]
+    rows = []
+    for teacher in sorted(mine.summary["teacher"], key=teacher_order):
+        group = mine.summary[mine.summary["teacher"] == teacher].iloc[0]
+        test = tests[tests["teacher"] == teacher]
+        against = _against_random(test.iloc[0]) if len(test) else NONE
+        untested = "baseline" if is_baseline(teacher) else "not evaluated yet"
+        rows.append({"verdict": untested} | _end_row(teacher, group) | against)
+    return rows
+
+
+def step_rows(mine: Measured, everything: Measured) -> dict[str, dict[str, dict[str, str]]]:
+    """Returns what changes of the rows at every evaluation, as text by step, teacher and column.
+
+    Args:
+        mine: what was measured of the comparison.
+        everything: of the root, where Random may have run at another level of knowledge.
+    """
+    measure = compared_by(mine.summary)
+    curves = _with_baseline(mine.evaluations, everything.evaluations)
+    found = {}
+    for step, group in curves.groupby("step", sort=True):
+        now = group.assign(provisional=False)
+        tests = against_baseline(now, now, measure.column)
+        level = mine.cells["expert_knowledge"].iloc[0]
+        tests = tests[tests["expert_knowledge"] == level].set_index("teacher")
+        rows = mine.evaluations[mine.evaluations["step"] == step]
+        found[str(step)] = {
+            teacher: _step_row(rows[rows["teacher"] == teacher])
+            | ({"verdict": "baseline"} if is_baseline(teacher) else {})
+            | (_against_random(tests.loc[teacher]) if teacher in tests.index else NONE)
+            for teacher in map(str, rows["teacher"].unique())
+        }
+    return found
+
+
+def _with_baseline(mine: pd.DataFrame, everything: pd.DataFrame) -> pd.DataFrame:
+    """Returns the rows of a comparison, and those of Random at other levels if it has none itself."""
+    if mine.empty or mine["teacher"].map(is_baseline).any():
+        return mine
+    columns = [column for column in COMPARISON if column != "expert_knowledge"]
+    same = (everything[columns] == mine[columns].iloc[0]).all(axis=1)
+    return pd.concat([mine, everything[same & everything["teacher"].map(is_baseline)]], ignore_index=True)
+
+
+def _end_row(teacher: str, group: pd.Series) -> dict[str, Any]:
+    return {
+        "name": teacher,
+        "teacher": label(teacher),
+        "colour": look(teacher).colour,
+        "seeds": f"{group['n']}" if group["n"] == group["seeds"] else f"{group['n']} of {group['seeds']}",
+        "step": (amount(group["step"]) if group["n"] else "\N{EN DASH}") + "*" * bool(group["provisional"]),
+        "mastered": plus_minus(group["mastered_percent_mean"], group["mastered_percent_std"]),
+        "evaluation": plus_minus(group["evaluation_return_mean"], group["evaluation_return_std"]),
+        "training": f"{number(group['first_quarter_mean'])} → {number(group['last_quarter_mean'])}",
+        "provisional": group["provisional"],
+    }
+
+
+def _step_row(rows: pd.DataFrame) -> dict[str, str]:
+    mastered, returns = (describe(rows[column]) for column in ("mastered_percent", "evaluation_return"))
+    return {
+        "seeds": str(rows["run_id"].nunique()),
+        "step": amount(rows["step"].iloc[0]),
+        "mastered": plus_minus(mastered.mean, mastered.std),
+        "evaluation": plus_minus(returns.mean, returns.std),
+        "training": "",
+        "verdict": "",
+    }
+
+
+def _against_random(test: pd.Series) -> dict[str, str]:
+    difference = number(test["difference"])
+    if test["reason"]:
+        return {"verdict": verdict(test), "difference": difference, "p": ""}
+    return {
+        "verdict": verdict(test),
+        "difference": f"{difference} [{number(test['low'])}, {number(test['high'])}]",
+        "p": p_value(test["holm"]).removeprefix("p").removeprefix(" = ").strip(),
+    }

@@ -1,0 +1,127 @@
+"""Videos of a report: the policies that it shows at work, and their files."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import pandas as pd
+
+from analysis.comparisons.measured import Measured
+from analysis.data.frames import Frames
+from analysis.formatting import number
+from analysis.names import label, teacher_order
+from analysis.pages.report.sections import titled
+
+KINDS = {".mp4": "video/mp4", ".gif": "image/gif"}
+"""Files that a page can embed."""
+
+
+@dataclass(frozen=True)
+class WantedVideo:
+    """An episode that a report would show.
+
+    Attributes:
+        comparison: anchor of the section it belongs to.
+        teacher: of the run.
+        run_id: whose policy plays.
+        rank: "best" or "worst" of the teacher's seeds, "only" where there is one.
+        seed: of the run.
+        test_set: of the task.
+        task_index: its place in the test set.
+        task: values by dimension, separated by commas.
+    """
+
+    comparison: str
+    teacher: str
+    run_id: str
+    rank: str
+    seed: int
+    test_set: str
+    task_index: int
+    task: str
+
+    @property
+    def name(self) -> str:
+        """Of a file."""
+        return f"{self.run_id}-{self.test_set}-{self.task_index}"
+
+
+@dataclass(frozen=True)
+class Video:
+    """A file that shows what was wanted, and what came of it."""
+
+    wanted: WantedVideo
+    file: Path
+    episodic_return: float
+
+    @property
+    def content(self) -> bytes:
+        """Of the file."""
+        return self.file.read_bytes()
+
+    @property
+    def kind(self) -> str:
+        """Media type of the file."""
+        return KINDS[self.file.suffix]
+
+    @property
+    def caption(self) -> str:
+        """What is shown."""
+        which = "its only seed" if self.wanted.rank == "only" else f"its {self.wanted.rank} seed"
+        return (
+            f"{label(self.wanted.teacher)}, seed {self.wanted.seed} ({which} by mastered tasks), on test "
+            f"task {self.wanted.task_index} ({self.wanted.task}): return {number(self.episodic_return)}"
+        )
+
+
+def wanted_videos(frames: Frames, measured: Measured) -> Iterator[WantedVideo]:
+    """Yields the best and the worst finished seed of every teacher, by mastered tasks.
+
+    All policies of a comparison play the same test task: the one on which the returns of its runs differ
+    most, since there a viewer sees what tells them apart.
+    """
+    for anchor, _, mine in titled(measured):
+        finished = mine.finals[mine.finals["status"] == "done"]
+        chosen = _telling_task(frames, finished)
+        if chosen is None:
+            continue
+        tasks = frames.test_tasks
+        task = tasks[(tasks["test_set"] == chosen[0]) & (tasks["task_index"] == chosen[1])]["task"].iloc[0]
+        words = ",".join(f"{value:.9g}" for value in task)
+        for teacher in sorted(finished["teacher"].unique(), key=teacher_order):
+            runs = finished[finished["teacher"] == teacher]
+            for rank, run in _extremes(runs):
+                names = (anchor, teacher, run["run_id"], rank, int(run["seed"]))
+                yield WantedVideo(*names, chosen[0], chosen[1], words)
+
+
+def by_comparison(videos: Sequence[Video]) -> dict[str, list[Video]]:
+    """Returns the videos of each section by its anchor."""
+    found: dict[str, list[Video]] = {}
+    for video in videos:
+        found.setdefault(video.wanted.comparison, []).append(video)
+    return found
+
+
+def _telling_task(frames: Frames, finals: pd.DataFrame) -> tuple[str, int] | None:
+    """Returns test set and index of the task on which the last returns of runs differ most."""
+    evaluations = frames.evaluations[frames.evaluations["run_id"].isin(finals["run_id"])]
+    evaluations = evaluations.astype({"run_id": object, "test_set": object})
+    rows = evaluations.merge(finals[["run_id", "step"]], on=["run_id", "step"])
+    spread = rows.groupby(["test_set", "task_index"])["episodic_return"].std(ddof=0)
+    if spread.empty:
+        return None
+    key: Any = spread.idxmax()
+    return str(key[0]), int(key[1])
+
+
+def _extremes(runs: pd.DataFrame) -> Iterator[tuple[str, pd.Series]]:
+    ranked = runs.sort_values(["mastered_percent", "evaluation_return", "seed"], kind="stable")
+    if len(ranked) == 1:
+        yield "only", ranked.iloc[0]
+        return
+    yield "best", ranked.iloc[-1]
+    yield "worst", ranked.iloc[0]

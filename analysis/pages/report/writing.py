@@ -1,0 +1,92 @@
+"""Writes the report of a root: one page that needs nothing but itself, tables and figures beside it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from datetime import UTC, datetime
+from importlib.metadata import version
+from pathlib import Path
+
+from analysis.claims.sources import decided, root_verdicts
+from analysis.comparisons.measured import Measured, measure
+from analysis.data.frames import COMPARISON, Frames, load
+from analysis.formatting import number
+from analysis.pages.controls import controls
+from analysis.pages.page import page, page_folder, write_page
+from analysis.pages.report.captions import thresholds
+from analysis.pages.report.downloads import Download, downloads
+from analysis.pages.report.facts import counts_of, machines, settings, unfinished, what_ran
+from analysis.pages.report.overview import overview
+from analysis.pages.report.sections import Section, sections
+from analysis.pages.report.videos import Video, by_comparison
+from analysis.statistics import SIGNIFICANCE
+from tma_ray.tasks import MASTERY_RETURN
+
+
+def write_report(root: str | Path, output: Path | None = None, videos: Sequence[Video] = ()) -> Path:
+    """Writes the report of a root, finished or not, with its tables.
+
+    Args:
+        root: a folder, or an ``s3://`` or ``gs://`` address.
+        output: folder to write to; ``report`` in `root` if that is a folder.
+        videos: to embed, of `videos.wanted_videos`.
+
+    Returns:
+        The page, ``index.html`` in `output`; beside it figures (PNG) and tables (CSV).
+
+    Raises:
+        ResultsRootError: `root` is not a results root.
+        ValueError: an object store and no `output`.
+    """
+    output = report_folder(root, output)
+    frames = load(root)
+    measured = measure(frames)
+    parts = list(sections(frames, measured))
+    tables = downloads(frames, measured)
+    text = _render(frames, measured, parts, tables, videos)
+    pictures = {f"{picture.name}.png": picture.png for part in parts for picture in part.pictures}
+    return write_page(output, text, pictures | {table.name: table.content for table in tables})
+
+
+def report_folder(root: str | Path, output: Path | None) -> Path:
+    """Returns the folder that a report of `root` is written to.
+
+    Raises:
+        ValueError: an object store and no `output`.
+    """
+    return page_folder(root, output, "report", "report")
+
+
+def _render(
+    frames: Frames,
+    measured: Measured,
+    parts: list[Section],
+    tables: list[Download],
+    videos: Sequence[Video],
+) -> str:
+    cells = frames.cells
+    return page(
+        "report.html.j2",
+        campaigns=sorted(name for name in cells["campaign"].unique() if name),
+        ran=what_ran(cells),
+        counts=counts_of(cells),
+        warnings=[*frames.warnings, *frames.results.problems],
+        controls=controls(
+            cells[COMPARISON].drop_duplicates().sort_values(COMPARISON),
+            cells["teacher"],
+            measured.evaluations["step"].unique(),
+        ),
+        overview=list(overview(measured)),
+        sections=parts,
+        videos=by_comparison(videos),
+        tests=int(measured.tests["p"].notna().sum()) // 2,
+        verdicts=decided(root_verdicts(frames)),
+        unfinished=unfinished(frames),
+        settings=settings(cells),
+        machines=machines(frames.attempts),
+        downloads=tables,
+        mastery=thresholds(cells) or number(MASTERY_RETURN, 0),
+        significance=SIGNIFICANCE,
+        version=version("tma_ray"),
+        written=datetime.now(UTC),
+    )

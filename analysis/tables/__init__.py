@@ -1,0 +1,1 @@
+"""The paper's tables, from results of runs and from published ones."""

@@ -1,0 +1,253 @@
+"""Scalars of runs as event files for TensorBoard, once or following a campaign that is under way."""
+
+from __future__ import annotations
+
+import re
+import time
+from collections import deque
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Final
+
+import numpy as np
+import pandas as pd
+
+from analysis.data.frames import mastery_threshold
+from analysis.measures.evaluations import evaluation_measures
+from analysis.tensorboard.event_file import EventFile, check_installed, event_files, read_scalars
+from tma_ray.results import Manifest, Results, RunRecord, RunStatus, Table
+
+WATCH_SECONDS: Final = 10.0
+"""Time between two looks at a root that is watched, s."""
+
+RUNS_AT_ONCE: Final = 32
+"""How many runs are read together: fewer wait longer for an object store, more need more memory."""
+
+TRAINING: Final = ("mean_return", "mean_length", "success_share")
+EVALUATION: Final = {"evaluation_return": "mean_return", "mastered_percent": "mastered_percent"}
+TABLES: Final = (Table.TRAINING, Table.EVALUATIONS, Table.TEACHER_LOG)
+
+LARGEST: Final = float(np.finfo(np.float32).max)
+"""Event files hold float32."""
+
+Point = tuple[int, dict[str, float]]
+"""A step, and the scalars there by their tags."""
+
+
+@dataclass
+class _Run:
+    """What has been written of a run.
+
+    Attributes:
+        folder: of its event files.
+        counts: points written, by table.
+        files: what its manifest listed when they were read.
+        writer: of the file that grows, if one is open.
+        opened: how many files there were.
+        cleared: whether points were taken back since the last file was opened.
+    """
+
+    folder: Path
+    counts: dict[Table, int] = field(default_factory=dict)
+    files: object = None
+    writer: EventFile | None = None
+    opened: int = 0
+    cleared: bool = False
+
+
+class EventFolder:
+    """Event files of the runs of a results root, a sub-folder for each.
+
+    Points are read from what the runs have published, and each is written once: an interrupted run goes on
+    from a checkpoint, and so has nothing published that it will publish again. What an earlier one wrote
+    into the same folder is continued; it is replaced where it says something else than the root, as after a
+    step back to an older checkpoint. Other files stay.
+
+    Args:
+        root: a folder, or an ``s3://`` or ``gs://`` address.
+        folder: for TensorBoard's ``--logdir``; made if it is not there.
+
+    Raises:
+        ResultsRootError: no results root at that place, or one of another version.
+        ValueError: tensorboardX is not installed, or `folder` cannot be one.
+    """
+
+    def __init__(self, root: str | Path, folder: str | Path) -> None:
+        check_installed()
+        Results.open(root)  # refuses other places before a folder is made
+        self._root, self._folder = root, _made(folder)
+        self._existing = {path.name: path for path in self._folder.rglob("seed_*") if path.is_dir()}
+        self._runs: dict[str, _Run] = {}
+
+    def update(self) -> int:
+        """Writes what has been published since the last time.
+
+        Returns:
+            Of how many runs there was something.
+        """
+        results = Results.open(self._root)
+        seen = {run_id: run.files for run_id, run in self._runs.items()}
+        news = [manifest for manifest in results.runs() if seen.get(manifest.run.run_id) != manifest.files]
+        count = 0
+        for start in range(0, len(news), RUNS_AT_ONCE):
+            count += self._write(results, news[start : start + RUNS_AT_ONCE])
+        return count
+
+    def close(self) -> None:
+        """Closes all files."""
+        for run in self._runs.values():
+            _close(run)
+
+    def _write(self, results: Results, manifests: Sequence[Manifest]) -> int:
+        unknown = [manifest for manifest in manifests if manifest.run.run_id not in self._runs]
+        self._find_folders(results, unknown)
+        found = _points(results, manifests)
+        count = 0
+        for manifest in manifests:
+            run = self._runs[manifest.run.run_id]
+            points = {table: found.get((manifest.run.run_id, table), []) for table in TABLES}
+            count += self._append(run, points)
+            run.files = manifest.files
+            if manifest.status is not RunStatus.RUNNING:
+                _close(run)
+        return count
+
+    def _append(self, run: _Run, points: Mapping[Table, Sequence[Point]]) -> bool:
+        """Writes the points that are new; all of them anew if some were taken back."""
+        if not run.counts:
+            _count_written(run, points)
+        elif any(len(points[table]) < count for table, count in run.counts.items()):
+            _clear(run)
+        new = [point for table in TABLES for point in points[table][run.counts.get(table, 0) :]]
+        run.counts = {table: len(points[table]) for table in TABLES}
+        if not new:
+            return False
+        if run.writer is None:
+            run.folder.mkdir(parents=True, exist_ok=True)
+            run.writer = EventFile(run.folder, run.opened)
+            run.opened += 1
+            if run.cleared:
+                run.writer.start_anew()
+                run.cleared = False
+        for step, scalars in sorted(new, key=lambda point: point[0]):
+            run.writer.add(step, scalars)
+        run.writer.flush()
+        return True
+
+    def _find_folders(self, results: Results, manifests: Sequence[Manifest]) -> None:
+        """Gives each run the folder that it has, or a new one."""
+        cells = _rows(results, Table.CELLS, _ids(manifests), ["run_id", "campaign", "experiment"])
+        cells = cells.sort_values(["campaign", "experiment"], kind="stable").drop_duplicates("run_id")
+        experiments = dict(zip(cells["run_id"], cells["experiment"], strict=True))
+        for manifest in manifests:
+            run_id = manifest.run.run_id
+            place = self._folder / run_folder(manifest.run, experiments.get(run_id, "single runs"))
+            self._runs[run_id] = _Run(self._existing.get(place.name, place))
+
+
+def watch(events: EventFolder) -> Iterator[int]:
+    """Updates every few seconds; yields of how many runs there was something, whenever there was any."""
+    while True:
+        time.sleep(WATCH_SECONDS)
+        if count := events.update():
+            yield count
+
+
+def run_folder(run: RunRecord, experiment: str) -> Path:
+    """Returns where the event files of a run of this experiment lie in the folder of all."""
+    names = run.student, run.challenge, run.embodiment, run.expert_knowledge
+    setting = "-".join(_plain(name) for name in names if name)
+    return Path(_plain(experiment), _plain(run.teacher), setting, f"seed_{_plain(run.seed)}-{run.run_id}")
+
+
+def _plain(name: object) -> str:
+    """Returns `name` as that of a folder: anything may be read from a root, even a path upwards."""
+    return re.sub(r"[^0-9A-Za-z._=-]+", "_", str(name)).strip("._")[:100] or "unnamed"
+
+
+def _made(folder: str | Path) -> Path:
+    if "://" in str(folder):
+        raise ValueError(f"{folder}: expected a folder of this machine; TensorBoard reads it from there")
+    path = Path(folder).expanduser().absolute()
+    try:
+        path.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise ValueError(f"{folder} cannot be made ({error.strerror}); choose another folder") from error
+    return path
+
+
+def _count_written(run: _Run, points: Mapping[Table, Sequence[Point]]) -> None:
+    """Counts what is in the folder of `run`; takes it away if it is not the beginning of its `points`."""
+    files = event_files(run.folder)
+    run.opened = len(files)
+    written = read_scalars(files)
+    run.counts = {table: _common(points[table], written) for table in TABLES}
+    if any(written.values()):
+        _clear(run)
+
+
+def _common(points: Sequence[Point], written: Mapping[str, deque[tuple[int, float]]]) -> int:
+    """Returns how many of `points` come first in `written`, by tag, and takes them from there."""
+    for index, (step, scalars) in enumerate(points):
+        expected = {tag: (step, float(np.float32(value))) for tag, value in scalars.items()}
+        if any(not written.get(tag) or written[tag][0] != value for tag, value in expected.items()):
+            return index
+        for tag in expected:
+            written[tag].popleft()
+    return len(points)
+
+
+def _clear(run: _Run) -> None:
+    _close(run)
+    run.counts, run.cleared = {}, True
+    for path in event_files(run.folder):
+        path.write_bytes(b"")  # a TensorBoard that has it open goes on to the next; a lost file stops it
+
+
+def _close(run: _Run) -> None:
+    if run.writer is not None:
+        run.writer.close()
+        run.writer = None
+
+
+def _points(results: Results, manifests: Sequence[Manifest]) -> dict[tuple[str, Table], list[Point]]:
+    """Returns the points of each run and table, in the order in which they were published."""
+    run_ids = _ids(manifests)
+    thresholds = {manifest.run.run_id: mastery_threshold(manifest.run.spec) for manifest in manifests}
+    training = _rows(results, Table.TRAINING, run_ids, ["run_id", "step", *TRAINING])
+    evaluations = _rows(results, Table.EVALUATIONS, run_ids, ["run_id", "step", "episodic_return"])
+    needed = evaluations["run_id"].map(thresholds).astype(float)
+    evaluations["mastered"] = evaluations["episodic_return"] > needed
+    measured = evaluation_measures(evaluations).rename(columns=EVALUATION)
+    updates = _rows(results, Table.TEACHER_LOG, run_ids, ["run_id", "step", "scalars"])
+    found: dict[tuple[str, Table], list[Point]] = {}
+    for run_id, step, point in _scalars(training, "training", TRAINING):
+        found.setdefault((run_id, Table.TRAINING), []).append((step, point))
+    for run_id, step, point in _scalars(measured, "evaluation", EVALUATION.values()):
+        found.setdefault((run_id, Table.EVALUATIONS), []).append((step, point))
+    for run_id, step, scalars in updates.itertuples(index=False):
+        point = _finite({f"teacher/{name}": value for name, value in scalars or ()})
+        found.setdefault((run_id, Table.TEACHER_LOG), []).append((step, point))
+    return found
+
+
+def _rows(results: Results, table: Table, run_ids: Sequence[str], columns: Sequence[str]) -> pd.DataFrame:
+    frame: pd.DataFrame = results.table(table, run_ids, columns).to_pandas()
+    return frame.astype(dict.fromkeys(frame.select_dtypes("category").columns, object))
+
+
+def _ids(manifests: Iterable[Manifest]) -> list[str]:
+    return [manifest.run.run_id for manifest in manifests]
+
+
+def _scalars(
+    rows: pd.DataFrame, prefix: str, names: Iterable[str]
+) -> Iterator[tuple[str, int, dict[str, float]]]:
+    tags = {name: f"{prefix}/{name}" for name in names}
+    for row in rows.to_dict("records"):
+        yield row["run_id"], row["step"], _finite({tag: row[name] for name, tag in tags.items()})
+
+
+def _finite(scalars: Mapping[str, float]) -> dict[str, float]:
+    return {tag: value for tag, value in scalars.items() if abs(value) <= LARGEST}
