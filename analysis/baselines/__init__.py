@@ -1,6 +1,7 @@
 """Results to compare with: what others published, and packed campaigns of tma_ray, with checksums."""
 
 from analysis.baselines.catalogue import Baseline, as_baseline, baselines, find_baseline
+from analysis.baselines.growing import add_to_release
 from analysis.baselines.manifest import BaselineError, BaselineFile, BaselineKind, BaselineManifest
 from analysis.baselines.releasing import release
 from analysis.baselines.verification import Verification, verify
@@ -12,6 +13,7 @@ __all__ = [
     "BaselineKind",
     "BaselineManifest",
     "Verification",
+    "add_to_release",
     "as_baseline",
     "baselines",
     "find_baseline",

@@ -80,6 +80,8 @@ class BaselineManifest:
         holds: values of each column of its cells, and counts, by name.
         files: all others in its folder.
         benchmark_versions: of its runs, rising; 0 for those made before there was one.
+        core: campaigns that ``tma-ray campaign --like`` repeats; empty for all of them.
+        planned: runs that each campaign was to have, by its name, of a release that grows by shards.
     """
 
     name: str
@@ -95,6 +97,8 @@ class BaselineManifest:
     holds: Mapping[str, Any] = field(default_factory=dict)
     files: tuple[BaselineFile, ...] = ()
     benchmark_versions: tuple[int, ...] = ()
+    core: tuple[str, ...] = ()
+    planned: Mapping[str, Natural] = field(default_factory=dict)
 
     def to_bytes(self) -> bytes:
         """Returns the content of `BASELINE_FILE`."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 import shutil
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from datetime import UTC, datetime
 from importlib.metadata import version
@@ -22,13 +22,23 @@ from analysis.baselines.manifest import (
     BaselineKind,
     BaselineManifest,
 )
+from analysis.baselines.provenance import made_on
 from analysis.baselines.verification import verify
 from analysis.data.frames import STATUSES, Frames, load
-from analysis.formatting import duration
 from analysis.tables.paper_tables import result_tables
 from analysis.tables.results import table_results
 from analysis.tables.table import Table
-from tma_ray.results import CHIPMUNK, SCHEMA_VERSION, Copy, Store, copy_merged, holder_of
+from tma_ray.results import (
+    CHIPMUNK,
+    SCHEMA_VERSION,
+    WHOLE,
+    Contents,
+    Copy,
+    Shard,
+    Store,
+    copy_merged,
+    holder_of,
+)
 
 HELD: Final = {
     "campaigns": "campaign",
@@ -46,7 +56,14 @@ HELD: Final = {
 
 
 def release(
-    root: str | Path, name: str, output: Path | None = None, licence: str = "", *, partial: bool = False
+    root: str | Path,
+    name: str,
+    output: Path | None = None,
+    licence: str = "",
+    *,
+    partial: bool = False,
+    contents: Contents = WHOLE,
+    core: tuple[str, ...] = (),
 ) -> Path:
     """Packs the campaigns of a root that are done into a folder of files that need nothing else.
 
@@ -60,6 +77,8 @@ def release(
         output: folder in which that is made; the current one by default.
         licence: under which others may use it, an SPDX identifier such as ``CC-BY-4.0``.
         partial: pack campaigns that are not done or are damaged as well, and say so.
+        contents: `tma_ray.results.LEAN` leaves out episodes, logs of teachers, policies, names of machines.
+        core: campaigns that ``tma-ray campaign --like`` repeats; all by default.
 
     Returns:
         The new folder.
@@ -70,63 +89,104 @@ def release(
             damaged, or the folder exists.
         DamagedFileError: a newer version wrote columns that would be lost.
     """
-    folder = _new_folder(name, output or Path())
+    folder = release_folder(name, output or Path())
+    if folder.exists():
+        raise BaselineError(f"{folder} exists: a release is never overwritten; choose another name or folder")
     frames = load(root)
-    missing = _refuse_unfinished(frames, partial)
+    grown = BaselineManifest.load(frames.results.store) if _is_release(frames) else None
+    missing = _refuse_unfinished(frames, partial, grown.partial if grown else "")
     folder.parent.mkdir(parents=True, exist_ok=True)
     aside = folder.parent / f".{name}-{uuid4().hex[:8]}"
     try:
         store = Store.open(aside)
-        copy = copy_merged(frames.results, store)
-        _refuse_damaged(copy.damaged, partial)
-        shutil.rmtree(aside / "tmp", ignore_errors=True)
-        released = load(aside)
-        manifest = _manifest(released, name, licence, missing, copy, store)
-        text = card(manifest, _made(released), tables=_tables(released))
-        (aside / CARD_FILE).write_text(text, encoding="utf-8")
-        files = tuple(BaselineFile.of(store, path) for path in store.files())
-        content = replace(manifest, files=files).to_bytes()
-        (aside / BASELINE_FILE).write_bytes(content)
-        problems = verify(aside).problems
-        if problems:
-            raise BaselineError(f"{aside} was not written as it should be: {problems[0]}; try another disk")
+        copy = copy_merged(frames.results, store, contents)
+        refuse_damaged(copy.damaged, partial)
+        old = (grown.licence, grown.core, grown.planned) if grown else ("", (), {})
+        describe(aside, name, licence or old[0], missing, copy, core or old[1], old[2])
         aside.rename(folder)
     finally:
         shutil.rmtree(aside, ignore_errors=True)
     return folder
 
 
-def _new_folder(name: str, output: Path) -> Path:
+def describe(
+    place: Path,
+    name: str,
+    licence: str,
+    missing: str,
+    copy: Copy | Shard,
+    core: tuple[str, ...] = (),
+    planned: Mapping[str, int] | None = None,
+) -> None:
+    """Writes card and manifest of a root that was copied to `place`, and verifies all of it.
+
+    Raises:
+        BaselineError: it is not as it should be.
+    """
+    store = Store.open(place)
+    shutil.rmtree(place / "tmp", ignore_errors=True)
+    for file in (CARD_FILE, BASELINE_FILE):
+        (place / file).unlink(missing_ok=True)
+    released = load(place)
+    manifest = _manifest(released, name, licence, missing, copy, store)
+    manifest = replace(manifest, core=core, planned=dict(planned or {}))
+    text = card(manifest, _made(released), tables=_tables(released))
+    (place / CARD_FILE).write_text(text, encoding="utf-8")
+    files = tuple(BaselineFile.of(store, path) for path in store.files())
+    (place / BASELINE_FILE).write_bytes(replace(manifest, files=files).to_bytes())
+    problems = verify(place).problems
+    if problems:
+        raise BaselineError(f"{place} was not written as it should be: {problems[0]}; try another disk")
+
+
+def release_folder(name: str, output: Path) -> Path:
+    """Returns where a release of this name lies within `output`.
+
+    Raises:
+        BaselineError: the name has other characters, or `output` is not on a disk.
+    """
     if not re.fullmatch(r"[0-9a-zA-Z][0-9a-zA-Z._-]*", name):
         raise BaselineError(
             f"release {name!r}: use letters, digits, '.', '_' and '-', a letter or digit first"
         )
     if "://" in str(output):
         raise BaselineError(f"{output} is not a local folder: write the release to a disk, then upload it")
-    folder = output.expanduser() / name
-    if folder.exists():
-        raise BaselineError(f"{folder} exists: a release is never overwritten; choose another name or folder")
-    return folder
+    return output.expanduser() / name
 
 
-def _refuse_unfinished(frames: Frames, partial: bool) -> str:
-    """Returns what is missing of the campaigns, in words, if that is allowed."""
+def _is_release(frames: Frames) -> bool:
+    return frames.results.store.exists(BASELINE_FILE)
+
+
+def _refuse_unfinished(frames: Frames, partial: bool, lacking: str = "") -> str:
+    """Returns what is missing of the campaigns, in words, if that is allowed.
+
+    Args:
+        frames: of the root.
+        partial: whether something may be missing.
+        lacking: what a release that is packed anew lacked.
+    """
     holder = holder_of(frames.results.store)
     if holder is not None:
         raise BaselineError(f"{holder} is at work on the root: wait for its end, or stop it first")
-    _refuse_damaged(frames.results.problems, partial)
+    refuse_damaged(frames.results.problems, partial)
     if frames.cells.empty:
         raise BaselineError("the root holds no runs: there is nothing to release")
     runs = frames.cells.drop_duplicates("run_id")["status"]
     counts = {status: int((runs == status).sum()) for status in STATUSES if status != "done"}
     words = ", ".join(f"{count} {status}" for status, count in counts.items() if count)
-    missing = f"of {len(runs)} runs {words}" if words else ""
+    missing = f"of {len(runs)} runs {words}" if words else lacking
     if missing and not partial:
         raise BaselineError(f"{missing}: finish the campaign, or release it as it is with --partial")
     return missing
 
 
-def _refuse_damaged(problems: Sequence[str], partial: bool) -> None:
+def refuse_damaged(problems: Sequence[str], partial: bool) -> None:
+    """Refuses a root with damaged files unless a part of it will do.
+
+    Raises:
+        BaselineError: the message names the first.
+    """
     if problems and not partial:
         more = f" (and {len(problems) - 1} more)" if len(problems) > 1 else ""
         raise BaselineError(
@@ -136,7 +196,7 @@ def _refuse_damaged(problems: Sequence[str], partial: bool) -> None:
 
 
 def _manifest(
-    frames: Frames, name: str, licence: str, missing: str, copy: Copy, store: Store
+    frames: Frames, name: str, licence: str, missing: str, copy: Copy | Shard, store: Store
 ) -> BaselineManifest:
     cells = frames.cells.astype({"seed": object})
     columns = {title: cells[column].dropna().tolist() for title, column in HELD.items()}
@@ -153,11 +213,13 @@ def _manifest(
             f"{len(copy.policy_files)} files of policies were left out, being neither JSON nor safetensors."
         )
     caveats += [f"Left out, being damaged: {problem}" for problem in copy.damaged]
-    if counts["policies"] < counts["runs"]:
+    if not counts["policies"]:
+        caveats.append("There are no policies here.")
+    elif counts["policies"] < counts["runs"]:
         caveats.append(f"{counts['runs'] - counts['policies']} of {counts['runs']} runs have no policy here.")
     engines = " and ".join(sorted(cells["engine"].unique()))
     caveats.append(f"Worlds of other engines than {engines} give other numbers: compare ranks, pool nothing.")
-    if len(frames.attempts):
+    if frames.attempts["host"].astype(str).ne("").any():
         caveats.append("The table of attempts names the machines that the runs were made on.")
     return BaselineManifest(
         name=name,
@@ -192,8 +254,7 @@ def _made(frames: Frames) -> str:
         )
     attempts = frames.attempts
     if len(attempts):
-        machines, total = attempts["host"].nunique(), duration(float(attempts["wall_seconds"].sum()))
-        text += f" Attempts: {len(attempts):,}, on machines: {machines}, for {total} together."
+        text += f" {made_on(attempts)}"
     return text.strip() + " Every run has its whole specification in the column `spec` of the table `runs`."
 
 

@@ -113,7 +113,8 @@ def test_the_climber_learns_in_an_easy_space_almost_without_water() -> None:
 def test_names_of_experiments_and_of_their_parts_are_told_apart() -> None:
     assert len({experiment.name for experiment in EXPERIMENTS}) == len(EXPERIMENTS)
     for experiment in EXPERIMENTS:
-        assert len(matrices_of(experiment.name)) == len(experiment.matrices)
+        for matrices in experiment.stages.values() or [experiment.matrices]:
+            assert len({matrix.name for matrix in matrices}) == len(matrices)
     with pytest.raises(ValueError, match="did you mean 'parkour'"):
         find_experiment("parkuor")
 
@@ -181,3 +182,17 @@ def test_the_papers_parkour_pools_three_bodies() -> None:
         mine = [result for result in parkour if result.teacher == teacher]
         (pooled,) = (result for result in mine if result.seeds == 48)
         assert pooled.mean == pytest.approx(sum(r.mean for r in mine if r.seeds == 16) / 3, abs=0.15)
+
+
+def test_stages_are_all_of_an_experiment_and_are_found_by_name() -> None:
+    lite = find_experiment("lite_1")
+    assert lite.stage(None) == tuple(matrix for name in lite.stages for matrix in lite.stage(name))
+    for name in ("core", "seeds"):
+        assert {(m.levels, m.students, m.steps) for m in lite.stage(name)} == {
+            ((KnowledgeLevel.HIGH,), ("ppo",), 2_000_000)
+        }
+    assert sum(len(matrix.embodiments) for matrix in lite.stage("core")) * len(lite.teachers) == 70
+    with pytest.raises(ValueError, match=r"no stage 'cor'; known: core, levels, parkour, seeds"):
+        lite.stage("cor")
+    with pytest.raises(ValueError, match=r"parkour has no stage 'core'; known: none"):
+        find_experiment("parkour").stage("core")

@@ -51,6 +51,17 @@ def test_flags_choose_from_an_experiment() -> None:
     }
 
 
+def test_a_stage_runs_every_first_seed_first_at_the_highest_level_that_makes_a_difference() -> None:
+    plan = planned("lite_1", "--stage", "core")
+    assert (plan.name, len(plan.runs), len(plan.cell_rows)) == ("lite_1_core", 350, 350)
+    assert [spec.seed for spec in plan.runs] == sorted(spec.seed for spec in plan.runs)
+    assert values(plan, "expert_knowledge") == {"high"}
+    levels = {spec.teacher: spec.expert_knowledge.value for spec in plan.runs}
+    assert (levels["random"], levels["alp_gmm"], levels["setter_solver"]) == ("none", "high", "low")
+    assert {"goal_gan:preset=release", "spdl:preset=release"} < set(levels)
+    assert len({spec.run_id for spec in plan.runs} & {s.run_id for s in planned("lite_1").runs}) == 350
+
+
 def test_students_of_the_users_own_take_the_place_of_the_papers() -> None:
     plan = planned("parkour", "--students", "TD3", "--embodiments", "fish", "--teachers", "random")
     assert {(spec.student, spec.embodiment) for spec in plan.runs} == {("TD3", "fish")}

@@ -98,6 +98,10 @@ def _tma_ray(arguments: list[str]) -> int:
     return cli.main([*arguments, *SMALL.get(arguments[0], [])])
 
 
+def _nice(arguments: list[str]) -> int:
+    return execute(arguments[2:])  # after -n 19
+
+
 def _python(arguments: list[str]) -> int:
     if arguments[0] == "-m":
         if arguments[1] == "pip":
@@ -182,6 +186,7 @@ def _names() -> Iterator[str]:
 
 PROGRAMS: dict[str, Callable[[list[str]], int]] = {
     "tma-ray": _tma_ray,
+    "nice": _nice,
     "python": _python,
     "sbatch": _sbatch,
     "make": _make,

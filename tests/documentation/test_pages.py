@@ -20,6 +20,7 @@ LONG = (
     "docs/add_student.md",
     "docs/add_teacher.md",
     "docs/experiments.md",
+    "docs/releasing.md",
 )
 """Pages whose commands train and report again and again."""
 

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import difflib
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 
 from tma_ray.benchmark.grids import TEACHER_GRIDS
+from tma_ray.benchmark.lite_1 import LITE_1_SIZE, LITE_1_STAGES, LITE_1_TEACHERS
 from tma_ray.benchmark.matrices import (
     CASE_STUDIES,
     MATRICES,
@@ -16,6 +18,7 @@ from tma_ray.benchmark.matrices import (
     TEACHER_SEARCH,
     Matrix,
 )
+from tma_ray.benchmark.tiers import SIZES, Size, Tier
 
 TEACHERS = ("random", *sorted(TEACHER_GRIDS))
 """The teachers that the paper compares."""
@@ -31,6 +34,8 @@ class Experiment:
         matrices: what is run.
         teachers: who runs what the matrices leave open; empty where the user must say.
         read_at: share of the budget after which its tables are read.
+        stages: matrices that are run before others, by the name of the part that they are.
+        size: intervals of its runs; None of a field leaves the paper's.
     """
 
     name: str
@@ -38,6 +43,25 @@ class Experiment:
     matrices: tuple[Matrix, ...]
     teachers: tuple[str, ...] = TEACHERS
     read_at: float = 1.0
+    stages: Mapping[str, tuple[Matrix, ...]] = field(default_factory=dict)
+    size: Size = field(default_factory=Size)
+
+    def size_at(self, tier: Tier) -> Size:
+        """Returns what is run of it at `tier`; the largest is all of it."""
+        return self.size if tier is Tier.PAPER else SIZES[tier]
+
+    def stage(self, name: str | None) -> tuple[Matrix, ...]:
+        """Returns the matrices of a stage, all for None.
+
+        Raises:
+            ValueError: it has no such stage.
+        """
+        if name is None:
+            return self.matrices
+        if name not in self.stages:
+            known = ", ".join(self.stages) or "none"
+            raise ValueError(f"{self.name} has no stage {name!r}; known: {known}")
+        return self.stages[name]
 
 
 EXPERIMENTS: tuple[Experiment, ...] = (
@@ -58,6 +82,14 @@ EXPERIMENTS: tuple[Experiment, ...] = (
     Experiment("ppo_search", "Hyper-parameters of PPO", (PPO_SEARCH,)),
     Experiment("full_benchmark", "Everything that is compared: Stump Tracks and Parkour", MATRICES),
     Experiment("compare_new_teacher", "The full benchmark for teachers of your own", MATRICES, teachers=()),
+    Experiment(
+        "lite_1",
+        "The release lite-1: all teachers with PPO",
+        tuple(matrix for stage in LITE_1_STAGES.values() for matrix in stage),
+        LITE_1_TEACHERS,
+        stages=LITE_1_STAGES,
+        size=LITE_1_SIZE,
+    ),
 )
 """Sample efficiency is read from the runs of the challenges: where those are done, it runs nothing."""
 

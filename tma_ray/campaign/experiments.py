@@ -10,7 +10,7 @@ from pathlib import Path
 
 from rich.console import Console
 
-from tma_ray.benchmark import SIZES, Experiment, Matrix, Size, Tier, select
+from tma_ray.benchmark import Experiment, Matrix, Size, Tier, select
 from tma_ray.campaign.costs.estimation import estimate
 from tma_ray.campaign.matrices import joined_plan, matrix_campaigns
 from tma_ray.campaign.option_values import parse_levels
@@ -62,6 +62,9 @@ def add_experiment_options(parser: argparse.ArgumentParser) -> None:
     what.add_argument(
         "--tier", type=Tier, choices=list(Tier), default=Tier.PAPER, help="size of the experiment"
     )
+    what.add_argument(
+        "--stage", metavar="NAME", help="part of an experiment that has stages, as core (default: all)"
+    )
     add_execution_options(parser)
     add_results_option(parser)
 
@@ -69,13 +72,13 @@ def add_experiment_options(parser: argparse.ArgumentParser) -> None:
 def experiment_plan(experiment: Experiment, options: argparse.Namespace) -> Plan:
     """Returns the runs of what the flags choose of `experiment`.
 
-    Challenges, bodies and levels select; students take the place of the experiment's; teachers do where
-    the experiment leaves them open. Seeds are places in the list of seeds that each matrix has.
+    Stage, challenges, bodies and levels select; students take the place of the experiment's; teachers do
+    where the experiment leaves them open. Seeds are places in the list of seeds that each matrix has.
 
     Raises:
         ValueError: a name that does not exist, or nothing left to run.
     """
-    size = SIZES[options.tier]
+    size = experiment.size_at(options.tier)
     matrices = chosen_matrices(experiment, size, options)
     given = {
         name: getattr(size, name) for name in ("evaluation_interval", "probe_interval", "training_window")
@@ -86,7 +89,8 @@ def experiment_plan(experiment: Experiment, options: argparse.Namespace) -> Plan
     )
     independent = options.independent_levels
     return joined_plan(
-        experiment.name, [replace(campaign, independent_levels=independent) for campaign in campaigns]
+        "_".join(filter(None, (experiment.name, options.stage))),
+        [replace(campaign, independent_levels=independent) for campaign in campaigns],
     )
 
 
@@ -94,9 +98,10 @@ def chosen_matrices(experiment: Experiment, size: Size, options: argparse.Namesp
     """Returns what the flags leave of the experiment's matrices at a size.
 
     Raises:
-        ValueError: a challenge, body, level or seed that none of them has.
+        ValueError: a stage, challenge, body, level or seed that none of them has.
     """
-    matrices = select(experiment.matrices, options.challenges) if options.challenges else experiment.matrices
+    matrices = experiment.stage(options.stage)
+    matrices = select(matrices, options.challenges) if options.challenges else matrices
     known = dict.fromkeys(body for matrix in matrices for body in matrix.embodiments)
     for body in options.embodiments or ():
         if body not in known:

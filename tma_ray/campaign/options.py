@@ -189,6 +189,11 @@ def add_execution_options(parser: argparse.ArgumentParser) -> argparse._Argument
         metavar="SECONDS",
         help="how long the storage of the results may be unavailable before runs count as lost",
     )
+    how.add_argument(
+        "--start-from",
+        metavar="ROOT",
+        help="results root or release whose runs are copied first and not repeated (default: none)",
+    )
     how.add_argument("--dry-run", action="store_true", help="print what would run, and stop")
     how.add_argument("--yes", action="store_true", help=YES)
     return how

@@ -17,7 +17,7 @@ from tma_ray.campaign.options import add_options, chosen_address, chosen_campaig
 from tma_ray.campaign.plan import CampaignSpec, Plan
 from tma_ray.campaign.preflight.address import check_address
 from tma_ray.command_line import CommandParser
-from tma_ray.results import RootInUseError
+from tma_ray.results import RootInUseError, Store, start_from
 
 EXIT_FAILED = 1
 EXIT_REFUSED = 2
@@ -72,6 +72,9 @@ def run_plan(
     if address is not None and not options.dry_run:
         check_address(address)
     console.print(plan.describe(), highlight=False, soft_wrap=True)
+    if options.start_from and not options.dry_run:
+        store, source = Store.open(results), Store.open(options.start_from)
+        console.print(f"{start_from(store, source):,} runs copied from {source}", highlight=False)
     cost = long_cost(plan, results, settings, known)
     if cost is not None and known is None:
         console.print(f"cost: {cost.summary()}", highlight=False, soft_wrap=True)

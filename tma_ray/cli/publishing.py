@@ -49,8 +49,13 @@ def add_commands(commands: Any) -> None:
     commands.add_parser(
         "release",
         help="pack a finished campaign as a baseline for others",
-        description="Pack the finished campaign of a results root as a baseline for others.",
+        description="Pack the finished campaign of a results root as a baseline for others. With --shard, "
+        "add its finished runs to a release that grows, or begin one.",
         populate=_add_release,
+        examples=(
+            "tma-ray release results mine-1.0 --licence CC-BY-4.0",
+            "tma-ray release results growing --shard batch-1 --licence CC-BY-4.0",
+        ),
     )
     commands.add_parser(
         "compact",
@@ -149,6 +154,8 @@ def _add_baselines_verify(parser: CommandParser) -> None:
 
 
 def _add_release(parser: CommandParser) -> None:
+    from tma_ray.campaign.option_values import names
+
     parser.add_argument("root", metavar="ROOT", help="results root of the campaign")
     parser.add_argument("name", metavar="NAME", help="name of the baseline")
     parser.add_argument(
@@ -161,6 +168,23 @@ def _add_release(parser: CommandParser) -> None:
         help="licence of the results, as CC-BY-4.0 (default: none)",
     )
     parser.add_argument("--partial", action="store_true", help="allow missing runs, and mark the baseline so")
+    parser.add_argument(
+        "--lean",
+        action="store_true",
+        help="leave out episodes, logs of teachers, policies and names of machines: 20 kB a run",
+    )
+    parser.add_argument(
+        "--shard",
+        metavar="NAME",
+        help="add the finished runs that the release lacks, lean, as files of this name (default: pack all)",
+    )
+    parser.add_argument(
+        "--core",
+        type=names,
+        default=(),
+        metavar="NAME,...",
+        help="campaigns that 'tma-ray campaign --like' repeats (default: all)",
+    )
     parser.set_defaults(command=_release)
 
 
@@ -220,9 +244,19 @@ def _verify_baseline(options: argparse.Namespace) -> int:
 
 
 def _release(options: argparse.Namespace) -> int:
-    from analysis.baselines import release
+    from analysis.baselines import add_to_release, release
+    from tma_ray.results import LEAN, WHOLE
 
-    print(release(options.root, options.name, options.output, options.licence, partial=options.partial))
+    where, core = (options.root, options.name), tuple(options.core)
+    if options.shard:
+        print(add_to_release(*where, options.shard, options.output, options.licence, core=core))
+        return 0
+    contents = LEAN if options.lean else WHOLE
+    print(
+        release(
+            *where, options.output, options.licence, partial=options.partial, contents=contents, core=core
+        )
+    )
     return 0
 
 

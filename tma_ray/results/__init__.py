@@ -31,6 +31,8 @@ from tma_ray.results.layout import (
 from tma_ray.results.manifest import Manifest, PartFile, read_checked
 from tma_ray.results.merging.compaction import Compaction, compact
 from tma_ray.results.merging.copying import Copy, copy_merged
+from tma_ray.results.merging.packing import LEAN, WHOLE, Contents
+from tma_ray.results.merging.shards import Shard, add_shard, start_from
 from tma_ray.results.published import PUBLISHED_FILE, PUBLISHED_SCHEMA, read_published, write_published
 from tma_ray.results.reader import Results
 from tma_ray.results.records import (
@@ -57,16 +59,19 @@ __all__ = [
     "DATA_TABLES",
     "DISK_FULL",
     "INPUTS",
+    "LEAN",
     "LOGS",
     "POLICIES",
     "PUBLISHED_FILE",
     "PUBLISHED_SCHEMA",
     "SCHEMAS",
     "SCHEMA_VERSION",
+    "WHOLE",
     "AttemptOutcome",
     "AttemptRecord",
     "Committer",
     "Compaction",
+    "Contents",
     "Copy",
     "Damage",
     "DamagedFileError",
@@ -87,12 +92,14 @@ __all__ = [
     "RunRecord",
     "RunStatus",
     "RunWriter",
+    "Shard",
     "SpecFacts",
     "StaleAttemptError",
     "StorageError",
     "Store",
     "Table",
     "accepted_manifest",
+    "add_shard",
     "ask_to_stop",
     "check_id",
     "check_path",
@@ -116,6 +123,7 @@ __all__ = [
     "retry",
     "spec_digest",
     "staged_policy",
+    "start_from",
     "teacher_log_row",
     "verify_root",
     "write_published",

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
+from typing import Final
 
 import pyarrow as pa
 
@@ -18,6 +19,32 @@ from tma_ray.results.storage.store import Store
 
 SINGLE_RUNS = "single_runs"
 """Name of the files of runs that belong to no experiment."""
+
+
+@dataclass(frozen=True)
+class Contents:
+    """Contents of a copy of a root.
+
+    Attributes:
+        tables: which tables that runs write.
+        unfinished: whether runs that are not done are copied.
+        policies: whether final policies are copied.
+        hosts: whether attempts name the machines that they were made on.
+    """
+
+    tables: tuple[Table, ...] = DATA_TABLES
+    unfinished: bool = True
+    policies: bool = True
+    hosts: bool = True
+
+
+WHOLE: Final = Contents()
+"""All that a root says of its runs."""
+
+LEAN: Final = Contents(
+    (Table.EVALUATIONS, Table.TRAINING, Table.CURRICULUM), unfinished=False, policies=False, hosts=False
+)
+"""Some 20 kB a run: neither episodes, logs of teachers and policies, nor names of machines."""
 
 
 def experiments_of(results: Results) -> dict[str, str]:
@@ -43,7 +70,12 @@ def grouped(manifests: Sequence[Manifest], experiments: Mapping[str, str]) -> di
 
 
 def pack(
-    results: Results, manifests: Sequence[Manifest], target: Store, name: str, tick: Callable[[], None]
+    results: Results,
+    manifests: Sequence[Manifest],
+    target: Store,
+    name: str,
+    tick: Callable[[], None],
+    contents: Contents = WHOLE,
 ) -> list[Manifest]:
     """Writes one file per table with all rows of some runs; returns manifests that lead to them.
 
@@ -56,18 +88,28 @@ def pack(
         target: the root to write to, perhaps the same.
         name: of the files; none of that name may be there.
         tick: called now and then, as long work needs signs of life.
+        contents: what is written of the runs.
 
     Raises:
         DamagedFileError: rows cannot be read, or were not written as they are.
     """
     slices: dict[str, list[PartFile]] = {manifest.run.run_id: [] for manifest in manifests}
-    for table in DATA_TABLES:
+    for table in contents.tables:
         for run_id, file in _pack_table(results, list(slices), target, (table, name), tick):
             slices[run_id].append(file)
     for table in (Table.RUNS, Table.ATTEMPTS):
         rows, path = results.table(table, list(slices)), table_path(table, name)
+        if table is Table.ATTEMPTS and not contents.hosts:
+            rows = _without_hosts(rows)
         PartFile.write(target, path, table, len(rows), encode(table, rows)).read(target)
     return [replace(manifest, files=tuple(slices[manifest.run.run_id])) for manifest in manifests]
+
+
+def _without_hosts(attempts: pa.Table) -> pa.Table:
+    place = attempts.schema.get_field_index("host")
+    field = attempts.schema.field(place)
+    empty = pa.array([""] * len(attempts), pa.string()).dictionary_encode().cast(field.type)
+    return attempts.set_column(place, field, empty)
 
 
 def _rows_of(results: Results, table: Table, run_id: str) -> pa.Table:

@@ -1,0 +1,152 @@
+"""Releases that grow by shards: each adds what is new, changes nothing else, and a batch starts from them."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pandas as pd
+import pytest
+from synthetic_results import SyntheticCampaign
+
+from analysis.baselines import BaselineError, add_to_release, find_baseline, release, verify
+from analysis.baselines.catalogue import PLACES_VARIABLE
+from analysis.data.frames import load
+from tma_ray.cli import main
+from tma_ray.results import LEAN, Committer, Results, ResultsRootError, Store, Table, start_from
+
+SMALL = {"steps": 20_000, "evaluation_every": 10_000, "episode_steps": 1_000, "grid": 2, "updates": 2}
+TEACHERS = ("random", "alp_gmm")
+
+
+def batch(folder: Path, seeds: range, campaign: str = "batch") -> Path:
+    """A root with one run of each teacher and seed."""
+    runs = SyntheticCampaign(folder, campaign=campaign, boxes=True, **SMALL)
+    for teacher in TEACHERS:
+        for seed in seeds:
+            runs.run(teacher, seed)
+    return folder
+
+
+def files(folder: Path) -> dict[str, bytes]:
+    return {
+        path.relative_to(folder).as_posix(): path.read_bytes() for path in folder.rglob("*") if path.is_file()
+    }
+
+
+@pytest.fixture
+def first(tmp_path: Path) -> Path:
+    return batch(tmp_path / "first", range(2))
+
+
+@pytest.fixture
+def grown(first: Path, tmp_path: Path) -> Path:
+    return add_to_release(first, "growing", "batch-1", tmp_path / "out", "CC0-1.0", core=("batch",))
+
+
+def test_a_shard_is_a_file_per_table_without_episodes_policies_and_hosts(first: Path, grown: Path) -> None:
+    tables = {name for name in files(grown) if name.startswith("tables/")}
+    assert tables == {
+        f"tables/{table}/batch-1.parquet"
+        for table in ("runs", "attempts", "cells", "evaluations", "training", "curriculum")
+    }
+    assert verify(grown).whole
+    hosts = load(first).attempts["host"].astype(str)
+    assert (hosts != "").all()
+    for content in files(grown).values():
+        assert not any(host.encode() in content for host in hosts.unique())
+    assert set(load(grown).attempts["host"].astype(str)) <= {""}
+
+
+def test_what_it_holds_of_its_runs_is_what_their_root_holds(first: Path, grown: Path) -> None:
+    ours, theirs = load(grown), load(first)
+    for name in ("cells", "evaluations", "training", "test_tasks"):
+        pd.testing.assert_frame_equal(getattr(ours, name), getattr(theirs, name), check_exact=True)
+    assert ours.results.table(Table.CURRICULUM).equals(theirs.results.table(Table.CURRICULUM))
+    assert ours.results.table(Table.EPISODES).num_rows == 0
+    manifest = find_baseline(grown).manifest
+    assert (manifest.licence, manifest.core, manifest.planned, manifest.partial) == (
+        "CC0-1.0",
+        ("batch",),
+        {"batch": 4},
+        "",
+    )
+
+
+def test_a_second_shard_adds_what_is_new_and_changes_no_file(grown: Path, tmp_path: Path) -> None:
+    root = tmp_path / "second"
+    assert start_from(Store.open(root), Store.open(grown)) == 4
+    batch(root, range(2, 3), campaign="more")
+    before = files(grown)
+    assert add_to_release(root, "growing", "batch-2", grown.parent) == grown
+    after = files(grown)
+    assert {name for name in before if after[name] != before[name]} == {"README.md", "baseline.json"}
+    new = set(after) - set(before)
+    assert {name for name in new if not name.startswith("manifests/")} == {
+        f"tables/{table}/batch-2.parquet"
+        for table in ("runs", "attempts", "cells", "evaluations", "training", "curriculum")
+    }
+    assert sum(name.startswith("manifests/") for name in new) == 2
+    assert verify(grown).whole
+    assert sorted(load(grown).cells["seed"]) == [0, 0, 1, 1, 2, 2]
+    manifest = find_baseline(grown).manifest
+    assert (manifest.core, manifest.planned) == (("batch",), {"batch": 4, "more": 2})
+
+
+def test_runs_of_a_release_are_done_in_a_root_that_starts_from_it(grown: Path, tmp_path: Path) -> None:
+    root = Store.open(tmp_path / "next")
+    start_from(root, Store.open(grown))
+    ids = [manifest.run.run_id for manifest in Results.open(grown).runs()]
+    assert Committer(root).done([*ids, "ppo_random-s9-0123456789ab"]) == set(ids)
+    assert start_from(root, Store.open(grown)) == 0
+    assert not root.exists("baseline.json")
+
+
+def test_nothing_new_and_names_twice_are_refused_and_change_nothing(
+    first: Path, grown: Path, tmp_path: Path
+) -> None:
+    before = files(grown)
+    with pytest.raises(BaselineError, match="nothing to add"):
+        add_to_release(first, "growing", "batch-2", grown.parent)
+    more = batch(tmp_path / "more", range(2, 3))
+    with pytest.raises(ResultsRootError, match="exists"):
+        add_to_release(more, "growing", "batch-1", grown.parent)
+    with pytest.raises(ValueError, match="letters, digits"):
+        add_to_release(more, "growing", "../x", grown.parent)
+    assert files(grown) == before
+    assert sorted(path.name for path in grown.parent.iterdir()) == ["growing"]
+
+
+def test_what_campaigns_lack_is_told_until_they_have_it(first: Path, tmp_path: Path) -> None:
+    waiting = SyntheticCampaign(first, campaign="batch", **SMALL)
+    waiting.cell(waiting.record("random", 5, "low"), "low")
+    out = tmp_path / "out"
+    grown = add_to_release(first, "growing", "one", out)
+    assert find_baseline(grown).manifest.partial == "batch has 4 of 5 runs"
+    assert "batch has 4 of 5 runs" in (grown / "README.md").read_text()
+    with pytest.raises(BaselineError, match=r"4 of 5 runs.*--partial"):
+        release(grown, "whole", out, contents=LEAN)
+    waiting.run("random", 5)
+    add_to_release(first, "growing", "two", out)
+    assert find_baseline(grown).manifest.partial == ""
+
+
+def test_shards_are_merged_by_packing_the_release_anew(grown: Path, tmp_path: Path) -> None:
+    add_to_release(batch(tmp_path / "more", range(2, 3)), "growing", "batch-2", grown.parent)
+    merged = release(grown, "whole", grown.parent, contents=LEAN)
+    assert {name for name in files(merged) if name.startswith("tables/evaluations")} == {
+        "tables/evaluations/original.parquet"
+    }
+    assert verify(merged).whole
+    assert find_baseline(merged).manifest.core == ("batch",)
+    pd.testing.assert_frame_equal(load(merged).evaluations, load(grown).evaluations, check_exact=True)
+
+
+def test_the_command_adds_shards(
+    first: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.delenv(PLACES_VARIABLE, raising=False)
+    assert main(["release", "first", "growing", "--shard", "one", "--core", "batch"]) == 0
+    assert capsys.readouterr().out == "growing\n"
+    assert main(["release", "first", "growing", "--shard", "two"]) == 2
+    assert "nothing to add" in capsys.readouterr().err
