@@ -10,7 +10,7 @@ from uuid import uuid4
 from analysis.baselines.catalogue import Baseline
 from analysis.baselines.manifest import BASELINE_FILE, BaselineError, BaselineManifest
 from analysis.baselines.releasing import describe, refuse_damaged, release_folder
-from tma_ray.results import Results, RunStatus, Store, Table, add_shard, check_id
+from tma_ray.results import Results, RunStatus, Shard, Store, Table, add_shard, check_id
 
 
 def add_to_release(
@@ -54,9 +54,7 @@ def add_to_release(
         before = _copied(folder, aside)
         store = Store.open(aside)
         added = add_shard(results, store, shard)
-        refuse_damaged(added.damaged, partial=False)
-        if not added.runs and not added.cells:
-            raise BaselineError(f"{root} has no finished run that {folder} lacks: there is nothing to add")
+        _refuse_nothing(added, results, folder)
         planned = _most(before.planned if before else {}, _planned(results))
         missing = _missing(Results(store), planned)
         old = (before.licence, before.core) if before else ("", ())
@@ -65,6 +63,14 @@ def add_to_release(
     finally:
         shutil.rmtree(aside, ignore_errors=True)
     return folder
+
+
+def _refuse_nothing(added: Shard, results: Results, folder: Path) -> None:
+    refuse_damaged(added.damaged, partial=False)
+    if not added.runs and not added.cells:
+        raise BaselineError(
+            f"{results.store} has no finished run that {folder} lacks: there is nothing to add"
+        )
 
 
 def _copied(folder: Path, aside: Path) -> BaselineManifest | None:

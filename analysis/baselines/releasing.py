@@ -89,11 +89,9 @@ def release(
             damaged, or the folder exists.
         DamagedFileError: a newer version wrote columns that would be lost.
     """
-    folder = release_folder(name, output or Path())
-    if folder.exists():
-        raise BaselineError(f"{folder} exists: a release is never overwritten; choose another name or folder")
+    folder = _new_folder(name, output or Path())
     frames = load(root)
-    grown = BaselineManifest.load(frames.results.store) if _is_release(frames) else None
+    grown = _as_release(frames)
     missing = _refuse_unfinished(frames, partial, grown.partial if grown else "")
     folder.parent.mkdir(parents=True, exist_ok=True)
     aside = folder.parent / f".{name}-{uuid4().hex[:8]}"
@@ -154,8 +152,16 @@ def release_folder(name: str, output: Path) -> Path:
     return output.expanduser() / name
 
 
-def _is_release(frames: Frames) -> bool:
-    return frames.results.store.exists(BASELINE_FILE)
+def _new_folder(name: str, output: Path) -> Path:
+    folder = release_folder(name, output)
+    if folder.exists():
+        raise BaselineError(f"{folder} exists: a release is never overwritten; choose another name or folder")
+    return folder
+
+
+def _as_release(frames: Frames) -> BaselineManifest | None:
+    store = frames.results.store
+    return BaselineManifest.load(store) if store.exists(BASELINE_FILE) else None
 
 
 def _refuse_unfinished(frames: Frames, partial: bool, lacking: str = "") -> str:
