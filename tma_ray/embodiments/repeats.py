@@ -46,12 +46,13 @@ class Repeat:
     step: tuple[float, float] = (0.0, 0.0)
 
     def check(self, count: object) -> None:
-        """Checks a number of copies.
+        """Checks a number of copies; 3.0 is as whole as 3.
 
         Raises:
             ValueError: it is not a whole number from 1 to `at_most`.
         """
-        if not isinstance(count, int) or isinstance(count, bool) or not 1 <= count <= self.at_most:
+        is_number = isinstance(count, int | float) and not isinstance(count, bool)
+        if not is_number or count not in range(1, self.at_most + 1):
             raise ValueError(f"{self.parameter} {count!r} must be a whole number from 1 to {self.at_most}")
 
 
