@@ -47,10 +47,10 @@ def test_a_trace_shows_one_value_that_changed_and_no_rounding() -> None:
     assert apart[0] < TOLERANCE < apart[1]
 
 
-def frozen() -> version_table.Table:
+def frozen(released: bool = True) -> version_table.Table:
     table = copy.deepcopy(TABLE)
     for entry in table["benchmarks"].values():
-        entry["released"] = True
+        entry["released"] = released
     return table
 
 
@@ -63,7 +63,7 @@ def test_a_released_behaviour_cannot_change_without_its_version(monkeypatch: pyt
         ValueError, match=f"behaviour of teacher 'adr' changed.*algorithm_version to {number + 1}"
     ):
         version_table.renewed(frozen(), {("teacher", "adr"): found})
-    unreleased = version_table.renewed(copy.deepcopy(TABLE), {("teacher", "adr"): found})
+    unreleased = version_table.renewed(frozen(released=False), {("teacher", "adr"): found})
     assert unreleased["traces"]["teacher"]["adr"]["traces"] == found
 
     monkeypatch.setattr(version_table, "version", lambda part, name: "99")
@@ -73,6 +73,15 @@ def test_a_released_behaviour_cannot_change_without_its_version(monkeypatch: pyt
     raised = version_table.renewed(frozen(), {("teacher", "adr"): found})
     assert raised["traces"]["teacher"]["adr"] == {"version": "99", "traces": found}
     assert not raised["benchmarks"][str(version_table.BENCHMARK_VERSION)]["released"]
+
+
+def test_what_is_added_to_a_released_benchmark_needs_no_new_version(monkeypatch: pytest.MonkeyPatch) -> None:
+    before = frozen()
+    del before["benchmarks"][str(version_table.BENCHMARK_VERSION)]["algorithm_versions"]["teacher"]["adr"]
+    assert version_table.benchmark_problem(before) is None
+    assert version_table.released(before, "teacher", "adr") is None
+    monkeypatch.setattr(version_table, "PHYSICS_VERSION", version_table.PHYSICS_VERSION + 1)
+    assert "physics_version" in str(version_table.benchmark_problem(before))
 
 
 def test_an_environments_behaviour_is_pinned_with_the_physics() -> None:

@@ -75,11 +75,22 @@ def behaviour_problem(table: Table, part: str, name: str, found: dict[str, list[
 
 
 def benchmark_problem(table: Table) -> str | None:
-    """Returns how the benchmark's version contradicts the table, None if it does not."""
+    """Returns how the benchmark's version contradicts the table, None if it does not.
+
+    A teacher, student or environment that is added changes no released run, and so needs no new version;
+    the next ``--release`` freezes its behaviour with the others'.
+    """
     now, pinned = current(), dict(_benchmarks(table)).get(BENCHMARK_VERSION)
     if pinned is None:
         return f"benchmark version {BENCHMARK_VERSION} is not in the table: renew it with '{RENEW}'"
-    moved = [key for key in now if key != "released" and now[key] != pinned[key]]
+    moved = [key for key in ("physics_version", "schema_version") if now[key] != pinned[key]]
+    versions = now["algorithm_versions"]
+    moved += [
+        f"{part} {name!r}"
+        for part, named in pinned["algorithm_versions"].items()
+        for name, own in named.items()
+        if versions.get(part, {}).get(name) != own
+    ]
     if not moved:
         return None
     remedy = (
@@ -115,7 +126,7 @@ def main(arguments: list[str]) -> None:
     found = {(part, name): traces(part, name) for part, name in catalogue()}
     table = renewed(load(), found)
     if arguments == ["--release"]:
-        table["benchmarks"][str(BENCHMARK_VERSION)]["released"] = True
+        table["benchmarks"][str(BENCHMARK_VERSION)] = current() | {"released": True}
     elif arguments:
         raise SystemExit(__doc__)
     FILE.write_text(_text(table))
