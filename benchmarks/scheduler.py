@@ -96,9 +96,8 @@ def execute(runs: list[RunSpec], root: str) -> dict[str, float]:
     """Returns what the scheduler took for these runs."""
     view = ProgressView(Console(file=io.StringIO()))
     start, used = time.perf_counter(), time.process_time()
-    ended = scheduler.Scheduler(Committer.open(root), SETTINGS, view, lambda: None).execute(
-        runs, lambda: False
-    )
+    committer, head = Committer.open(root), connect(None).head
+    ended = scheduler.Scheduler(committer, SETTINGS, view, lambda: None, head).execute(runs, lambda: False)
     seconds, used = time.perf_counter() - start, time.process_time() - used
     assert ended.done == len(runs)
     return {

@@ -13,6 +13,7 @@ from rich.console import Console
 from small_runs import SCHEDULE, STUDENTS, data_files, rows
 
 from tma_ray.campaign import Campaign
+from tma_ray.campaign.cluster import connect
 from tma_ray.campaign.execution import run_campaign
 from tma_ray.campaign.monitor.overview import overview
 from tma_ray.campaign.monitor.progress import ProgressView, Snapshot
@@ -153,7 +154,7 @@ def test_a_stopped_campaign_leaves_checkpoints_and_continues_wherever_its_teache
     what = campaign(lingering(tmp_path))
     committer = Committer(Store.open(tmp_path / "root"))
     inline = settings(teachers=TeacherPlacement.INLINE)
-    scheduler = Scheduler(committer, inline, quiet(), lambda: None)
+    scheduler = Scheduler(committer, inline, quiet(), lambda: None, connect(None).head)
     checkpoints = tmp_path / "root" / "checkpoints"
     ended = scheduler.execute(what.plan().runs, lambda: any(checkpoints.rglob("index.json")))
     (tmp_path / "stopped").touch()

@@ -21,10 +21,14 @@ ARGUMENTS = (
 )
 
 
-def start(root: Path) -> subprocess.Popen[bytes]:
+def start(root: Path, said: Path | None = None) -> subprocess.Popen[bytes]:
     command = [sys.executable, "-m", "tma_ray.cli", *ARGUMENTS.split(), str(root)]
     path = os.pathsep.join([str(HELPERS), os.environ.get("PYTHONPATH", "")])
-    return subprocess.Popen(command, env={**os.environ, "PYTHONPATH": path}, stdout=subprocess.DEVNULL)
+    environment = {**os.environ, "PYTHONPATH": path}
+    if said is None:
+        return subprocess.Popen(command, env=environment, stdout=subprocess.DEVNULL)
+    with said.open("ab") as log:
+        return subprocess.Popen(command, env=environment, stdout=log, stderr=log)
 
 
 def wait_for_a_checkpoint(root: Path, process: subprocess.Popen[bytes]) -> None:

@@ -1,5 +1,10 @@
+import subprocess
+import sys
+from dataclasses import replace
+
 from tma_ray.results import Heartbeat, HeartbeatWriter, RunProgress, Store
 from tma_ray.results.holding.heartbeat import HEARTBEAT_SECONDS, SILENT_SECONDS
+from tma_ray.results.holding.process import Process
 from tma_ray.results.layout import HEARTBEAT_FILE
 
 
@@ -16,7 +21,8 @@ def test_a_campaign_beats_now_and_then_and_says_when_it_leaves(store: Store) -> 
     pulse = HeartbeatWriter(store, "stumps on head-1", clock)
     pulse.beat({"run": RunProgress(1000, 250.0)})
     first = Heartbeat.load(store)
-    assert first == Heartbeat("stumps on head-1", clock.now, {"run": RunProgress(1000, 250.0)})
+    runs = {"run": RunProgress(1000, 250.0)}
+    assert first == Heartbeat("stumps on head-1", clock.now, runs, process=Process.this())
     clock.now += HEARTBEAT_SECONDS - 1
     pulse.beat({})
     assert Heartbeat.load(store) == first
@@ -31,6 +37,20 @@ def test_a_campaign_beats_now_and_then_and_says_when_it_leaves(store: Store) -> 
     assert last is not None
     assert last.ended
     assert not last.alive(clock.now)
+
+
+def test_a_campaign_whose_process_is_known_to_be_dead_is_not_alive(store: Store) -> None:
+    pulse = HeartbeatWriter(store, "stumps on head-1", Clock())
+    pulse.beat({})
+    given, this = Heartbeat.load(store), Process.this()
+    assert given is not None
+    assert this is not None
+    assert given.alive(Clock.now)
+    ended = subprocess.Popen([sys.executable, "-c", ""])
+    ended.wait()
+    assert not replace(given, process=replace(this, pid=ended.pid)).alive(Clock.now)
+    elsewhere = replace(this, pid=ended.pid, boot="that of another machine")
+    assert replace(given, process=elsewhere).alive(Clock.now)
 
 
 def test_a_zombie_does_not_speak_for_its_successor(store: Store) -> None:

@@ -4,23 +4,42 @@ from __future__ import annotations
 
 import logging
 import os
-import secrets
 from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import ray
 from ray.exceptions import AuthenticationError
 
+from tma_ray.campaign.head.joined import JoinedHead
+from tma_ray.campaign.head.local import LocalHead
+from tma_ray.campaign.head.losing import Head, living_nodes
 from tma_ray.campaign.preflight.address import check_address, connection_advice
 from tma_ray.campaign.preflight.shipping import runtime_environment
 from tma_ray.campaign.settings import GIB, Resources
 from tma_ray.plugin_source import PluginSource
 
-LOCAL_OBJECT_STORE_BYTES = 100_000_000
-"""Next to nothing travels through the object store: results go to files."""
+
+@dataclass(frozen=True)
+class Connection:
+    """A connection of this process to Ray.
+
+    Attributes:
+        head: of the cluster, watched.
+        shipped: whether the workers get the plug-ins; with an older connection they must have them already.
+        is_own: whether this process has started that Ray, so that its workers run in the same installation.
+    """
+
+    head: Head
+    shipped: bool
+    is_own: bool
 
 
-def connect(address: str | None, plugins: Sequence[PluginSource] = ()) -> bool:
+_own: list[LocalHead] = []
+"""The Ray that this process has started, if any: like Ray's connection, it outlives a campaign."""
+
+
+def connect(address: str | None, plugins: Sequence[PluginSource] = ()) -> Connection:
     """Joins the cluster at `address`, or starts a Ray on this machine if that is None.
 
     An existing connection of this process is used as it is; the address is checked all the same.
@@ -29,9 +48,6 @@ def connect(address: str | None, plugins: Sequence[PluginSource] = ()) -> bool:
         address: of a cluster, or "auto".
         plugins: what to bring to the workers.
 
-    Returns:
-        Whether the workers get the plug-ins; with an existing connection they must have them already.
-
     Raises:
         ConnectionError: no cluster answers at `address`, or it has another token; nothing is started.
         ValueError: no cluster can be at such an address, or the plug-ins are too large.
@@ -39,27 +55,32 @@ def connect(address: str | None, plugins: Sequence[PluginSource] = ()) -> bool:
     if address is not None:
         check_address(address)
     if ray.is_initialized():
-        return False
+        return _existing()
+    _own.clear()
     os.environ.setdefault("RAY_USAGE_STATS_ENABLED", "0")
     options: dict[str, Any] = {"log_to_driver": False, "logging_level": logging.ERROR}
-    if address is not None:
-        options["address"] = address
-    else:
-        # Ray asks for a token even here, and would write one into the user's home.
-        os.environ.setdefault("RAY_AUTH_TOKEN", secrets.token_hex(32))
-        local = {"include_dashboard": False, "object_store_memory": LOCAL_OBJECT_STORE_BYTES}
-        options |= {"address": "local", **local}
     with runtime_environment(plugins) as environment:
+        options["runtime_env"] = environment
         try:
-            ray.init(runtime_env=environment, **options)
+            if address is None:
+                _own.append(LocalHead(options))
+                return Connection(_own[0], shipped=True, is_own=True)
+            ray.init(address=address, **options)
         except (ConnectionError, AuthenticationError) as error:
-            raise ConnectionError(connection_advice(options["address"], str(error))) from error
-    return True
+            raise ConnectionError(connection_advice(address or "local", str(error))) from error
+    return Connection(JoinedHead(), shipped=True, is_own=False)
 
 
-def capacity(resources: Resources) -> int:
-    """Returns how many runs the cluster's living nodes hold at once."""
-    return sum(resources.fit_into(node["Resources"]) for node in living_nodes())
+def _existing() -> Connection:
+    """Returns the connection that this process has already."""
+    if _own and _own[0].is_connected():
+        return Connection(_own[0], shipped=False, is_own=True)
+    return Connection(JoinedHead(), shipped=False, is_own=False)
+
+
+def capacity(resources: Resources, nodes: Sequence[dict[str, Any]]) -> int:
+    """Returns how many runs `nodes` hold at once."""
+    return sum(resources.fit_into(node["Resources"]) for node in nodes)
 
 
 def check_feasible(resources: Resources) -> None:
@@ -68,11 +89,12 @@ def check_feasible(resources: Resources) -> None:
     Raises:
         ValueError: what a run needs, and what the nodes have.
     """
-    if capacity(resources):
+    nodes = living_nodes()
+    if capacity(resources, nodes):
         return
     offers = "; ".join(
         f"{has.get('CPU', 0):g} CPUs, {has.get('GPU', 0):g} GPUs, {has.get('memory', 0) / GIB:.1f} GiB"
-        for has in (node["Resources"] for node in living_nodes())
+        for has in (node["Resources"] for node in nodes)
     )
     raise ValueError(
         f"no node can hold a run of {resources.cpus:g} CPUs, {resources.gpus:g} GPUs and "
@@ -88,9 +110,3 @@ def working_nodes() -> list[dict[str, Any]]:
     """
     nodes = living_nodes()
     return [node for node in nodes if node["Resources"].get("CPU")] or nodes
-
-
-def living_nodes() -> list[dict[str, Any]]:
-    """Returns what Ray knows of each living node: "NodeID", "Resources" and more."""
-    nodes: list[dict[str, Any]] = ray.nodes()  # type: ignore[no-untyped-call]
-    return [node for node in nodes if node["Alive"]]

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from contextlib import closing
 from pathlib import Path
 
 from tma_ray.campaign.cluster import check_feasible, connect
 from tma_ray.campaign.failures.stopping import StopSignals
+from tma_ray.campaign.head.losing import Head
 from tma_ray.campaign.monitor.progress import ProgressView, PublishedProgress, Snapshot, View
 from tma_ray.campaign.plan import CampaignSpec, Plan, lease_holder
+from tma_ray.campaign.preflight.installation import check_installation
 from tma_ray.campaign.preflight.storage_access import check_storage_access
 from tma_ray.campaign.preflight.warming import warm_nodes
 from tma_ray.campaign.scheduler import Scheduler
@@ -44,6 +47,7 @@ def run_campaign(
         RootInUseError: another campaign is running on it.
         ConnectionError: no cluster answers at `address`, or an object store refuses us or a node.
         OutageError: the storage of the results was gone for too long; the same call continues.
+        HeadLostError: Ray was gone for too long; the same call continues.
         RuntimeError: called by a module that is imported for its plug-in.
     """
     return execute_plan(campaign.plan(), results, settings or Settings(), address, view)
@@ -60,18 +64,26 @@ def execute_plan(
         )
     store = Store.open(results)
     check_usable(store)
-    shipped = connect(address, plugin_sources(plan.runs))
-    if not settings.autoscaling:
-        check_feasible(settings.resources)
-    check_storage_access(store)
-    warm_nodes(plan.runs, shipped)
+    connection = connect(address, plugin_sources(plan.runs))
+    with closing(connection.head) as head:
+        if not settings.autoscaling:
+            check_feasible(settings.resources)
+        if not connection.is_own:
+            check_installation()
+        check_storage_access(store)
+        warm_nodes(plan.runs, connection.shipped)
+        return _schedule(plan, store, settings, head, view or ProgressView())
+
+
+def _schedule(plan: Plan, store: Store, settings: Settings, head: Head, view: View) -> Snapshot:
+    """Holds the root for as long as `plan` runs there."""
     committer = Committer(store)
     with Lease(store, lease_holder(plan.name)) as lease:
         keep(store, plan.runs)
         if plan.cell_rows:
             committer.write_cells(plan.name, plan.cell_rows)
         committer.sweep()
-        progress = PublishedProgress(view or ProgressView(), HeartbeatWriter(store, lease.holder))
-        scheduler = Scheduler(committer, settings, progress, lease.keep)
+        progress = PublishedProgress(view, HeartbeatWriter(store, lease.holder))
+        scheduler = Scheduler(committer, settings, progress, lease.keep, head)
         with StopSignals() as signals:
             return scheduler.execute(plan.runs, lambda: signals.requested or lease.asked_to_stop())

@@ -18,6 +18,8 @@ from tma_ray.campaign.actors import Report, SeedActor
 from tma_ray.campaign.cluster import capacity
 from tma_ray.campaign.failures.outages import RetryingCommitter
 from tma_ray.campaign.failures.retries import Retries
+from tma_ray.campaign.failures.silence import Silence
+from tma_ray.campaign.head.losing import Head, HeadLostError
 from tma_ray.campaign.monitor.progress import ActiveRun, Snapshot, View
 from tma_ray.campaign.settings import Settings
 from tma_ray.results import (
@@ -50,7 +52,6 @@ class _Running:
     submitted_at: datetime
     asked: Any = None
     report: Report | None = None
-    unreachable_since: float | None = None
 
 
 class Scheduler:
@@ -65,17 +66,25 @@ class Scheduler:
         settings: resources and placement of every run.
         view: shows the progress.
         keep_lease: called before anything is published; raises if another campaign holds the root.
+        head: of the Ray that this process is connected to.
     """
 
     def __init__(
-        self, committer: Committer, settings: Settings, view: View, keep_lease: Callable[[], None]
+        self,
+        committer: Committer,
+        settings: Settings,
+        view: View,
+        keep_lease: Callable[[], None],
+        head: Head,
     ) -> None:
         self._committer = RetryingCommitter(committer, keep_lease, settings.outage_seconds)
         self._settings = settings
         self._view = view
+        self._head = head
         self._waiting: deque[RunSpec] = deque()
         self._running: dict[Any, _Running] = {}
         self._retries = Retries(settings.most_losses)
+        self._silence = Silence(settings.unreachable_seconds)
         self._done = 0
         self._failed = 0
         self._stopped = 0
@@ -89,6 +98,9 @@ class Scheduler:
 
         Returns:
             How many ended how.
+
+        Raises:
+            HeadLostError: Ray is gone; its runs are recorded as lost.
         """
         done = self._committer.call(Committer.done, [spec.run_id for spec in specs])
         self._done = len(done)
@@ -101,6 +113,11 @@ class Scheduler:
                     break
                 self._fill()
                 self._wait(self._settings.poll_seconds)
+        except HeadLostError:  # no call of Ray may follow: it would start another one
+            for running in self._running.values():
+                self._record(running, AttemptOutcome.LOST)
+            self._running.clear()
+            raise
         finally:
             # Also on a second Ctrl-C or an error of ours: no actor outlives its campaign.
             for running in self._running.values():
@@ -111,7 +128,9 @@ class Scheduler:
     def _fill(self) -> None:
         self._waiting.extend(self._retries.due())
         while (
-            self._waiting and len(self._running) < capacity(self._settings.resources) + self._settings.queued
+            self._waiting
+            and len(self._running)
+            < capacity(self._settings.resources, self._head.nodes()) + self._settings.queued
         ):
             self._start(self._waiting.popleft())
 
@@ -136,6 +155,7 @@ class Scheduler:
         else:  # all that is left pauses after a loss
             time.sleep(seconds)
         self._committer.keep_lease()
+        self._head.check()  # before anything is made of what has ended with it
         for result in ended:
             self._handle_exit(self._running.pop(result))
         for running in self._running.values():
@@ -156,7 +176,7 @@ class Scheduler:
         running.asked = running.actor.report.remote()
 
     def _receive_report(self, running: _Running, report: Report | None) -> None:
-        running.unreachable_since = None
+        self._silence.end(running.spec.run_id)
         news = report is not None and (running.report is None or report.parts != running.report.parts)
         running.report = report or running.report
         if report is not None and report.parts is not None and news:
@@ -194,17 +214,15 @@ class Scheduler:
 
     def _reconnect(self, running: _Running) -> bool:
         """Waits for a run again that does not answer and may live; returns False when that took too long."""
-        now = time.monotonic()
-        running.unreachable_since = running.unreachable_since or now
-        if now - running.unreachable_since > self._settings.unreachable_seconds:
+        if self._silence.lasts(running.spec.run_id):
             return False
-        logger.warning("run %s does not answer; it is not known to be dead", running.spec.run_id)
         time.sleep(UNREACHABLE_PAUSE)
         running.result, running.asked = running.actor.run.remote(), None
         self._running[running.result] = running
         return True
 
     def _handle_loss(self, running: _Running, error: Exception) -> None:
+        self._silence.end(running.spec.run_id)
         self._record(running, AttemptOutcome.LOST)
         run_id, node = running.spec.run_id, running.report.node if running.report else ""
         if self._retries.add_loss(running.spec, node):

@@ -12,6 +12,7 @@ from tma_ray.campaign.costs.confirmation import confirm, long_cost, terminal_que
 from tma_ray.campaign.costs.estimation import Kind
 from tma_ray.campaign.costs.speed import Throughput
 from tma_ray.campaign.failures.outages import OutageError
+from tma_ray.campaign.head.losing import HeadLostError
 from tma_ray.campaign.monitor.progress import Snapshot
 from tma_ray.campaign.options import add_options, chosen_address, chosen_campaign, chosen_settings
 from tma_ray.campaign.plan import CampaignSpec, Plan
@@ -21,6 +22,8 @@ from tma_ray.results import RootInUseError, Store, start_from
 
 EXIT_FAILED = 1
 EXIT_REFUSED = 2
+EXIT_RAY_LOST = 75
+"""`os.EX_TEMPFAIL`, by which services and batch systems know what is worth starting again."""
 EXIT_STOPPED = 130
 
 
@@ -28,7 +31,7 @@ def main(campaign: CampaignSpec, arguments: Sequence[str] | None = None) -> int:
     """Runs `campaign` as the command line says; returns the exit code.
 
     0: all runs are done; 1: some failed, or the results could not be written any more; 2: refused before
-    anything ran; 130: stopped, resumable.
+    anything ran; 75: Ray died or was stopped, resumable; 130: stopped, resumable.
     """
     parser = CommandParser(description=f"Runs the campaign {campaign.name!r}.")
     add_options(parser, campaign)
@@ -89,6 +92,9 @@ def run_plan(
     except OutageError as error:
         sys.stderr.write(f"{plan.name}: {error}\n")
         return EXIT_FAILED
+    except HeadLostError as error:
+        sys.stderr.write(f"{plan.name}: {error}; the same command continues where it was\n")
+        return EXIT_RAY_LOST
     return _conclude(ended, results, console)
 
 

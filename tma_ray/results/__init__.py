@@ -33,6 +33,7 @@ from tma_ray.results.merging.compaction import Compaction, compact
 from tma_ray.results.merging.copying import Copy, copy_merged
 from tma_ray.results.merging.packing import LEAN, WHOLE, Contents
 from tma_ray.results.merging.shards import Shard, add_shard, start_from
+from tma_ray.results.progressing import write_progress
 from tma_ray.results.published import PUBLISHED_FILE, PUBLISHED_SCHEMA, read_published, write_published
 from tma_ray.results.reader import Results
 from tma_ray.results.records import (
@@ -126,5 +127,6 @@ __all__ = [
     "start_from",
     "teacher_log_row",
     "verify_root",
+    "write_progress",
     "write_published",
 ]

@@ -5,7 +5,7 @@ from __future__ import annotations
 import logging
 import re
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from pathlib import Path, PurePosixPath
 from typing import Any, Final, Self
 
@@ -26,7 +26,8 @@ from tma_ray.results.layout import (
 from tma_ray.results.manifest import Manifest, PartFile
 from tma_ray.results.merging.shared_files import UNREADABLE
 from tma_ray.results.parquet import decode, encode
-from tma_ray.results.records import AttemptRecord, RunRecord, RunStatus
+from tma_ray.results.progressing import read_progress, unheard
+from tma_ray.results.records import AttemptOutcome, AttemptRecord, RunRecord, RunStatus
 from tma_ray.results.rows import to_arrow
 from tma_ray.results.schema import DATA_TABLES, SCHEMAS, Table
 from tma_ray.results.storage.errors import StorageError
@@ -34,7 +35,6 @@ from tma_ray.results.storage.store import Store
 
 TEMPORARY_SECONDS: Final = 3600.0
 """Age over which a half-made file is taken to be left by a killed process, s."""
-
 
 ATTEMPT: Final = re.compile(r"attempt-(\d{1,9})")
 """In the names of files that an attempt writes, its number."""
@@ -112,7 +112,8 @@ class Committer:
     def start(self, run: RunRecord) -> int:
         """Returns the number of a new attempt at a run; from here on older ones publish nothing.
 
-        What the run has published stays visible until the attempt publishes.
+        What the run has published stays visible until the attempt publishes. An attempt before it that has no
+        row, since its driver died, gets one.
 
         Raises:
             StaleAttemptError: the run is done.
@@ -120,6 +121,8 @@ class Committer:
         published = _readable(self.store, run.run_id)
         attempt = published.attempt + 1 if published else next_attempt(self.store, run.run_id)
         accepted_manifest(self.store, run.run_id, attempt)
+        if published is not None and published.status is RunStatus.RUNNING:
+            self._record_lost(run.run_id, published.attempt)
         files = published.files if published else ()
         self._replace(published, Manifest(run, RunStatus.RUNNING, attempt, files))
         return attempt
@@ -167,6 +170,8 @@ class Committer:
     def finish(self, run: RunRecord, attempt: int, final: Sequence[PartFile]) -> None:
         """Publishes canonical files and policy of a run that has ended, then removes its staging folder.
 
+        The attempt gets a row of what it told last, until `record_attempt` replaces it.
+
         Args:
             run: what the run is.
             attempt: which attempt reports.
@@ -192,6 +197,7 @@ class Committer:
                     destination.read(self.store)  # moved before a kill
             self._move_policy(run.run_id, attempt)
             self._replace(published, done)
+        self._record_done(run.run_id, attempt)
         self.store.delete(staging_folder(run.run_id))
 
     def fail(self, run: RunRecord, attempt: int, error: str) -> None:
@@ -229,7 +235,24 @@ class Committer:
             for run_id in sorted({PurePosixPath(path).parts[1] for path in self.store.files(place)}):
                 published = _readable(self.store, run_id)
                 if published is not None and published.status is RunStatus.DONE:
+                    self._record_done(run_id, published.attempt)
                     self.store.delete(f"{place}/{check_id(run_id)}")
+
+    def _record_lost(self, run_id: str, attempt: int) -> None:
+        """Writes the row of an attempt that has none, since its driver died with it."""
+        if not self._has_row(run_id, attempt):
+            kept = read_progress(self.store, run_id, attempt)
+            self.record_attempt(kept or unheard(self.store, run_id, attempt))
+
+    def _record_done(self, run_id: str, attempt: int) -> None:
+        """Writes what an attempt kept that has finished its run: its driver may die before it writes more."""
+        kept = read_progress(self.store, run_id, attempt)
+        if kept is not None and not self._has_row(run_id, attempt):
+            self.record_attempt(replace(kept, outcome=AttemptOutcome.DONE))
+
+    def _has_row(self, run_id: str, attempt: int) -> bool:
+        path = table_path(Table.ATTEMPTS, run_id)
+        return any(row["attempt"] == attempt for row in self._rows_before(Table.ATTEMPTS, path))
 
     def _move_policy(self, run_id: str, attempt: int) -> None:
         for path in self.store.files(staged_policy(run_id, attempt)):

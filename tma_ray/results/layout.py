@@ -177,6 +177,11 @@ def part_number(path: str) -> int:
     return int(PurePosixPath(path).parent.name.removeprefix("part-"))
 
 
+def progress_path(run_id: str, attempt: int) -> str:
+    """Path of the record of an attempt under way."""
+    return f"{staging_folder(run_id)}/attempt-{attempt:03d}/attempt.json"
+
+
 def final_path(run_id: str, attempt: int, table: Table) -> str:
     """Path of a canonical file before its publication."""
     return f"{staging_folder(run_id)}/attempt-{attempt:03d}/final/{table}.parquet"

@@ -8,6 +8,7 @@ import platform
 import tempfile
 import time
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from datetime import UTC, datetime
 from pathlib import Path
 
@@ -18,10 +19,12 @@ from tma_ray.results import (
     AttemptRecord,
     PartFile,
     RunWriter,
+    StorageError,
     Store,
     accepted_manifest,
     retry,
     staged_policy,
+    write_progress,
 )
 from tma_ray.runs.checkpoints import Checkpoints
 from tma_ray.runs.inputs import fetch
@@ -77,6 +80,7 @@ class Attempt:
             f"{self._first_step:,}",
             f"{spec.schedule.steps:,}",
         )
+        self._keep_record()
 
     def execute(
         self, should_stop: Callable[[], bool], publish: Callable[[Sequence[PartFile]], None]
@@ -168,7 +172,12 @@ class Attempt:
             size / 1e6,
             self._saved_at - started,
         )
+        self._keep_record()
         publish(parts)
+
+    def _keep_record(self) -> None:
+        with suppress(StorageError):  # no run fails for its row; the next record holds more
+            write_progress(self._store, self.record(AttemptOutcome.LOST))
 
     def _write_checkpoint(self) -> tuple[tuple[PartFile, ...], int]:
         """Writes rows and state; returns the parts of the run so far, and the bytes of state written."""

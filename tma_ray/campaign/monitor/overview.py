@@ -10,7 +10,7 @@ from typing import Any
 from tma_ray.results import Heartbeat, Manifest, Results, RunProgress, RunStatus, Table
 
 INTERRUPTED = "interrupted"
-"""A run that has been started and is not done, and whose last attempt is known to have ended."""
+"""A run that has been started and is not done, and whose last attempt or campaign has ended."""
 
 WAITING = "waiting"
 """A run that a campaign lists and that has not been started."""
@@ -54,14 +54,14 @@ def overview(root: str | Path, now: float) -> Overview:
     """Returns what is known of the runs of a root at `now`, s since 1970."""
     results = Results.open(root)
     heartbeat = Heartbeat.load(results.store)
-    running = heartbeat.runs if heartbeat is not None and heartbeat.alive(now) else {}
+    running = heartbeat.runs if heartbeat is not None and heartbeat.alive(now) else None
     steps, outcomes = _published_steps(results), _last_outcomes(results)
     states = {
         manifest.run.run_id: _state(
             manifest,
             steps.get(manifest.run.run_id, 0),
             outcomes.get(manifest.run.run_id),
-            running.get(manifest.run.run_id),
+            running,
         )
         for manifest in results.runs()
     }
@@ -74,10 +74,15 @@ def overview(root: str | Path, now: float) -> Overview:
 
 
 def _state(
-    manifest: Manifest, step: int, outcome: tuple[int, str] | None, progress: RunProgress | None
+    manifest: Manifest,
+    step: int,
+    outcome: tuple[int, str] | None,
+    running: Mapping[str, RunProgress] | None,
 ) -> RunState:
+    """Returns the state of a run; `running` is None where no campaign is."""
     state, speed = manifest.status.value, 0.0
-    ended = outcome is not None and outcome[0] == manifest.attempt
+    ended = running is None or (outcome is not None and outcome[0] == manifest.attempt)
+    progress = running.get(manifest.run.run_id) if running else None
     if manifest.status is RunStatus.RUNNING and ended:
         state = INTERRUPTED
     elif manifest.status is RunStatus.RUNNING and progress is not None:

@@ -10,6 +10,7 @@ from dataclasses import asdict, dataclass, field
 from typing import Final, Self
 
 from tma_ray.decoding import DamagedFileError, Natural, Seconds, decode_json
+from tma_ray.results.holding.process import Process
 from tma_ray.results.layout import HEARTBEAT_FILE
 from tma_ray.results.storage.errors import StorageError
 from tma_ray.results.storage.store import Store
@@ -43,12 +44,14 @@ class Heartbeat:
         at: when it was given, s since 1970.
         runs: the running runs by id.
         ended: whether it was the last, of a campaign that has left.
+        process: that gave it, None where others could not find it.
     """
 
     holder: str
     at: Seconds
     runs: Mapping[str, RunProgress] = field(default_factory=dict)
     ended: bool = False
+    process: Process | None = None
 
     @classmethod
     def load(cls, store: Store) -> Self | None:
@@ -63,7 +66,9 @@ class Heartbeat:
 
         A sign from the future is none: the clock of who gave it is wrong.
         """
-        return not self.ended and abs(now - self.at) < SILENT_SECONDS
+        if self.ended or (self.process is not None and self.process.is_dead()):
+            return False
+        return abs(now - self.at) < SILENT_SECONDS
 
     def write(self, store: Store) -> None:
         """Replaces the root's heartbeat by this one."""
@@ -90,7 +95,7 @@ class HeartbeatWriter:
         if self._clock() - self._last >= HEARTBEAT_SECONDS:
             self._last = self._clock()
             with suppress(StorageError):  # it is for those who watch: the next one will do
-                Heartbeat(self._holder, self._last, runs).write(self._store)
+                Heartbeat(self._holder, self._last, runs, process=Process.this()).write(self._store)
 
     def end(self) -> None:
         """Says that the campaign has left, unless another one has taken the root over."""

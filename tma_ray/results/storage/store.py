@@ -6,6 +6,7 @@ import shutil
 import time
 from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, contextmanager, nullcontext, suppress
+from datetime import datetime
 from pathlib import Path, PurePosixPath
 from typing import Any, Final, Self, TypeVar, cast
 from uuid import uuid4
@@ -163,6 +164,11 @@ class Store:
         """Returns how many bytes the file at `path` has, 0 where there is none."""
         with self._explained(path):
             return self.filesystem.get_file_info(self.full_path(path)).size or 0
+
+    def modified_at(self, path: str) -> datetime | None:
+        """Returns when the file at `path` was written, None where the storage does not say."""
+        with self._explained(path):
+            return cast("datetime | None", self.filesystem.get_file_info(self.full_path(path)).mtime)
 
     def files(self, folder: str = "") -> tuple[str, ...]:
         """Returns the paths of all files below `folder`, sorted; none if it does not exist."""

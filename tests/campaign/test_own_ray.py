@@ -1,0 +1,71 @@
+"""A campaign on a Ray of its own: where its processes listen, and what the death of their head leaves."""
+
+from __future__ import annotations
+
+import ipaddress
+import time
+from pathlib import Path
+
+import psutil
+import pytest
+from small_runs import rows
+from test_interrupts import start, wait_for_a_checkpoint
+
+from tma_ray.campaign.monitor.overview import overview
+from tma_ray.campaign.script import EXIT_RAY_LOST
+from tma_ray.results import Table
+
+pytestmark = pytest.mark.slow
+
+
+def family(pid: int) -> list[psutil.Process]:
+    driver = psutil.Process(pid)
+    return [driver, *driver.children(recursive=True)]
+
+
+def listening(processes: list[psutil.Process]) -> dict[tuple[str, int], str]:
+    """Returns what process listens at which address and port."""
+    return {
+        tuple(socket.laddr): process.name()
+        for process in processes
+        for socket in process.net_connections("inet")
+        if socket.status == psutil.CONN_LISTEN
+    }
+
+
+def is_loopback(address: str) -> bool:
+    found = ipaddress.ip_address(address)
+    mapped = getattr(found, "ipv4_mapped", None)
+    return (mapped or found).is_loopback
+
+
+@pytest.mark.parametrize("core", ["gcs_server", "raylet"])
+def test_listens_on_loopback_only_and_ends_with_its_core_processes(tmp_path: Path, core: str) -> None:
+    root = tmp_path / "root"
+    driver = start(root, tmp_path / "said.txt")
+    try:
+        wait_for_a_checkpoint(root, driver)
+        processes = family(driver.pid)
+        sockets = listening(processes)
+        assert {"gcs_server", "raylet"} <= set(sockets.values())
+        assert [place for place in sockets if not is_loopback(place[0])] == []
+        assert {port for _, port in sockets}.isdisjoint({44217, 44227}), "metrics"
+
+        next(process for process in processes if process.name() == core).kill()
+        killed = time.monotonic()
+        assert driver.wait(timeout=60) == EXIT_RAY_LOST
+        seconds = time.monotonic() - killed
+    finally:
+        driver.kill()
+    assert seconds < 15
+    _, left = psutil.wait_procs(processes, timeout=3)
+    assert left == []
+    said = (tmp_path / "said.txt").read_text()
+    assert "the same command continues" in said
+    assert "Traceback" not in said
+    assert {row["outcome"] for row in rows(root, Table.ATTEMPTS)} == {"lost"}
+    found = overview(root, time.time())
+    assert found.heartbeat is not None
+    assert found.heartbeat.ended
+    states = {run.state for cells in found.campaigns.values() for runs in cells.values() for run in runs}
+    assert states <= {"interrupted", "waiting"}

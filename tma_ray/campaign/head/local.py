@@ -1,0 +1,106 @@
+"""A Ray of the campaign's own: on this machine, closed to others, and ended with nothing left of it."""
+
+from __future__ import annotations
+
+import os
+import secrets
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from typing import Any, Final
+
+import psutil
+import ray
+from ray._private import ray_constants
+
+from tma_ray.campaign.head.losing import HeadLostError, living_nodes
+
+OBJECT_STORE_BYTES: Final = 100_000_000
+"""Next to nothing travels through the object store: results go to files."""
+
+CORE: Final = {"gcs_server": "head (GCS)", "raylet": "node manager (raylet)"}
+"""Processes without which a Ray cannot go on, by what the system calls them, with their names in messages."""
+
+END_SECONDS: Final = 3.0
+"""How long killed processes are waited for, s."""
+
+
+class LocalHead:
+    """The head of a Ray that this process starts, and whose processes are its children.
+
+    All its servers listen on the loopback address only, those for metrics are not started, and every
+    request needs a token that only its processes know.
+
+    Args:
+        options: of `ray.init`, more than those that make it local.
+    """
+
+    def __init__(self, options: dict[str, Any]) -> None:
+        # Ray asks for a token even here, and would write one into the user's home.
+        os.environ.setdefault("RAY_AUTH_TOKEN", secrets.token_hex(32))
+        others = set(psutil.Process().children())
+        with _loopback():
+            ray.init(
+                address="local",
+                include_dashboard=False,
+                object_store_memory=OBJECT_STORE_BYTES,
+                _system_config={"enable_metrics_collection": False},
+                **options,
+            )
+        self._started = set(psutil.Process().children(recursive=True)) - others
+        names = {process: process.name() for process in self._started}
+        self._core = {process: CORE[name] for process, name in names.items() if name in CORE}
+        self._nodes, self._address = living_nodes(), ray.get_runtime_context().gcs_address
+
+    def nodes(self) -> list[dict[str, Any]]:
+        """Returns the one node; see `Head`."""
+        return self._nodes
+
+    def is_connected(self) -> bool:
+        """Tells whether this process is connected to this very Ray."""
+        return ray.is_initialized() and ray.get_runtime_context().gcs_address == self._address
+
+    def check(self) -> None:
+        """Ends this Ray if one of its core processes is gone; see `Head`."""
+        gone = [name for process, name in self._core.items() if not _lives(process)]
+        if gone:
+            self._end()
+            raise HeadLostError(
+                f"the {' and the '.join(gone)} of the campaign's own Ray died or was stopped, as by "
+                f"'ray stop', or by the system when memory runs out"
+            )
+
+    def close(self) -> None:
+        """Does nothing: there is no thread to end."""
+
+    def _end(self) -> None:
+        """Kills what is left of this Ray, some of which would stay for minutes, and leaves it."""
+        for process in self._core:
+            with suppress(psutil.NoSuchProcess):
+                self._started.update(process.children(recursive=True))
+        for process in self._started:
+            with suppress(psutil.NoSuchProcess):
+                process.kill()
+        ray.shutdown()  # type: ignore[no-untyped-call]
+        psutil.wait_procs(self._started, timeout=END_SECONDS)
+
+
+@contextmanager
+def _loopback() -> Iterator[None]:
+    """Has a Ray that is started in the block take the loopback address for that of its node.
+
+    Ray does so by itself where it forms no clusters (macOS, Windows), and then lets all its servers listen
+    there alone. It has no option for it, and replaces an address of this kind that it is given.
+    """
+    before = ray_constants.ENABLE_RAY_CLUSTER
+    ray_constants.ENABLE_RAY_CLUSTER = False
+    try:
+        yield
+    finally:
+        ray_constants.ENABLE_RAY_CLUSTER = before
+
+
+def _lives(process: psutil.Process) -> bool:
+    try:
+        return process.is_running() and process.status() != psutil.STATUS_ZOMBIE
+    except psutil.NoSuchProcess:
+        return False

@@ -1,0 +1,37 @@
+"""The loss of Ray's head, and what a campaign asks of a head that it watches."""
+
+from __future__ import annotations
+
+from typing import Any, Protocol
+
+from ray._private.state import state
+
+
+class HeadLostError(RuntimeError):
+    """Ray's head has died, was stopped, or did not answer for as long as Ray waits for it."""
+
+
+class Head(Protocol):
+    """The head node of a Ray, with the Global Control Store (GCS) that every process of a cluster needs."""
+
+    def nodes(self) -> list[dict[str, Any]]:
+        """Returns what Ray knows of each living node: "NodeID", "Resources" and more; never waits for it."""
+        ...
+
+    def check(self) -> None:
+        """Looks whether the head is there; cheap enough for every turn of a loop.
+
+        Raises:
+            HeadLostError: it is lost. This process has left Ray then.
+        """
+        ...
+
+    def close(self) -> None:
+        """Ends the watch; this process stays connected to Ray."""
+        ...
+
+
+def living_nodes() -> list[dict[str, Any]]:
+    """Asks Ray for its living nodes; without a head it waits until Ray ends this process."""
+    nodes: list[dict[str, Any]] = state.node_table()  # `ray.nodes` would start a Ray where there is none
+    return [node for node in nodes if node["Alive"]]
