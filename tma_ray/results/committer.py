@@ -112,8 +112,8 @@ class Committer:
     def start(self, run: RunRecord) -> int:
         """Returns the number of a new attempt at a run; from here on older ones publish nothing.
 
-        What the run has published stays visible until the attempt publishes. An attempt before it that has no
-        row, since its driver died, gets one.
+        What the run has published stays visible until the attempt publishes. One before it without a row
+        gets one: its driver died.
 
         Raises:
             StaleAttemptError: the run is done.
@@ -169,8 +169,6 @@ class Committer:
 
     def finish(self, run: RunRecord, attempt: int, final: Sequence[PartFile]) -> None:
         """Publishes canonical files and policy of a run that has ended, then removes its staging folder.
-
-        The attempt gets a row of what it told last, until `record_attempt` replaces it.
 
         Args:
             run: what the run is.

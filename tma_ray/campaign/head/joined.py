@@ -64,7 +64,7 @@ class JoinedHead:
             return
         if silent > self._patience:
             self.close()
-            ray.shutdown()  # type: ignore[no-untyped-call]
+            ray.shutdown()
             raise HeadLostError(
                 f"the head of the Ray cluster, {self._address[0]}, has not answered for {silent:.0f} s, "
                 f"nearly as long as Ray waits for it ({PATIENCE_SETTING}): it died, was stopped, or is out "
@@ -94,5 +94,7 @@ class JoinedHead:
 
 def patience_of_ray() -> float:
     """Returns how long this cluster's processes wait for a head that is gone, s."""
-    of_cluster = state.get_system_config().get(PATIENCE_SETTING)
-    return float(of_cluster or os.environ.get(f"RAY_{PATIENCE_SETTING}") or DEFAULT_PATIENCE)
+    settings: dict[str, Any] = state.get_system_config()  # type: ignore[no-untyped-call]
+    return float(
+        settings.get(PATIENCE_SETTING) or os.environ.get(f"RAY_{PATIENCE_SETTING}") or DEFAULT_PATIENCE
+    )

@@ -80,7 +80,7 @@ class LocalHead:
         for process in self._started:
             with suppress(psutil.NoSuchProcess):
                 process.kill()
-        ray.shutdown()  # type: ignore[no-untyped-call]
+        ray.shutdown()
         psutil.wait_procs(self._started, timeout=END_SECONDS)
 
 
@@ -101,6 +101,6 @@ def _loopback() -> Iterator[None]:
 
 def _lives(process: psutil.Process) -> bool:
     try:
-        return process.is_running() and process.status() != psutil.STATUS_ZOMBIE
+        return bool(process.is_running() and process.status() != psutil.STATUS_ZOMBIE)
     except psutil.NoSuchProcess:
         return False

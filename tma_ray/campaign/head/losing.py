@@ -33,5 +33,6 @@ class Head(Protocol):
 
 def living_nodes() -> list[dict[str, Any]]:
     """Asks Ray for its living nodes; without a head it waits until Ray ends this process."""
-    nodes: list[dict[str, Any]] = state.node_table()  # `ray.nodes` would start a Ray where there is none
+    # Unlike `ray.nodes`, it starts no Ray where there is none.
+    nodes: list[dict[str, Any]] = state.node_table()  # type: ignore[no-untyped-call]
     return [node for node in nodes if node["Alive"]]

@@ -12,7 +12,8 @@ from uuid import uuid4
 
 from tma_ray.decoding import DamagedFileError
 from tma_ray.results.holding.heartbeat import Heartbeat
-from tma_ray.results.holding.lease_file import LeaseFile, Process, Standing, StopRequest
+from tma_ray.results.holding.lease_file import LeaseFile, Standing, StopRequest
+from tma_ray.results.holding.process import Process
 from tma_ray.results.layout import LEASE_FILE, STOP_FILE
 from tma_ray.results.storage.store import Store
 
