@@ -16,6 +16,7 @@ import math
 import types
 from collections.abc import Callable, Mapping
 from enum import StrEnum
+from functools import cache
 from numbers import Integral, Real
 from typing import Any, NamedTuple, Union, get_args, get_origin, get_type_hints
 
@@ -41,6 +42,12 @@ def parameters_of(part: Callable[..., Any]) -> dict[str, Parameter]:
 
     An annotation that cannot be evaluated, such as one imported for type checkers only, counts as any type.
     """
+    return dict(_parameters(part))
+
+
+@cache
+def _parameters(part: Callable[..., Any]) -> dict[str, Parameter]:
+    """See `parameters_of`; a plan of many cells asks for the same parts again and again."""
     try:
         hints = get_type_hints(part if dataclasses.is_dataclass(part) else _constructor(part))
     except NameError:

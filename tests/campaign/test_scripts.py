@@ -163,7 +163,7 @@ def test_a_dry_run_says_size_and_cost_and_starts_nothing(
     assert not root.exists()
 
 
-def test_costs_follow_from_measured_throughput(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_costs_follow_from_measured_throughput() -> None:
     """Two cells of two seeds: 4 runs that train 1,000 s and evaluate twice for 10 s."""
     campaign = Campaign(
         "costly",
@@ -172,8 +172,8 @@ def test_costs_follow_from_measured_throughput(monkeypatch: pytest.MonkeyPatch) 
         Schedule(steps=1_000_000, evaluation_interval=1_000_000),
     )
     throughput = Throughput("sac", training=1_000, playing=10_000, transition_bytes=120)
-    monkeypatch.setattr("tma_ray.campaign.costs.estimation.measure", lambda spec, settings: throughput)
-    cost = estimate(campaign.plan(), Settings(Resources(cpus=2.0, gpus=0.25), device="cuda"))
+    settings = Settings(Resources(cpus=2.0, gpus=0.25), device="cuda")
+    cost = estimate(campaign.plan(), settings, find_speeds=lambda kinds, *_: dict.fromkeys(kinds, throughput))
     assert cost.hours == pytest.approx(4 * (1_000 + 20) / 3600)
     assert "2.3 core-hours and 0.28 GPU-hours" in cost.describe()
     assert cost.memory_gib == pytest.approx(cost.at_once * (0.9 + 120e6 / 2**30))

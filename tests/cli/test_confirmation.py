@@ -9,7 +9,8 @@ import pytest
 
 from tma_ray.campaign import Campaign, cells_of
 from tma_ray.campaign.costs import confirmation, estimation
-from tma_ray.campaign.costs.confirmation import KNOWN, confirm, known_throughput, long_cost
+from tma_ray.campaign.costs.confirmation import confirm, long_cost
+from tma_ray.campaign.costs.known import KNOWN, shipped_speed
 from tma_ray.campaign.costs.speed import Throughput
 from tma_ray.campaign.plan import Plan
 from tma_ray.campaign.settings import Settings
@@ -21,9 +22,10 @@ MEASURED = Throughput("measured", 1_000, 50_000, 100)
 
 
 @pytest.fixture(autouse=True)
-def measured(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Stands for a measurement of seconds."""
-    monkeypatch.setattr(estimation, "measure", lambda spec, settings: MEASURED)
+def measured(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    """Stands for a measurement of seconds; nothing has been measured here before."""
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
+    monkeypatch.setattr(estimation, "measured_speeds", lambda kinds, *_: dict.fromkeys(kinds, MEASURED))
     monkeypatch.setattr(confirmation, "terminal_question", lambda: None)
 
 
@@ -97,9 +99,9 @@ def test_known_speeds_hold_for_the_versions_that_they_were_measured_at() -> None
     spec = replace(
         spec, algorithm_versions={"student": known.algorithm_version}, physics_version=known.physics_version
     )
-    assert (found := known_throughput(spec, Settings())) is not None
+    assert (found := shipped_speed(spec, Settings())) is not None
     assert found.training == known.training
-    assert known_throughput(replace(spec, physics_version=0), Settings()) is None
-    assert known_throughput(replace(spec, algorithm_versions={"student": 0}), Settings()) is None
+    assert shipped_speed(replace(spec, physics_version=0), Settings()) is None
+    assert shipped_speed(replace(spec, algorithm_versions={"student": 0}), Settings()) is None
     (other,) = plan_of("ppo:epochs=50", 1_000, seeds=1).runs
-    assert known_throughput(other, Settings()) is None
+    assert shipped_speed(other, Settings()) is None

@@ -30,7 +30,11 @@ ARGUMENTS: dict[str, list[str]] = {
 @pytest.fixture
 def printed(root: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> Any:
     """Runs a command with --json and returns what it prints."""
-    monkeypatch.setattr(estimation, "measure", lambda spec, settings: Throughput("any", 1e4, 1e4, 100))
+    monkeypatch.setattr(
+        estimation,
+        "measured_speeds",
+        lambda kinds, *_: dict.fromkeys(kinds, Throughput("any", 1e4, 1e4, 100)),
+    )
 
     def run(command: str, *more: str) -> Any:
         arguments = [word.format(root=root) for word in ARGUMENTS[command]]

@@ -30,7 +30,11 @@ def test_tables_fit_80_columns(
     root: Path, command: str, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setenv("COLUMNS", "80")
-    monkeypatch.setattr(estimation, "measure", lambda spec, settings: Throughput("any", 1e4, 1e4, 100))
+    monkeypatch.setattr(
+        estimation,
+        "measured_speeds",
+        lambda kinds, *_: dict.fromkeys(kinds, Throughput("any", 1e4, 1e4, 100)),
+    )
     assert main([word.format(root=root) for word in command.split()]) == 0
     lines = capsys.readouterr().out.splitlines()
     assert lines

@@ -65,5 +65,9 @@ def place(root: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(sys, "path", [str(tmp_path), *sys.path])
     monkeypatch.setattr(warnings, "showwarning", warnings.showwarning)
-    monkeypatch.setattr(estimation, "measure", lambda spec, settings: Throughput("any", 1e4, 1e4, 100))
+    monkeypatch.setattr(
+        estimation,
+        "measured_speeds",
+        lambda kinds, *_: dict.fromkeys(kinds, Throughput("any", 1e4, 1e4, 100)),
+    )
     return tmp_path

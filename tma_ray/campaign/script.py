@@ -9,7 +9,7 @@ from collections.abc import Mapping, Sequence
 from rich.console import Console
 
 from tma_ray.campaign.costs.confirmation import confirm, long_cost, terminal_question
-from tma_ray.campaign.costs.estimation import Kind
+from tma_ray.campaign.costs.known import Kind
 from tma_ray.campaign.costs.speed import Throughput
 from tma_ray.campaign.failures.outages import OutageError
 from tma_ray.campaign.head.losing import HeadLostError

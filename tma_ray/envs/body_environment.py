@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from abc import abstractmethod
+from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar
 
@@ -23,6 +24,7 @@ from tma_ray.physics import (
     make_engine,
     observation_signals,
     observation_size,
+    step_arrays,
 )
 from tma_ray.tasks import MASTERY_RETURN, Task, TaskSpace, check_task
 from tma_ray.terrain import Terrain
@@ -76,12 +78,16 @@ class BodyEnvironment(gymnasium.Env[Observation, NDArray[np.float32]]):
             raise ValueError(f"render_mode {render_mode!r}: expected None, 'human' or 'rgb_array'")
         self.render_mode = render_mode
         self.embodiment, self.rules = embodiment, rules
-        self._engine = make_engine(embodiment, rules)
-        self.observation_space = _observation_space(observation_size(self._engine.arrays), rules)
+        self.observation_space = _observation_space(observation_size(step_arrays(embodiment, rules)), rules)
         self.action_space = spaces.Box(-1.0, 1.0, (embodiment.action_size,), dtype=np.float32)
         self.look = Look()
         self._renderer: Renderer | None = None
         self._running = False
+
+    @cached_property
+    def _engine(self) -> Engine:
+        """The engine, made when it is first needed: what only reads the spaces compiles nothing."""
+        return make_engine(self.embodiment, self.rules)
 
     @property
     def observation_signals(self) -> tuple[Signal, ...]:

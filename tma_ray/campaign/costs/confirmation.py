@@ -5,9 +5,9 @@ from __future__ import annotations
 import sys
 from collections.abc import Callable, Mapping
 from dataclasses import replace
-from typing import NamedTuple
 
-from tma_ray.campaign.costs.estimation import Cost, Kind, estimate
+from tma_ray.campaign.costs.estimation import Cost, estimate
+from tma_ray.campaign.costs.known import Kind, quick_speeds
 from tma_ray.campaign.costs.speed import Throughput
 from tma_ray.campaign.plan import Plan
 from tma_ray.campaign.settings import Settings
@@ -17,22 +17,6 @@ from tma_ray.runs.spec import RunSpec
 LONGEST_HOURS = 1.0
 """Time on this machine up to which nothing is asked, h."""
 
-
-class KnownSpeed(NamedTuple):
-    """Steps per second of a student on one core, of training and of evaluations, and the versions of that."""
-
-    training: float
-    playing: float
-    algorithm_version: int
-    physics_version: int
-
-
-KNOWN = {
-    "ppo": KnownSpeed(training=8_000, playing=20_000, algorithm_version=1, physics_version=3),
-    "sac": KnownSpeed(training=150, playing=20_000, algorithm_version=1, physics_version=3),
-}
-"""Speeds of students with their default hyper-parameters, as `speed.measure` found them on an AMD EPYC; they
-are used while the versions that they were measured at are current. Others are measured here, in seconds."""
 
 SLOWEST = Throughput("any", training=20, playing=2_000, transition_bytes=0)
 """A run that is slower than any: what takes less than an hour at that speed needs no measurement."""
@@ -52,12 +36,12 @@ def long_cost(
     Raises:
         ResultsRootError: the root belongs to something else or to another version.
     """
-    if _hours(estimate(plan, settings, speed_of=lambda _spec, _settings: SLOWEST)) <= LONGEST_HOURS:
+    if _hours(estimate(plan, settings, find_speeds=_slowest)) <= LONGEST_HOURS:
         return None
     runs = _unfinished(plan, results)
     if not runs:
         return None
-    cost = estimate(replace(plan, runs=runs), settings, known, known_throughput)
+    cost = estimate(replace(plan, runs=runs), settings, known, quick_speeds)
     return cost if _hours(cost) > LONGEST_HOURS else None
 
 
@@ -87,14 +71,8 @@ def terminal_question() -> Callable[[str], str] | None:
     return input if sys.stdin.isatty() and sys.stdout.isatty() else None
 
 
-def known_throughput(spec: RunSpec, settings: Settings) -> Throughput | None:
-    """Returns the throughput of runs like `spec` as `KNOWN` has it, None if that says nothing of them."""
-    known = KNOWN.get(spec.student)
-    current = (spec.algorithm_versions.get("student"), spec.physics_version)
-    if known is None or settings.device != "cpu" or current != known[2:] or "environment" in spec.plugins:
-        return None
-    label = f"{spec.student} on {spec.environment} {spec.embodiment}".strip()
-    return Throughput(label, known.training, known.playing, 0)
+def _slowest(examples: Mapping[Kind, RunSpec], *_: object) -> Mapping[Kind, Throughput]:
+    return dict.fromkeys(examples, SLOWEST)
 
 
 def _hours(cost: Cost) -> float:

@@ -7,9 +7,9 @@ import os
 from collections import Counter
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import Any
 
-from tma_ray.campaign.costs.speed import Throughput, measure
+from tma_ray.campaign.costs.known import Kind, kind_of, measured_speeds
+from tma_ray.campaign.costs.speed import Source, Throughput
 from tma_ray.campaign.plan import Plan
 from tma_ray.campaign.settings import GIB, Resources, Settings
 from tma_ray.runs.spec import RunSpec
@@ -32,8 +32,15 @@ NETWORK_BYTES = 5e6
 BUFFER_SHARE = 1.3
 """Bytes of the checkpoints over those of the replay buffer: parts of the one before are kept (measured)."""
 
-Kind = tuple[Any, ...]
-"""What speed depends on: environment with its options, and student."""
+SpeedFinder = Callable[[Mapping[Kind, RunSpec], Settings, int], Mapping[Kind, Throughput]]
+"""Returns the speeds of kinds of runs, given an example of each, settings and how many run at once."""
+
+ORIGINS = {
+    Source.MEASURED: "measured here",
+    Source.REMEMBERED: "measured here before",
+    Source.SHIPPED: "not measured here yet, as on another machine",
+}
+"""Descriptions of where speeds are from."""
 
 
 @dataclass(frozen=True)
@@ -67,13 +74,22 @@ class Cost:
         return f"{spent}, {_time(self.hours / self.at_once)} with {at_once} as on this machine"
 
     def describe(self) -> str:
-        """Returns the cost in three lines."""
-        speeds = ", ".join(f"{each.label} {each.training:,.0f}" for each in self.throughputs.values())
+        """Returns the cost in a few lines."""
         return (
             f"cost: {self.summary()}\n"
-            f"  measured here, one run alone, in steps/s: {speeds}\n"
+            f"{self._speeds()}\n"
             f"  about {_size(self.disk_gib)} of results; of the runs under way {_size(self.checkpoint_gib)} "
             f"of checkpoints and {_size(self.memory_gib)} of memory"
+        )
+
+    def _speeds(self) -> str:
+        """Returns the speeds, in a line for each origin that they have."""
+        origins = {each.source: [] for each in self.throughputs.values()}  # type: dict[Source, list[str]]
+        for each in self.throughputs.values():
+            origins[each.source].append(f"{each.label} {each.training:,.0f}")
+        return "\n".join(
+            f"  {ORIGINS[source]}, {self.at_once} at once, in steps/s of each: {', '.join(speeds)}"
+            for source, speeds in sorted(origins.items())
         )
 
 
@@ -81,49 +97,39 @@ def estimate(
     plan: Plan,
     settings: Settings,
     known: Mapping[Kind, Throughput] | None = None,
-    speed_of: Callable[[RunSpec, Settings], Throughput | None] | None = None,
+    find_speeds: SpeedFinder | None = None,
 ) -> Cost:
     """Returns what `plan` costs at the speeds of this machine.
 
-    Takes some four seconds for each kind of run that is measured. Speeds are those of one run alone; teachers
-    are left out, who cost milliseconds an episode.
+    Speeds are those of as many runs at once as fit; teachers are left out, who cost milliseconds an episode.
 
     Args:
         plan: what is to run.
         settings: how it is executed.
         known: throughputs of kinds of runs, as of another `Cost`.
-        speed_of: returns the throughput of a kind that is not in `known`; where it returns None, that is
-            measured.
+        find_speeds: finds those of kinds that are not in `known`; by default they are measured, within
+            seconds, unless that was done before.
     """
     counts: Counter[Kind] = Counter()
     examples: dict[Kind, RunSpec] = {}
     for spec in plan.runs:
-        key = (*_kind(spec), spec.schedule, len(spec.test_set))
+        key = (*kind_of(spec), spec.schedule, len(spec.test_set))
         counts[key] += 1
         examples.setdefault(key, spec)
-    throughputs = dict(known or {})
-    for spec in examples.values():
-        if _kind(spec) not in throughputs:
-            throughputs[_kind(spec)] = (speed_of and speed_of(spec, settings)) or measure(spec, settings)
-    buffers = [_buffer_bytes(throughputs[_kind(spec)], spec) for spec in examples.values()]
     at_once = min(len(plan.runs), _at_once(settings.resources))
+    throughputs = dict(known or {})
+    kinds = {kind_of(spec): spec for spec in examples.values()}
+    missing = {kind: spec for kind, spec in kinds.items() if kind not in throughputs}
+    throughputs |= (find_speeds or measured_speeds)(missing, settings, at_once)
+    buffers = [_buffer_bytes(throughputs[kind_of(spec)], spec) for spec in examples.values()]
     return Cost(
         throughputs=throughputs,
-        hours=sum(counts[key] * _hours(throughputs[_kind(spec)], spec) for key, spec in examples.items()),
+        hours=sum(counts[key] * _hours(throughputs[kind_of(spec)], spec) for key, spec in examples.items()),
         resources=settings.resources,
         at_once=at_once,
         disk_gib=sum(counts[key] * _result_bytes(spec) for key, spec in examples.items()) / GIB,
         checkpoint_gib=at_once * (NETWORK_BYTES + BUFFER_SHARE * max(buffers)) / GIB,
         memory_gib=at_once * (PROCESS_BYTES + max(buffers)) / GIB,
-    )
-
-
-def _kind(spec: RunSpec) -> Kind:
-    return (
-        spec.environment,
-        repr(sorted(spec.environment_options.items())),
-        repr(sorted(spec.inputs.items())),
-        spec.student,
     )
 
 

@@ -6,6 +6,7 @@ import math
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from enum import StrEnum
 from typing import Any
 
 import numpy as np
@@ -17,11 +18,12 @@ from tma_ray.runs.evaluation import Evaluation
 from tma_ray.runs.inputs import arguments
 from tma_ray.runs.spec import RunSpec
 from tma_ray.students import Student, Transition, make_student
+from tma_ray.tasks import Task
 
-WARM_UP_SECONDS = 1.0
-"""Played before a measurement, s."""
+WARM_UP_SECONDS = 0.3
+"""Trained before a measurement, in whole updates, so that nothing is compiled or loaded in it, s."""
 
-MEASURED_SECONDS = 1.5
+MEASURED_SECONDS = 0.6
 """Shortest measurement, s."""
 
 EXPLORATION = {"exploration_steps": 1_000, "learning_starts": 1_000}
@@ -41,25 +43,49 @@ CHUNKS = ("steps_per_update", "n_steps", "train_freq")
 """What students call the steps from one update to the next, which are measured whole."""
 
 
+class Source(StrEnum):
+    """Origin of a speed."""
+
+    MEASURED = "measured"
+    """Measured here and now."""
+    REMEMBERED = "remembered"
+    """Measured here before, with the same versions."""
+    SHIPPED = "shipped"
+    """Measured on another machine; nothing of that kind has been measured here yet."""
+
+
 @dataclass(frozen=True)
 class Throughput:
-    """Measured speed of one kind of run on this machine, alone on its cores.
+    """Speed of one kind of run, with as many runs at once as the machine holds.
 
     Attributes:
         label: student, environment and body.
         training: environment steps per second of training.
         playing: environment steps per second of an evaluation.
         transition_bytes: of one transition in a replay buffer.
+        source: where the speed is from.
+        measured_on: day of a remembered measurement, as 2026-01-31; empty otherwise.
     """
 
     label: str
     training: float
     playing: float
     transition_bytes: int
+    source: Source = Source.MEASURED
+    measured_on: str = ""
+
+
+def label_of(spec: RunSpec) -> str:
+    """Returns student, environment and body of a run, as costs show them."""
+    return f"{spec.student} on {spec.environment} {spec.embodiment}".strip()
 
 
 def measure(spec: RunSpec, settings: Settings) -> Throughput:
-    """Returns how fast runs like `spec` are here: on one task, without a teacher; takes some seconds."""
+    """Returns how fast runs like `spec` are here: on one task, without a teacher; takes about two seconds.
+
+    Everything is played before it is timed, so that nothing is compiled in a measurement. Time is that of
+    the processor, which other processes slow down only as far as they share its caches and cores' halves.
+    """
     environment = make_environment(spec.environment, **arguments(spec, "environment"))
     observation, action = environment.observation_space, environment.action_space
     values = arguments(spec, "student")
@@ -79,9 +105,8 @@ def measure(spec: RunSpec, settings: Settings) -> Throughput:
     training = _speed(player.train, chunk, MEASURED_SECONDS, clock)
     environment.close()
     playing = _evaluation_speed(spec, student, clock)
-    body = f" {spec.embodiment}" if spec.embodiment else ""
     floats = math.prod(observation.shape or ()) + math.prod(action.shape or ()) + 2
-    return Throughput(f"{spec.student} on {spec.environment}{body}", training, playing, 4 * floats)
+    return Throughput(label_of(spec), training, playing, 4 * floats)
 
 
 class _TrainingLoop:
@@ -122,11 +147,17 @@ def _speed(play: Callable[[int], None], chunk: int, seconds: float, clock: Clock
 
 
 def _evaluation_speed(spec: RunSpec, student: Student, clock: Clock) -> float:
-    """Returns steps per second of `student` on every tenth test task."""
-    tests = spec.test_set
-    evaluation = Evaluation(replace(spec, test_set=replace(tests, tasks=tests.tasks[::10])))
+    """Returns steps per second of `student` on every tenth test task, having played one before."""
+    _play(spec, student, spec.test_set.tasks[:1], clock)
+    steps, seconds = _play(spec, student, spec.test_set.tasks[::10], clock)
+    return steps / seconds
+
+
+def _play(spec: RunSpec, student: Student, tasks: Task, clock: Clock) -> tuple[int, float]:
+    """Returns how many steps an evaluation on `tasks` takes, and its seconds."""
+    evaluation = Evaluation(replace(spec, test_set=replace(spec.test_set, tasks=tasks)))
     start = clock()
     steps = int(sum(row["length"] for row in evaluation(student)))
     seconds = clock() - start
     evaluation.close()
-    return steps / seconds
+    return steps, seconds

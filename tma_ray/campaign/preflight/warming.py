@@ -24,9 +24,9 @@ _tried: set[tuple[str, object]] = set()
 def warm_nodes(specs: Sequence[RunSpec], shipped: bool = True) -> None:
     """Makes every environment of `specs` once on every node, and imports every plug-in there.
 
-    What is compiled on the way stays in the nodes' caches, so that actors do not all compile at once;
-    the driver has done so for its own node in planning, which is left out where no plug-in is to be
-    tried. Nodes that join later compile when they start their first run.
+    What is compiled on the way stays in the nodes' caches, so that actors do not all compile at once. On
+    its own node the driver itself tries what needs no plug-in. Nodes that join later compile when they
+    start their first run.
 
     Args:
         specs: the runs.
@@ -46,6 +46,10 @@ def warm_nodes(specs: Sequence[RunSpec], shipped: bool = True) -> None:
         for recipe, spec in recipes.items()
         if spec.plugins or node["NodeID"] != here
     }
+    for recipe, spec in recipes.items():
+        if not spec.plugins and (here, recipe) not in _tried:
+            _try(spec)
+            _tried.add((here, recipe))
     tasks = defaultdict(list)
     for (node, recipe), spec in due.items():
         if (node, recipe) not in _tried:
