@@ -29,7 +29,8 @@ $(INSTALLED): pyproject.toml requirements.lock # holds how many seconds the inst
 	@echo $$(( $$(date +%s) - $$(cat $(VENV)/.started) )) > $@
 
 quickstart: $(INSTALLED) ## train two teachers' students for a few minutes and write a report
-	@sh experiments/quickstart.sh $(BIN) $(RESULTS) $$(cat $(INSTALLED))
+	@$(BIN)/tma-ray quickstart --results $(RESULTS)
+	@echo "Before that: source $(BIN)/activate   (installing, once, took $$(cat $(INSTALLED)) s)"
 
 test: $(INSTALLED) ## the fast tests, with every contract and closed form (SEED=7 is another order)
 	$(PYTEST) $(SIDE_BY_SIDE) -m "not slow and not chaos"

@@ -3,11 +3,9 @@
 python experiments/case_studies.py --tier lite --results results
 """
 
-from analysis.commands.ranking import show_ranking
-from tma_ray.benchmark import find_experiment
-from tma_ray.campaign import run_experiment
+import sys
 
-EXPERIMENT = find_experiment("case_studies")
+from tma_ray.cli import main
 
 if __name__ == "__main__":
-    show_ranking(run_experiment(EXPERIMENT))
+    sys.exit(main(["experiment", "case_studies", *sys.argv[1:]]))

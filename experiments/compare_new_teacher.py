@@ -3,11 +3,9 @@
 python experiments/compare_new_teacher.py --teachers mine:Teacher,random --tier lite --results results
 """
 
-from analysis.commands.ranking import show_ranking
-from tma_ray.benchmark import find_experiment
-from tma_ray.campaign import run_experiment
+import sys
 
-EXPERIMENT = find_experiment("compare_new_teacher")
+from tma_ray.cli import main
 
 if __name__ == "__main__":
-    show_ranking(run_experiment(EXPERIMENT))
+    sys.exit(main(["experiment", "compare_new_teacher", *sys.argv[1:]]))

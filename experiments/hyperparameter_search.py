@@ -3,11 +3,9 @@
 python experiments/hyperparameter_search.py --tier lite --results results
 """
 
-from analysis.commands.search import show_search
-from tma_ray.benchmark import find_experiment
-from tma_ray.campaign import run_experiment
+import sys
 
-EXPERIMENT = find_experiment("hyperparameter_search")
+from tma_ray.cli import main
 
 if __name__ == "__main__":
-    show_search(run_experiment(EXPERIMENT))
+    sys.exit(main(["experiment", "hyperparameter_search", *sys.argv[1:]]))

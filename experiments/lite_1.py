@@ -3,11 +3,9 @@
 nice -n 19 python experiments/lite_1.py --stage core --results lite --yes
 """
 
-from analysis.commands.ranking import show_ranking
-from tma_ray.benchmark import find_experiment
-from tma_ray.campaign import run_experiment
+import sys
 
-EXPERIMENT = find_experiment("lite_1")
+from tma_ray.cli import main
 
 if __name__ == "__main__":
-    show_ranking(run_experiment(EXPERIMENT))
+    sys.exit(main(["experiment", "lite_1", *sys.argv[1:]]))

@@ -3,11 +3,9 @@
 python experiments/sample_efficiency.py --tier lite --results results
 """
 
-from analysis.commands.ranking import show_ranking
-from tma_ray.benchmark import find_experiment
-from tma_ray.campaign import run_experiment
+import sys
 
-EXPERIMENT = find_experiment("sample_efficiency")
+from tma_ray.cli import main
 
 if __name__ == "__main__":
-    show_ranking(run_experiment(EXPERIMENT), EXPERIMENT.read_at)
+    sys.exit(main(["experiment", "sample_efficiency", *sys.argv[1:]]))

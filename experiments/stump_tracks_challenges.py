@@ -3,11 +3,9 @@
 python experiments/stump_tracks_challenges.py --tier lite --results results
 """
 
-from analysis.commands.ranking import show_ranking
-from tma_ray.benchmark import find_experiment
-from tma_ray.campaign import run_experiment
+import sys
 
-EXPERIMENT = find_experiment("stump_tracks_challenges")
+from tma_ray.cli import main
 
 if __name__ == "__main__":
-    show_ranking(run_experiment(EXPERIMENT))
+    sys.exit(main(["experiment", "stump_tracks_challenges", *sys.argv[1:]]))

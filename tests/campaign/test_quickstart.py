@@ -1,4 +1,4 @@
-"""The stages of 'make quickstart' after the installation, with programs that only record their calls."""
+"""The stages of `tma-ray quickstart`, with a campaign that only records its call; those of 'make install'."""
 
 from __future__ import annotations
 
@@ -8,48 +8,53 @@ from pathlib import Path
 
 import pytest
 
+from tma_ray.campaign import script
+from tma_ray.campaign.costs import known
+from tma_ray.campaign.costs.speed import Throughput
+from tma_ray.cli import main
+
 ROOT = Path(__file__).parents[2]
 
 
 @pytest.fixture
-def programs(tmp_path: Path) -> Path:
-    """A folder of programs that write their arguments to `calls`; those named in FAIL fail."""
-    for name in ("python", "tma-ray"):
-        program = tmp_path / name
-        program.write_text(
-            f'#!/bin/sh\necho "{name} $*" >> {tmp_path}/calls\n[ "$FAIL" != "{name} $*" ] || exit 3\n'
-        )
-        program.chmod(0o755)
-    return tmp_path
+def code(monkeypatch: pytest.MonkeyPatch) -> list[int]:
+    """What the campaign ends with; nothing is measured, trained or written."""
+    codes = [0]
+    speeds = lambda kinds, *_: dict.fromkeys(kinds, Throughput("any", 1e4, 1e4, 100))  # noqa: E731
+    monkeypatch.setattr(known, "patient_speeds", speeds)
+    monkeypatch.setattr(script, "execute", lambda campaign, options: codes[0])
+    monkeypatch.setattr(
+        "analysis.pages.report.write_report", lambda root, output: Path(root) / "report" / "index.html"
+    )
+    return codes
 
 
-def quickstart(programs: Path, failing: str = "") -> subprocess.CompletedProcess[str]:
-    command = ["sh", "experiments/quickstart.sh", str(programs), "out", "151"]
-    environment = {"FAIL": failing, "PATH": "/usr/bin:/bin"}
-    return subprocess.run(command, cwd=ROOT, env=environment, capture_output=True, text=True)
-
-
-def test_every_stage_is_announced_and_timed(programs: Path) -> None:
-    ended = quickstart(programs)
-    assert ended.returncode == 0
-    assert (programs / "calls").read_text().splitlines() == [
-        "python experiments/quickstart.py --dry-run",
-        "python experiments/quickstart.py --results out",
-        "tma-ray report out",
-    ]
-    assert re.findall(r"^\[(\d)/3\]", ended.stdout, re.MULTILINE) == ["1", "2", "3"]
-    assert re.search(r"installation \(once\) +2 min 31 s$", ended.stdout, re.MULTILINE)
+def test_every_stage_is_announced_and_timed(code: list[int], capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["quickstart", "--results", "out"]) == 0
+    shown = capsys.readouterr().out
+    assert re.findall(r"^\[(\d)/3\]", shown, re.MULTILINE) == ["1", "2", "3"]
+    assert re.search(r"^\[2/3\] Training: .*core-hours, \d+ min with \d+ runs? at once", shown, re.MULTILINE)
     for stage in ("compilation", "training", "report"):
-        assert re.search(rf"^  {stage}.* \d+ min \d\d s$", ended.stdout, re.MULTILINE)
-    assert ended.stdout.endswith(f"source {programs}/activate && tma-ray ranking out\n")
+        assert re.search(rf"^  {stage}.* 0 min \d\d s$", shown, re.MULTILINE)
+    assert shown.endswith("open out/report/index.html in a browser, then type\n  tma-ray ranking out\n")
 
 
-def test_a_stage_that_fails_ends_it(programs: Path) -> None:
-    failing = "python experiments/quickstart.py --results out"
-    ended = quickstart(programs, failing)
-    assert ended.returncode == 3
-    assert (programs / "calls").read_text().splitlines()[-1] == failing
-    assert "Where the time went" not in ended.stdout
+def test_a_stage_that_fails_ends_it(code: list[int], capsys: pytest.CaptureFixture[str]) -> None:
+    code[0] = 130
+    assert main(["quickstart", "--results", "out"]) == 130
+    assert "[3/3]" not in capsys.readouterr().out
+
+
+def test_a_dry_run_says_what_would_be_trained(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    root = tmp_path / "root"
+    assert main(["quickstart", "--dry-run", "--results", str(root)]) == 0
+    assert "2 cells x 3 seeds = 6 runs, 4,200,000 environment steps" in capsys.readouterr().out
+    assert not root.exists()
+
+
+def test_make_calls_the_command() -> None:
+    told = subprocess.run(["make", "-n", "quickstart"], cwd=ROOT, capture_output=True, text=True)
+    assert ".venv/bin/tma-ray quickstart --results results" in told.stdout
 
 
 def test_the_installation_names_its_stages() -> None:

@@ -4,16 +4,19 @@ from __future__ import annotations
 
 import argparse
 import sys
+from functools import partial
 from pathlib import Path
 
 import pytest
 
 from tma_ray.benchmark import EXPERIMENTS, find_experiment
-from tma_ray.campaign import Campaign, Plan, cells_of, joined_plan, matrix_campaigns, run_experiment
+from tma_ray.campaign import Campaign, Plan, cells_of, experiments, joined_plan, matrix_campaigns
 from tma_ray.campaign.costs.estimation import Cost, estimate
+from tma_ray.campaign.costs.known import quick_speeds
 from tma_ray.campaign.costs.speed import Throughput
 from tma_ray.campaign.experiments import add_experiment_options, experiment_plan
 from tma_ray.campaign.settings import Resources, Settings
+from tma_ray.cli import main
 from tma_ray.runs import Schedule
 
 SCRIPTS = Path(__file__).parents[2] / "experiments"
@@ -34,7 +37,7 @@ def test_every_experiment_has_a_script() -> None:
         "quickstart"
     }
     for experiment in EXPERIMENTS:
-        assert f'find_experiment("{experiment.name}")' in (SCRIPTS / f"{experiment.name}.py").read_text()
+        assert f'"experiment", "{experiment.name}"' in (SCRIPTS / f"{experiment.name}.py").read_text()
 
 
 def test_flags_choose_from_an_experiment() -> None:
@@ -147,24 +150,37 @@ def test_a_dry_run_says_size_and_cost_and_starts_nothing(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(sys, "path", list(sys.path))
+    monkeypatch.setattr(experiments, "estimate", partial(estimate, find_speeds=quick_speeds))
     root = tmp_path / "root"
     arguments = ["--tier", "smoke", "--dry-run", "--challenges", "original", "--results", str(root)]
-    with pytest.raises(SystemExit) as ended:
-        run_experiment(find_experiment("stump_tracks_challenges"), arguments)
-    assert ended.value.code == 0
+    assert main(["experiment", "stump_tracks_challenges", *arguments]) == 0
     shown = capsys.readouterr().out
     assert "2 cells, 2 with their seeds = 2 runs, 8,000 environment steps" in shown
     assert "ppo on stump_tracks classic_bipedal" in shown
     assert not root.exists()
-    with pytest.raises(SystemExit) as ended:
-        run_experiment(find_experiment("parkour"), ["--teachers", "alp_gm", "--results", str(root)])
-    assert ended.value.code == 2
+    assert main(["experiment", "parkour", "--teachers", "alp_gm", "--results", str(root)]) == 2
     assert "did you mean 'alp_gmm'" in capsys.readouterr().err
     assert not root.exists()
 
 
+def test_the_results_that_an_experiment_ends_with(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A search shows its best points, others the ranking at the share of the budget that they are read at."""
+    shown: list[object] = []
+    monkeypatch.setattr(experiments, "execute_experiment", lambda experiment, options: 0)
+    monkeypatch.setattr(
+        "analysis.commands.ranking.show_ranking", lambda root, share: shown.append((root, share))
+    )
+    monkeypatch.setattr("analysis.commands.search.show_search", shown.append)
+    for experiment in EXPERIMENTS:
+        assert main(["experiment", experiment.name, "--results", experiment.name]) == 0
+        root = experiment.name
+        assert shown.pop() == (root if experiment.searches else (root, experiment.read_at))
+    assert main(["experiment", "parkour", "--dry-run"]) == 0
+    assert not shown
+
+
 def test_costs_follow_from_measured_throughput() -> None:
-    """Two cells of two seeds: 4 runs that train 1,000 s and evaluate twice for 10 s."""
+    """Two cells of two seeds: 4 runs that start for 8 s, train 1,000 s and evaluate twice for 10 s."""
     campaign = Campaign(
         "costly",
         cells_of(("random", "riac")),
@@ -174,8 +190,8 @@ def test_costs_follow_from_measured_throughput() -> None:
     throughput = Throughput("sac", training=1_000, playing=10_000, transition_bytes=120)
     settings = Settings(Resources(cpus=2.0, gpus=0.25), device="cuda")
     cost = estimate(campaign.plan(), settings, find_speeds=lambda kinds, *_: dict.fromkeys(kinds, throughput))
-    assert cost.hours == pytest.approx(4 * (1_000 + 20) / 3600)
-    assert "2.3 core-hours and 0.28 GPU-hours" in cost.describe()
+    assert cost.hours == pytest.approx(4 * (8 + 1_000 + 20) / 3600)
+    assert "2.3 core-hours and 0.29 GPU-hours" in cost.describe()
     assert cost.memory_gib == pytest.approx(cost.at_once * (0.9 + 120e6 / 2**30))
     assert isinstance(cost, Cost)
 

@@ -24,6 +24,8 @@ TINY = ["--steps", "300", "--evaluation-interval", "300", "--test-set", "one.csv
 
 SMALL: dict[str, list[str]] = {
     "campaign": ["--dry-run"],
+    "experiment": ["--dry-run", "--seeds", "1"],
+    "quickstart": ["--dry-run"],
     "rerun": ["--dry-run"],
     "run": TINY,
     "simulate": ["--episodes", "20", "--seeds", "1", "--challenges", "original", "--jobs", "1"],

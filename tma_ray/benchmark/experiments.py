@@ -34,6 +34,7 @@ class Experiment:
         matrices: what is run.
         teachers: who runs what the matrices leave open; empty where the user must say.
         read_at: share of the budget after which its tables are read.
+        searches: whether its result is the best point of each grid, not a ranking of teachers.
         stages: matrices that are run before others, by the name of the part that they are.
         size: intervals of its runs; None of a field leaves the paper's.
     """
@@ -43,6 +44,7 @@ class Experiment:
     matrices: tuple[Matrix, ...]
     teachers: tuple[str, ...] = TEACHERS
     read_at: float = 1.0
+    searches: bool = False
     stages: Mapping[str, tuple[Matrix, ...]] = field(default_factory=dict)
     size: Size = field(default_factory=Size)
 
@@ -78,8 +80,8 @@ EXPERIMENTS: tuple[Experiment, ...] = (
         STUMP_TRACKS_CHALLENGES,
         read_at=0.25,
     ),
-    Experiment("hyperparameter_search", "Hyper-parameters of every teacher", TEACHER_SEARCH),
-    Experiment("ppo_search", "Hyper-parameters of PPO", (PPO_SEARCH,)),
+    Experiment("hyperparameter_search", "Hyper-parameters of every teacher", TEACHER_SEARCH, searches=True),
+    Experiment("ppo_search", "Hyper-parameters of PPO", (PPO_SEARCH,), searches=True),
     Experiment("full_benchmark", "Everything that is compared: Stump Tracks and Parkour", MATRICES),
     Experiment("compare_new_teacher", "The full benchmark for teachers of your own", MATRICES, teachers=()),
     Experiment(

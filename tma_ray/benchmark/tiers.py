@@ -1,4 +1,4 @@
-"""Tiers: the share of an experiment that is run, from a minute of it to all."""
+"""Tiers: the share of an experiment that is run, from some minutes of it to all."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ class Tier(StrEnum):
     """Sizes of an experiment, in rising order."""
 
     SMOKE = "smoke"
-    """A minute: does all of it work here?"""
+    """Some minutes, most of them to start processes: does all of it work here?"""
     LITE = "lite"
     """A night on a laptop, with PPO: where is my teacher strong, roughly?"""
     PAPER = "paper"

@@ -1,7 +1,6 @@
 """Campaigns: cells become runs, and runs become actors on a Ray cluster. The only user of Ray."""
 
 from tma_ray.campaign.campaign import Campaign
-from tma_ray.campaign.experiments import run_experiment
 from tma_ray.campaign.matrices import joined_plan, matrix_campaigns, matrix_cells
 from tma_ray.campaign.plan import CampaignSpec, Plan, cells_of
 
@@ -13,5 +12,4 @@ __all__ = [
     "joined_plan",
     "matrix_campaigns",
     "matrix_cells",
-    "run_experiment",
 ]

@@ -1,12 +1,10 @@
-"""Experiments of the benchmark as scripts: the same flags for all, a size, a cost, and then the runs."""
+"""Experiments of the benchmark: the same flags for all, a size, a cost, and then the runs."""
 
 from __future__ import annotations
 
 import argparse
-import sys
 from collections.abc import Sequence
 from dataclasses import replace
-from pathlib import Path
 
 from rich.console import Console
 
@@ -24,36 +22,25 @@ from tma_ray.campaign.options import (
     replace_schedule,
 )
 from tma_ray.campaign.plan import Plan
-from tma_ray.campaign.script import EXIT_REFUSED, run_plan
-from tma_ray.command_line import CommandParser
-from tma_ray.results import RootInUseError
+from tma_ray.campaign.script import run_plan
 from tma_ray.runs import Schedule
 
 
-def run_experiment(experiment: Experiment, arguments: Sequence[str] | None = None) -> str:
-    """Runs `experiment` as the command line says, having said what it comes to and what it costs.
+def execute_experiment(experiment: Experiment, options: argparse.Namespace) -> int:
+    """Runs what `options` choose of `experiment`, having said what it comes to and what it costs.
 
     Returns:
-        The results root, once all is done.
+        The exit code, as of `script.main`.
 
     Raises:
-        SystemExit: with the code of `script.main` if anything is not done, and with 0 after a dry run.
+        ValueError: what cannot run, or what takes over an hour was not confirmed.
+        ConnectionError: nothing listens at the address.
+        RootInUseError: another campaign is running on the results root.
     """
-    sys.path.insert(0, str(Path.cwd()))  # so that module:Name finds the user's own file
-    parser = CommandParser(description=f"Runs: {experiment.title}.")
-    add_experiment_options(parser)
-    options = parser.parse_args(arguments)
-    try:
-        plan = experiment_plan(experiment, options)
-        cost = estimate(plan, chosen_settings(options))
-        Console().print(cost.describe(), highlight=False, soft_wrap=True)
-        code = run_plan(plan, options.results, options, cost.throughputs)
-    except (ValueError, ConnectionError, RootInUseError) as error:
-        sys.stderr.write(f"{experiment.name}: {error}\n")
-        code = EXIT_REFUSED
-    if code or options.dry_run:
-        raise SystemExit(code)
-    return str(options.results)
+    plan = experiment_plan(experiment, options)
+    cost = estimate(plan, chosen_settings(options))
+    Console().print(cost.describe(), highlight=False, soft_wrap=True)
+    return run_plan(plan, options.results, options, cost.throughputs)
 
 
 def add_experiment_options(parser: argparse.ArgumentParser) -> None:

@@ -10,7 +10,17 @@ from pathlib import Path
 
 from tma_ray import __version__
 from tma_ray.benchmark import BENCHMARK_VERSION
-from tma_ray.cli import completion, importing, looking, naming, policies, publishing, running, verifying
+from tma_ray.cli import (
+    completion,
+    experimenting,
+    importing,
+    looking,
+    naming,
+    policies,
+    publishing,
+    running,
+    verifying,
+)
 from tma_ray.command_line import CommandParser
 
 REFUSED = 2
@@ -37,7 +47,8 @@ def _parser() -> CommandParser:
     )
     parser.add_argument("--version", action="version", version=_version())
     commands = parser.add_subparsers(title="commands", required=True, metavar="COMMAND")
-    for group in (running, looking, verifying, policies, publishing, importing, naming, completion):
+    groups = running, experimenting, looking, verifying, policies, publishing, importing, naming, completion
+    for group in groups:
         group.add_commands(commands)
     parser.set_defaults(parser=parser)
     return parser

@@ -17,6 +17,9 @@ from tma_ray.runs.spec import RunSpec
 TEST_STEPS = 1_000
 """What a test task is taken to need, in environment steps: half of the most there can be."""
 
+START_SECONDS = 8.0
+"""Of a run's processes before their first step and after their last, in seconds of one core (measured)."""
+
 RUN_BYTES = 600_000
 """On disk for each run: its policy, and tables with hardly a row (measured)."""
 
@@ -135,7 +138,7 @@ def estimate(
 
 def _hours(throughput: Throughput, spec: RunSpec) -> float:
     evaluating = _test_tasks(spec) * TEST_STEPS / throughput.playing
-    return (spec.schedule.steps / throughput.training + evaluating) / 3600
+    return (START_SECONDS + spec.schedule.steps / throughput.training + evaluating) / 3600
 
 
 def _test_tasks(spec: RunSpec) -> int:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from typing import Any, NamedTuple
 
@@ -61,6 +62,13 @@ def measured_speeds(
         ValueError: a kind of run fails.
     """
     return _speeds(examples, settings, at_once, PATIENCE_SECONDS)
+
+
+def patient_speeds(
+    examples: Mapping[Kind, RunSpec], settings: Settings, at_once: int
+) -> dict[Kind, Throughput]:
+    """Returns the same, waiting until all kernels are compiled; see `measured_speeds`."""
+    return _speeds(examples, settings, at_once, math.inf)
 
 
 def quick_speeds(
