@@ -23,7 +23,7 @@ def add_commands(commands: Any) -> None:
         examples=(
             "tma-ray experiment stump_tracks_challenges --tier smoke --results smoke",
             "tma-ray experiment full_benchmark --tier lite --results lite",
-            "tma-ray experiment compare_new_teacher --teachers mine:Teacher,random --dry-run",
+            "tma-ray experiment parkour --teachers random,alp_gmm --seeds 2 --dry-run",
         ),
     )
     commands.add_parser(
