@@ -41,7 +41,7 @@ def add_to_release(
         The folder of the release.
 
     Raises:
-        ResultsRootError: there is no such root, or a shard of that name exists.
+        ResultsRootError: `root` does not exist, or a shard of that name does.
         BaselineError: the root has no run that the release lacks, or is damaged; the release is damaged.
     """
     check_id(shard)

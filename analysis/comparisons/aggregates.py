@@ -140,6 +140,35 @@ def stratified_differences(
     return table
 
 
+def stratified_means(runs: pd.DataFrame, measure: str, within: Sequence[str] = ACROSS) -> pd.DataFrame:
+    """Returns the mean of each teacher over all challenges that it has results of, one row each.
+
+    Weights as in `stratified_differences`.
+
+    Args:
+        runs: of `pooling.pool_runs`.
+        measure: column of `runs`.
+        within: columns that runs must have in common.
+
+    Returns:
+        `within`, measure, teacher, challenges (how many), and the columns of `statistics.Comparison` of which
+        difference, low and high are the mean and its 95 % interval.
+    """
+    zero, rows = pd.Series([0.0, 0.0], index=["first zero", "second zero"]), []
+    for key, part in _counted(runs, measure, [*within, "teacher"]).groupby(
+        [*within, "teacher"], dropna=False, sort=True
+    ):
+        places = _by_challenge(part, measure)
+        samples = [(sample, zero) for strata in places.values() for sample in strata.values()]
+        weights = [1 / len(strata) for strata in places.values() for _ in strata]
+        names = dict(zip([*within, "teacher"], key, strict=True))
+        rows.append(
+            names | {"measure": measure, "challenges": len(places)} | vars(stratified(samples, weights))
+        )
+    columns = [*within, "teacher", "measure", "challenges", *Comparison.__dataclass_fields__]
+    return pd.DataFrame(rows, columns=columns)
+
+
 def _by_challenge(rows: pd.DataFrame, measure: str) -> dict[Hashable, dict[str, pd.Series]]:
     """Returns the samples of each body and student by challenge."""
     places = rows.groupby(PLACES, dropna=False, sort=True)

@@ -94,8 +94,14 @@ def test_missing_challenges_are_named(roots: tuple[Path, Path]) -> None:
 def test_the_page_has_all_of_it(roots: tuple[Path, Path], capsys: pytest.CaptureFixture[str]) -> None:
     mine, theirs = map(str, roots)
     assert main(["compare", mine, "--baseline", theirs, "--baseline", "paper-2021"]) == 0
-    index = Path(capsys.readouterr().out.strip())
+    verdict, place = capsys.readouterr().out.splitlines()
+    assert verdict == (
+        "Over 3 challenges (expert knowledge none, 2 million steps) frontier ranks 1 of 3 by mean, 1 to 2 is "
+        "certain: better than 1 (Random); undecided against 1 (RIAC) (p < 0.05 after Holm)."
+    )
+    index = Path(place)
     text = re.sub(r"\s+", " ", index.read_text())
+    assert f"<p><b>{verdict.replace('<', '&lt;')}</b></p>" in text
     assert "frontier is better than Random on 2 of 3 challenges" in text
     assert "Set beside: paper-2021" in text
     assert "Set beside: lite" in text

@@ -84,7 +84,7 @@ class CampaignSpec:
             for seed in self.seeds:
                 spec = replace(first, seed=seed)
                 runs.setdefault(spec.run_id, spec)
-                rows.append({**_cell_row(self.name, cell, spec), "seed": seed, "run_id": spec.run_id})
+                rows.append({**cell_row(self.name, cell, spec), "seed": seed, "run_id": spec.run_id})
         size = f"{len(self.cells)} cells x {len(self.seeds)} seeds"
         return Plan(self.name, size, tuple(runs.values()), tuple(rows))
 
@@ -111,7 +111,7 @@ def lease_holder(campaign: str) -> str:
     return f"campaign {campaign!r} on {platform.node()}, process {os.getpid()}"
 
 
-def _cell_row(experiment: str, cell: Cell, spec: RunSpec) -> dict[str, Any]:
+def cell_row(experiment: str, cell: Cell, spec: RunSpec) -> dict[str, Any]:
     """Returns a row of the table of cells: canonical names of its spec, and the level that was asked for."""
     return {
         "experiment": experiment,

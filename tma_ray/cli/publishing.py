@@ -216,7 +216,7 @@ def _figures(options: argparse.Namespace) -> int:
 def _compare(options: argparse.Namespace) -> int:
     from analysis.pages.compare.page import write_comparison
 
-    print(write_comparison(options.root, options.baselines, options.output))
+    print(write_comparison(options.root, options.baselines, options.output, print))
     return 0
 
 

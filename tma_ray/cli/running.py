@@ -49,6 +49,7 @@ def add_commands(commands: Any) -> None:
             "tma-ray campaign --teachers random,alp_gmm --students ppo --seeds 4 --steps 500k",
             "tma-ray campaign --teachers alp_gmm,alp_gmm:fit_every=100 --students ppo --seeds 4 --steps 500k",
             "tma-ray campaign --teachers random,riac --seeds 2 --dry-run",
+            "tma-ray campaign --like colleague --teachers random --results mine --dry-run",
         ),
     )
     _add_comparing(commands)
@@ -126,6 +127,12 @@ def _add_campaign(parser: CommandParser) -> None:
     parser.add_argument(
         "--name", default="campaign", metavar="NAME", help="name of the campaign in the results"
     )
+    parser.add_argument(
+        "--like",
+        metavar="BASELINE",
+        help="release whose cells, seeds and settings are repeated for --teachers; --challenges and --seeds "
+        "narrow them (default: none)",
+    )
     add_options(parser, _one_cell("campaign"))
     parser.set_defaults(command=_campaign)
 
@@ -202,7 +209,18 @@ def _run(options: argparse.Namespace) -> int:
 def _campaign(options: argparse.Namespace) -> int:
     from tma_ray.campaign.script import execute
 
+    if options.like:
+        return _campaign_like(options)
     return execute(_one_cell(options.name), options)
+
+
+def _campaign_like(options: argparse.Namespace) -> int:
+    from analysis.baselines import as_baseline
+    from tma_ray.campaign.releases.command import run_like
+
+    baseline = as_baseline(options.like)
+    place, core = (baseline.place, baseline.manifest.core) if baseline else (options.like, ())
+    return run_like(place, core, options)
 
 
 def _one_cell(name: str) -> Campaign:

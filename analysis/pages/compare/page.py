@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from datetime import UTC, datetime
 from importlib.metadata import version
 from pathlib import Path
@@ -14,6 +14,7 @@ from analysis.claims.sources import decided, root_verdicts
 from analysis.comparisons.overall import headlines, overall_rows
 from analysis.comparisons.pairwise import pairwise
 from analysis.comparisons.pairwise_statistics import pairwise_from_statistics
+from analysis.comparisons.ranks import ranks
 from analysis.comparisons.sides import (
     MEASURE,
     PLACE,
@@ -45,13 +46,19 @@ from analysis.tables.results import TableResults, results_of
 from analysis.tables.table import Table
 
 
-def write_comparison(root: str | Path, baselines: Sequence[str], output: Path | None = None) -> Path:
+def write_comparison(
+    root: str | Path,
+    baselines: Sequence[str],
+    output: Path | None = None,
+    tell: Callable[[str], object] | None = None,
+) -> Path:
     """Writes a page that compares the results of a root with baselines.
 
     Args:
         root: results of one's own, finished or not.
         baselines: names of released baselines, folders or addresses of results.
         output: folder to write to; ``compare`` in `root` if that is a folder.
+        tell: is called with the rank of each new teacher over all challenges, in words.
 
     Returns:
         The page, ``index.html`` in `output`, with its figures beside it.
@@ -68,6 +75,9 @@ def write_comparison(root: str | Path, baselines: Sequence[str], output: Path | 
     runs, curves = together(mine, others), together(mine, others, along=True)
     teachers = new_teachers(mine)
     tests = duels(runs, teachers)
+    standings = [rank.describe() for rank in ranks(runs, teachers)]
+    for sentence in standings if tell else ():
+        tell(sentence)
     found = list(places(runs, curves, tests, mine))
     pictures = list(_radars(runs, others))
     text = page(
@@ -85,7 +95,7 @@ def write_comparison(root: str | Path, baselines: Sequence[str], output: Path | 
         beside=[(side, _beside_rows(beside(mine, side))) for side in others],
         pictures=pictures,
         tables=list(_tables(runs)),
-        headlines=headlines(runs),
+        headlines=[*standings, *headlines(runs)],
         overall=overall_rows(runs),
         warnings=list(dict.fromkeys([*frames.warnings, *split, *frames.results.problems])),
         verdicts=decided(root_verdicts(frames)),

@@ -57,7 +57,7 @@ def add_shard(results: Results, target: Store, name: str, contents: Contents = L
         contents: what is copied.
 
     Raises:
-        ResultsRootError: `target` is no results root, or has files of that name.
+        ResultsRootError: `target` is not a results root, or has files of that name.
         DamagedFileError: a file was written by a newer version, with columns that would be lost.
     """
     create_root(target)
@@ -92,7 +92,7 @@ def start_from(store: Store, source: Store) -> int:
         How many runs were copied.
 
     Raises:
-        ResultsRootError: `source` is no results root, or a file of that path and another content is there.
+        ResultsRootError: `source` is not a results root, or a file of that path and another content is there.
         RootInUseError: a campaign is running on `store`.
     """
     check_root(source)

@@ -1,0 +1,145 @@
+"""Ranks of teachers over all challenges at once, and what of them is certain."""
+
+from __future__ import annotations
+
+from collections.abc import Collection
+from dataclasses import dataclass
+from typing import Any
+
+import pandas as pd
+
+from analysis.comparisons.aggregates import ACROSS, stratified_differences, stratified_means
+from analysis.data.reference import is_baseline
+from analysis.formatting import amount
+from analysis.names import label
+from analysis.statistics import SIGNIFICANCE, holm
+
+MEASURE = "mastered_percent"
+
+
+@dataclass(frozen=True)
+class Rank:
+    """A teacher's rank among those that have results on all of its challenges.
+
+    Attributes:
+        teacher: who.
+        across: values of `ACROSS`, what all that are ranked have in common.
+        challenges: on how many challenges.
+        mean: mastered test tasks in per cent, the mean over challenges of equal weight.
+        low: lower end of its 95 % interval; NaN with one run on a challenge.
+        high: upper end of it.
+        n: runs.
+        rank: 1 for the highest mean.
+        of: how many teachers are ranked.
+        better: those that it is better than, with p < 0.05 after Holm's correction.
+        worse: those that it is worse than, likewise.
+        undecided: the others.
+        left_out: those without results on all of its challenges.
+    """
+
+    teacher: str
+    across: dict[str, Any]
+    challenges: int
+    mean: float
+    low: float
+    high: float
+    n: int
+    rank: int
+    of: int
+    better: tuple[str, ...]
+    worse: tuple[str, ...]
+    undecided: tuple[str, ...]
+    left_out: tuple[str, ...]
+
+    @property
+    def best(self) -> int:
+        """The best rank that the tests leave open."""
+        return 1 + len(self.worse)
+
+    @property
+    def worst(self) -> int:
+        """The worst rank that the tests leave open."""
+        return self.of - len(self.better)
+
+    def describe(self) -> str:
+        """Returns rank and verdicts in one sentence."""
+        where = f"expert knowledge {self.across['expert_knowledge']}, {amount(self.across['steps'])} steps"
+        count = f"{self.challenges} challenge{'s' if self.challenges > 1 else ''}"
+        best, worst = self.best, self.worst
+        certain = f"{best} to {worst} is certain" if best < worst else "which is certain"
+        count += f" ({where})"
+        parts = [("better than", self.better), ("worse than", self.worse)]
+        said = [f"{words} {_listed(names)}" for words, names in parts if names]
+        said += [f"undecided against {_listed(self.undecided)}"] if self.undecided else []
+        lacking = f"; not ranked, lacking challenges: {_listed(self.left_out)}" if self.left_out else ""
+        return (
+            f"Over {count} {label(self.teacher)} ranks {self.rank} of {self.of} by mean, {certain}: "
+            f"{'; '.join(said) or 'there is nothing to compare'} (p < {SIGNIFICANCE} after Holm){lacking}."
+        )
+
+
+def ranks(runs: pd.DataFrame, teachers: Collection[str] | None = None) -> list[Rank]:
+    """Returns the rank of each teacher at each level and budget, the best first.
+
+    One family at each: the tests of all pairs of teachers of which one is looked at, corrected by Holm.
+
+    Args:
+        runs: of `pooling.pool_runs`.
+        teachers: whose ranks; all by default.
+    """
+    found: list[Rank] = []
+    for key, group in runs[runs[MEASURE].notna()].groupby(ACROSS, dropna=False, sort=True):
+        across = dict(zip(ACROSS, key, strict=True))
+        present = sorted(group["teacher"].unique())
+        looked = [name for name in present if teachers is None or name in teachers]
+        tests = _tests(group, looked)
+        means = stratified_means(group, MEASURE).set_index("teacher")
+        here = [_rank(name, across, means, tests[tests["teacher"] == name]) for name in looked]
+        found += sorted(here, key=lambda rank: (-rank.mean, rank.teacher))
+    return found
+
+
+def _tests(group: pd.DataFrame, teachers: list[str]) -> pd.DataFrame:
+    """Returns the test of each of `teachers` against every other one: teacher, other, difference, holm."""
+    parts = []
+    for teacher in teachers:
+        table = stratified_differences(group, MEASURE, teacher)
+        flipped = table.assign(other=table["teacher"], teacher=teacher, difference=-table["difference"])
+        parts.append(flipped[["teacher", "other", "challenges", "difference", "p"]])
+    columns = ["teacher", "other", "challenges", "difference", "p"]
+    tests = pd.concat(parts, ignore_index=True) if parts else pd.DataFrame(columns=columns)
+    pairs = [" | ".join(sorted(names)) for names in zip(tests["teacher"], tests["other"], strict=True)]
+    once = dict(zip(pairs, tests["p"].astype(float), strict=True))
+    corrected = dict(zip(once, holm(pd.Series(once)), strict=True))
+    return tests.assign(holm=[corrected[pair] for pair in pairs])
+
+
+def _rank(teacher: str, across: dict[str, Any], means: pd.DataFrame, tests: pd.DataFrame) -> Rank:
+    mine = means.loc[teacher]
+    alike = tests[tests["challenges"] == mine["challenges"]]
+    sure = alike["holm"] < SIGNIFICANCE
+    ahead = alike["difference"] > 0
+    return Rank(
+        teacher=teacher,
+        across=across,
+        challenges=int(mine["challenges"]),
+        mean=float(mine["difference"]),
+        low=float(mine["low"]),
+        high=float(mine["high"]),
+        n=int(mine["n"]),
+        rank=1 + int((alike["difference"] < 0).sum()),
+        of=1 + len(alike),
+        better=_names(alike[sure & ahead]),
+        worse=_names(alike[sure & ~ahead]),
+        undecided=_names(alike[~sure]),
+        left_out=_names(tests[tests["challenges"] != mine["challenges"]]),
+    )
+
+
+def _names(tests: pd.DataFrame) -> tuple[str, ...]:
+    """Returns the others of some tests, Random first, then by name."""
+    return tuple(sorted(tests["other"], key=lambda name: (not is_baseline(name), name)))
+
+
+def _listed(names: tuple[str, ...]) -> str:
+    return f"{len(names)} ({', '.join(map(label, names))})"

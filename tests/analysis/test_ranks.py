@@ -1,0 +1,88 @@
+"""Ranks over all challenges: by the mean of equal weights, with what the tests leave open."""
+
+from __future__ import annotations
+
+import numpy as np
+import pandas as pd
+import pytest
+from scipy import stats
+from synthetic_pools import cell
+
+from analysis.comparisons.aggregates import stratified_means
+from analysis.comparisons.ranks import MEASURE, Rank, ranks
+from analysis.measures.pooling import pool_runs
+
+CHALLENGES = ("original", "mostly_trivial", "rugged_difficulty")
+
+
+def runs_of(results: dict[str, dict[str, list[float]]]) -> pd.DataFrame:
+    cells = pd.DataFrame(
+        cell(teacher, seed, value, challenge=challenge, experiment=challenge)
+        for teacher, challenges in results.items()
+        for challenge, values in challenges.items()
+        for seed, value in enumerate(values)
+    )
+    return pool_runs(cells, cells[["run_id", MEASURE, "step"]])
+
+
+def by_teacher(found: list[Rank]) -> dict[str, Rank]:
+    return {rank.teacher: rank for rank in found}
+
+
+@pytest.fixture(scope="module")
+def runs() -> pd.DataFrame:
+    def around(*means: float) -> dict[str, list[float]]:
+        return {name: [m - 1, m, m + 1] for name, m in zip(CHALLENGES, means, strict=False)}
+
+    return runs_of(
+        {
+            "random": around(10, 10, 10),
+            "good": around(30, 40, 50),
+            "near": around(31, 39, 49),
+            "bad": around(1, 2, 3),
+            "part": around(90, 90),
+        }
+    )
+
+
+def test_ranks_are_by_the_mean_over_challenges_and_certain_as_far_as_tests_go(runs: pd.DataFrame) -> None:
+    found = by_teacher(ranks(runs))
+    assert {name: (r.rank, r.of, r.best, r.worst) for name, r in found.items()} == {
+        "part": (1, 5, 1, 1),
+        "good": (1, 4, 1, 2),
+        "near": (2, 4, 1, 2),
+        "random": (3, 4, 3, 3),
+        "bad": (4, 4, 4, 4),
+    }
+    good = found["good"]
+    assert (good.better, good.worse, good.undecided) == (("random", "bad"), (), ("near",))
+    assert good.left_out == ("part",)
+    assert [r.teacher for r in ranks(runs)] == ["part", "good", "near", "random", "bad"]
+
+
+def test_one_teachers_family_is_its_own_pairs(runs: pd.DataFrame) -> None:
+    (only,) = ranks(runs, ["near"])
+    assert (only.rank, only.best, only.worst) == (2, 1, 2)
+    assert "near ranks 2 of 4 by mean, 1 to 2 is certain" in only.describe()
+    assert "lacking challenges: 1 (part)" in only.describe()
+
+
+def test_the_interval_of_the_mean_is_welch_and_satterthwaites() -> None:
+    rng = np.random.default_rng(3)
+    values = {
+        name: list(rng.normal(50, scale, 5)) for name, scale in zip(CHALLENGES, (1, 5, 20), strict=True)
+    }
+    (row,) = stratified_means(runs_of({"riac": values}), MEASURE).to_dict("records")
+    parts = np.array([np.var(each, ddof=1) / 5 / 9 for each in values.values()])
+    freedom = parts.sum() ** 2 / (parts**2 / 4).sum()
+    margin = stats.t.ppf(0.975, freedom) * np.sqrt(parts.sum())
+    mean = np.mean([np.mean(each) for each in values.values()])
+    assert (row["difference"], row["low"], row["high"]) == pytest.approx((mean, mean - margin, mean + margin))
+    assert (row["challenges"], row["n"]) == (3, 15)
+
+
+def test_single_runs_leave_every_rank_open() -> None:
+    found = ranks(runs_of({name: {"original": [value]} for name, value in (("random", 1.0), ("riac", 9.0))}))
+    assert [(r.teacher, r.rank, r.best, r.worst) for r in found] == [("riac", 1, 1, 2), ("random", 2, 1, 2)]
+    assert np.isnan(found[0].low)
+    assert ranks(runs_of({"random": {"original": [float("nan")]}})) == []

@@ -1,0 +1,1 @@
+"""Campaigns that repeat what was released, for other teachers."""

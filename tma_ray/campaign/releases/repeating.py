@@ -1,0 +1,171 @@
+"""Campaigns that repeat a release for other teachers: its cells, seeds and settings."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+from tma_ray.campaign.plan import Plan, cell_row
+from tma_ray.decoding import DamagedFileError
+from tma_ray.results import Results, Table
+from tma_ray.runs import Cell, RunSpec, effective_spec
+from tma_ray.tasks import KnowledgeLevel
+
+TEACHER_FIELDS = ("teacher", "teacher_hyperparameters", "expert_knowledge", "seed", "repeat")
+"""Fields of a spec that another teacher may have otherwise."""
+
+BY_PART = ("plugins", "algorithm_versions", "inputs")
+"""Fields of a spec that say something of each of its parts."""
+
+
+@dataclass(frozen=True)
+class _Setting:
+    """Cells of a release that differ in their teachers and seeds only.
+
+    Attributes:
+        experiment: name of the experiment that they belong to.
+        level: expert knowledge offered.
+        template: spec of one of their runs.
+        seeds: of all of them, rising.
+    """
+
+    experiment: str
+    level: KnowledgeLevel
+    template: RunSpec
+    seeds: tuple[int, ...]
+
+
+def like_plan(
+    name: str,
+    released: Results,
+    teachers: Sequence[str],
+    core: Collection[str] = (),
+    challenges: Collection[str] = (),
+    seeds: Collection[int] = (),
+) -> Plan:
+    """Returns the runs of `teachers` on the cells of a release, with its seeds and settings.
+
+    Every cell's first seed comes before any cell's second.
+
+    Args:
+        name: of the campaign.
+        released: the release.
+        teachers: names in the teacher registry, or ``module:Name``.
+        core: campaigns of the release whose cells are repeated; all by default.
+        challenges: which of its challenges; all by default.
+        seeds: which of its seeds; all by default.
+
+    Raises:
+        ValueError: a challenge, seed or campaign that the release does not have, a teacher that cannot run,
+            or a release that this version cannot repeat.
+    """
+    settings = _chosen(_settings(released, core), challenges, seeds)
+    runs: dict[str, tuple[int, RunSpec]] = {}
+    rows: list[dict[str, Any]] = []
+    for setting in settings:
+        for teacher in teachers:
+            cell = _cell(setting, teacher)
+            first = _checked(effective_spec(cell, 0, setting.template.schedule), setting, released)
+            for place, seed in enumerate(setting.seeds):
+                spec = replace(first, seed=seed)
+                runs.setdefault(spec.run_id, (place, spec))
+                rows.append({**cell_row(setting.experiment, cell, spec), "seed": seed, "run_id": spec.run_id})
+    ordered = sorted(runs.values(), key=lambda placed: placed[0])
+    size = (
+        f"{len(settings) * len(teachers)} cells like those of {released.store}, {len(rows)} with their seeds"
+    )
+    return Plan(name, size, tuple(spec for _, spec in ordered), tuple(rows))
+
+
+def _settings(released: Results, core: Collection[str]) -> list[_Setting]:
+    """Returns what the cells of a release have in common, in the order of its experiments' names."""
+    specs = {manifest.run.run_id: manifest.run.spec for manifest in released.runs()}
+    cells = [row for row in released.table(Table.CELLS).to_pylist() if row["run_id"] in specs]
+    unknown = sorted(set(core) - {row["campaign"] for row in cells})
+    if unknown:
+        raise ValueError(f"{released.store} has no campaign {unknown[0]!r}")
+    names = ("experiment", "environment", "challenge", "embodiment", "student", "expert_knowledge")
+    found: dict[tuple[str, ...], list[dict[str, Any]]] = {}
+    for row in cells:
+        found.setdefault(tuple(row[name] for name in names), []).append(row)
+    return [
+        _Setting(
+            key[0],
+            KnowledgeLevel(key[-1]),
+            _template(specs[min(row["run_id"] for row in rows)], released),
+            tuple(sorted({row["seed"] for row in rows})),
+        )
+        for key, rows in sorted(found.items())
+        if not core or any(row["campaign"] in core for row in rows)
+    ]
+
+
+def _template(spec: str, released: Results) -> RunSpec:
+    try:
+        return RunSpec.from_json(spec, f"a spec of {released.store}")
+    except DamagedFileError:
+        raise
+    except ValueError as error:
+        raise ValueError(f"{released.store} cannot be repeated: {error}") from error
+
+
+def _chosen(
+    settings: Sequence[_Setting], challenges: Collection[str], seeds: Collection[int]
+) -> list[_Setting]:
+    known = dict.fromkeys(setting.template.challenge for setting in settings)
+    for challenge in challenges:
+        if challenge not in known:
+            raise ValueError(f"the release has no challenge {challenge!r}; it has {', '.join(known)}")
+    kept = [each for each in settings if not challenges or each.template.challenge in challenges]
+    if not seeds:
+        return kept
+    there = sorted({seed for setting in kept for seed in setting.seeds})
+    for seed in seeds:
+        if seed not in there:
+            raise ValueError(f"the release has no seed {seed}; it has {', '.join(map(str, there))}")
+    narrowed = (replace(each, seeds=tuple(s for s in each.seeds if s in seeds)) for each in kept)
+    return [each for each in narrowed if each.seeds]
+
+
+def _cell(setting: _Setting, teacher: str) -> Cell:
+    spec = setting.template
+    return Cell(
+        environment=spec.environment,
+        challenge=spec.challenge,
+        embodiment=spec.embodiment,
+        student=spec.student,
+        teacher=teacher,
+        expert_knowledge=setting.level,
+    )
+
+
+def _checked(spec: RunSpec, setting: _Setting, released: Results) -> RunSpec:
+    """Returns `spec` if it differs from the runs of the release in its teacher only.
+
+    Raises:
+        ValueError: it does not; the message names what differs.
+    """
+    ours, theirs = _without_teacher(spec), _without_teacher(setting.template)
+    differing = [name for name in sorted({*ours, *theirs}) if ours.get(name) != theirs.get(name)]
+    if differing:
+        said = "; ".join(
+            f"{name}: {_short(theirs.get(name))} there, {_short(ours.get(name))} here" for name in differing
+        )
+        raise ValueError(
+            f"this version cannot repeat {released.store} ({setting.template.challenge}): {said}. Use the "
+            f"version of tma_ray that it was made with, or another release"
+        )
+    return spec
+
+
+def _without_teacher(spec: RunSpec) -> dict[str, Any]:
+    content = {name: value for name, value in spec.to_dict().items() if name not in TEACHER_FIELDS}
+    for name in BY_PART:
+        parts = content.get(name, {}).items()
+        content[name] = {part: value for part, value in parts if part.partition(".")[0] != "teacher"}
+    return content
+
+
+def _short(value: Any) -> str:
+    return f"{value!r:.60}"
