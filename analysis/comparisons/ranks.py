@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection
+from collections.abc import Collection, Hashable
 from dataclasses import dataclass
 from typing import Any
 
@@ -93,8 +93,8 @@ def ranks(runs: pd.DataFrame, teachers: Collection[str] | None = None) -> list[R
         present = sorted(group["teacher"].unique())
         looked = [name for name in present if teachers is None or name in teachers]
         tests = _tests(group, looked)
-        means = stratified_means(group, MEASURE).set_index("teacher")
-        here = [_rank(name, across, means, tests[tests["teacher"] == name]) for name in looked]
+        means = {row["teacher"]: row for row in stratified_means(group, MEASURE).to_dict("records")}
+        here = [_rank(name, across, means[name], tests[tests["teacher"] == name]) for name in looked]
         found += sorted(here, key=lambda rank: (-rank.mean, rank.teacher))
     return found
 
@@ -114,8 +114,7 @@ def _tests(group: pd.DataFrame, teachers: list[str]) -> pd.DataFrame:
     return tests.assign(holm=[corrected[pair] for pair in pairs])
 
 
-def _rank(teacher: str, across: dict[str, Any], means: pd.DataFrame, tests: pd.DataFrame) -> Rank:
-    mine = means.loc[teacher]
+def _rank(teacher: str, across: dict[str, Any], mine: dict[Hashable, Any], tests: pd.DataFrame) -> Rank:
     alike = tests[tests["challenges"] == mine["challenges"]]
     sure = alike["holm"] < SIGNIFICANCE
     ahead = alike["difference"] > 0

@@ -76,8 +76,9 @@ def write_comparison(
     teachers = new_teachers(mine)
     tests = duels(runs, teachers)
     standings = [rank.describe() for rank in ranks(runs, teachers)]
-    for sentence in standings if tell else ():
-        tell(sentence)
+    if tell is not None:
+        for sentence in standings:
+            tell(sentence)
     found = list(places(runs, curves, tests, mine))
     pictures = list(_radars(runs, others))
     text = page(

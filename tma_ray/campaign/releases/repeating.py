@@ -15,6 +15,9 @@ from tma_ray.tasks import KnowledgeLevel
 TEACHER_FIELDS = ("teacher", "teacher_hyperparameters", "expert_knowledge", "seed", "repeat")
 """Fields of a spec that another teacher may have otherwise."""
 
+SINGLE_RUNS = "single_runs"
+"""Name of the experiment of runs that belong to no campaign."""
+
 BY_PART = ("plugins", "algorithm_versions", "inputs")
 """Fields of a spec that say something of each of its parts."""
 
@@ -66,7 +69,8 @@ def like_plan(
     for setting in settings:
         for teacher in teachers:
             cell = _cell(setting, teacher)
-            first = _checked(effective_spec(cell, 0, setting.template.schedule), setting, released)
+            spec = effective_spec(cell, 0, setting.template.schedule)
+            first = _checked(replace(spec, test_set=setting.template.test_set), setting, released)
             for place, seed in enumerate(setting.seeds):
                 spec = replace(first, seed=seed)
                 runs.setdefault(spec.run_id, (place, spec))
@@ -81,7 +85,14 @@ def like_plan(
 def _settings(released: Results, core: Collection[str]) -> list[_Setting]:
     """Returns what the cells of a release have in common, in the order of its experiments' names."""
     specs = {manifest.run.run_id: manifest.run.spec for manifest in released.runs()}
+    if not specs:
+        raise ValueError(f"{released.store} has no runs: there is nothing to repeat")
     cells = [row for row in released.table(Table.CELLS).to_pylist() if row["run_id"] in specs]
+    alone = set(specs) - {row["run_id"] for row in cells}
+    cells += [
+        {**row, "campaign": "", "experiment": SINGLE_RUNS}
+        for row in released.table(Table.RUNS, alone).to_pylist()
+    ]
     unknown = sorted(set(core) - {row["campaign"] for row in cells})
     if unknown:
         raise ValueError(f"{released.store} has no campaign {unknown[0]!r}")
