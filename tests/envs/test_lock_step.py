@@ -20,14 +20,15 @@ def play(worlds, tasks: np.ndarray, steps: int) -> list[tuple[bytes, list[float]
     seen = []
     for episode in range(2):
         rng = np.random.default_rng(episode)
-        observations = worlds.reset(list(range(COUNT)), tasks)
+        observations, played = worlds.reset(np.arange(COUNT), list(range(COUNT)), tasks)
+        assert played.tolist() == tasks.tolist()
         running = np.arange(COUNT)
         for _ in range(steps):
             actions = rng.uniform(-1, 1, (COUNT, 4)).astype(np.float32)[running]
             seen.append((observations.tobytes(),))
-            observations, rewards, over = worlds.step(running, actions)
-            seen.append((observations.tobytes(), rewards.tolist(), over.tolist()))
-            running, observations = running[~over], observations[~over]
+            outcome = worlds.step(running, actions)
+            seen.append(tuple(column.tobytes() for column in outcome))
+            running, observations = running[~outcome.over], outcome.observations[~outcome.over]
             if not len(running):
                 break
     return seen

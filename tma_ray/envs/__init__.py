@@ -8,6 +8,7 @@ from tma_ray.envs.registration import (
     mastery_return,
     register_environments,
 )
+from tma_ray.envs.vector import VectorEnvironment, make_vector_environment
 from tma_ray.physics import Signal
 
 __all__ = [
@@ -15,7 +16,9 @@ __all__ = [
     "Environment",
     "Look",
     "Signal",
+    "VectorEnvironment",
     "make_environment",
+    "make_vector_environment",
     "mastery_return",
     "register_environments",
 ]

@@ -1,9 +1,9 @@
-"""Many environments, one episode each, all stepped at the same time."""
+"""Many environments of one kind, stepped at the same time; each may begin its next episode by itself."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any, Protocol, runtime_checkable
+from typing import Any, NamedTuple, Protocol, runtime_checkable
 
 import gymnasium
 import numpy as np
@@ -12,15 +12,44 @@ from numpy.typing import NDArray
 from tma_ray.physics import Engine, EngineBatch, batch_engines
 from tma_ray.tasks import Task
 
-Outcome = tuple[NDArray[np.float32], NDArray[np.float64], NDArray[np.bool_]]
-"""Observations (k, o), rewards (k,) and whether each episode is over (k,)."""
+
+class Outcome(NamedTuple):
+    """What a step of k environments gives.
+
+    Attributes:
+        observations: (k, o).
+        rewards: (k,).
+        terminated: which episodes ended in their worlds (k,).
+        truncated: which episodes reached their longest length (k,).
+    """
+
+    observations: NDArray[np.float32]
+    rewards: NDArray[np.float64]
+    terminated: NDArray[np.bool_]
+    truncated: NDArray[np.bool_]
+
+    @property
+    def over(self) -> NDArray[np.bool_]:
+        """Which episodes are over (k,)."""
+        return self.terminated | self.truncated
 
 
 class LockStep(Protocol):
     """n environments of one kind."""
 
-    def reset(self, seeds: Sequence[int], tasks: Task) -> NDArray[np.float32]:
-        """Begins an episode in each: task (n, d) and seed (n,) decide it; returns observations (n, o)."""
+    def reset(
+        self, rows: NDArray[np.int64], seeds: Sequence[int | None], tasks: Sequence[Task | None]
+    ) -> tuple[NDArray[np.float32], Task]:
+        """Begins an episode in those at `rows` (k,); the first call names all.
+
+        Args:
+            rows: which.
+            seeds: that make their episodes repeatable (k,); None goes on with an environment's own stream.
+            tasks: of the episodes, each (d,); None draws one.
+
+        Returns:
+            Observations (k, o) and tasks (k, d).
+        """
         ...
 
     def step(self, rows: NDArray[np.int64], actions: NDArray[np.float32]) -> Outcome:
@@ -52,38 +81,55 @@ class SequentialLockStep:
     def __init__(self, environments: Sequence[gymnasium.Env[Any, Any]]) -> None:
         self._environments = environments
 
-    def reset(self, seeds: Sequence[int], tasks: Task) -> NDArray[np.float32]:
-        """Begins an episode in each; see `LockStep`."""
-        observations = [
-            environment.reset(seed=seed, options={"task": task})[0]
-            for environment, seed, task in zip(self._environments, seeds, tasks, strict=True)
+    def reset(
+        self, rows: NDArray[np.int64], seeds: Sequence[int | None], tasks: Sequence[Task | None]
+    ) -> tuple[NDArray[np.float32], Task]:
+        """Begins an episode in some; see `LockStep`."""
+        resets = [
+            self._environments[row].reset(seed=seed, options=None if task is None else {"task": task})
+            for row, seed, task in zip(rows, seeds, tasks, strict=True)
         ]
-        return np.stack(observations).astype(np.float32, copy=False)
+        observations = np.stack([observation for observation, _ in resets]).astype(np.float32, copy=False)
+        played = [
+            task if task is not None else info["task"] for task, (_, info) in zip(tasks, resets, strict=True)
+        ]
+        return observations, np.stack(played)
 
     def step(self, rows: NDArray[np.int64], actions: NDArray[np.float32]) -> Outcome:
         """Takes one step in some; see `LockStep`."""
         steps = [self._environments[row].step(action) for row, action in zip(rows, actions, strict=True)]
         observations, rewards, terminated, truncated, _ = zip(*steps, strict=True)
-        return (
+        return Outcome(
             np.stack(observations).astype(np.float32, copy=False),
             np.array(rewards, dtype=np.float64),
-            np.array(terminated, dtype=np.bool_) | np.array(truncated, dtype=np.bool_),
+            np.array(terminated, dtype=np.bool_),
+            np.array(truncated, dtype=np.bool_),
         )
 
 
 class EngineLockStep(SequentialLockStep):
-    """Environments that hand their engines over; see `LockStep`."""
+    """Environments that hand their engines over, each with a counter of its steps; see `LockStep`."""
 
-    def reset(self, seeds: Sequence[int], tasks: Task) -> NDArray[np.float32]:
-        """Begins an episode in each; see `LockStep`."""
-        observations = super().reset(seeds, tasks)
-        engines = [environment.release_engine() for environment in self._environments]  # type: ignore[attr-defined]
-        self._batch: EngineBatch = batch_engines(engines)
-        self._steps_left = self._environments[0].max_episode_steps  # type: ignore[attr-defined]
-        return observations
+    def __init__(self, environments: Sequence[gymnasium.Env[Any, Any]]) -> None:
+        super().__init__(environments)
+        self._batch: EngineBatch | None = None
+        self._steps = np.zeros(len(environments), dtype=np.int64)
+        self._longest = environments[0].max_episode_steps  # type: ignore[attr-defined]
+
+    def reset(
+        self, rows: NDArray[np.int64], seeds: Sequence[int | None], tasks: Sequence[Task | None]
+    ) -> tuple[NDArray[np.float32], Task]:
+        """Begins an episode in some; see `LockStep`."""
+        observations, played = super().reset(rows, seeds, tasks)
+        engines = [self._environments[row].release_engine() for row in rows]  # type: ignore[attr-defined]
+        if self._batch is None:
+            self._batch = batch_engines(engines)
+        self._steps[rows] = 0
+        return observations, played
 
     def step(self, rows: NDArray[np.int64], actions: NDArray[np.float32]) -> Outcome:
         """Takes one step in some; see `LockStep`."""
-        observations, rewards, ended = self._batch.step(rows, actions)
-        self._steps_left -= 1
-        return observations, rewards, ended | (self._steps_left <= 0)
+        assert self._batch is not None, "reset begins the first episodes"
+        observations, rewards, terminated = self._batch.step(rows, actions)
+        self._steps[rows] += 1
+        return Outcome(observations, rewards, terminated, ~terminated & (self._steps[rows] >= self._longest))

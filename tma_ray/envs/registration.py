@@ -31,17 +31,17 @@ ENVIRONMENTS: Registry[type[Environment]] = Registry(
 """Environments by name; more through `ENVIRONMENTS.register`, an entry point, or ``module:Name``."""
 
 GYMNASIUM_IDS = {
-    "tma_ray/StumpTracks-v0": "tma_ray.envs.stump_tracks:StumpTracks",
-    "tma_ray/Parkour-v0": "tma_ray.envs.parkour:Parkour",
+    "tma_ray/StumpTracks-v0": ("tma_ray.envs.stump_tracks:StumpTracks", "tma_ray.envs.vector:stump_tracks"),
+    "tma_ray/Parkour-v0": ("tma_ray.envs.parkour:Parkour", "tma_ray.envs.vector:parkour"),
 }
-"""What `gymnasium.make` knows. The environments truncate their episodes themselves."""
+"""What `gymnasium.make` and `make_vec` know. The environments truncate their episodes themselves."""
 
 
 def register_environments() -> None:
     """Registers the environments with gymnasium; importing tma_ray does it."""
-    for name, target in GYMNASIUM_IDS.items():
+    for name, (one, many) in GYMNASIUM_IDS.items():
         if name not in gymnasium.registry:
-            gymnasium.register(id=name, entry_point=target)
+            gymnasium.register(id=name, entry_point=one, vector_entry_point=many)
 
 
 def make_environment(name: str, **kwargs: Any) -> Environment:

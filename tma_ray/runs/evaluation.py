@@ -45,15 +45,16 @@ class Evaluation:
         Returns:
             Rows of the table of evaluations, without run and step.
         """
-        observations = self._worlds.reset(self._seeds, self.test_set.tasks)
+        everyone = np.arange(len(self.test_set))
+        observations, _ = self._worlds.reset(everyone, self._seeds, self.test_set.tasks)
         episodic_returns = np.zeros(len(observations))
         lengths = np.zeros(len(observations), dtype=int)
-        running = np.arange(len(observations))
+        running = everyone
         while len(running):
-            observations, rewards, over = self._worlds.step(running, policy.act_greedily(observations))
-            episodic_returns[running] += rewards
+            outcome = self._worlds.step(running, policy.act_greedily(observations))
+            episodic_returns[running] += outcome.rewards
             lengths[running] += 1
-            running, observations = running[~over], observations[~over]
+            running, observations = running[~outcome.over], outcome.observations[~outcome.over]
         outcomes = zip(episodic_returns, lengths, strict=True)
         return [self._row(index, *outcome) for index, outcome in enumerate(outcomes)]
 

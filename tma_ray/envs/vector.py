@@ -1,0 +1,194 @@
+"""Vector environments: n worlds stepped in one compiled call, each on a task of its own."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any, ClassVar
+
+import gymnasium
+import numpy as np
+from gymnasium.vector import AutoresetMode, VectorEnv
+from gymnasium.vector.utils import batch_space
+from numpy.typing import ArrayLike, NDArray
+
+from tma_ray.envs.lock_step import lock_step
+from tma_ray.envs.registration import Environment, make_environment, mastery_return
+from tma_ray.tasks import Task, TaskSpace
+
+Observations = NDArray[np.float32]
+Flags = NDArray[np.bool_]
+
+OPTIONS = ("reset_mask", "task")
+"""Options of a reset."""
+
+
+class VectorEnvironment(VectorEnv[Observations, NDArray[np.float32], NDArray[Any]]):
+    """n environments of one kind, stepped together; they play what each would play alone, bit for bit.
+
+    Episodes that are over are not begun again by themselves: `reset` begins those that
+    ``options["reset_mask"]`` (n,) names, on the tasks ``options["task"]`` (n, d) or, without any, on tasks
+    drawn uniformly from `task_space`. `info` holds "success" (n,), a return over the one at which a task is
+    mastered, and after `reset` also "task" (n, d), each with its mask.
+
+    Args:
+        environments: new environments of one kind.
+
+    Attributes:
+        task_space: tasks that a teacher may choose; `reset` accepts more.
+        valid_domain: tasks that `reset` accepts.
+
+    Examples:
+        >>> import tma_ray  # registers the environments
+        >>> worlds = gymnasium.make_vec("tma_ray/StumpTracks-v0", num_envs=2, embodiment="spider")
+        >>> observations, info = worlds.reset(seed=1, options={"task": np.array([[0.5, 3.0], [1.5, 6.0]])})
+        >>> observations.shape, info["task"].tolist()
+        ((2, 52), [[0.5, 3.0], [1.5, 6.0]])
+    """
+
+    metadata: ClassVar[dict[str, Any]] = {"autoreset_mode": AutoresetMode.DISABLED, "render_modes": []}  # type: ignore[misc]
+
+    def __init__(self, environments: Sequence[Environment]) -> None:
+        first = environments[0]
+        self.num_envs = len(environments)
+        self.single_observation_space, self.single_action_space = first.observation_space, first.action_space
+        self.observation_space = batch_space(self.single_observation_space, self.num_envs)
+        self.action_space = batch_space(self.single_action_space, self.num_envs)
+        self.task_space: TaskSpace = first.get_wrapper_attr("task_space")
+        self.valid_domain: TaskSpace = first.get_wrapper_attr("valid_domain")
+        self._mastery_return = mastery_return(first)
+        self._environments, self._worlds = environments, lock_step(environments)
+        self._rows = np.arange(self.num_envs)
+        self._running = np.zeros(self.num_envs, np.bool_)
+        self._returns = np.zeros(self.num_envs)
+        self._observations: Observations | None = None
+
+    def reset(
+        self,
+        *,
+        seed: int | Sequence[int | None] | None = None,
+        options: dict[str, Any] | None = None,
+    ) -> tuple[Observations, dict[str, Any]]:
+        """Begins episodes, in all worlds or in those of a mask.
+
+        Args:
+            seed: of each world, or of the first one, whose successors have the next numbers.
+            options: {"task": (n, d), "reset_mask": (n,) of bool}, either of them or both.
+
+        Returns:
+            Observations (n, o), in which the rows of other worlds are as before, and `info`.
+
+        Raises:
+            ValueError: a task outside `valid_domain`, another shape, or an unknown option.
+            gymnasium.error.ResetNeeded: a mask leaves out a world that has never been reset.
+        """
+        given = dict(options or {})
+        unknown = sorted(given.keys() - set(OPTIONS))
+        if unknown:
+            raise ValueError(f"unknown reset option {unknown[0]!r}; known: {', '.join(OPTIONS)}")
+        chosen = self._rows[self._mask(given.get("reset_mask"))]
+        seeds, tasks = self._seeds(seed), self._tasks(given.get("task"))
+        self._running[chosen] = False  # and stays so where a task is refused
+        observations, played = self._worlds.reset(
+            chosen, [seeds[row] for row in chosen], [tasks[row] for row in chosen]
+        )
+        if self._observations is None:
+            self._observations = np.empty((self.num_envs, observations.shape[1]), np.float32)
+        self._observations[chosen], self._returns[chosen], self._running[chosen] = observations, 0.0, True
+        mask = np.isin(self._rows, chosen)
+        shown = np.zeros((self.num_envs, played.shape[1]), played.dtype)
+        shown[chosen] = played
+        success = {"success": np.zeros(self.num_envs, np.bool_), "_success": mask}
+        return self._observations.copy(), {**success, "task": shown, "_task": mask.copy()}
+
+    def step(
+        self, actions: ArrayLike
+    ) -> tuple[Observations, NDArray[np.float64], Flags, Flags, dict[str, Any]]:
+        """Advances every world by one step; see `LockStep.step`.
+
+        Args:
+            actions: (n, a).
+
+        Raises:
+            ValueError: actions of another shape, or not finite; no world has moved.
+            gymnasium.error.ResetNeeded: an episode is over, or not begun; no world has moved.
+        """
+        values = np.asarray(actions, dtype=np.float32)
+        if values.shape != self.action_space.shape:
+            raise ValueError(f"actions have shape {self.action_space.shape}, got {values.shape}")
+        if not np.isfinite(values).all():
+            raise ValueError(f"actions must be finite, got {values[~np.isfinite(values).all(axis=1)][0]}")
+        if not self._running.all():
+            over = ", ".join(map(str, self._rows[~self._running]))
+            raise gymnasium.error.ResetNeeded(
+                f"the episodes of worlds {over} have ended or not begun; call "
+                f"reset(options={{'reset_mask': terminations | truncations}})"
+            )
+        outcome = self._worlds.step(self._rows, values)
+        self._returns += outcome.rewards
+        self._running &= ~outcome.over
+        assert self._observations is not None
+        self._observations[:] = outcome.observations
+        success = {
+            "success": self._returns > self._mastery_return,
+            "_success": np.ones(self.num_envs, np.bool_),
+        }
+        return outcome.observations, outcome.rewards, outcome.terminated, outcome.truncated, success
+
+    def close_extras(self, **kwargs: Any) -> None:  # noqa: ARG002  (the signature of the base)
+        """Closes all worlds."""
+        for environment in self._environments:
+            environment.close()
+
+    def _mask(self, mask: Any) -> Flags:
+        values = np.ones(self.num_envs, np.bool_) if mask is None else np.asarray(mask)
+        if values.shape != (self.num_envs,) or values.dtype != np.bool_ or not values.any():
+            raise ValueError(
+                f"reset_mask has shape {values.shape} and type {values.dtype}: expected "
+                f"({self.num_envs},) of bool, at least one of them true"
+            )
+        if self._observations is None and not values.all():
+            raise gymnasium.error.ResetNeeded("the first reset begins an episode in every world")
+        return values
+
+    def _tasks(self, tasks: Any) -> list[Task | None]:
+        if tasks is None:
+            return [None] * self.num_envs
+        values = np.asarray(tasks)
+        expected = self.num_envs, self.valid_domain.size
+        if values.shape != expected:
+            raise ValueError(f"tasks have shape {expected}, one row for each world; got {values.shape}")
+        return list(values)
+
+    def _seeds(self, seed: int | Sequence[int | None] | None) -> list[int | None]:
+        if seed is None or isinstance(seed, int):
+            return [None if seed is None else seed + row for row in range(self.num_envs)]
+        if len(seed) != self.num_envs:
+            raise ValueError(f"{len(seed)} seeds for {self.num_envs} worlds: give one for each, or a number")
+        return list(seed)
+
+
+def make_vector_environment(name: str, num_envs: int = 1, **kwargs: Any) -> VectorEnvironment:
+    """Returns `num_envs` worlds of the environment `name`; see `make_environment`.
+
+    Raises:
+        UnknownNameError: nothing answers to `name`.
+        ValueError: no worlds, an option that the environment does not have, or a render mode.
+    """
+    if num_envs < 1:
+        raise ValueError(f"num_envs = {num_envs}: expected a whole number of at least 1")
+    if kwargs.get("render_mode") is not None:
+        raise ValueError(
+            f"render_mode = {kwargs['render_mode']!r}: worlds that are stepped together are not drawn; "
+            f"make one with gymnasium.make, or with vectorization_mode='sync'"
+        )
+    return VectorEnvironment([make_environment(name, **kwargs) for _ in range(num_envs)])
+
+
+def stump_tracks(num_envs: int = 1, **kwargs: Any) -> VectorEnvironment:
+    """Returns worlds of Stump Tracks, for `gymnasium.make_vec`."""
+    return make_vector_environment("stump_tracks", num_envs, **kwargs)
+
+
+def parkour(num_envs: int = 1, **kwargs: Any) -> VectorEnvironment:
+    """Returns worlds of Parkour, for `gymnasium.make_vec`."""
+    return make_vector_environment("parkour", num_envs, **kwargs)
