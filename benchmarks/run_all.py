@@ -15,6 +15,7 @@ SCRIPTS = (
     "acting",
     "student_training",
     "evaluation",
+    "vector_envs",
     "teacher_cost",
     "actor_overhead",
     "checkpoints",

@@ -64,6 +64,11 @@ EXEMPTIONS = (
     Exemption("docs/analysis.md", "", "tests/analysis/test_python_api.py runs it on the notebooks' runs"),
     Exemption("notebooks/README.md", "TMA_RESULTS=", "tests/test_notebooks.py runs the notebooks"),
     Exemption("docs/releasing.md", "git worktree", "there is no repository where the tests run"),
+    Exemption(
+        "docs/training_code.md",
+        "import gymnasium\nimport numpy as np\nfrom tianshou",
+        "tests/test_training_code.py runs it where Tianshou is installed",
+    ),
     Exemption("docs/object_stores.md", "polars.scan_parquet", "neither polars nor DuckDB is installed"),
 )
 """Beside these nothing is left out: what is neither run nor listed fails."""

@@ -1,0 +1,143 @@
+"""Speed of vector environments: worlds in one compiled call, beside those of stable-baselines3 and Gymnasium.
+
+    python benchmarks/vector_envs.py --output vector_envs.json
+
+Random actions on the usual task, episodes begun again as they end. In turns, by the processor's time of all
+processes, and by the wall's, which on a busy machine says little.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import platform
+import statistics
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import gymnasium
+import numpy as np
+from stable_baselines3.common.vec_env import DummyVecEnv
+
+import tma_ray  # noqa: F401  (registers the environments)
+
+ID = "tma_ray/StumpTracks-v0"
+TASK = np.array([1.5, 3.0])
+
+Step = Callable[[np.ndarray], object]
+
+
+class OnOneTask(gymnasium.Wrapper):  # type: ignore[type-arg]
+    """An environment whose episodes are all on `TASK`."""
+
+    def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> Any:
+        """Begins an episode on the task."""
+        return self.env.reset(seed=seed, options={"task": TASK})
+
+
+def one() -> gymnasium.Env[Any, Any]:
+    """Returns one environment."""
+    return OnOneTask(gymnasium.make(ID).unwrapped)
+
+
+def ours(number: int) -> tuple[Step, Callable[[], None]]:
+    """Returns how to step ours and how to end it."""
+    worlds = gymnasium.make_vec(ID, num_envs=number)
+    tasks = np.tile(TASK, (number, 1))
+    worlds.reset(seed=0, options={"task": tasks})
+
+    def step(actions: np.ndarray) -> None:
+        *_, terminated, truncated, _ = worlds.step(actions)
+        over = terminated | truncated
+        if over.any():
+            worlds.reset(options={"reset_mask": over, "task": tasks})
+
+    return step, worlds.close
+
+
+def sb3(number: int) -> tuple[Step, Callable[[], None]]:
+    """Returns the same of stable-baselines3's DummyVecEnv."""
+    worlds = DummyVecEnv([one] * number)
+    worlds.seed(0)
+    worlds.reset()
+    return worlds.step, worlds.close
+
+
+def gymnasiums(kind: type) -> Callable[[int], tuple[Step, Callable[[], None]]]:
+    """Returns the same of a vector environment of Gymnasium."""
+
+    def make(number: int) -> tuple[Step, Callable[[], None]]:
+        worlds = kind([one] * number)
+        worlds.reset(seed=0)
+        return worlds.step, worlds.close
+
+    return make
+
+
+KINDS: dict[str, Callable[[int], tuple[Step, Callable[[], None]]]] = {
+    "tma_ray": ours,
+    "sb3_dummy": sb3,
+    "gymnasium_sync": gymnasiums(gymnasium.vector.SyncVectorEnv),
+    "gymnasium_async": gymnasiums(gymnasium.vector.AsyncVectorEnv),
+}
+
+
+def processor_seconds() -> float:
+    """Returns the processor's time of this process and of those that it has ended, s."""
+    times = os.times()
+    return times.user + times.system + times.children_user + times.children_system
+
+
+def microseconds(kind: str, number: int, steps: int) -> dict[str, float]:
+    """Returns time per step of one world, in microseconds."""
+    rng, before_start = np.random.default_rng(0), processor_seconds()
+    step, close = KINDS[kind](number)
+    shape = (number, *gymnasium.make(ID).action_space.shape)
+    actions = rng.uniform(-1, 1, (100, *shape)).astype(np.float32)
+    for index in range(20):
+        step(actions[index])
+    begun, start = processor_seconds() - before_start, time.perf_counter()
+    for index in range(steps // number):
+        step(actions[index % 100])
+    wall = time.perf_counter() - start
+    close()
+    spent = processor_seconds() - before_start - begun
+    return {"wall": 1e6 * wall / steps, "processor": 1e6 * spent / steps}
+
+
+def measure(number: int, steps: int, repeats: int) -> dict[str, Any]:
+    """Returns medians of all kinds over turns, and their ratios to ours in the same turn."""
+    turns = [{kind: microseconds(kind, number, steps) for kind in KINDS} for _ in range(repeats)]
+    result: dict[str, Any] = {}
+    for clock in ("processor", "wall"):
+        result[f"{clock}_microseconds"] = {
+            kind: round(statistics.median(turn[kind][clock] for turn in turns), 1) for kind in KINDS
+        }
+        result[f"{clock}_ratio"] = {
+            kind: round(statistics.median(turn[kind][clock] / turn["tma_ray"][clock] for turn in turns), 2)
+            for kind in KINDS
+        }
+    return result
+
+
+def main() -> None:
+    """Measures several numbers of worlds in one run."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--numbers", type=int, nargs="+", default=[1, 8, 64])
+    parser.add_argument("--steps", type=int, default=100_000)
+    parser.add_argument("--repeats", type=int, default=3)
+    parser.add_argument("--output", type=Path)
+    options = parser.parse_args()
+    result: dict[str, Any] = {"machine": platform.machine()}
+    for number in options.numbers:
+        result[str(number)] = measure(number, options.steps, options.repeats)
+    print(json.dumps(result))
+    if options.output:
+        options.output.write_text(json.dumps(result, indent=1))
+
+
+if __name__ == "__main__":
+    main()

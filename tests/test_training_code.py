@@ -1,0 +1,71 @@
+"""Training code of others on our worlds: the adapter for stable-baselines3, and the page's block for Tianshou."""
+
+from __future__ import annotations
+
+import gymnasium
+import numpy as np
+import pytest
+from sb3_worlds import SB3Worlds
+from stable_baselines3 import PPO
+from stable_baselines3.common.vec_env import DummyVecEnv
+
+import tma_ray  # noqa: F401  (registers the environments)
+from tma_ray.envs import make_environment
+
+COUNT = 3
+
+
+class OnTasks(gymnasium.Wrapper):
+    """A world whose episodes are on given tasks, in order."""
+
+    def __init__(self, tasks: list[np.ndarray]) -> None:
+        super().__init__(make_environment("stump_tracks"))
+        self.tasks = iter(tasks)
+
+    def reset(self, *, seed=None, options=None):
+        return self.env.reset(seed=seed, options={"task": next(self.tasks)})
+
+
+def test_the_adapter_gives_what_stable_baselines3s_own_gives() -> None:
+    """Also the last observation of an episode, and whether it was truncated."""
+    tasks = [np.array([0.0, 6.0])] * 1_000
+    worlds = SB3Worlds(gymnasium.make_vec("tma_ray/StumpTracks-v0", num_envs=COUNT), lambda: tasks[0])
+    expected = DummyVecEnv([lambda: OnTasks(tasks)] * COUNT)
+    for environment in (worlds, expected):
+        environment.seed(3)
+    assert worlds.reset().tobytes() == expected.reset().tobytes()
+    rng, ends = np.random.default_rng(0), 0
+    for _ in range(400):
+        actions = rng.uniform(-1, 1, (COUNT, 4)).astype(np.float32)
+        for environment in (worlds, expected):
+            environment.step_async(actions)
+        observations, rewards, over, infos = worlds.step_wait()
+        wanted = expected.step_wait()
+        assert observations.tobytes() == wanted[0].tobytes()
+        np.testing.assert_allclose(rewards, wanted[1], rtol=1e-6)  # stable-baselines3 keeps them in float32
+        assert over.tolist() == wanted[2].tolist()
+        for row in np.flatnonzero(over):
+            ends += 1
+            last, truncated = wanted[3][row]["terminal_observation"], wanted[3][row]["TimeLimit.truncated"]
+            assert infos[row]["terminal_observation"].tobytes() == last.tobytes()
+            assert infos[row]["TimeLimit.truncated"] == truncated
+    assert ends > COUNT
+
+
+def test_ppo_of_stable_baselines3_trains_on_it() -> None:
+    rng = np.random.default_rng(0)
+    worlds = gymnasium.make_vec("tma_ray/Parkour-v0", num_envs=2, embodiment="fish")
+    environment = SB3Worlds(worlds, lambda: worlds.task_space.sample(rng))
+    model = PPO("MlpPolicy", environment, n_steps=16, batch_size=16, n_epochs=1, device="cpu").learn(64)
+    assert model.num_timesteps == 64
+
+
+def test_tianshou_collects_from_them() -> None:
+    pytest.importorskip("tianshou")
+    from pathlib import Path
+
+    text = (Path(__file__).parents[1] / "docs" / "training_code.md").read_text()
+    block = text.partition("## Tianshou")[2].partition("```python\n")[2].partition("```")[0]
+    seen: dict[str, object] = {}
+    exec(compile(block, "training_code.md", "exec"), seen)
+    assert np.shape(seen["observations"]) == (4, 24)
