@@ -34,8 +34,8 @@ class OnOneTask(gymnasium.Wrapper):  # type: ignore[type-arg]
     """An environment whose episodes are all on `TASK`."""
 
     def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> Any:
-        """Begins an episode on the task."""
-        return self.env.reset(seed=seed, options={"task": TASK})
+        """Begins an episode on the task, whatever else is asked for."""
+        return self.env.reset(seed=seed, options={**(options or {}), "task": TASK})
 
 
 def one() -> gymnasium.Env[Any, Any]:

@@ -1,4 +1,4 @@
-"""Worlds of tma_ray as a vector environment of stable-baselines3, each episode on a task that a teacher chooses.
+"""Worlds of tma_ray as a vector environment of stable-baselines3, each episode on a task of its own.
 
 python examples/sb3_worlds.py
 """
@@ -37,10 +37,8 @@ class SB3Worlds(VecEnv):
         observations, rewards, terminated, truncated, _ = self.worlds.step(self.actions)
         over, infos = terminated | truncated, [{} for _ in range(self.num_envs)]
         for row in np.flatnonzero(over):
-            infos[row] = {
-                "terminal_observation": observations[row],
-                "TimeLimit.truncated": bool(truncated[row]),
-            }
+            last = {"terminal_observation": observations[row]}
+            infos[row] = {**last, "TimeLimit.truncated": bool(truncated[row])}
         if over.any():
             observations, _ = self.worlds.reset(options={"reset_mask": over, "task": self._tasks(over)})
         return observations, rewards, over, infos

@@ -1,4 +1,4 @@
-"""Training code of others on our worlds: the adapter for stable-baselines3, and the page's block for Tianshou."""
+"""Training code of others on our worlds: the adapter for stable-baselines3, the page's block for Tianshou."""
 
 from __future__ import annotations
 
