@@ -17,8 +17,8 @@ from synthetic_results import SyntheticCampaign
 from tensorboardX.proto.event_pb2 import Event, SessionLog
 from tensorboardX.record_writer import masked_crc32c
 
-from analysis.tensorboard import folder as tensorboard
-from analysis.tensorboard.folder import EventFolder
+from analysis.tracking import points
+from analysis.tracking.folder import EventFolder
 from tma_ray.cli import main
 from tma_ray.results import Results, RunWriter, Table
 
@@ -261,7 +261,7 @@ def test_watching_looks_again_until_it_is_stopped(
             run.add(int(step))
             run.publish()
 
-    monkeypatch.setattr(tensorboard.time, "sleep", look)
+    monkeypatch.setattr(points.time, "sleep", look)
     assert main(["tensorboard", str(campaign.root), str(folder), "--watch"]) == 0
     assert scalars(folder) == {NAME: expected([10, 20])}
     first, *others = capsys.readouterr().out.splitlines()
@@ -308,5 +308,5 @@ def test_what_cannot_be_done_is_refused_before_anything_is_written(
 
 def test_the_library_is_imported_when_a_file_is_opened() -> None:
     heavy = "{'tensorboardX', 'torch', 'ray'}"
-    script = f"import analysis.tensorboard, sys; assert not {heavy} & set(sys.modules)"
+    script = f"import analysis.tracking, sys; assert not {heavy} & set(sys.modules)"
     subprocess.run([sys.executable, "-c", script], check=True)

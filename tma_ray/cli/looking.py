@@ -5,13 +5,16 @@ from __future__ import annotations
 import argparse
 from contextlib import closing, suppress
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from tma_ray.cli.json_output import add_json_option, print_json
 from tma_ray.cli.playing import TASK, add_episode, add_scene
 from tma_ray.cli.records import claims_record, ranking_record, status_record
 from tma_ray.cli.reporting import add_report_command
 from tma_ray.command_line import CommandParser
+
+if TYPE_CHECKING:
+    from analysis.tracking.points import Tracker
 
 
 def add_commands(commands: Any) -> None:
@@ -67,6 +70,14 @@ def _add_findings(commands: Any) -> None:
         populate=_add_tensorboard,
     )
     commands.add_parser(
+        "wandb",
+        help="send the scalars of a results root to Weights & Biases",
+        description="Send the scalars of a results root to a project of Weights & Biases, each run under "
+        "its own ID, in groups of runs that differ in their seed alone. The same command continues.",
+        populate=_add_wandb,
+        examples=("tma-ray wandb results --project tma_ray --offline",),
+    )
+    commands.add_parser(
         "render",
         help="render an episode as a video or a picture",
         description="Render an episode of a saved policy, of random actions or of none as a video or a "
@@ -118,6 +129,22 @@ def _add_tensorboard(parser: CommandParser) -> None:
     parser.add_argument("folder", metavar="FOLDER", help="folder to write to, for TensorBoard's --logdir")
     parser.add_argument("--watch", action="store_true", help="follow the campaign, until Ctrl-C")
     parser.set_defaults(command=_tensorboard)
+
+
+def _add_wandb(parser: CommandParser) -> None:
+    parser.add_argument("root", metavar="ROOT", help="results root")
+    parser.add_argument("--project", default="tma_ray", metavar="NAME", help="project to send to")
+    parser.add_argument(
+        "--entity", metavar="NAME", help="user or team that has the project (default: the one logged in)"
+    )
+    parser.add_argument(
+        "--folder", type=Path, default=Path("wandb"), metavar="FOLDER", help="where the library writes"
+    )
+    parser.add_argument(
+        "--offline", action="store_true", help="write to the folder only; 'wandb sync' sends it later"
+    )
+    parser.add_argument("--watch", action="store_true", help="follow the campaign, until Ctrl-C")
+    parser.set_defaults(command=_wandb)
 
 
 def _add_render(parser: CommandParser) -> None:
@@ -197,11 +224,26 @@ def _search(options: argparse.Namespace) -> int:
 
 
 def _tensorboard(options: argparse.Namespace) -> int:
-    from analysis.tensorboard.folder import EventFolder, watch
+    from analysis.tracking.folder import EventFolder
 
     with closing(EventFolder(options.root, options.folder)) as events:
-        print(f"runs with news: {events.update()}; to look at them: tensorboard --logdir {options.folder}")
-        with suppress(KeyboardInterrupt):
-            for count in watch(events) if options.watch else ():
-                print(f"runs with news: {count}", flush=True)
+        return _track(events, f"; to look at them: tensorboard --logdir {options.folder}", options.watch)
+
+
+def _wandb(options: argparse.Namespace) -> int:
+    from analysis.tracking.wandb_project import WandbProject
+
+    place = options.root, options.project, options.entity, options.folder
+    later = f"; to send them: wandb sync {options.folder}/wandb/offline-run-*" if options.offline else ""
+    return _track(WandbProject(*place, offline=options.offline), later, options.watch)
+
+
+def _track(tracker: Tracker, hint: str, follow: bool) -> int:
+    """Hands over what has been published, once or until Ctrl-C."""
+    from analysis.tracking.points import watch
+
+    print(f"runs with news: {tracker.update()}{hint}", flush=True)
+    with suppress(KeyboardInterrupt):
+        for count in watch(tracker) if follow else ():
+            print(f"runs with news: {count}", flush=True)
     return 0

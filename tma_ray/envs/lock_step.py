@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from typing import Any, NamedTuple, Protocol, runtime_checkable
 
 import gymnasium
@@ -38,7 +38,7 @@ class LockStep(Protocol):
     """n environments of one kind."""
 
     def reset(
-        self, rows: NDArray[np.int64], seeds: Sequence[int | None], tasks: Sequence[Task | None]
+        self, rows: NDArray[np.int64], seeds: Sequence[int | None], tasks: Iterable[Task | None]
     ) -> tuple[NDArray[np.float32], Task]:
         """Begins an episode in those at `rows` (k,); the first call names all.
 
@@ -82,16 +82,17 @@ class SequentialLockStep:
         self._environments = environments
 
     def reset(
-        self, rows: NDArray[np.int64], seeds: Sequence[int | None], tasks: Sequence[Task | None]
+        self, rows: NDArray[np.int64], seeds: Sequence[int | None], tasks: Iterable[Task | None]
     ) -> tuple[NDArray[np.float32], Task]:
         """Begins an episode in some; see `LockStep`."""
+        given = list(tasks)
         resets = [
             self._environments[row].reset(seed=seed, options=None if task is None else {"task": task})
-            for row, seed, task in zip(rows, seeds, tasks, strict=True)
+            for row, seed, task in zip(rows, seeds, given, strict=True)
         ]
         observations = np.stack([observation for observation, _ in resets]).astype(np.float32, copy=False)
         played = [
-            task if task is not None else info["task"] for task, (_, info) in zip(tasks, resets, strict=True)
+            task if task is not None else info["task"] for task, (_, info) in zip(given, resets, strict=True)
         ]
         return observations, np.stack(played)
 
@@ -117,11 +118,11 @@ class EngineLockStep(SequentialLockStep):
         self._longest = environments[0].max_episode_steps  # type: ignore[attr-defined]
 
     def reset(
-        self, rows: NDArray[np.int64], seeds: Sequence[int | None], tasks: Sequence[Task | None]
+        self, rows: NDArray[np.int64], seeds: Sequence[int | None], tasks: Iterable[Task | None]
     ) -> tuple[NDArray[np.float32], Task]:
         """Begins an episode in some; see `LockStep`."""
         observations, played = super().reset(rows, seeds, tasks)
-        engines = [self._environments[row].release_engine() for row in rows]  # type: ignore[attr-defined]
+        engines = [self._environments[row].release_engine() for row in rows]
         if self._batch is None:
             self._batch = batch_engines(engines)
         self._steps[rows] = 0

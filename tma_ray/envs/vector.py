@@ -85,7 +85,8 @@ class VectorEnvironment(VectorEnv[Observations, NDArray[np.float32], NDArray[Any
         unknown = sorted(given.keys() - set(OPTIONS))
         if unknown:
             raise ValueError(f"unknown reset option {unknown[0]!r}; known: {', '.join(OPTIONS)}")
-        chosen = self._rows[self._mask(given.get("reset_mask"))]
+        mask = self._mask(given.get("reset_mask"))
+        chosen = self._rows[mask]
         seeds, tasks = self._seeds(seed), self._tasks(given.get("task"))
         self._running[chosen] = False  # and stays so where a task is refused
         observations, played = self._worlds.reset(
@@ -94,10 +95,9 @@ class VectorEnvironment(VectorEnv[Observations, NDArray[np.float32], NDArray[Any
         if self._observations is None:
             self._observations = np.empty((self.num_envs, observations.shape[1]), np.float32)
         self._observations[chosen], self._returns[chosen], self._running[chosen] = observations, 0.0, True
-        mask = np.isin(self._rows, chosen)
         shown = np.zeros((self.num_envs, played.shape[1]), played.dtype)
         shown[chosen] = played
-        success = {"success": np.zeros(self.num_envs, np.bool_), "_success": mask}
+        success = {"success": np.zeros(self.num_envs, np.bool_), "_success": mask.copy()}
         return self._observations.copy(), {**success, "task": shown, "_task": mask.copy()}
 
     def step(

@@ -3,36 +3,20 @@
 from __future__ import annotations
 
 import re
-import time
 from collections import deque
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Final
 
 import numpy as np
-import pandas as pd
 
-from analysis.data.frames import mastery_threshold
-from analysis.measures.evaluations import evaluation_measures
-from analysis.tensorboard.event_file import EventFile, check_installed, event_files, read_scalars
+from analysis.tracking.event_file import EventFile, check_installed, event_files, read_scalars
+from analysis.tracking.points import TABLES, Point, experiments_of, published_points
 from tma_ray.results import Manifest, Results, RunRecord, RunStatus, Table
-
-WATCH_SECONDS: Final = 10.0
-"""Time between two looks at a root that is watched, s."""
 
 RUNS_AT_ONCE: Final = 32
 """How many runs are read together: fewer wait longer for an object store, more need more memory."""
-
-TRAINING: Final = ("mean_return", "mean_length", "success_share")
-EVALUATION: Final = {"evaluation_return": "mean_return", "mastered_percent": "mastered_percent"}
-TABLES: Final = (Table.TRAINING, Table.EVALUATIONS, Table.TEACHER_LOG)
-
-LARGEST: Final = float(np.finfo(np.float32).max)
-"""Event files hold float32."""
-
-Point = tuple[int, dict[str, float]]
-"""A step, and the scalars there by their tags."""
 
 
 @dataclass
@@ -102,7 +86,7 @@ class EventFolder:
     def _write(self, results: Results, manifests: Sequence[Manifest]) -> int:
         unknown = [manifest for manifest in manifests if manifest.run.run_id not in self._runs]
         self._find_folders(results, unknown)
-        found = _points(results, manifests)
+        found = published_points(results, manifests)
         count = 0
         for manifest in manifests:
             run = self._runs[manifest.run.run_id]
@@ -137,21 +121,11 @@ class EventFolder:
 
     def _find_folders(self, results: Results, manifests: Sequence[Manifest]) -> None:
         """Gives each run the folder that it has, or a new one."""
-        cells = _rows(results, Table.CELLS, _ids(manifests), ["run_id", "campaign", "experiment"])
-        cells = cells.sort_values(["campaign", "experiment"], kind="stable").drop_duplicates("run_id")
-        experiments = dict(zip(cells["run_id"], cells["experiment"], strict=True))
+        experiments = experiments_of(results, manifests)
         for manifest in manifests:
             run_id = manifest.run.run_id
             place = self._folder / run_folder(manifest.run, experiments.get(run_id, "single runs"))
             self._runs[run_id] = _Run(self._existing.get(place.name, place))
-
-
-def watch(events: EventFolder) -> Iterator[int]:
-    """Updates every few seconds; yields of how many runs there was something, whenever there was any."""
-    while True:
-        time.sleep(WATCH_SECONDS)
-        if count := events.update():
-            yield count
 
 
 def run_folder(run: RunRecord, experiment: str) -> Path:
@@ -209,45 +183,3 @@ def _close(run: _Run) -> None:
     if run.writer is not None:
         run.writer.close()
         run.writer = None
-
-
-def _points(results: Results, manifests: Sequence[Manifest]) -> dict[tuple[str, Table], list[Point]]:
-    """Returns the points of each run and table, in the order in which they were published."""
-    run_ids = _ids(manifests)
-    thresholds = {manifest.run.run_id: mastery_threshold(manifest.run.spec) for manifest in manifests}
-    training = _rows(results, Table.TRAINING, run_ids, ["run_id", "step", *TRAINING])
-    evaluations = _rows(results, Table.EVALUATIONS, run_ids, ["run_id", "step", "episodic_return"])
-    needed = evaluations["run_id"].map(thresholds).astype(float)
-    evaluations["mastered"] = evaluations["episodic_return"] > needed
-    measured = evaluation_measures(evaluations).rename(columns=EVALUATION)
-    updates = _rows(results, Table.TEACHER_LOG, run_ids, ["run_id", "step", "scalars"])
-    found: dict[tuple[str, Table], list[Point]] = {}
-    for run_id, step, point in _scalars(training, "training", TRAINING):
-        found.setdefault((run_id, Table.TRAINING), []).append((step, point))
-    for run_id, step, point in _scalars(measured, "evaluation", EVALUATION.values()):
-        found.setdefault((run_id, Table.EVALUATIONS), []).append((step, point))
-    for run_id, step, scalars in updates.itertuples(index=False):
-        point = _finite({f"teacher/{name}": value for name, value in scalars or ()})
-        found.setdefault((run_id, Table.TEACHER_LOG), []).append((step, point))
-    return found
-
-
-def _rows(results: Results, table: Table, run_ids: Sequence[str], columns: Sequence[str]) -> pd.DataFrame:
-    frame: pd.DataFrame = results.table(table, run_ids, columns).to_pandas()
-    return frame.astype(dict.fromkeys(frame.select_dtypes("category").columns, object))
-
-
-def _ids(manifests: Iterable[Manifest]) -> list[str]:
-    return [manifest.run.run_id for manifest in manifests]
-
-
-def _scalars(
-    rows: pd.DataFrame, prefix: str, names: Iterable[str]
-) -> Iterator[tuple[str, int, dict[str, float]]]:
-    tags = {name: f"{prefix}/{name}" for name in names}
-    for row in rows.to_dict("records"):
-        yield row["run_id"], row["step"], _finite({tag: row[name] for name, tag in tags.items()})
-
-
-def _finite(scalars: Mapping[str, float]) -> dict[str, float]:
-    return {tag: value for tag, value in scalars.items() if abs(value) <= LARGEST}

@@ -1,0 +1,186 @@
+"""Scalars of runs in a project of Weights & Biases, once or following a campaign that is under way."""
+
+from __future__ import annotations
+
+import json
+import re
+from collections.abc import Mapping, Sequence
+from importlib.util import find_spec
+from pathlib import Path
+from typing import Any, Final
+
+from analysis.tracking.points import TABLES, Point, experiments_of, published_points
+from tma_ray.results import Manifest, Results, RunStatus, Table
+
+STEP: Final = "global_step"
+"""The horizontal axis: environment steps. CleanRL and openrlbenchmark call it so."""
+
+RETURN: Final = "charts/episodic_return"
+"""The return of training as CleanRL and openrlbenchmark name it."""
+
+SENT: Final = "published"
+"""Beginning of the names under which each row says how many points of a table were sent, it included."""
+
+LEDGER: Final = "tma_ray_sent.json"
+"""File that says how many points were sent of each run: what is offline cannot be asked."""
+
+RUNS_AT_ONCE: Final = 32
+"""How many runs are read together."""
+
+
+class WandbProject:
+    """A project of Weights & Biases that the runs of a results root are sent to, under their own IDs.
+
+    Points are read from what the runs have published, and each is sent once: a run is resumed there, and says
+    itself how many of its points it has. Points that an older checkpoint took back stay; the run makes the
+    same ones again.
+
+    Args:
+        root: a folder, or an ``s3://`` or ``gs://`` address.
+        project: name of the project.
+        entity: user or team that has it; None for the one who is logged in.
+        folder: where the library writes, and what was sent is noted.
+        offline: whether the library only writes to `folder`, for ``wandb sync``.
+
+    Raises:
+        ResultsRootError: no results root at that place, or one of another version.
+        ValueError: the library is not installed.
+    """
+
+    def __init__(
+        self, root: str | Path, project: str, entity: str | None, folder: Path, *, offline: bool
+    ) -> None:
+        if find_spec("wandb") is None:
+            raise ValueError("Weights & Biases needs its library: pip install 'tma_ray[wandb]'")
+        Results.open(root)  # refuses other places before a folder is made
+        folder.mkdir(parents=True, exist_ok=True)
+        self._root, self._folder = root, folder
+        self._project, self._entity, self._offline = project, entity, offline
+        self._files: dict[str, object] = {}
+        self._ledger = folder / LEDGER
+        self._sent: dict[str, dict[str, int]] = (
+            json.loads(self._ledger.read_text()) if self._ledger.exists() else {}
+        )
+
+    def update(self) -> int:
+        """Sends what has been published since the last time.
+
+        Returns:
+            Of how many runs there was something.
+
+        Raises:
+            ValueError: Weights & Biases refuses it; the message says why.
+        """
+        results, count = Results.open(self._root), 0
+        news = [each for each in results.runs() if self._files.get(each.run.run_id) != each.files]
+        for start in range(0, len(news), RUNS_AT_ONCE):
+            manifests = news[start : start + RUNS_AT_ONCE]
+            found, experiments = published_points(results, manifests), experiments_of(results, manifests)
+            for manifest in manifests:
+                run_id = manifest.run.run_id
+                points = {table: found.get((run_id, table), []) for table in TABLES}
+                count += self._send(manifest, points, experiments.get(run_id, "single runs"))
+                self._files[run_id] = manifest.files
+        return count
+
+    def _send(self, manifest: Manifest, points: Mapping[Table, Sequence[Point]], experiment: str) -> bool:
+        """Sends the points of a run that are not there; returns whether there were any."""
+        key = f"{self._entity or ''}/{self._project}/{manifest.run.run_id}"
+        sent = self._sent.get(key, {})
+        if all(len(points[table]) <= sent.get(table.value, 0) for table in TABLES):
+            return False
+        run = self._begin(manifest, experiment)
+        sent = {table.value: _count(run, table, sent) for table in TABLES}
+        new = [
+            (step, table, scalars) for table in TABLES for step, scalars in points[table][sent[table.value] :]
+        ]
+        for step, table, scalars in sorted(new, key=lambda point: point[0]):
+            sent[table.value] += 1
+            row = scalars | {RETURN: scalars["training/mean_return"]} if _has_return(scalars) else scalars
+            run.log({STEP: step, **row, f"{SENT}/{table.value}": sent[table.value]})
+        run.finish(exit_code=1 if manifest.status is RunStatus.FAILED else 0)
+        self._sent[key] = sent
+        aside = self._ledger.with_suffix(".new")
+        aside.write_text(json.dumps(self._sent, indent=1))
+        aside.replace(self._ledger)
+        return bool(new)
+
+    def _begin(self, manifest: Manifest, experiment: str) -> Any:
+        """Returns the run of that ID there, new or resumed."""
+        import wandb
+
+        record = manifest.run
+        try:
+            run = wandb.init(
+                project=self._project,
+                entity=self._entity,
+                id=record.run_id,
+                name=record.run_id,
+                group=group_of(manifest),
+                job_type=experiment,
+                tags=tags_of(manifest, experiment),
+                config=config_of(manifest),
+                dir=self._folder,
+                resume="allow",
+                mode="offline" if self._offline else None,
+                settings=wandb.Settings(
+                    silent=True, console="off", disable_git=True, x_disable_meta=True, x_disable_stats=True
+                ),
+            )
+        except wandb.errors.Error as error:
+            raise ValueError(
+                f"Weights & Biases: {error}; log in with 'wandb login', or pass --offline"
+            ) from error
+        run.define_metric(STEP)
+        run.define_metric("*", step_metric=STEP)
+        return run
+
+
+def config_of(manifest: Manifest) -> dict[str, Any]:
+    """Returns the configuration of a run, with the names by which openrlbenchmark finds runs.
+
+    Those are ``env_id`` (environment, challenge and body), ``exp_name`` (student, teacher and its knowledge)
+    and ``seed``.
+    """
+    record = manifest.run
+    places = record.environment, record.challenge, record.embodiment
+    names = record.student, record.teacher, record.expert_knowledge
+    return {
+        "env_id": "/".join(filter(None, places)),
+        "exp_name": "-".join(names),
+        "seed": record.seed,
+        "total_timesteps": record.steps,
+        "spec": json.loads(record.spec),
+        "physics_version": record.physics_version,
+        "benchmark_version": record.benchmark_version,
+    }
+
+
+def group_of(manifest: Manifest) -> str:
+    """Returns the group of a run: those that differ in their seed alone share it."""
+    config = config_of(manifest)
+    return f"{config['env_id']}-{config['exp_name']}"[:128]
+
+
+def tags_of(manifest: Manifest, experiment: str) -> list[str]:
+    """Returns the tags of a run: its experiment, parts and versions, in letters that a query may hold."""
+    record = manifest.run
+    names = (
+        experiment,
+        record.student,
+        record.teacher,
+        record.expert_knowledge,
+        record.challenge,
+        f"benchmark-{record.benchmark_version}",
+        f"physics-{record.physics_version}",
+    )
+    return list(dict.fromkeys(re.sub(r"[^0-9A-Za-z._=-]+", "_", name)[:64] or "unnamed" for name in names))
+
+
+def _has_return(scalars: Mapping[str, float]) -> bool:
+    return "training/mean_return" in scalars
+
+
+def _count(run: Any, table: Table, sent: Mapping[str, int]) -> int:
+    """Returns how many points of a table the run there has, by its own word or by the ledger."""
+    return max(int(run.summary.get(f"{SENT}/{table.value}", 0)), sent.get(table.value, 0))

@@ -1,0 +1,134 @@
+"""Scalars of runs in a project of Weights & Biases: what its library, offline, would send."""
+
+from __future__ import annotations
+
+import json
+import re
+import sys
+from collections import defaultdict
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+from synthetic_results import SyntheticCampaign
+from test_tensorboard import Growing, expected
+
+from tma_ray.cli import main
+
+pytest.importorskip("wandb", reason="pip install 'tma_ray[dev]' brings the library")
+
+
+@pytest.fixture(autouse=True)
+def no_account(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    for name in ("WANDB_API_KEY", "WANDB_MODE", "WANDB_PROJECT"):
+        monkeypatch.delenv(name, raising=False)
+    for name in ("WANDB_CONFIG_DIR", "WANDB_CACHE_DIR", "WANDB_DATA_DIR"):
+        monkeypatch.setenv(name, str(tmp_path / "library"))
+
+
+def records(file: Path) -> Iterator[Any]:
+    """Yields what the library wrote: LevelDB's log format after a header of seven bytes."""
+    from wandb.proto.wandb_internal_pb2 import Record
+
+    content, place, whole = file.read_bytes(), 7, b""
+    while place + 7 <= len(content):
+        if (left := 32_768 - place % 32_768) < 7:
+            place += left
+            continue
+        length, kind = int.from_bytes(content[place + 4 : place + 6], "little"), content[place + 6]
+        whole += content[place + 7 : place + 7 + length]
+        place += 7 + length
+        if kind in (1, 4):  # a whole record, or the last part of one
+            yield Record.FromString(whole)
+            whole = b""
+
+
+def runs(folder: Path) -> dict[str, dict[str, Any]]:
+    """Returns by run its group, tags, configuration, and steps and values by name."""
+    found: dict[str, dict[str, Any]] = defaultdict(lambda: {"series": defaultdict(list)})
+    for file in sorted(folder.glob("wandb/offline-run-*/*.wandb")):
+        run_id = re.sub(r"^run-|\.wandb$", "", file.name)
+        for record in records(file):
+            if record.WhichOneof("record_type") == "run":
+                config = {entry.key: json.loads(entry.value_json) for entry in record.run.config.update}
+                facts = {"group": record.run.run_group, "tags": list(record.run.tags), "config": config}
+                found[run_id] |= facts | {"project": record.run.project}
+            elif record.WhichOneof("record_type") == "history":
+                row = {
+                    entry.key or "/".join(entry.nested_key): json.loads(entry.value_json)
+                    for entry in record.history.item
+                }
+                for name in set(row) - {"global_step", "_step", "_runtime", "_timestamp"}:
+                    found[run_id]["series"][name].append((row["global_step"], row[name]))
+    return dict(found)
+
+
+def send(root: Path, folder: Path, *more: str) -> dict[str, dict[str, Any]]:
+    command = ["wandb", str(root), "--offline", "--project", "curricula", "--folder", str(folder), *more]
+    assert main(command) == 0
+    return runs(folder)
+
+
+def published(run: dict[str, Any]) -> dict[str, Any]:
+    """Returns the scalars of a run that TensorBoard would show, too."""
+    return {
+        name: run["series"][name] for name in run["series"] if not name.startswith(("published/", "charts/"))
+    }
+
+
+def test_each_point_is_sent_once_however_often_it_is_called(tmp_path: Path) -> None:
+    campaign, folder = SyntheticCampaign(tmp_path / "root"), tmp_path / "wandb"
+    run = Growing(campaign)
+    run.add(10)
+    checkpoint = run.publish()
+    for _ in range(2):
+        (found,) = send(campaign.root, folder).values()
+        assert published(found) == expected([10])
+    run.add(20)
+    run.writer.flush()  # and killed before it is published
+    run.attempt(checkpoint)
+    run.add(20)
+    run.publish()
+    (found,) = send(campaign.root, folder).values()
+    assert published(found) == expected([10, 20])
+    assert found["series"]["published/training"] == [(10, 1), (20, 2)]
+    assert len(list(folder.glob("wandb/offline-run-*"))) == 2  # nothing new opens no run
+
+
+def test_runs_are_found_by_what_openrlbenchmark_asks_for(tmp_path: Path) -> None:
+    campaign = SyntheticCampaign(tmp_path / "root")
+    run_ids = {campaign.run("alp_gmm", seed) for seed in (0, 1)}
+    found = send(campaign.root, tmp_path / "wandb")
+    assert set(found) == run_ids
+    assert len({run["group"] for run in found.values()}) == 1
+    assert {run["config"]["seed"] for run in found.values()} == {0, 1}
+    for run in found.values():
+        assert run["project"] == "curricula"
+        assert run["config"]["env_id"].split("/")[0] == "stump_tracks"
+        assert run["config"]["exp_name"].split("-")[1] == "alp_gmm"
+        assert {"alp_gmm", "sac"} <= set(run["tags"])
+        assert run["series"]["charts/episodic_return"] == run["series"]["training/mean_return"]
+
+
+def test_another_project_gets_all_of_it(tmp_path: Path) -> None:
+    campaign, folder = SyntheticCampaign(tmp_path / "root"), tmp_path / "wandb"
+    run = Growing(campaign)
+    run.add(10)
+    run.publish()
+    send(campaign.root, folder)
+    (found,) = send(campaign.root, folder, "--project", "other").values()
+    assert found["series"]["training/mean_return"] == [(10, 1.0), (10, 1.0)]
+
+
+def test_what_cannot_be_done_is_refused(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    folder = tmp_path / "wandb"
+    assert main(["wandb", str(tmp_path / "nowhere"), "--folder", str(folder)]) == 2
+    assert "a results root" in capsys.readouterr().err
+    campaign = SyntheticCampaign(tmp_path / "root")
+    monkeypatch.setitem(sys.modules, "wandb", None)
+    assert main(["wandb", str(campaign.root), "--folder", str(folder)]) == 2
+    assert "pip install 'tma_ray[wandb]'" in capsys.readouterr().err
+    assert not folder.exists()
