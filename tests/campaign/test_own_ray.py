@@ -49,7 +49,6 @@ def test_listens_on_loopback_only_and_ends_with_its_core_processes(tmp_path: Pat
         sockets = listening(processes)
         assert {"gcs_server", "raylet"} <= set(sockets.values())
         assert [place for place in sockets if not is_loopback(place[0])] == []
-        assert {port for _, port in sockets}.isdisjoint({44217, 44227}), "metrics"
 
         next(process for process in processes if process.name() == core).kill()
         killed = time.monotonic()

@@ -2,23 +2,29 @@
 
 from __future__ import annotations
 
+import importlib
 import os
+import secrets
 import signal
 import subprocess
 import sys
+import tempfile
 import time
-from collections.abc import Callable
-from dataclasses import dataclass, field
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, replace
+from functools import cache
 from pathlib import Path
 
 import pyarrow as pa
 import pyarrow.parquet as pq
 from small_runs import data_files, rows
 
-from tma_ray.results import Table
+from tma_ray.results import Committer, Store, Table
+from tma_ray.runs import run_locally
 
 HERE = Path(__file__).parent
 ROOT = HERE.parents[1]
+HELPERS = (HERE, HERE.parent / "runs")
 
 FLAGS = ("--checkpoint-seconds", "0.3", "--memory-per-run", "0.3")
 
@@ -49,14 +55,24 @@ class Site:
     Attributes:
         folder: of results and requests.
         environment: of drivers.
-        address: of the cluster.
+        address: of the cluster; None for a Ray of the campaign's own.
         script: what a driver executes.
+        uri: of the results root, where that is not in the folder.
     """
 
     folder: Path
     environment: dict[str, str]
-    address: str
+    address: str | None
     script: str = "chaos_campaign.py"
+    uri: str = ""
+
+    def at(self, name: str) -> Site:
+        """Returns a site in a new folder below this one's, without requests."""
+        for left in self.requests.iterdir():
+            left.unlink()
+        folder = self.folder / name
+        folder.mkdir()
+        return replace(self, folder=folder)
 
     @property
     def root(self) -> Path:
@@ -84,8 +100,9 @@ class Site:
 
     def start(self, *flags: str) -> subprocess.Popen[bytes]:
         """Starts the campaign's driver."""
-        where = ("--address", self.address, "--results", str(self.root))
-        command = [sys.executable, self.script, *where, *FLAGS, *flags]
+        where = ("--local",) if self.address is None else ("--address", self.address)
+        root = ("--results", self.uri or str(self.root))
+        command = [sys.executable, self.script, *where, *root, *FLAGS, *flags]
         with (self.folder / "driver.txt").open("ab") as log:
             return subprocess.Popen(command, cwd=HERE, env=self.environment, stdout=log, stderr=log)
 
@@ -111,6 +128,13 @@ class Site:
         recovery = [min((at - fault for at in began if at > fault), default=float("nan")) for fault in faults]
         return Fault(name, injected, lost, different, recovery)
 
+    def fetch(self, store: Store) -> None:
+        """Copies a root from elsewhere to where that of this site is compared."""
+        for path in store.files():
+            target = self.root / path
+            target.parent.mkdir(parents=True, exist_ok=True)
+            target.write_bytes(store.read_bytes(path))
+
     def outcomes(self) -> list[str]:
         """Returns how the attempts ended, sorted."""
         return sorted(row["outcome"] for row in rows(self.root, Table.ATTEMPTS))
@@ -122,6 +146,21 @@ class Site:
     def checkpoints(self) -> list[Path]:
         """Returns the indices of all complete checkpoints."""
         return sorted((self.root / "checkpoints").glob("*/*/index.json"))
+
+    def newest_checkpoints(self) -> list[Path]:
+        """Returns the index of the newest complete checkpoint of each run that has one."""
+        return sorted({path.parts[-3]: path for path in self.checkpoints()}.values())
+
+    def last_checkpoint(self) -> float:
+        """Returns when the newest complete checkpoint was written, s since 1970; 0 before the first."""
+        store = Store.open(self.uri or self.root)
+        indices = [path for path in store.files("checkpoints") if path.endswith("/index.json")]
+        times = [at.timestamp() for at in map(store.modified_at, indices) if at is not None]
+        return max(times, default=0.0)
+
+    def attempts(self) -> set[tuple[str, str]]:
+        """Returns runs and numbers of attempts that have written a checkpoint which is still there."""
+        return {(path.parts[-3], path.parts[-2].rpartition("-")[2]) for path in self.checkpoints()}
 
 
 def count_rows(data: bytes) -> int:
@@ -144,3 +183,40 @@ def kill(pid: int) -> None:
         os.kill(pid, signal.SIGKILL)
     except ProcessLookupError:
         return
+
+
+def private_environment(place: Path) -> dict[str, str]:
+    """Returns the variables of all processes: no file of Ray's is in the user's home, nobody's Ray is met."""
+    requests = place / "requests"
+    requests.mkdir()
+    kept = {name: value for name, value in os.environ.items() if not name.startswith("RAY_")}
+    return kept | {
+        "HOME": str(place),
+        "RAY_TMPDIR": str(place),
+        "RAY_AUTH_MODE": "token",
+        "RAY_AUTH_TOKEN": secrets.token_hex(32),
+        "RAY_USAGE_STATS_ENABLED": "0",
+        "RAY_worker_niceness": "0",  # else drivers and tests starve the workers on few cores
+        "PYTHONPATH": os.pathsep.join([*map(str, HELPERS), os.environ.get("PYTHONPATH", "")]),
+        "TMA_SABOTAGE": str(requests),
+    }
+
+
+@cache
+def undisturbed_files(module: str = "chaos_campaign", name: str = "CAMPAIGN") -> dict[str, bytes]:
+    """Returns the data files of a campaign of a module, run by run in this process, without Ray."""
+    campaign = getattr(importlib.import_module(module), name)
+    with tempfile.TemporaryDirectory() as root:
+        for spec in campaign.plan().runs:
+            run_locally(spec, Committer.open(root))
+        return data_files(root)
+
+
+def table(faults: Sequence[Fault]) -> str:
+    """Returns what was done, and what came of it."""
+    lines = ["| fault | injected | rows lost | bytes different | recovery, s |", "|---|---|---|---|---|"]
+    for fault in faults:
+        seconds = " ".join(f"{value:.1f}" for value in fault.recovery_seconds)
+        numbers = f"{fault.injected} | {fault.rows_lost} | {fault.bytes_different}"
+        lines.append(f"| {fault.name} | {numbers} | {seconds} |")
+    return "\n".join(lines)

@@ -12,6 +12,7 @@ from multiprocessing.connection import Connection
 from pathlib import Path
 from types import TracebackType
 from typing import Any, Self
+from unittest import mock
 
 HEALTH = {
     "health_check_initial_delay_ms": 1000,
@@ -35,7 +36,9 @@ class Nodes:
         context = multiprocessing.get_context("spawn")
         self._connection, theirs = context.Pipe()
         self._process = context.Process(target=_serve, args=(theirs, environment))
-        self._process.start()
+        with mock.patch.dict(os.environ, environment):  # Ray reads some of it when it is imported
+            self._process.start()
+        theirs.close()
         self.address: str = self._connection.recv()
 
     def __enter__(self) -> Self:

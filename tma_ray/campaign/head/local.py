@@ -4,8 +4,11 @@ from __future__ import annotations
 
 import os
 import secrets
+import stat
+import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
+from pathlib import Path
 from typing import Any, Final
 
 import psutil
@@ -28,7 +31,7 @@ class LocalHead:
     """The head of a Ray that this process starts, and whose processes are its children.
 
     All its servers listen on the loopback address only, those for metrics are not started, and every
-    request needs a token that only its processes know.
+    request needs a token that only its processes know. Its files are in a folder of this user alone.
 
     Args:
         options: of `ray.init`, more than those that make it local.
@@ -44,6 +47,7 @@ class LocalHead:
                 include_dashboard=False,
                 object_store_memory=OBJECT_STORE_BYTES,
                 _system_config={"enable_metrics_collection": False},
+                _temp_dir=private_folder(),
                 **options,
             )
         self._started = set(psutil.Process().children(recursive=True)) - others
@@ -82,6 +86,21 @@ class LocalHead:
                 process.kill()
         ray.shutdown()
         psutil.wait_procs(self._started, timeout=END_SECONDS)
+
+
+def private_folder() -> str | None:
+    """Returns where Ray's files go: logs, and sockets whose paths must be short; None leaves it to Ray.
+
+    Ray lets all users of the machine write into its own choice.
+    """
+    if "RAY_TMPDIR" in os.environ or not hasattr(os, "getuid"):
+        return None
+    folder = Path(tempfile.gettempdir(), f"tma_ray-{os.getuid()}")
+    with suppress(FileExistsError):
+        folder.mkdir(mode=0o700)
+    found = folder.lstat()
+    ours = stat.S_ISDIR(found.st_mode) and found.st_uid == os.getuid() and not found.st_mode & 0o077
+    return str(folder) if ours else tempfile.mkdtemp(prefix=f"{folder.name}-")
 
 
 @contextmanager

@@ -1,0 +1,96 @@
+"""An attack on campaigns: every kind of fault, injected at random instants of a seed.
+
+python tests/chaos/attack.py                          # three injections of each kind: half an hour or more
+python tests/chaos/attack.py --injections 20          # a night
+python tests/chaos/attack.py --kinds gcs,s3 --seed 7
+
+Prints what was lost, and exits with 1 if that is anything.
+"""
+
+from __future__ import annotations
+
+import argparse
+import random
+import sys
+import tempfile
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+HERE = Path(__file__).parent
+
+if __name__ == "__main__":
+    sys.path[:0] = [str(HERE), str(HERE.parent), str(HERE.parent / "runs"), str(HERE.parents[1])]
+
+from faults import Fault, Site, private_environment, table, undisturbed_files  # noqa: E402  # from above
+from kinds import KINDS, Scene  # noqa: E402
+from nodes import Nodes  # noqa: E402
+
+INJECTIONS, SEED = 3, 0
+"""Defaults: of each kind, and of all instants and victims."""
+
+MOST_PER_CAMPAIGN = 3
+"""Faults of one campaign: a run that has lost more processes than that counts as failed."""
+
+
+def attack(kind: str, injections: int, chance: random.Random, site: Site, nodes: Nodes) -> Iterator[Fault]:
+    """Disturbs as many campaigns as it takes; yields what each has lost."""
+    expected = undisturbed_files()
+    for number, first in enumerate(range(0, injections, MOST_PER_CAMPAIGN)):
+        while len(nodes.living) < 2:
+            nodes.add()
+        scene = Scene(site.at(f"{kind}-{number}"), nodes, chance)
+        KINDS[kind](scene, min(MOST_PER_CAMPAIGN, injections - first))
+        yield scene.site.compare(kind, len(scene.times), expected, scene.times)
+
+
+def merged(faults: list[Fault]) -> Fault:
+    """Returns several faults of one kind as one."""
+    return Fault(
+        faults[0].name,
+        sum(fault.injected for fault in faults),
+        sum(fault.rows_lost for fault in faults),
+        sum(fault.bytes_different for fault in faults),
+        [seconds for fault in faults for seconds in fault.recovery_seconds],
+    )
+
+
+@contextmanager
+def private_site() -> Iterator[tuple[Site, Nodes]]:
+    """Lends the block a cluster and a place for campaigns."""
+    with (
+        tempfile.TemporaryDirectory(prefix="ray", ignore_cleanup_errors=True) as place,
+        tempfile.TemporaryDirectory(prefix="campaigns") as folder,
+    ):
+        environment = private_environment(Path(place))
+        with Nodes(environment) as nodes:
+            yield Site(Path(folder), environment, nodes.address), nodes
+
+
+def say(text: str) -> None:
+    """Prints a text at once."""
+    sys.stdout.write(f"{text}\n")
+    sys.stdout.flush()
+
+
+def main() -> int:
+    """Attacks as the command line says; returns the exit code."""
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("--injections", type=int, default=INJECTIONS, help="of each kind (default: 3)")
+    parser.add_argument("--seed", type=int, default=SEED, help="of instants and victims (default: 0)")
+    parser.add_argument("--kinds", default=",".join(KINDS), help="which (default: %(default)s)")
+    options = parser.parse_args()
+    faults = []
+    with private_site() as (site, nodes):
+        for kind in options.kinds.split(","):
+            chance = random.Random(f"{options.seed} {kind}")
+            faults.append(merged(list(attack(kind, options.injections, chance, site, nodes))))
+            say(table(faults[-1:]))
+    say(table(faults))
+    return int(any(fault.rows_lost or fault.bytes_different for fault in faults))
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())

@@ -1,0 +1,272 @@
+"""Kinds of fault: how a campaign is disturbed at random instants, again and again, until it is finished."""
+
+from __future__ import annotations
+
+import random
+import shutil
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+
+import psutil
+from faults import Site, kill, wait_for
+from nodes import Nodes
+from saboteur import FULL_DISK, HOLD
+from suite.object_server import ObjectServer
+
+from tma_ray.campaign.script import EXIT_FAILED, EXIT_RAY_LOST
+from tma_ray.results import Store
+
+HERE = Path(__file__).parent
+
+LONGEST_WAIT = 1.5
+"""A fault comes up to so many s after a checkpoint: at any instant, also in the next one."""
+
+SHORT_FREEZE = 1.5
+"""Time for which a node is frozen that is not given up, s."""
+
+SHORT_OUTAGE, LONG_OUTAGE = 2.0, 8.0
+"""Bounds of the time for which an object store does not answer, s."""
+
+
+@dataclass
+class Scene:
+    """A campaign under attack.
+
+    Attributes:
+        site: where it runs.
+        nodes: of the cluster; those of a campaign on a Ray of its own are not used.
+        chance: of instants and victims.
+        times: of the faults so far, s since 1970.
+    """
+
+    site: Site
+    nodes: Nodes
+    chance: random.Random
+    times: list[float] = field(default_factory=list)
+
+    def start(self, *flags: str) -> subprocess.Popen[bytes]:
+        """Starts a driver, whose runs hardly go on until `finish`."""
+        self.site.ask(HOLD)
+        return self.site.start(*flags)
+
+    def wait(self) -> None:
+        """Waits for a checkpoint that is newer than the last fault, and then for a random instant."""
+        since = self.times[-1] if self.times else 0.0
+        wait_for(lambda: self.site.last_checkpoint() > since)
+        time.sleep(self.chance.uniform(0, LONGEST_WAIT))
+
+    def note(self) -> None:
+        """Takes down that a fault has been injected."""
+        self.times.append(time.time())
+
+    def finish(self, driver: subprocess.Popen[bytes] | None = None) -> None:
+        """Lets the runs go on, under a new driver if there is none, to the end of the campaign."""
+        self.site.withdraw(HOLD)
+        self.site.finish(driver or self.site.start())
+
+    def kill_driver(self, driver: subprocess.Popen[bytes]) -> None:
+        """Kills a driver, and waits until its actors have ended."""
+        driver.kill()
+        driver.wait()
+        self.note()
+        wait_for(lambda: not self.nodes.workers("SeedActor"))
+
+    def busy_node(self) -> int:
+        """Returns a node on which a run is."""
+
+        def busy() -> list[int]:
+            seeds = set(self.nodes.workers("SeedActor"))
+            return [number for number in self.nodes.living if self.nodes.processes(number) & seeds]
+
+        wait_for(busy)
+        return self.chance.choice(busy())
+
+
+def driver_killed(scene: Scene, injections: int) -> None:
+    """The driver is killed; its actors end, and the same command goes on."""
+    for _ in range(injections):
+        driver = scene.start()
+        scene.wait()
+        scene.kill_driver(driver)
+    scene.finish()
+
+
+def actor_killed(kind: str) -> Kind:
+    """Returns the fault that an actor of a kind is killed alone."""
+
+    def disturb(scene: Scene, injections: int) -> None:
+        driver = scene.start()
+        for _ in range(injections):
+            scene.wait()
+            wait_for(lambda: scene.nodes.workers(kind))
+            kill(scene.chance.choice(scene.nodes.workers(kind)))
+            scene.note()
+        scene.finish(driver)
+
+    return disturb
+
+
+def raylet_killed(scene: Scene, injections: int) -> None:
+    """A raylet is killed; its workers go on for a moment."""
+    _nodes_disturbed(scene, injections, scene.nodes.kill_raylet)
+
+
+def node_killed(scene: Scene, injections: int) -> None:
+    """All processes of a node are killed."""
+    _nodes_disturbed(scene, injections, scene.nodes.kill)
+
+
+def _nodes_disturbed(scene: Scene, injections: int, disturb: Callable[[int], None]) -> None:
+    driver = scene.start()
+    for _ in range(injections):
+        scene.wait()
+        number = scene.busy_node()
+        attempts = scene.site.attempts()
+        disturb(number)
+        scene.note()
+        scene.nodes.add()
+        wait_for(lambda attempts=attempts: scene.site.attempts() - attempts)
+    scene.finish(driver)
+
+
+def node_frozen(scene: Scene, injections: int) -> None:
+    """A node is frozen and thaws: after a moment, or when its runs have been given away."""
+    driver = scene.start()
+    for _ in range(injections):
+        scene.wait()
+        number = scene.busy_node()
+        attempts = scene.site.attempts()
+        given_away = scene.chance.random() < 0.5
+        frozen = scene.nodes.freeze(number)
+        scene.note()
+        try:
+            if given_away:
+                scene.nodes.add()
+                wait_for(lambda attempts=attempts: scene.site.attempts() - attempts)
+            else:
+                time.sleep(SHORT_FREEZE)
+        finally:
+            scene.nodes.thaw(frozen)
+        if given_away:  # what was on it ends by itself: its successors hold the runs
+            wait_for(lambda frozen=frozen: not any(map(psutil.pid_exists, frozen)))
+            scene.nodes.kill(number)
+    scene.finish(driver)
+
+
+def core_killed(name: str) -> Kind:
+    """Returns the fault that a core process of the campaign's own Ray is killed."""
+
+    def disturb(scene: Scene, injections: int) -> None:
+        scene.site = replace(scene.site, address=None)
+        for _ in range(injections):
+            driver = scene.start()
+            scene.wait()
+            family = psutil.Process(driver.pid).children(recursive=True)
+            next(process for process in family if process.name() == name).kill()
+            scene.note()
+            scene.site.finish(driver, EXIT_RAY_LOST)
+            assert time.time() - scene.times[-1] < 15
+            _, left = psutil.wait_procs(family, timeout=5)
+            assert left == []
+        scene.finish()
+
+    return disturb
+
+
+def object_store_full(scene: Scene, injections: int) -> None:
+    """Another job fills the small object stores of all nodes, beyond what they hold."""
+    driver = scene.start()
+    for _ in range(injections):
+        scene.wait()
+        command = [sys.executable, str(HERE / "filled_stores.py"), str(scene.site.address)]
+        pipes = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE}
+        with subprocess.Popen(command, env=scene.site.environment, text=True, **pipes) as other:
+            assert other.stdin is not None
+            assert other.stdout is not None
+            assert other.stdout.readline().strip() == "full"
+            scene.note()
+            scene.wait()
+            other.stdin.close()
+    scene.finish(driver)
+
+
+def disk_full(scene: Scene, injections: int) -> None:
+    """Nothing can be written until the campaign gives up."""
+    for _ in range(injections):
+        driver = scene.start("--outage-seconds", "3")
+        scene.wait()
+        scene.site.ask(FULL_DISK)
+        scene.note()
+        scene.site.finish(driver, EXIT_FAILED)
+        scene.site.withdraw(FULL_DISK)
+    scene.finish()
+
+
+def root_copied(scene: Scene, injections: int) -> None:
+    """The driver is killed, and the campaign goes on in a copy of its root."""
+    for number in range(injections):
+        driver = scene.start()
+        scene.wait()
+        scene.kill_driver(driver)
+        there = scene.site.folder / f"copy-{number}"
+        shutil.copytree(scene.site.root, there / "root")
+        scene.site = replace(scene.site, folder=there)
+    scene.finish()
+
+
+def checkpoint_damaged(scene: Scene, injections: int) -> None:
+    """The driver is killed, and a file of a newest checkpoint is changed, cut or removed."""
+    for _ in range(injections):
+        driver = scene.start()
+        scene.wait()
+        scene.kill_driver(driver)
+        index = scene.chance.choice(scene.site.newest_checkpoints())
+        file = scene.chance.choice(sorted(path for path in index.parent.rglob("*") if path.is_file()))
+        content = file.read_bytes()
+        at = scene.chance.randrange(len(content))
+        changed = content[:at] + bytes([content[at] ^ (1 << scene.chance.randrange(8))]) + content[at + 1 :]
+        damaged = scene.chance.choice((changed, content[:at], None))
+        file.unlink() if damaged is None else file.write_bytes(damaged)
+    scene.finish()
+
+
+def object_storage_silent(scene: Scene, injections: int) -> None:
+    """The S3 server that holds the root does not answer for some seconds."""
+    with ObjectServer() as server, server.in_environment():
+        root = f"s3://{server.bucket}/root"
+        environment = {**scene.site.environment, **server.environment}
+        scene.site = replace(scene.site, address=None, environment=environment, uri=root)
+        driver = scene.start()
+        for _ in range(injections):
+            scene.wait()
+            server.process.send_signal(signal.SIGSTOP)
+            scene.note()
+            time.sleep(scene.chance.uniform(SHORT_OUTAGE, LONG_OUTAGE))
+            server.process.send_signal(signal.SIGCONT)
+        scene.finish(driver)
+        scene.site.fetch(Store.open(root))
+
+
+Kind = Callable[[Scene, int], None]
+
+KINDS: Mapping[str, Kind] = {
+    "driver": driver_killed,
+    "seed_actor": actor_killed("SeedActor"),
+    "teacher_actor": actor_killed("TeacherActor"),
+    "raylet": raylet_killed,
+    "node": node_killed,
+    "frozen_node": node_frozen,
+    "head": core_killed("raylet"),
+    "gcs": core_killed("gcs_server"),
+    "object_store": object_store_full,
+    "full_disk": disk_full,
+    "copied_root": root_copied,
+    "checkpoint": checkpoint_damaged,
+    "s3": object_storage_silent,
+}
+"""What is done to a campaign, by name; each is done so often at most and then lets the campaign end."""

@@ -1,0 +1,67 @@
+"""An S3 server on this machine, in a process of its own that can be frozen."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+import urllib.request
+from contextlib import AbstractContextManager
+from types import TracebackType
+from typing import Any, Self
+from unittest import mock
+
+NOWHERE = "/nonexistent/aws"
+"""In place of the user's settings."""
+
+SERVER = """
+import sys
+from moto.server import ThreadedMotoServer
+
+server = ThreadedMotoServer("127.0.0.1", port=0, verbose=False)
+server.start()
+print("http://{}:{}".format(*server.get_host_and_port()), flush=True)
+sys.stdin.read()
+"""
+
+
+class ObjectServer:
+    """A server with one empty bucket, as long as its block lasts.
+
+    Attributes:
+        bucket: its name.
+        process: of the server.
+        environment: variables that lead to it.
+    """
+
+    bucket = "bucket"
+    environment: dict[str, str]
+    process: subprocess.Popen[str]
+
+    def __enter__(self) -> Self:
+        pipes = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE, "stderr": subprocess.DEVNULL}
+        self.process = subprocess.Popen([sys.executable, "-c", SERVER], text=True, **pipes)
+        assert self.process.stdout is not None
+        url = self.process.stdout.readline().strip()
+        assert url, "the S3 server did not start"
+        urllib.request.urlopen(urllib.request.Request(f"{url}/{self.bucket}", method="PUT"))
+        self.environment = {
+            "AWS_ACCESS_KEY_ID": "testing",
+            "AWS_SECRET_ACCESS_KEY": "a-secret/of-the/tests",
+            "AWS_REGION": "us-east-1",
+            "AWS_ENDPOINT_URL": url,
+            "AWS_EC2_METADATA_DISABLED": "true",
+            "AWS_CONFIG_FILE": NOWHERE,
+            "AWS_SHARED_CREDENTIALS_FILE": NOWHERE,
+        }
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.process.kill()
+        self.process.wait()
+
+    def in_environment(self) -> AbstractContextManager[Any]:
+        """Lets this process find the server within a block."""
+        return mock.patch.dict(os.environ, self.environment)
