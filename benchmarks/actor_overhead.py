@@ -24,7 +24,7 @@ from rich.console import Console
 
 from tma_ray.campaign import Campaign
 from tma_ray.campaign.actors import RemoteTeacher
-from tma_ray.campaign.cluster import connect
+from tma_ray.campaign.cluster.connection import connect
 from tma_ray.campaign.execution import run_campaign
 from tma_ray.campaign.monitor.progress import ProgressView
 from tma_ray.campaign.settings import Settings, TeacherPlacement

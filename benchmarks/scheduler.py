@@ -25,7 +25,7 @@ from rich.console import Console
 
 from tma_ray.campaign import scheduler
 from tma_ray.campaign.actors import SeedActor
-from tma_ray.campaign.cluster import connect
+from tma_ray.campaign.cluster.connection import connect
 from tma_ray.campaign.monitor.progress import ProgressView
 from tma_ray.campaign.settings import Resources, Settings, TeacherPlacement
 from tma_ray.results import Committer, PartFile, RunWriter, Store

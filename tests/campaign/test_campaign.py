@@ -13,7 +13,7 @@ from rich.console import Console
 from small_runs import SCHEDULE, STUDENTS, data_files, rows
 
 from tma_ray.campaign import Campaign
-from tma_ray.campaign.cluster import connect
+from tma_ray.campaign.cluster.connection import connect
 from tma_ray.campaign.execution import run_campaign
 from tma_ray.campaign.monitor.overview import overview
 from tma_ray.campaign.monitor.progress import ProgressView, Snapshot

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from tma_ray.campaign.head.local import private_folder
+from tma_ray.campaign.cluster.local import private_folder
 
 
 @pytest.fixture(autouse=True)

@@ -7,7 +7,7 @@ from typing import Any
 
 import pytest
 
-from tma_ray.campaign.cluster import working_nodes
+from tma_ray.campaign.cluster.connection import working_nodes
 from tma_ray.campaign.preflight import storage_access
 from tma_ray.results import ResultsRootError, Store
 

@@ -5,9 +5,9 @@ from __future__ import annotations
 from contextlib import closing
 from pathlib import Path
 
-from tma_ray.campaign.cluster import check_feasible, connect
+from tma_ray.campaign.cluster.connection import check_feasible, connect
+from tma_ray.campaign.cluster.head import Head
 from tma_ray.campaign.failures.stopping import StopSignals
-from tma_ray.campaign.head.losing import Head
 from tma_ray.campaign.monitor.progress import ProgressView, PublishedProgress, Snapshot, View
 from tma_ray.campaign.plan import CampaignSpec, Plan, lease_holder
 from tma_ray.campaign.preflight.installation import check_installation

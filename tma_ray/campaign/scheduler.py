@@ -15,11 +15,11 @@ import ray
 from ray.exceptions import ActorUnavailableError, RayActorError, RayTaskError
 
 from tma_ray.campaign.actors import Report, SeedActor
-from tma_ray.campaign.cluster import capacity
+from tma_ray.campaign.cluster.connection import capacity
+from tma_ray.campaign.cluster.head import Head, HeadLostError
 from tma_ray.campaign.failures.outages import RetryingCommitter
 from tma_ray.campaign.failures.retries import Retries
 from tma_ray.campaign.failures.silence import Silence
-from tma_ray.campaign.head.losing import Head, HeadLostError
 from tma_ray.campaign.monitor.progress import ActiveRun, Snapshot, View
 from tma_ray.campaign.settings import Settings
 from tma_ray.results import (

@@ -8,11 +8,11 @@ from collections.abc import Mapping, Sequence
 
 from rich.console import Console
 
+from tma_ray.campaign.cluster.head import HeadLostError
 from tma_ray.campaign.costs.confirmation import confirm, long_cost, terminal_question
 from tma_ray.campaign.costs.known import Kind
 from tma_ray.campaign.costs.speed import Throughput
 from tma_ray.campaign.failures.outages import OutageError
-from tma_ray.campaign.head.losing import HeadLostError
 from tma_ray.campaign.monitor.progress import Snapshot
 from tma_ray.campaign.options import add_options, chosen_address, chosen_campaign, chosen_settings
 from tma_ray.campaign.plan import CampaignSpec, Plan

@@ -10,7 +10,7 @@ import ray
 from ray.exceptions import RayError, RayTaskError
 from ray.util.scheduling_strategies import NodeAffinitySchedulingStrategy
 
-from tma_ray.campaign.cluster import working_nodes
+from tma_ray.campaign.cluster.connection import working_nodes
 
 
 def check_installation() -> None:

@@ -10,7 +10,7 @@ import ray
 from ray.exceptions import RayError, RayTaskError
 from ray.util.scheduling_strategies import NodeAffinitySchedulingStrategy
 
-from tma_ray.campaign.cluster import working_nodes
+from tma_ray.campaign.cluster.connection import working_nodes
 from tma_ray.campaign.preflight.shipping import use_shipped
 from tma_ray.envs import make_environment
 from tma_ray.runs.inputs import arguments, contents, provide

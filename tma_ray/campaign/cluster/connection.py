@@ -11,9 +11,9 @@ from typing import Any
 import ray
 from ray.exceptions import AuthenticationError
 
-from tma_ray.campaign.head.joined import JoinedHead
-from tma_ray.campaign.head.local import LocalHead
-from tma_ray.campaign.head.losing import Head, living_nodes
+from tma_ray.campaign.cluster.head import Head, living_nodes
+from tma_ray.campaign.cluster.joined import JoinedHead
+from tma_ray.campaign.cluster.local import LocalHead
 from tma_ray.campaign.preflight.address import check_address, connection_advice
 from tma_ray.campaign.preflight.shipping import runtime_environment
 from tma_ray.campaign.settings import GIB, Resources

@@ -15,7 +15,7 @@ import psutil
 import ray
 from ray._private import ray_constants
 
-from tma_ray.campaign.head.losing import HeadLostError, living_nodes
+from tma_ray.campaign.cluster.head import HeadLostError, living_nodes
 
 OBJECT_STORE_BYTES: Final = 100_000_000
 """Next to nothing travels through the object store: results go to files."""
@@ -74,7 +74,7 @@ class LocalHead:
             )
 
     def close(self) -> None:
-        """Does nothing: there is no thread to end."""
+        """Does nothing: it is watched without a thread."""
 
     def _end(self) -> None:
         """Kills what is left of this Ray, some of which would stay for minutes, and leaves it."""
