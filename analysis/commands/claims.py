@@ -37,5 +37,5 @@ def show_claims(root: str | Path, details: bool = False, console: Console | None
         console.print(f"  {verdict.claim.source}; {verdict.describe()}", highlight=False)
         for finding in verdict.findings if details else ():
             console.print(f"    {finding.standing}: {finding.evidence}", highlight=False, markup=False)
-    for warning in frames.warnings:
+    for warning in frames.notes:
         console.print(warning, highlight=False, markup=False, style="dim")

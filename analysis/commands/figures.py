@@ -47,7 +47,7 @@ def write_figures(
     if baseline is not None and baseline.manifest.kind is BaselineKind.PUBLISHED:
         return _write(list(published_drawings(baseline.published())), output, kind, only, ())
     frames = load(root)
-    warnings = (*frames.warnings, *frames.results.problems)
+    warnings = frames.notes
     return _write(list(drawings(frames, measure(frames))), output, kind, only, warnings)
 
 

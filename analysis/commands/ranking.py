@@ -44,7 +44,7 @@ def show_ranking(root: str | Path, share: float = 1.0, console: Console | None =
     for (place, level), rows in table.groupby([pd.Series(places(table)), "expert_knowledge"], sort=False):
         console.print(f"{place}, expert knowledge {level}", style="bold", highlight=False)
         console.print(_shown(rows))
-    for note in (*_notes(table), *frames.warnings):
+    for note in (*_notes(table), *frames.notes):
         console.print(f"[dim]{note}[/dim]", highlight=False)
     for sentence in [*headlines(runs), *sentences(table)]:
         console.print(sentence, highlight=False)

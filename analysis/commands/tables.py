@@ -61,7 +61,7 @@ def write_tables(
     else:
         frames = load(root if baseline is None else baseline.place)
         tables = list(tables_of(frames, step))
-        warnings = (*frames.warnings, *frames.results.problems, *_none_of(tables))
+        warnings = (*frames.notes, *_none_of(tables))
     texts = {f"{table.name}.{ENDINGS[kind]}": render(table, kind) for table in tables}
     if output is not None:
         output.mkdir(parents=True, exist_ok=True)

@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
+import functools
 import hashlib
 import json
 import re
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, Concatenate, ParamSpec
 
+import numpy as np
 import pandas as pd
 
+from analysis.data.evaluations import evaluation_measures, not_finite_warnings
 from analysis.data.identity import experiments_apart, identity, named_apart
 from tma_ray.decoding import DamagedFileError, decode_json
 from tma_ray.results import CHIPMUNK, Results, Table
@@ -32,6 +35,8 @@ JSON of `identity.identity`."""
 SEED = re.compile(r'"seed": \d+, "student":')
 """The seed in a spec, whose keys are sorted, with the key that follows it."""
 
+P = ParamSpec("P")
+
 STATUSES = ("done", "running", "failed", "waiting")
 """What a run of a cell may be; waiting is a cell whose run has not started."""
 
@@ -48,6 +53,7 @@ class Frames:
         attempts: as stored.
         evaluations: run_id, step, test_set, task_index, episodic_return, and mastered: whether that
             is over the threshold of its run.
+        measured: one row per run and evaluation, of `evaluations.evaluation_measures`: computed once.
         training: as stored.
         test_tasks: test_set, task_index, task (float32 (d,)).
         warnings: what a reader must know before trusting a comparison.
@@ -57,14 +63,23 @@ class Frames:
     cells: pd.DataFrame
     attempts: pd.DataFrame
     evaluations: pd.DataFrame
+    measured: pd.DataFrame
     training: pd.DataFrame
     test_tasks: pd.DataFrame
     results: Results = field(repr=False)
     warnings: tuple[str, ...] = ()
+    _computed: dict[Any, Any] = field(default_factory=dict, init=False, repr=False, compare=False)
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """All that a reader must know: the warnings, and which files were left out."""
+        return tuple(dict.fromkeys([*self.warnings, *self.results.problems]))
 
     def episode_returns(self, run_ids: Sequence[str]) -> pd.DataFrame:
-        """Returns run_id, step and episodic_return of every training episode of `run_ids`."""
-        return _frame(self.results, Table.EPISODES, ["run_id", "step", "episodic_return"], run_ids)
+        """Returns run_id, step and finite episodic_return of the training episodes of `run_ids`."""
+        columns = ["run_id", "step", "episodic_return"]
+        rows = _frame(self.results, Table.EPISODES, columns, run_ids)
+        return rows[np.isfinite(rows["episodic_return"].astype(float))]
 
     def episodes(self, run_id: str) -> pd.DataFrame:
         """Returns the training episodes of one run, tasks as float32 (d,)."""
@@ -78,6 +93,23 @@ class Frames:
     def teacher_log(self, run_id: str) -> pd.DataFrame:
         """Returns step, gaussians, boxes and scalars of every update of the teacher of one run."""
         return _frame(self.results, Table.TEACHER_LOG, ["step", "gaussians", "boxes", "scalars"], [run_id])
+
+
+def computed_once(
+    function: Callable[Concatenate[Frames, P], pd.DataFrame],
+) -> Callable[Concatenate[Frames, P], pd.DataFrame]:
+    """Returns `function` made to compute each frame once for the same `Frames`; every caller has a copy."""
+
+    @functools.wraps(function)
+    def compute(frames: Frames, *args: P.args, **kwargs: P.kwargs) -> pd.DataFrame:
+        given = (*args, *kwargs.values())
+        key = function, tuple(kwargs), tuple(tuple(each) if isinstance(each, list) else each for each in given)
+        if key not in frames._computed:
+            frames._computed[key] = function(frames, *args, **kwargs)
+        found: pd.DataFrame = frames._computed[key]
+        return found.copy()
+
+    return compute
 
 
 def load(root: str | Path) -> Frames:
@@ -96,14 +128,16 @@ def load(root: str | Path) -> Frames:
     columns = ["run_id", "step", "test_set", "task_index", "episodic_return"]
     evaluations = _frame(results, Table.EVALUATIONS, columns)
     evaluations["mastered"] = evaluations["episodic_return"] > _thresholds(evaluations, runs)
+    measured, training = evaluation_measures(evaluations), _frame(results, Table.TRAINING)
     return Frames(
         cells=cells,
         attempts=_frame(results, Table.ATTEMPTS),
         evaluations=evaluations,
-        training=_frame(results, Table.TRAINING),
+        measured=measured,
+        training=training,
         test_tasks=_test_tasks(results, evaluations),
         results=results,
-        warnings=(*_warnings(cells, evaluations), *split, *apart),
+        warnings=(*_warnings(cells, evaluations), *not_finite_warnings(measured, training), *split, *apart),
     )
 
 

@@ -7,42 +7,13 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
 
-from analysis.data.frames import GROUP, STATUSES, Frames, unfailed
+from analysis.data.frames import GROUP, STATUSES, Frames, computed_once, unfailed
 from analysis.measures.training import training_quarters
 from analysis.statistics import describe
 
 
-def evaluation_measures(evaluations: pd.DataFrame) -> pd.DataFrame:
-    """Returns one row per run and evaluation: run_id, step, mastered_percent, evaluation_return, tasks.
-
-    Rows of one evaluation mostly follow each other: they are added up before they are grouped, since a full
-    benchmark has tens of millions.
-    """
-    run_ids, steps = evaluations["run_id"].astype("category"), evaluations["step"].to_numpy()
-    codes = run_ids.cat.codes.to_numpy()
-    change = (codes[1:] != codes[:-1]) | (steps[1:] != steps[:-1])
-    starts = np.concatenate([[0], np.flatnonzero(change) + 1])[: len(steps)]
-    table = pd.DataFrame(
-        {
-            "run_id": np.asarray(run_ids.cat.categories, dtype=object)[codes[starts]],
-            "step": steps[starts],
-            "mastered_percent": _sums(100.0 * evaluations["mastered"].to_numpy(), starts),
-            "evaluation_return": _sums(evaluations["episodic_return"].to_numpy(float), starts),
-            "tasks": np.diff(starts, append=len(steps)),
-        }
-    )
-    sums = table.groupby(["run_id", "step"], sort=True).sum().reset_index()
-    for measure in ("mastered_percent", "evaluation_return"):
-        sums[measure] /= sums["tasks"]
-    return sums.astype({"run_id": object})
-
-
-def _sums(values: NDArray[np.float64], starts: NDArray[np.int64]) -> NDArray[np.float64]:
-    return np.add.reduceat(values, starts) if len(starts) else np.zeros(0)
-
-
+@computed_once
 def final_evaluations(frames: Frames) -> pd.DataFrame:
     """Returns the evaluation that stands for each run: `GROUP`, seed, run_id, status, step, measures.
 
@@ -50,14 +21,15 @@ def final_evaluations(frames: Frames) -> pd.DataFrame:
     marked provisional, at the last step that all its running runs have reached. Failed runs are left
     out: where they stopped says nothing about the teacher.
     """
-    rows = unfailed(frames.cells).merge(evaluation_measures(frames.evaluations), on="run_id")
+    rows = unfailed(frames.cells).merge(frames.measured, on="run_id")
     rows["provisional"] = ~_any_done(rows)
     rows = rows[rows["provisional"] | (rows["status"] == "done")]
     last = rows.groupby([*GROUP, "run_id"])["step"].transform("max")
     reached = last.groupby([rows[column] for column in GROUP]).transform("min")
     limit = last.where(~rows["provisional"], reached)
     rows = rows[rows["step"] <= limit].sort_values("step", kind="stable")
-    rows = rows.drop_duplicates([*GROUP, "run_id"], keep="last").merge(training_quarters(frames), how="left")
+    rows = rows.drop_duplicates([*GROUP, "run_id"], keep="last")
+    rows = rows[rows["not_finite"] == 0].merge(training_quarters(frames), how="left")
     columns = [
         "step",
         "provisional",
@@ -70,9 +42,14 @@ def final_evaluations(frames: Frames) -> pd.DataFrame:
     return rows.sort_values([*GROUP, "seed"], ignore_index=True)
 
 
+@computed_once
 def evaluation_curves(frames: Frames) -> pd.DataFrame:
-    """Returns one row per run and evaluation with `GROUP`, of every run that did not fail."""
-    return unfailed(frames.cells).merge(evaluation_measures(frames.evaluations), on="run_id")
+    """Returns one row per run and evaluation with `GROUP`, of every run that did not fail.
+
+    Evaluations with returns that are not finite are left out.
+    """
+    measured = frames.measured[frames.measured["not_finite"] == 0].drop(columns="not_finite")
+    return unfailed(frames.cells).merge(measured, on="run_id")
 
 
 def aggregate(curves: pd.DataFrame, value: str, by: Sequence[str] = GROUP) -> pd.DataFrame:

@@ -10,6 +10,7 @@ import pandas as pd
 
 from analysis.data.frames import STATUSES
 from analysis.data.reference import is_baseline
+from analysis.measures.run_measures import NOT_FINITE
 from analysis.statistics import describe
 from tma_ray.benchmark import MATRICES, Matrix, challenges_of
 from tma_ray.results import BOX2D, BOX2D_TEST_SET, CHIPMUNK
@@ -180,11 +181,15 @@ def _test_sets(cells: pd.DataFrame) -> pd.Series:
 def _gaps(rows: pd.DataFrame, counted: pd.DataFrame, by: Sequence[str]) -> Iterator[str]:
     """Yields what keeps the `counted` of these rows from being a whole pool."""
     ids = set(counted["run_id"])
+    reasons = rows["reason"] if "reason" in rows else rows["status"]
     uncounted = Counter(
-        status for run_id, status in zip(rows["run_id"], rows["status"], strict=True) if run_id not in ids
+        NOT_FINITE if reason == NOT_FINITE else status
+        for run_id, status, reason in zip(rows["run_id"], rows["status"], reasons, strict=True)
+        if run_id not in ids
     )
     if uncounted:
-        numbers = (f"{uncounted[status]} {status}" for status in STATUSES if uncounted[status])
+        words = (*STATUSES, NOT_FINITE)
+        numbers = (f"{uncounted[word]} {word}" for word in words if uncounted[word])
         yield f"not counted: {', '.join(numbers)}"
     labels = list(map(_label, counted["embodiment"], counted["student"]))
     sizes = Counter(labels)

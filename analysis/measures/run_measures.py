@@ -8,9 +8,11 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from analysis.data.frames import Frames
-from analysis.measures.evaluations import evaluation_measures
+from analysis.data.frames import Frames, computed_once
 from analysis.measures.training import training_curves
+
+NOT_FINITE = "returns not finite"
+"""Why a run has no measures whose last evaluation has returns that are NaN or infinite."""
 
 SHARES = (0.5, 0.9)
 """Shares of what a run masters in the end, of which it is measured when they are reached."""
@@ -33,6 +35,7 @@ def steps_to(share: float) -> str:
     return f"steps_to_{round(100 * share)}_percent"
 
 
+@computed_once
 def run_measures(frames: Frames, at: int | None = None, shares: Sequence[float] = SHARES) -> pd.DataFrame:
     """Returns one row per run, with what it came to at the end of its budget.
 
@@ -54,26 +57,30 @@ def run_measures(frames: Frames, at: int | None = None, shares: Sequence[float] 
         - forgotten_percent: of the test tasks, those mastered at an earlier evaluation and not at the last;
         - training_return, the mean over training episodes, from the windows where there are any;
         - reason, why a run has no measures, all of which are NaN then: "waiting", "failed",
-          "still running", "not evaluated", "ends before"; else empty.
+          "still running", "not evaluated", "ends before", `NOT_FINITE`; else empty.
     """
-    everything = evaluation_measures(frames.evaluations)
+    everything = frames.measured
     rows = _standing(frames, at, _reached(frames, everything))
-    curves = everything[everything["step"] <= everything["run_id"].map(rows["steps"]).astype(float)]
-    evaluations = frames.evaluations
-    if len(curves) < len(everything):
-        limits = evaluations["run_id"].map(rows["steps"]).astype(float)
-        evaluations = evaluations[evaluations["step"] <= limits]
-    ends = curves.drop_duplicates("run_id", keep="last").set_index("run_id")
+    within = everything[everything["step"] <= everything["run_id"].map(rows["steps"]).astype(float)]
+    curves = within[within["not_finite"] == 0]
+    ends = within.drop_duplicates("run_id", keep="last").set_index("run_id")
     rows["step"] = ends["step"]
     rows.loc[(rows["reason"] == "") & rows["step"].isna(), "reason"] = "not evaluated"
+    broken = ends["not_finite"].reindex(rows.index, fill_value=0) > 0
+    rows.loc[(rows["reason"] == "") & broken, "reason"] = NOT_FINITE
     rows = rows.join(ends[["mastered_percent", "evaluation_return"]])
     rows = rows.join(_of_curves(curves, rows["steps"], shares))
-    rows["forgotten_percent"] = _forgotten(evaluations, ends)
+    evaluations = frames.evaluations
+    if len(within) < len(everything):
+        limits = evaluations["run_id"].map(rows["steps"]).astype(float)
+        evaluations = evaluations[evaluations["step"] <= limits]
+    rows["forgotten_percent"] = _forgotten(evaluations, within)
     rows["training_return"] = _training_return(frames, rows[rows["reason"] == ""])
     rows.loc[rows["reason"] != "", measure_names(shares)] = np.nan
     return rows.reset_index()[["run_id", "steps", "step", *measure_names(shares), "reason"]]
 
 
+@computed_once
 def evaluations_at(frames: Frames, steps: Iterable[int]) -> pd.DataFrame:
     """Returns what every run had come to at each of `steps`, of runs that got there and did not fail.
 
@@ -81,7 +88,7 @@ def evaluations_at(frames: Frames, steps: Iterable[int]) -> pd.DataFrame:
         step (the one asked for), run_id, evaluated_at (step of the last evaluation at or before it),
         mastered_percent, evaluation_return.
     """
-    curves = evaluation_measures(frames.evaluations)
+    curves = frames.measured
     curves = curves.rename(columns={"step": "evaluated_at"}).sort_values("evaluated_at", kind="stable")
     reached = _reached(frames, curves.rename(columns={"evaluated_at": "step"}))
     standing = [_standing(frames, step, reached).assign(step=step) for step in sorted(steps)]
@@ -106,7 +113,7 @@ def training_returns_at(frames: Frames, steps: Iterable[int]) -> pd.DataFrame:
         ["run_id", "step"]
     )
     curves = curves.sort_values("step", kind="stable").rename(columns={"step": "measured_at"})
-    found, reached = [], _reached(frames, evaluation_measures(frames.evaluations))
+    found, reached = [], _reached(frames, frames.measured)
     for step in steps:
         standing = _standing(frames, step, reached)
         there = standing.index[standing["reason"] == ""]
@@ -188,9 +195,14 @@ def _first_reaching(steps: NDArray[np.float64], mastered: NDArray[np.float64], s
     return float(steps[np.argmax(mastered >= share * mastered[-1])])
 
 
-def _forgotten(evaluations: pd.DataFrame, ends: pd.DataFrame) -> pd.Series:
+def _forgotten(evaluations: pd.DataFrame, measured: pd.DataFrame) -> pd.Series:
     """Returns the % of test tasks once mastered and not at the last evaluation, by run_id."""
     mastered = evaluations.loc[evaluations["mastered"], ["run_id", "task_index", "step"]]
+    broken = measured.loc[measured["not_finite"] > 0, ["run_id", "step"]]
+    if len(broken):
+        rows = pd.MultiIndex.from_arrays([mastered["run_id"].astype(object), mastered["step"]])
+        mastered = mastered[~rows.isin(pd.MultiIndex.from_frame(broken))]
+    ends = measured.drop_duplicates("run_id", keep="last").set_index("run_id")
     at_end = mastered[mastered["step"] == mastered["run_id"].map(ends["step"]).astype(float)]
     counts = [
         part.drop_duplicates(["run_id", "task_index"]).groupby("run_id", observed=True).size()
@@ -203,6 +215,7 @@ def _forgotten(evaluations: pd.DataFrame, ends: pd.DataFrame) -> pd.Series:
 def _training_return(frames: Frames, rows: pd.DataFrame) -> pd.Series:
     """Returns the mean return of the training episodes of each run, by run_id."""
     windows = frames.training[["run_id", "step", "episodes", "mean_return"]].dropna()
+    windows = windows[np.isfinite(windows["mean_return"].astype(float))]
     windows = windows[windows["step"] <= windows["run_id"].map(rows["steps"]).astype(float)]
     windows = windows.astype({"run_id": object})
     totals = windows.assign(total=windows["mean_return"] * windows["episodes"]).groupby("run_id")

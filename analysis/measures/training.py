@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pandas as pd
 
-from analysis.data.frames import COMPARISON, GROUP, Frames, unfailed
+from analysis.data.frames import COMPARISON, GROUP, Frames, computed_once, unfailed
 
 FEW_WINDOWS = 8
 """Below this number of training windows, training returns are read from the episodes."""
@@ -19,6 +19,7 @@ RECENT = 20
 EPISODE_COLUMN = {"episodic_return": "training_return"}
 
 
+@computed_once
 def training_curves(frames: Frames) -> pd.DataFrame:
     """Returns `GROUP`, run_id, step, training_return and smoothed of every run that did not fail.
 
@@ -53,7 +54,8 @@ def training_quarters(frames: Frames) -> pd.DataFrame:
 def _windows(frames: Frames) -> tuple[pd.DataFrame, pd.DataFrame]:
     """Returns the training windows of comparisons that have enough, and the cells of those that have not."""
     alive = unfailed(frames.cells)
-    windows = frames.training[["run_id", "step", "mean_return"]].dropna().astype({"run_id": object})
+    windows = frames.training[["run_id", "step", "mean_return"]].astype({"run_id": object})
+    windows = windows[np.isfinite(windows["mean_return"].astype(float))]
     windows = alive.merge(windows.rename(columns={"mean_return": "training_return"}), on="run_id")
     counts = windows.groupby([*GROUP, "run_id"])["step"].size().groupby(COMPARISON).max()
     enough = counts[counts >= FEW_WINDOWS].index

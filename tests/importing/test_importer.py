@@ -10,8 +10,8 @@ import pytest
 from release_folders import EPISODE, EPOCH, TESTS, Release, parkour, stumps
 
 from analysis import load
+from analysis.data.evaluations import evaluation_measures
 from analysis.data.frames import Frames
-from analysis.measures.evaluations import evaluation_measures
 from analysis.measures.pooling import pooled
 from analysis.measures.student_pools import runs_after
 from analysis.tables.paper_tables import result_tables

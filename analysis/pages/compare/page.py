@@ -98,7 +98,7 @@ def write_comparison(
         tables=list(_tables(runs)),
         headlines=[*standings, *headlines(runs)],
         overall=overall_rows(runs),
-        warnings=list(dict.fromkeys([*frames.warnings, *split, *frames.results.problems])),
+        warnings=list(dict.fromkeys([*frames.notes, *split])),
         verdicts=decided(root_verdicts(frames)),
         significance=SIGNIFICANCE,
         version=version("tma_ray"),

@@ -112,9 +112,9 @@ def _curricula(mine: Measured, curricula: Mapping[str, Curriculum], anchor: str)
 
 def _shares(frames: Frames, mine: Measured) -> pd.DataFrame:
     """Returns teacher, step (or `END`), test_set, task_index, n and share of seeds that master the task."""
-    runs = mine.evaluations[["run_id", "teacher"]].drop_duplicates()
+    runs = mine.evaluations[["run_id", "step", "teacher"]].drop_duplicates()
     rows = frames.evaluations[frames.evaluations["run_id"].isin(runs["run_id"])]
-    rows = rows.astype({"run_id": object, "test_set": object}).merge(runs, on="run_id")
+    rows = rows.astype({"run_id": object, "test_set": object}).merge(runs, on=["run_id", "step"])
     grouped = rows.groupby(["teacher", "step", "test_set", "task_index"], sort=True)["mastered"]
     along = grouped.agg(n="count", share="mean").reset_index().astype({"step": object})
     ends = mastered_tasks(frames, mine.finals).assign(step=END)

@@ -70,7 +70,7 @@ def _render(
         campaigns=sorted(name for name in cells["campaign"].unique() if name),
         ran=what_ran(cells),
         counts=counts_of(cells),
-        warnings=[*frames.warnings, *frames.results.problems],
+        warnings=frames.notes,
         controls=controls(
             cells[COMPARISON].drop_duplicates().sort_values(COMPARISON),
             cells["teacher"],

@@ -1,0 +1,85 @@
+"""Measures of evaluations: mastered test tasks and mean return, computed once when a root is read."""
+
+from __future__ import annotations
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+
+MEASURES = ("mastered_percent", "evaluation_return")
+
+SHOWN_RUNS = 3
+"""Runs that a warning names."""
+
+
+def evaluation_measures(evaluations: pd.DataFrame) -> pd.DataFrame:
+    """Returns one row per run and evaluation: run_id, step, the measures, tasks, and not_finite.
+
+    An evaluation that has any return that is NaN or infinite has no measures (NaN): mastered % is of all test
+    tasks, and a missing return is neither a failure nor a success. not_finite is the number of such returns.
+
+    Rows of one evaluation mostly follow each other: they are added up before they are grouped, since a full
+    benchmark has tens of millions.
+
+    Args:
+        evaluations: run_id, step, episodic_return and mastered (bool) of each test task.
+    """
+    run_ids, steps = evaluations["run_id"].astype("category"), evaluations["step"].to_numpy()
+    codes = run_ids.cat.codes.to_numpy()
+    change = (codes[1:] != codes[:-1]) | (steps[1:] != steps[:-1])
+    starts = np.concatenate([[0], np.flatnonzero(change) + 1])[: len(steps)]
+    returns = evaluations["episodic_return"].to_numpy(float)
+    finite = np.isfinite(returns)
+    table = pd.DataFrame(
+        {
+            "run_id": np.asarray(run_ids.cat.categories, dtype=object)[codes[starts]],
+            "step": steps[starts],
+            "mastered_percent": _sums(100.0 * evaluations["mastered"].to_numpy(), starts),
+            "evaluation_return": _sums(returns if finite.all() else np.where(finite, returns, 0.0), starts),
+            "tasks": np.diff(starts, append=len(steps)),
+            "not_finite": _sums((~finite).astype(np.int64), starts),
+        }
+    )
+    sums = table.groupby(["run_id", "step"], sort=True).sum().reset_index()
+    for measure in MEASURES:
+        sums[measure] = (sums[measure] / sums["tasks"]).where(sums["not_finite"] == 0)
+    return sums.astype({"run_id": object})
+
+
+def not_finite_warnings(measured: pd.DataFrame, training: pd.DataFrame) -> list[str]:
+    """Returns sentences on the returns that are NaN or infinite, with their number and whose they are.
+
+    Args:
+        measured: of `evaluation_measures`.
+        training: run_id and mean_return of each window.
+    """
+    found = []
+    excluded = measured[measured["not_finite"] > 0]
+    if len(excluded):
+        found.append(
+            f"{excluded['not_finite'].sum():,} returns of {_count(len(excluded), 'evaluation')} are NaN or "
+            f"infinite; these evaluations are excluded ({_named(excluded['run_id'])})."
+        )
+    windows = training[training["mean_return"].notna() & ~np.isfinite(training["mean_return"].astype(float))]
+    nans = training[training["mean_return"].isna() & (training["episodes"] > 0)]
+    if len(windows) + len(nans):
+        runs = pd.concat([windows["run_id"], nans["run_id"]]).astype(str)
+        found.append(
+            f"{_count(len(windows) + len(nans), 'window')} of training with a mean return that is NaN or "
+            f"infinite: excluded ({_named(runs)})."
+        )
+    return found
+
+
+def _sums(values: NDArray[np.number], starts: NDArray[np.int64]) -> NDArray[np.number]:
+    return np.add.reduceat(values, starts) if len(starts) else np.zeros(0, values.dtype)
+
+
+def _count(number: int, what: str) -> str:
+    return f"{number:,} {what}{'s' if number > 1 else ''}"
+
+
+def _named(run_ids: pd.Series) -> str:
+    runs = sorted(set(run_ids))
+    more = f" and {len(runs) - SHOWN_RUNS} more" if len(runs) > SHOWN_RUNS else ""
+    return f"{_count(len(runs), 'run')}: {', '.join(runs[:SHOWN_RUNS])}{more}"
