@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 from rich.console import Console
 
+from analysis.baselines.sources import Sources, read
 from analysis.claims.sources import root_verdicts
-from analysis.data.frames import load
 from analysis.statistics.verdicts import Standing
 
 STYLES = {
@@ -18,11 +16,11 @@ STYLES = {
 }
 
 
-def show_claims(root: str | Path, details: bool = False, console: Console | None = None) -> None:
+def show_claims(sources: Sources, details: bool = False, console: Console | None = None) -> None:
     """Prints the paper's claims and their standing beside the results of a root.
 
     Args:
-        root: results root.
+        sources: results roots and baselines.
         details: also every single statement, with the numbers behind it.
         console: where to print.
 
@@ -30,7 +28,7 @@ def show_claims(root: str | Path, details: bool = False, console: Console | None
         ResultsRootError: no results root at that place.
     """
     console = console or Console()
-    frames = load(root)
+    frames = read(sources)
     for verdict in root_verdicts(frames):
         style = STYLES[verdict.standing]
         console.print(f"[{style}]{verdict.standing}[/{style}]: {verdict.claim.text}", highlight=False)

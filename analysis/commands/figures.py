@@ -5,9 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from pathlib import Path
 
-from analysis.baselines import BaselineKind, as_baseline
+from analysis.baselines.sources import Sources, published, read
 from analysis.comparisons.measured import measure
-from analysis.data.frames import load
 from analysis.figures.paper_figures import Drawing, drawings, published_drawings
 from analysis.figures.style import Vector, save
 
@@ -28,12 +27,12 @@ class WrittenFigures:
 
 
 def write_figures(
-    root: str | Path, output: Path, vector: Vector | str = Vector.PDF, only: str = ""
+    sources: Sources, output: Path, vector: Vector | str = Vector.PDF, only: str = ""
 ) -> WrittenFigures:
     """Writes the figures of the paper that the results of a root or a baseline allow.
 
     Args:
-        root: a folder, an ``s3://`` or ``gs://`` address, or the name of a baseline such as ``paper-2021``.
+        sources: folders, ``s3://`` or ``gs://`` addresses, names of baselines; ``paper-2021`` only alone.
         output: folder to write to, which is made.
         vector: pdf or svg; a PNG lies beside each.
         only: beginning of the names of the figures that are wanted; empty for all.
@@ -43,10 +42,10 @@ def write_figures(
         ValueError: an unknown format.
     """
     kind = Vector(vector)
-    baseline = as_baseline(root)
-    if baseline is not None and baseline.manifest.kind is BaselineKind.PUBLISHED:
+    baseline = published(sources)
+    if baseline is not None:
         return _write(list(published_drawings(baseline.published())), output, kind, only, ())
-    frames = load(root)
+    frames = read(sources)
     warnings = frames.notes
     return _write(list(drawings(frames, measure(frames))), output, kind, only, warnings)
 

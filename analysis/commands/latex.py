@@ -6,6 +6,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
 
+from analysis.baselines.sources import Sources
 from analysis.commands.figures import write_figures
 from analysis.commands.tables import write_tables
 from analysis.tables.rendering import TableFormat
@@ -30,18 +31,18 @@ class LatexReport:
     warnings: tuple[str, ...]
 
 
-def write_latex(root: str | Path, folder: Path) -> LatexReport:
+def write_latex(sources: Sources, folder: Path) -> LatexReport:
     """Writes the paper's tables and figures of a root, and a document that shows all of them.
 
     Args:
-        root: a folder, or an ``s3://`` or ``gs://`` address.
+        sources: results roots and baselines with runs.
         folder: written to: ``report.tex``, ``tables/*.tex`` and ``figures/*.pdf``, with a PNG beside each.
 
     Raises:
-        ResultsRootError: `root` is not a results root.
+        ResultsRootError: one of `sources` is not a results root.
     """
-    tables = write_tables(root, kind=TableFormat.LATEX, output=folder / "tables")
-    figures = write_figures(root, folder / "figures")
+    tables = write_tables(sources, kind=TableFormat.LATEX, output=folder / "tables")
+    figures = write_figures(sources, folder / "figures")
     drawn = [file for file in figures.files if file.suffix == ".pdf"]
     parts = [PREAMBLE, *map(_table, tables.files), *map(_figure, drawn), END]
     document = folder / "report.tex"

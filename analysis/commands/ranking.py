@@ -2,16 +2,15 @@
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import Any
 
 import pandas as pd
 from rich.console import Console
 from rich.table import Table
 
+from analysis.baselines.sources import Sources, read
 from analysis.comparisons.overall import headlines
 from analysis.comparisons.ranking import MEASURE, ranked, sentences
-from analysis.data.frames import load
 from analysis.data.reference import NO_BASELINE, is_baseline
 from analysis.formatting import amount, number, p_value, plus_minus
 from analysis.measures.pooling import COMPARED
@@ -29,13 +28,13 @@ WIDTHS = {
 """Columns that are shown, and their widths in characters."""
 
 
-def show_ranking(root: str | Path, share: float = 1.0, console: Console | None = None) -> None:
+def show_ranking(sources: Sources, share: float = 1.0, console: Console | None = None) -> None:
     """Prints who masters how much on each challenge of a root, and what that says.
 
     Raises:
         ResultsRootError: no results root at that place.
     """
-    console, frames = console or Console(), load(root)
+    console, frames = console or Console(), read(sources)
     runs = runs_after(frames, share)
     table = ranked(runs)
     if table[f"{MEASURE}_mean"].notna().sum() == 0:

@@ -6,8 +6,8 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
-from analysis.baselines import BaselineKind, as_baseline
-from analysis.data.frames import Frames, load
+from analysis.baselines.sources import Sources, published, read
+from analysis.data.frames import Frames
 from analysis.measures.searches import search_results
 from analysis.tables.paper_tables import hyperparameters, knowledge_needs, result_tables
 from analysis.tables.rendering import ENDINGS, TableFormat, render
@@ -31,7 +31,7 @@ class WrittenTables:
 
 
 def write_tables(
-    root: str | Path,
+    sources: Sources,
     step: int | None = None,
     kind: TableFormat | str = TableFormat.MARKDOWN,
     output: Path | None = None,
@@ -39,8 +39,8 @@ def write_tables(
     """Makes the paper's tables of a root, finished or not, and writes them if told where to.
 
     Args:
-        root: a folder, an ``s3://`` or ``gs://`` address, or the name of a baseline: ``paper-2021`` for the
-            paper's own.
+        sources: folders, ``s3://`` or ``gs://`` addresses, names of baselines; ``paper-2021``, for the
+            paper's own tables, only alone.
         step: steps at which runs are read; None for their ends.
         kind: markdown, latex or csv.
         output: folder to write to, which is made.
@@ -52,14 +52,14 @@ def write_tables(
     """
     if step is not None and step < 1:
         raise ValueError(f"step {step}: expected at least 1, or none for the ends of the runs")
-    kind, baseline = TableFormat(kind), as_baseline(root)
-    if baseline is not None and baseline.manifest.kind is BaselineKind.PUBLISHED:
+    kind, baseline = TableFormat(kind), published(sources)
+    if baseline is not None:
         if step is not None:
-            raise ValueError(f"{root} has results at the end of training only; leave out the step")
+            raise ValueError(f"{sources} has results at the end of training only; leave out the step")
         results = published_table_results(baseline.published())
         tables, warnings = [*result_tables(results), hyperparameters(), knowledge_needs()], tuple[str, ...]()
     else:
-        frames = load(root if baseline is None else baseline.place)
+        frames = read(sources)
         tables = list(tables_of(frames, step))
         warnings = (*frames.notes, *_none_of(tables))
     texts = {f"{table.name}.{ENDINGS[kind]}": render(table, kind) for table in tables}

@@ -5,14 +5,21 @@ from __future__ import annotations
 import pandas as pd
 
 from analysis.data.frames import COMPARISON, GROUP
-from analysis.data.reference import NO_BASELINE, is_baseline
+from analysis.data.identity import CONDITIONS
+from analysis.data.reference import NO_BASELINE, baseline_runs, is_baseline
 from analysis.statistics import Comparison, holm, welch
+
+APART = ("experiment", "expert_knowledge")
+"""Columns that tell comparisons apart and make no difference to Random."""
+
+ALIKE = [*(column for column in COMPARISON if column not in APART), *CONDITIONS]
+"""Columns that Random must have in common with those that are tested against it."""
 
 
 def against_baseline(finals: pd.DataFrame, curves: pd.DataFrame, measure: str) -> pd.DataFrame:
     """Returns Welch's t-test of every teacher against Random, one row each, p and Holm's p by comparison.
 
-    Where Random was run at another level of expert knowledge only, that one serves: it uses none.
+    Where Random was run at another level of expert knowledge or in another experiment only, that one serves.
     While runs are under way both are read at the same step, and the difference is not tested.
 
     Args:
@@ -22,7 +29,7 @@ def against_baseline(finals: pd.DataFrame, curves: pd.DataFrame, measure: str) -
     """
     rows = []
     for key, teachers in finals.groupby(COMPARISON, sort=True):
-        reference = _reference(finals, teachers)
+        reference = reference_of(teachers, finals)
         for teacher in sorted(set(teachers["teacher"])):
             mine = teachers[teachers["teacher"] == teacher]
             if not is_baseline(teacher):
@@ -53,11 +60,12 @@ def _compare(
     return step, comparison
 
 
-def _reference(finals: pd.DataFrame, teachers: pd.DataFrame) -> pd.DataFrame:
-    """Returns Random's final evaluations for one comparison, from another knowledge level if need be."""
-    own = teachers[teachers["teacher"].map(is_baseline)]
-    if len(own):
-        return own
-    columns = [column for column in COMPARISON if column != "expert_knowledge"]
-    same = (finals[columns] == teachers[columns].iloc[0]).all(axis=1)
-    return finals[same & finals["teacher"].map(is_baseline)].drop_duplicates("run_id")
+def reference_of(teachers: pd.DataFrame, everything: pd.DataFrame) -> pd.DataFrame:
+    """Returns the rows of Random that the rows of one experiment are tested against, by `baseline_runs`.
+
+    Args:
+        teachers: rows of one comparison, at least one, with `GROUP` and the columns of `CONDITIONS`.
+        everything: rows of the root with the same columns.
+    """
+    alike = (everything[ALIKE] == teachers[ALIKE].iloc[0]).all(axis=1)
+    return baseline_runs(teachers, everything[alike], APART).drop_duplicates(["run_id", "step"])

@@ -10,10 +10,12 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from analysis.baselines import BaselineKind, as_baseline
+from analysis.baselines.catalogue import as_baseline
+from analysis.baselines.sources import published, read
 from analysis.comparisons.pairwise import pairwise
-from analysis.data.frames import Frames, load
+from analysis.data.frames import Frames
 from analysis.data.identity import NAMED, named_apart
+from analysis.data.joining import joined
 from analysis.data.reference import is_baseline
 from analysis.formatting import amount
 from analysis.measures.pooling import COMPARED, POOLED, parts_of, pooled
@@ -54,24 +56,21 @@ class Side:
         name: what readers know them by.
         engine: what simulated their worlds.
         table: of `pooling.pooled`, or of `published.paper_frame`.
-        runs: of `pooling.pool_runs`, Random lent to all levels; None where only tables are known.
-        curves: the same runs at every evaluation, with step; None where `runs` is.
-        frames: what both were made of; None where `runs` is.
+        runs: of `pooling.pool_runs`, Random at every level; None where only tables are known.
+        frames: what they were made of; None where `runs` is.
     """
 
     name: str
     engine: str
     table: pd.DataFrame
     runs: pd.DataFrame | None = None
-    curves: pd.DataFrame | None = None
     frames: Frames | None = None
 
 
 def side_of(frames: Frames, name: str) -> Side:
     """Returns the results of a root or a release at the end of its runs."""
     runs = result_runs(frames, run_measures(frames))
-    curves = result_runs(frames, evaluations_at(frames, sorted(frames.evaluations["step"].unique())))
-    return Side(name, _engine_of(runs), pooled(runs, [MEASURE]), runs, curves, frames)
+    return Side(name, _engine_of(runs), pooled(runs, [MEASURE]), runs, frames)
 
 
 def named_jointly(mine: Side, baselines: Sequence[Side]) -> tuple[Side, list[Side], tuple[str, ...]]:
@@ -105,12 +104,11 @@ def baseline_side(place: str) -> Side:
         BaselineError: a damaged baseline.
         ResultsRootError: nothing of that name or at that place.
     """
-    baseline = as_baseline(place)
-    if baseline is None:
-        return side_of(load(place), Path(place).name)
-    if baseline.manifest.kind is BaselineKind.PUBLISHED:
+    baseline = published(place)
+    if baseline is not None:
         return published_side(baseline.manifest.name, baseline.published())
-    return side_of(baseline.frames(), baseline.manifest.name)
+    released = as_baseline(place)
+    return side_of(read(place), Path(place).name if released is None else released.manifest.name)
 
 
 def published_side(name: str, frame: pd.DataFrame) -> Side:
@@ -122,7 +120,8 @@ def published_side(name: str, frame: pd.DataFrame) -> Side:
 def together(mine: Side, baselines: Sequence[Side], *, along: bool = False) -> pd.DataFrame:
     """Returns the runs that may be compared with each other: mine, and those of baselines of the same kind.
 
-    A baseline's teacher that I have run under the same conditions is left out: mine stands for it.
+    A baseline's teacher that I have run under the same conditions is left out: mine stands for it. Random
+    stands at every level, whoever ran it: it uses no expert knowledge.
 
     Args:
         mine: results of one's own.
@@ -132,18 +131,15 @@ def together(mine: Side, baselines: Sequence[Side], *, along: bool = False) -> p
     Returns:
         Of `pooling.pool_runs`, with source: the name of the side.
     """
-    mine, baselines, _ = named_jointly(mine, baselines)
-    own = mine.curves if along else mine.runs
-    assert own is not None
-    assert mine.runs is not None
-    parts = [own.assign(source=mine.name)]
-    for side in baselines:
-        theirs = side.curves if along else side.runs
-        if theirs is None:
-            continue
-        wanted = _among(theirs, mine.runs, COMPARED) & ~_among(theirs, mine.runs, POOLED)
-        parts.append(theirs[wanted].assign(source=side.name))
-    return pd.concat(parts, ignore_index=True)
+    sides = [(side.name, side.frames) for side in (mine, *baselines) if side.frames is not None]
+    frames = joined([each for _, each in sides])
+    steps = sorted(frames.evaluations["step"].unique())
+    runs = result_runs(frames, evaluations_at(frames, steps) if along else run_measures(frames))
+    sources = {run_id: name for name, each in reversed(sides) for run_id in each.cells["run_id"]}
+    runs = runs.assign(source=runs["run_id"].map(sources))
+    own = (runs["source"] == mine.name).to_numpy(bool)
+    wanted = _among(runs, runs[own], COMPARED) & ~_among(runs, runs[own], POOLED)
+    return runs[own | wanted].reset_index(drop=True)
 
 
 def new_teachers(mine: Side) -> list[str]:

@@ -6,7 +6,7 @@ import functools
 import hashlib
 import json
 import re
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Concatenate, ParamSpec
@@ -15,7 +15,7 @@ import numpy as np
 import pandas as pd
 
 from analysis.data.evaluations import evaluation_measures, not_finite_warnings
-from analysis.data.identity import experiments_apart, identity, named_apart
+from analysis.data.identity import CONDITIONS, experiments_apart, identity, named_apart
 from tma_ray.decoding import DamagedFileError, decode_json
 from tma_ray.results import CHIPMUNK, Results, Table
 from tma_ray.tasks import MASTERY_RETURN
@@ -58,6 +58,7 @@ class Frames:
         test_tasks: test_set, task_index, task (float32 (d,)).
         warnings: what a reader must know before trusting a comparison.
         results: where the long tables are read from.
+        elsewhere: where those of a run are read from that other results hold, of several joined roots.
     """
 
     cells: pd.DataFrame
@@ -68,31 +69,48 @@ class Frames:
     test_tasks: pd.DataFrame
     results: Results = field(repr=False)
     warnings: tuple[str, ...] = ()
+    elsewhere: Mapping[str, Results] = field(default_factory=dict, repr=False)
     _computed: dict[Any, Any] = field(default_factory=dict, init=False, repr=False, compare=False)
 
     @property
     def notes(self) -> tuple[str, ...]:
         """All that a reader must know: the warnings, and which files were left out."""
-        return tuple(dict.fromkeys([*self.warnings, *self.results.problems]))
+        places = {id(each): each for each in (self.results, *self.elsewhere.values())}.values()
+        return tuple(dict.fromkeys([*self.warnings, *(text for each in places for text in each.problems)]))
+
+    def results_of(self, run_id: str) -> Results:
+        """Returns the results that hold a run."""
+        return self.elsewhere.get(run_id, self.results)
 
     def episode_returns(self, run_ids: Sequence[str]) -> pd.DataFrame:
         """Returns run_id, step and finite episodic_return of the training episodes of `run_ids`."""
         columns = ["run_id", "step", "episodic_return"]
-        rows = _frame(self.results, Table.EPISODES, columns, run_ids)
+        rows = self._rows(Table.EPISODES, columns, run_ids)
         return rows[np.isfinite(rows["episodic_return"].astype(float))]
 
     def episodes(self, run_id: str) -> pd.DataFrame:
         """Returns the training episodes of one run, tasks as float32 (d,)."""
         columns = ["step", "episode", "task", "world_task", "episodic_return"]
-        return _frame(self.results, Table.EPISODES, columns, [run_id])
+        return self._rows(Table.EPISODES, columns, [run_id])
 
     def curriculum(self, run_id: str) -> pd.DataFrame:
         """Returns the probed tasks of one run, tasks as float32 (d,)."""
-        return _frame(self.results, Table.CURRICULUM, ["step", "sample", "task"], [run_id])
+        return self._rows(Table.CURRICULUM, ["step", "sample", "task"], [run_id])
 
     def teacher_log(self, run_id: str) -> pd.DataFrame:
         """Returns step, gaussians, boxes and scalars of every update of the teacher of one run."""
-        return _frame(self.results, Table.TEACHER_LOG, ["step", "gaussians", "boxes", "scalars"], [run_id])
+        return self._rows(Table.TEACHER_LOG, ["step", "gaussians", "boxes", "scalars"], [run_id])
+
+    def _rows(self, table: Table, columns: list[str], run_ids: Sequence[str]) -> pd.DataFrame:
+        """Reads a long table of some runs, from wherever they are."""
+        places: dict[int, tuple[Results, list[str]]] = {}
+        for run_id in run_ids:
+            results = self.results_of(run_id)
+            places.setdefault(id(results), (results, []))[1].append(run_id)
+        parts = [_frame(results, table, columns, mine) for results, mine in places.values()]
+        if len(parts) == 1:
+            return parts[0]
+        return pd.concat(parts, ignore_index=True) if parts else _frame(self.results, table, columns, [])
 
 
 def computed_once(
@@ -101,9 +119,13 @@ def computed_once(
     """Returns `function` made to compute each frame once for the same `Frames`; every caller has a copy."""
 
     @functools.wraps(function)
-    def compute(frames: Frames, *args: P.args, **kwargs: P.kwargs) -> pd.DataFrame:
+    def compute(frames: Frames, /, *args: P.args, **kwargs: P.kwargs) -> pd.DataFrame:
         given = (*args, *kwargs.values())
-        key = function, tuple(kwargs), tuple(tuple(each) if isinstance(each, list) else each for each in given)
+        key = (
+            function,
+            tuple(kwargs),
+            tuple(tuple(each) if isinstance(each, list) else each for each in given),
+        )
         if key not in frames._computed:
             frames._computed[key] = function(frames, *args, **kwargs)
         found: pd.DataFrame = frames._computed[key]
@@ -129,6 +151,7 @@ def load(root: str | Path) -> Frames:
     evaluations = _frame(results, Table.EVALUATIONS, columns)
     evaluations["mastered"] = evaluations["episodic_return"] > _thresholds(evaluations, runs)
     measured, training = evaluation_measures(evaluations), _frame(results, Table.TRAINING)
+    warnings = *cell_warnings(cells, evaluations), *not_finite_warnings(measured, training)
     return Frames(
         cells=cells,
         attempts=_frame(results, Table.ATTEMPTS),
@@ -137,13 +160,13 @@ def load(root: str | Path) -> Frames:
         training=training,
         test_tasks=_test_tasks(results, evaluations),
         results=results,
-        warnings=(*_warnings(cells, evaluations), *not_finite_warnings(measured, training), *split, *apart),
+        warnings=(*warnings, *split, *apart),
     )
 
 
 def unfailed(cells: pd.DataFrame) -> pd.DataFrame:
-    """Returns `GROUP`, seed, run_id, status and steps of the cells whose runs did not fail."""
-    return cells.loc[cells["status"] != "failed", [*GROUP, "seed", "run_id", "status", "steps"]]
+    """Returns `GROUP`, `CONDITIONS`, seed, run_id and status of the cells whose runs did not fail."""
+    return cells.loc[cells["status"] != "failed", [*GROUP, *CONDITIONS, "seed", "run_id", "status"]]
 
 
 def parsed(text: object) -> dict[str, Any]:
@@ -231,7 +254,8 @@ def _test_tasks(results: Results, evaluations: pd.DataFrame) -> pd.DataFrame:
     return tasks.drop_duplicates(["test_set", "task_index"]).reset_index(drop=True)
 
 
-def _warnings(cells: pd.DataFrame, evaluations: pd.DataFrame) -> list[str]:
+def cell_warnings(cells: pd.DataFrame, evaluations: pd.DataFrame) -> list[str]:
+    """Returns sentences on missing results, and on engines that stand apart."""
     found = []
     if cells.empty:
         found.append("This root holds no runs yet.")

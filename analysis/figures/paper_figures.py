@@ -89,8 +89,7 @@ def drawings(frames: Frames, measured: Measured) -> Iterator[Drawing]:
 
 
 def _runs(cells: pd.DataFrame, matrices: Sequence[Matrix], values: pd.DataFrame) -> pd.DataFrame:
-    runs = pool_runs(cells, values, matrices)
-    return reuse_random(runs) if len(runs) else runs
+    return reuse_random(pool_runs(cells, values, matrices))
 
 
 def _of_students(

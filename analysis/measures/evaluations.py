@@ -9,17 +9,20 @@ import numpy as np
 import pandas as pd
 
 from analysis.data.frames import GROUP, STATUSES, Frames, computed_once, unfailed
+from analysis.data.identity import CONDITIONS
 from analysis.measures.training import training_quarters
 from analysis.statistics import describe
 
 
 @computed_once
 def final_evaluations(frames: Frames) -> pd.DataFrame:
-    """Returns the evaluation that stands for each run: `GROUP`, seed, run_id, status, step, measures.
+    """Returns the evaluation that stands for each run, with its measures.
 
+    The columns are `GROUP`, `CONDITIONS`, seed, run_id, status, step, provisional and the measures.
     A finished run is read at its last evaluation. A group in which no run has finished is read, and
     marked provisional, at the last step that all its running runs have reached. Failed runs are left
-    out: where they stopped says nothing about the teacher.
+    out: where they stopped says nothing about the teacher. So are runs whose evaluation there has
+    returns that are not finite.
     """
     rows = unfailed(frames.cells).merge(frames.measured, on="run_id")
     rows["provisional"] = ~_any_done(rows)
@@ -38,7 +41,7 @@ def final_evaluations(frames: Frames) -> pd.DataFrame:
         "first_quarter",
         "last_quarter",
     ]
-    rows = rows[[*GROUP, "seed", "run_id", "status", *columns]]
+    rows = rows[[*GROUP, *CONDITIONS, "seed", "run_id", "status", *columns]]
     return rows.sort_values([*GROUP, "seed"], ignore_index=True)
 
 

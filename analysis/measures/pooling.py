@@ -9,12 +9,11 @@ from collections.abc import Iterable, Iterator, Sequence
 import pandas as pd
 
 from analysis.data.frames import STATUSES
-from analysis.data.reference import is_baseline
+from analysis.data.reference import baseline_runs
 from analysis.measures.run_measures import NOT_FINITE
 from analysis.statistics import describe
 from tma_ray.benchmark import MATRICES, Matrix, challenges_of
 from tma_ray.results import BOX2D, BOX2D_TEST_SET, CHIPMUNK
-from tma_ray.tasks import KnowledgeLevel
 
 SETTINGS = ["steps", "test_sets", "engine", "physics_version", "mastery_threshold"]
 """What runs must have in common besides, for their numbers to mean the same."""
@@ -110,17 +109,18 @@ def pooled(
 def reuse_random(runs: pd.DataFrame) -> pd.DataFrame:
     """Returns `runs` with Random at every level of expert knowledge at which another teacher was run.
 
-    Random uses none, so that its runs at the lowest level where it has any serve where it has none.
+    Which of its runs serve where it was not run is the rule of `reference.baseline_runs`.
     """
-    rank = runs["expert_knowledge"].map({level.value: level.rank for level in KnowledgeLevel})
+    if runs.empty:
+        return runs
     others = [column for column in COMPARED if column != "expert_knowledge"]
-    lent = [runs]
-    for _, group in runs.assign(rank=rank).groupby(others, dropna=False):
-        baseline = group[group["teacher"].map(is_baseline)]
-        lowest = baseline[baseline["rank"] == baseline["rank"].min()].drop(columns="rank")
-        levels = set(group["expert_knowledge"]) - set(baseline["expert_knowledge"])
-        lent += [lowest.assign(expert_knowledge=level) for level in sorted(levels) if len(lowest)]
-    return pd.concat(lent, ignore_index=True) if len(lent) > 1 else runs
+    parts = [runs]
+    for _, alike in runs.groupby(others, dropna=False):
+        for level, group in alike.groupby("expert_knowledge"):
+            found = baseline_runs(group, alike)
+            if len(found) and (found["expert_knowledge"] != level).all():
+                parts.append(found.assign(expert_knowledge=level))
+    return pd.concat(parts, ignore_index=True) if len(parts) > 1 else runs
 
 
 def parts_of(pool: str) -> list[tuple[str, str]]:

@@ -35,9 +35,7 @@ def runs_after(frames: Frames, share: float = 1.0) -> pd.DataFrame:
 
 
 def result_runs(frames: Frames, values: pd.DataFrame) -> pd.DataFrame:
-    """Returns all runs that count as results, in the pools they belong to, Random lent to all levels.
-
-    Where only students run that the paper does not have there, such as PPO everywhere, these are the pool.
+    """Returns `counted_runs` with Random at every level: one rule for all readers.
 
     Args:
         frames: what was run.
@@ -46,11 +44,18 @@ def result_runs(frames: Frames, values: pd.DataFrame) -> pd.DataFrame:
     Returns:
         Of `pooling.pool_runs`.
     """
+    return reuse_random(counted_runs(frames, values))
+
+
+def counted_runs(frames: Frames, values: pd.DataFrame) -> pd.DataFrame:
+    """Returns all runs that count as results, in the pools they belong to.
+
+    Where only students run that the paper does not have there, such as PPO everywhere, these are the pool.
+    """
     groups = by_students(without_searches(frames.cells))
     parts = [pool_runs(chosen, values, matrices) for _, matrices, chosen in groups]
     keys = [*POOLED, "run_id", *(["step"] if "step" in values else [])]
-    runs = pd.concat(parts, ignore_index=True).drop_duplicates(keys)
-    return reuse_random(runs) if len(runs) else runs
+    return pd.concat(parts, ignore_index=True).drop_duplicates(keys)
 
 
 def without_searches(cells: pd.DataFrame) -> pd.DataFrame:

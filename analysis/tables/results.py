@@ -72,8 +72,7 @@ def table_results(frames: Frames, step: int | None = None) -> list[TableResults]
     cells, values = without_searches(frames.cells), run_measures(frames, step)
     found: list[TableResults] = []
     for name, matrices, chosen in by_students(cells):
-        pools = pool_runs(chosen, values, matrices)
-        runs = reuse_random(pools) if len(pools) else pools
+        runs = reuse_random(pool_runs(chosen, values, matrices))
         both = pd.concat([pooled(runs), pooled(runs, by=["embodiment"])], ignore_index=True)
         for remark, rows in _apart(both, step):
             tags = [tag for tag in (name, str(len(found) + 1) if found else "") if tag]

@@ -19,13 +19,17 @@ KEYS: Mapping[str, Mapping[str, str]] = {
         "or waiting), step, steps (0 if it never started), steps_per_second and error (null without one)",
     },
     "ranking": {
-        "root": "results root",
+        "root": "results root, the first of several",
+        "roots": "list of all results roots and baselines that were read",
+        "warnings": "list of what to know before trusting the rows",
         "share": "share of the budget after which runs were read",
         "rows": "results, the best of each challenge first, with the columns of analysis.comparisons.ranking",
         "sentences": "the same in words",
     },
     "claims": {
-        "root": "results root",
+        "root": "results root, the first of several",
+        "roots": "list of all results roots and baselines that were read",
+        "warnings": "list of what to know before trusting the claims",
         "claims": "list of text, source, standing, and findings: standing and evidence of each statement",
     },
     "plan": {

@@ -11,6 +11,7 @@ from tma_ray.cli.json_output import add_json_option, print_json
 from tma_ray.cli.playing import TASK, add_episode, add_scene
 from tma_ray.cli.records import claims_record, ranking_record, status_record
 from tma_ray.cli.reporting import add_report_command
+from tma_ray.cli.sources import add_sources, chosen_sources
 from tma_ray.command_line import CommandParser
 
 if TYPE_CHECKING:
@@ -46,6 +47,7 @@ def _add_findings(commands: Any) -> None:
         populate=_add_ranking,
         examples=(
             "tma-ray ranking results",
+            "tma-ray ranking results --baseline colleague",
             "tma-ray ranking results --share 0.5",
             "tma-ray ranking results --json",
         ),
@@ -103,7 +105,7 @@ def _add_logs(parser: CommandParser) -> None:
 
 def _add_ranking(parser: CommandParser) -> None:
 
-    parser.add_argument("root", metavar="ROOT", help="results root")
+    add_sources(parser)
     parser.add_argument(
         "--share", type=float, default=1.0, metavar="X", help="share of the budget after which runs are read"
     )
@@ -113,7 +115,7 @@ def _add_ranking(parser: CommandParser) -> None:
 
 def _add_claims(parser: CommandParser) -> None:
 
-    parser.add_argument("root", metavar="ROOT", help="results root")
+    add_sources(parser)
     parser.add_argument("--details", action="store_true", help="print every statement, with its numbers")
     add_json_option(parser)
     parser.set_defaults(command=_claims)
@@ -198,21 +200,21 @@ def _logs(options: argparse.Namespace) -> int:
 
 def _ranking(options: argparse.Namespace) -> int:
     if options.json:
-        print_json("ranking", ranking_record(options.root, options.share))
+        print_json("ranking", ranking_record(chosen_sources(options), options.share))
         return 0
     from analysis.commands.ranking import show_ranking
 
-    show_ranking(options.root, options.share)
+    show_ranking(chosen_sources(options), options.share)
     return 0
 
 
 def _claims(options: argparse.Namespace) -> int:
     if options.json:
-        print_json("claims", claims_record(options.root))
+        print_json("claims", claims_record(chosen_sources(options)))
         return 0
     from analysis.commands.claims import show_claims
 
-    show_claims(options.root, options.details)
+    show_claims(chosen_sources(options), options.details)
     return 0
 
 

@@ -9,6 +9,7 @@ from typing import Any
 
 from tma_ray.cli.json_output import add_json_option, print_json
 from tma_ray.cli.records import baselines_record
+from tma_ray.cli.sources import add_sources, chosen_sources
 from tma_ray.command_line import CommandParser
 
 NOT_WHOLE = 1
@@ -68,7 +69,7 @@ def add_commands(commands: Any) -> None:
 def _add_tables(parser: CommandParser) -> None:
     from tma_ray.campaign.option_values import whole_number
 
-    parser.add_argument("root", metavar="ROOT", help=RESULTS)
+    add_sources(parser, RESULTS)
     parser.add_argument(
         "--step", type=whole_number, metavar="N", help="read runs after so many steps (default: at their end)"
     )
@@ -86,7 +87,7 @@ def _add_tables(parser: CommandParser) -> None:
 
 
 def _add_figures(parser: CommandParser) -> None:
-    parser.add_argument("root", metavar="ROOT", help=RESULTS)
+    add_sources(parser, RESULTS)
     parser.add_argument(
         "-o", "--output", type=Path, required=True, metavar="FOLDER", help="folder to write to"
     )
@@ -100,7 +101,9 @@ def _add_figures(parser: CommandParser) -> None:
 
 
 def _add_compare(parser: CommandParser) -> None:
-    parser.add_argument("root", metavar="ROOT", help="results root of your runs")
+    parser.add_argument(
+        "roots", nargs="+", metavar="ROOT", help="results root of your runs; several are read as one"
+    )
     parser.add_argument(
         "--baseline",
         dest="baselines",
@@ -110,7 +113,11 @@ def _add_compare(parser: CommandParser) -> None:
         help="name of a baseline, as paper-2021, or folder or address of results; repeatable",
     )
     parser.add_argument(
-        "-o", "--output", type=Path, metavar="FOLDER", help="folder to write to (default: ROOT/compare)"
+        "-o",
+        "--output",
+        type=Path,
+        metavar="FOLDER",
+        help="folder to write to (default: compare in the first ROOT)",
     )
     parser.set_defaults(command=_compare)
 
@@ -196,7 +203,7 @@ def _add_compact(parser: CommandParser) -> None:
 def _tables(options: argparse.Namespace) -> int:
     from analysis.commands.tables import write_tables
 
-    written = write_tables(options.root, options.step, options.format, options.output)
+    written = write_tables(chosen_sources(options), options.step, options.format, options.output)
     for warning in written.warnings:
         sys.stderr.write(f"tma-ray: warning: {warning}\n")
     print("\n".join(map(str, written.files)) if written.files else written.text)
@@ -206,7 +213,7 @@ def _tables(options: argparse.Namespace) -> int:
 def _figures(options: argparse.Namespace) -> int:
     from analysis.commands.figures import write_figures
 
-    written = write_figures(options.root, options.output, options.format, options.only)
+    written = write_figures(chosen_sources(options), options.output, options.format, options.only)
     for warning in (*written.warnings, *(f"left out: {text}" for text in written.left_out)):
         sys.stderr.write(f"tma-ray: warning: {warning}\n")
     print("\n".join(map(str, written.files)))
@@ -216,7 +223,7 @@ def _figures(options: argparse.Namespace) -> int:
 def _compare(options: argparse.Namespace) -> int:
     from analysis.pages.compare.page import write_comparison
 
-    print(write_comparison(options.root, options.baselines, options.output, print))
+    print(write_comparison(options.roots, options.baselines, options.output, print))
     return 0
 
 

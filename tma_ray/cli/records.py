@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import argparse
 import time
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     import pandas as pd
 
+    from analysis.data.frames import Frames
     from tma_ray.benchmark import Experiment
     from tma_ray.results import Heartbeat
 
@@ -38,20 +39,27 @@ def status_record(root: str) -> dict[str, Any]:
     return {"root": root, "heartbeat": _heartbeat(found.heartbeat, now), "campaigns": campaigns}
 
 
-def ranking_record(root: str, share: float) -> dict[str, Any]:
-    """Returns the ranking of a root after a share of the budget."""
+def ranking_record(sources: Sequence[str], share: float) -> dict[str, Any]:
+    """Returns the ranking of one or several roots after a share of the budget."""
+    from analysis.baselines.sources import read
     from analysis.comparisons.ranking import ranking, sentences
-    from analysis.data.frames import load
 
-    table = ranking(load(root), share)
-    return {"root": root, "share": share, "rows": _rows(table), "sentences": sentences(table)}
+    frames = read(sources)
+    table = ranking(frames, share)
+    return {
+        **_of_sources(sources, frames),
+        "share": share,
+        "rows": _rows(table),
+        "sentences": sentences(table),
+    }
 
 
-def claims_record(root: str) -> dict[str, Any]:
-    """Returns what the results of a root say of each of the paper's claims."""
+def claims_record(sources: Sequence[str]) -> dict[str, Any]:
+    """Returns what the results of one or several roots say of each of the paper's claims."""
+    from analysis.baselines.sources import read
     from analysis.claims.sources import root_verdicts
-    from analysis.data.frames import load
 
+    frames = read(sources)
     claims = [
         {
             "text": verdict.claim.text,
@@ -61,9 +69,14 @@ def claims_record(root: str) -> dict[str, Any]:
                 {"standing": finding.standing, "evidence": finding.evidence} for finding in verdict.findings
             ],
         }
-        for verdict in root_verdicts(load(root))
+        for verdict in root_verdicts(frames)
     ]
-    return {"root": root, "claims": claims}
+    return {**_of_sources(sources, frames), "claims": claims}
+
+
+def _of_sources(sources: Sequence[str], frames: Frames) -> dict[str, Any]:
+    """Returns which results were read, and what a reader must know of them."""
+    return {"root": sources[0], "roots": list(sources), "warnings": list(frames.notes)}
 
 
 def plan_record(experiment: Experiment, options: argparse.Namespace) -> dict[str, Any]:

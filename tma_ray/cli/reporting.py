@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import argparse
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from tma_ray.cli.sources import add_sources, chosen_sources
 from tma_ray.command_line import CommandParser
 
 if TYPE_CHECKING:
@@ -28,14 +29,22 @@ def add_report_command(commands: Any) -> None:
         description="Write the report of a results root: a page with tables, tests, learning curves and "
         "curricula.",
         populate=_add_report,
-        examples=("tma-ray report results", "tma-ray report results --output pages --latex"),
+        examples=(
+            "tma-ray report results",
+            "tma-ray report results colleague",
+            "tma-ray report results --output pages --latex",
+        ),
     )
 
 
 def _add_report(parser: CommandParser) -> None:
-    parser.add_argument("root", metavar="ROOT", help="results root")
+    add_sources(parser)
     parser.add_argument(
-        "-o", "--output", type=Path, metavar="FOLDER", help="folder to write to (default: ROOT/report)"
+        "-o",
+        "--output",
+        type=Path,
+        metavar="FOLDER",
+        help="folder to write to (default: report in the first ROOT)",
     )
     parser.add_argument(
         "--videos", action="store_true", help="embed videos of the best and the worst seed of every teacher"
@@ -49,28 +58,29 @@ def _report(options: argparse.Namespace) -> int:
     from analysis.pages.report import write_report
     from analysis.pages.report.writing import report_folder
 
-    folder = report_folder(options.root, options.output)
-    videos = list(_videos(options.root, folder / "videos")) if options.videos else []
-    print(write_report(options.root, folder, videos))
+    sources = chosen_sources(options)
+    folder = report_folder(sources, options.output)
+    videos = list(_videos(sources, folder / "videos")) if options.videos else []
+    print(write_report(sources, folder, videos))
     if options.latex:
-        latex = write_latex(options.root, folder / "latex")
+        latex = write_latex(sources, folder / "latex")
         for warning in latex.warnings:
             sys.stderr.write(f"tma-ray: warning: {warning}\n")
         print(latex.document)
     return 0
 
 
-def _videos(root: str, folder: Path) -> Iterator[Video]:
+def _videos(sources: Sequence[str], folder: Path) -> Iterator[Video]:
     """Renders what the report wants to show; what cannot be rendered is named and left out."""
-    from analysis import load
+    from analysis.baselines.sources import read
     from analysis.comparisons.measured import measure
     from analysis.pages.report.videos import wanted_videos
 
-    frames = load(root)
+    frames = read(sources)
     for wanted in wanted_videos(frames, measure(frames)):
         folder.mkdir(parents=True, exist_ok=True)
         try:
-            yield _video(root, wanted, folder)
+            yield _video(str(frames.results_of(wanted.run_id).store), wanted, folder)
         except ValueError as error:  # no policy was saved, or its world cannot be drawn
             sys.stderr.write(f"tma-ray: warning: no video of {wanted.run_id}: {error}\n")
 

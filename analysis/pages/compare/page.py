@@ -10,6 +10,7 @@ from typing import Any
 
 import pandas as pd
 
+from analysis.baselines.sources import Sources, places_of, read
 from analysis.claims.sources import decided, root_verdicts
 from analysis.comparisons.overall import headlines, overall_rows
 from analysis.comparisons.pairwise import pairwise
@@ -29,7 +30,6 @@ from analysis.comparisons.sides import (
     side_of,
     together,
 )
-from analysis.data.frames import load
 from analysis.data.published import PAPER
 from analysis.figures.picture import Picture
 from analysis.figures.radars.chart import radar
@@ -47,7 +47,7 @@ from analysis.tables.table import Table
 
 
 def write_comparison(
-    root: str | Path,
+    sources: Sources,
     baselines: Sequence[str],
     output: Path | None = None,
     tell: Callable[[str], object] | None = None,
@@ -55,22 +55,22 @@ def write_comparison(
     """Writes a page that compares the results of a root with baselines.
 
     Args:
-        root: results of one's own, finished or not.
+        sources: results of one's own, finished or not: one root or several.
         baselines: names of released baselines, folders or addresses of results.
-        output: folder to write to; ``compare`` in `root` if that is a folder.
+        output: folder to write to; ``compare`` in the first of `sources` if that is a folder.
         tell: is called with the rank of each new teacher over all challenges, in words.
 
     Returns:
         The page, ``index.html`` in `output`, with its figures beside it.
 
     Raises:
-        ResultsRootError: `root` or a baseline is not a results root.
+        ResultsRootError: one of `sources` or a baseline is not a results root.
         ValueError: no baseline, or an object store and no `output`.
     """
     if not baselines:
         raise ValueError(f"compare with what? Name a baseline, as in --baseline {PAPER}")
-    folder = page_folder(root, output, "compare", "page")
-    frames = load(root)
+    folder = page_folder(places_of(sources)[0], output, "compare", "page")
+    frames = read(sources)
     mine, others, split = named_jointly(side_of(frames, "yours"), [baseline_side(name) for name in baselines])
     runs, curves = together(mine, others), together(mine, others, along=True)
     teachers = new_teachers(mine)

@@ -6,7 +6,7 @@ from typing import Any
 
 import pandas as pd
 
-from analysis.comparisons.against_random import against_baseline
+from analysis.comparisons.against_random import against_baseline, reference_of
 from analysis.comparisons.findings import compared_by, verdict
 from analysis.comparisons.measured import Measured
 from analysis.data.frames import COMPARISON
@@ -37,33 +37,26 @@ def step_rows(mine: Measured, everything: Measured) -> dict[str, dict[str, dict[
 
     Args:
         mine: what was measured of the comparison.
-        everything: of the root, where Random may have run at another level of knowledge.
+        everything: of the root, where Random may have run at another level or in another experiment.
     """
     measure = compared_by(mine.summary)
-    curves = _with_baseline(mine.evaluations, everything.evaluations)
-    found = {}
+    curves, found = mine.evaluations, {}
+    if len(curves):
+        others = reference_of(curves, everything.evaluations)
+        curves = pd.concat([curves, others[~others["run_id"].isin(curves["run_id"])]], ignore_index=True)
     for step, group in curves.groupby("step", sort=True):
         now = group.assign(provisional=False)
         tests = against_baseline(now, now, measure.column)
-        level = mine.cells["expert_knowledge"].iloc[0]
-        tests = tests[tests["expert_knowledge"] == level].set_index("teacher")
+        own = (tests[COMPARISON] == mine.cells[COMPARISON].iloc[0]).all(axis=1)
+        tests = tests[own].set_index("teacher")
         rows = mine.evaluations[mine.evaluations["step"] == step]
         found[str(step)] = {
             teacher: _step_row(rows[rows["teacher"] == teacher])
             | ({"verdict": "baseline"} if is_baseline(teacher) else {})
-            | (_against_random(tests.loc[teacher]) if teacher in tests.index else NONE)
+            | (_against_random(tests.loc[[teacher]].iloc[0]) if teacher in tests.index else NONE)
             for teacher in map(str, rows["teacher"].unique())
         }
     return found
-
-
-def _with_baseline(mine: pd.DataFrame, everything: pd.DataFrame) -> pd.DataFrame:
-    """Returns the rows of a comparison, and those of Random at other levels if it has none itself."""
-    if mine.empty or mine["teacher"].map(is_baseline).any():
-        return mine
-    columns = [column for column in COMPARISON if column != "expert_knowledge"]
-    same = (everything[columns] == mine[columns].iloc[0]).all(axis=1)
-    return pd.concat([mine, everything[same & everything["teacher"].map(is_baseline)]], ignore_index=True)
 
 
 def _end_row(teacher: str, group: pd.Series) -> dict[str, Any]:

@@ -7,9 +7,10 @@ from datetime import UTC, datetime
 from importlib.metadata import version
 from pathlib import Path
 
+from analysis.baselines.sources import Sources, places_of, read
 from analysis.claims.sources import decided, root_verdicts
 from analysis.comparisons.measured import Measured, measure
-from analysis.data.frames import COMPARISON, Frames, load
+from analysis.data.frames import COMPARISON, Frames
 from analysis.formatting import number
 from analysis.pages.controls import controls
 from analysis.pages.page import page, page_folder, write_page
@@ -23,23 +24,23 @@ from analysis.statistics import SIGNIFICANCE
 from tma_ray.tasks import MASTERY_RETURN
 
 
-def write_report(root: str | Path, output: Path | None = None, videos: Sequence[Video] = ()) -> Path:
+def write_report(sources: Sources, output: Path | None = None, videos: Sequence[Video] = ()) -> Path:
     """Writes the report of a root, finished or not, with its tables.
 
     Args:
-        root: a folder, or an ``s3://`` or ``gs://`` address.
-        output: folder to write to; ``report`` in `root` if that is a folder.
+        sources: results roots and baselines with runs: folders, addresses, names.
+        output: folder to write to; ``report`` in the first of `sources` if that is a folder.
         videos: to embed, of `videos.wanted_videos`.
 
     Returns:
         The page, ``index.html`` in `output`; beside it figures (PNG) and tables (CSV).
 
     Raises:
-        ResultsRootError: `root` is not a results root.
+        ResultsRootError: one of `sources` is not a results root.
         ValueError: an object store and no `output`.
     """
-    output = report_folder(root, output)
-    frames = load(root)
+    output = report_folder(sources, output)
+    frames = read(sources)
     measured = measure(frames)
     parts = list(sections(frames, measured))
     tables = downloads(frames, measured)
@@ -48,13 +49,13 @@ def write_report(root: str | Path, output: Path | None = None, videos: Sequence[
     return write_page(output, text, pictures | {table.name: table.content for table in tables})
 
 
-def report_folder(root: str | Path, output: Path | None) -> Path:
-    """Returns the folder that a report of `root` is written to.
+def report_folder(sources: Sources, output: Path | None) -> Path:
+    """Returns the folder that a report of `sources` is written to.
 
     Raises:
         ValueError: an object store and no `output`.
     """
-    return page_folder(root, output, "report", "report")
+    return page_folder(places_of(sources)[0], output, "report", "report")
 
 
 def _render(

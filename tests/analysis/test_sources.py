@@ -1,0 +1,132 @@
+"""Several roots and baselines read as one: every view takes them, and Random serves wherever it was run."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import pandas as pd
+import pytest
+from synthetic_results import SyntheticCampaign
+
+from analysis.baselines import BaselineError, release
+from analysis.baselines.sources import read
+from analysis.comparisons.measured import measure
+from analysis.comparisons.ranking import ranking
+from analysis.comparisons.sides import baseline_side, duels, side_of, together
+from analysis.data.frames import load
+from analysis.tables.results import table_results
+from tma_ray.cli import main
+
+STEPS = 1000
+
+
+def write(
+    root: Path, teacher: str, level: str, counts: list[int], experiment: str, **changes: object
+) -> None:
+    """Writes finished runs that master so many of ten test tasks, one seed each."""
+    campaign = SyntheticCampaign(root, steps=STEPS, experiment=experiment, campaign=experiment)
+    for seed, count in enumerate(counts):
+        campaign.plain_run(
+            teacher, seed, {STEPS: [300.0] * count + [0.0] * (10 - count)}, level=level, **changes
+        )
+
+
+@pytest.fixture(scope="module")
+def roots(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
+    """Mine has a teacher at low and nothing else; theirs, a release, has Random at none."""
+    folder = tmp_path_factory.mktemp("roots")
+    write(folder / "mine", "frontier", "low", [7, 8, 7, 8], "frontier")
+    write(folder / "runs", "random", "none", [2, 3, 2, 3], "original")
+    return folder / "mine", Path(release(folder / "runs", "theirs", folder / "theirs"))
+
+
+def test_random_serves_across_roots_and_levels(roots: tuple[Path, Path]) -> None:
+    table = ranking(read(roots)).set_index(["expert_knowledge", "teacher"])
+    assert set(table.index) == {("low", "frontier"), ("low", "random"), ("none", "random")}
+    mine = table.loc[("low", "frontier")]
+    assert (mine["n"], mine["difference"], mine["reason"]) == (4, 50, "")
+    assert mine["holm"] < 0.001
+    tests = measure(read(roots)).tests.set_index("measure").loc["mastered_percent"]
+    assert (tests["experiment"], tests["difference"], tests["reason"]) == ("frontier", 50, "")
+    mine, theirs = side_of(load(roots[0]), "mine"), baseline_side(str(roots[1]))
+    runs = together(mine, [theirs])
+    assert set(runs["expert_knowledge"]) == {"low"}
+    assert runs.groupby("source")["teacher"].unique().map(list).to_dict() == {
+        "mine": ["frontier"],
+        "theirs": ["random"],
+    }
+    (duel,) = duels(runs, ["frontier"]).to_dict("records")
+    assert (duel["second"], duel["difference"], duel["reason"]) == ("random", 50, "")
+
+
+def test_random_of_other_conditions_does_not_serve(tmp_path: Path) -> None:
+    write(tmp_path / "mine", "frontier", "low", [7, 8], "frontier")
+    for name, changes in (("budget", {"steps": 500}), ("physics", {"physics_version": 2})):
+        write(tmp_path / name, "random", "none", [2, 3], "original", **changes)
+        frames = read([tmp_path / "mine", tmp_path / name])
+        assert ranking(frames).set_index("teacher").loc["frontier", "reason"] == "no Random to compare with"
+        assert set(measure(frames).tests["reason"]) == {"no Random to compare with"}
+
+
+def test_a_run_of_two_roots_is_read_once_where_it_got_furthest(tmp_path: Path) -> None:
+    campaign = SyntheticCampaign(tmp_path / "begun", steps=STEPS)
+    campaign.run("adr", 0, status="waiting")
+    run = campaign.plain_run("adr", 1, {500: [0.0]}, status="running")
+    write(tmp_path / "done", "adr", "low", [5, 6], "original")
+    for roots in (("begun", "done"), ("done", "begun"), ("done", "done")):
+        frames = read([tmp_path / name for name in roots])
+        assert frames.cells["status"].tolist() == ["done", "done"]
+        assert len(frames.evaluations) == 20
+        assert ranking(frames)["mastered_percent_mean"].tolist() == [55]
+    assert frames.results_of(run).find(run).status == "done"
+
+
+def test_what_is_one_name_in_two_roots_and_two_things_is_split(tmp_path: Path) -> None:
+    spec: dict[str, Any] = {"algorithm_versions": {"teacher": 1}, "teacher": "adr", "task_space": []}
+    for name, version in (("one", 1), ("two", 2)):
+        spec["algorithm_versions"] = {"teacher": version}
+        text = json.dumps({"seed": 0, "student": "sac"} | spec)
+        write(tmp_path / name, "adr", "low", [5], name, spec=text)
+    frames = read([tmp_path / "one", tmp_path / "two"])
+    assert frames.cells["teacher"].nunique() == 2
+    assert any("stand apart as" in note for note in frames.notes)
+
+
+def test_joined_roots_are_the_same_as_one_root(tmp_path: Path) -> None:
+    write(tmp_path / "a", "random", "low", [2, 3, 2], "original")
+    write(tmp_path / "b", "adr", "low", [7, 8, 7], "original")
+    for teacher, counts in (("random", [2, 3, 2]), ("adr", [7, 8, 7])):
+        write(tmp_path / "both", teacher, "low", counts, "original")
+    frames, whole = read([tmp_path / "a", tmp_path / "b"]), load(tmp_path / "both")
+    pd.testing.assert_frame_equal(ranking(frames), ranking(whole))
+    (mine,), (theirs,) = table_results(frames), table_results(whole)
+    pd.testing.assert_frame_equal(mine.rows, theirs.rows)
+    run_ids = whole.cells["run_id"].tolist()
+    assert len(frames.episode_returns(run_ids)) == len(whole.episode_returns(run_ids))
+
+
+@pytest.mark.parametrize("command", ["ranking", "claims", "report", "tables", "figures"])
+def test_every_command_takes_several_roots_and_baselines(
+    command: str,
+    roots: tuple[Path, Path],
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    mine, theirs = map(str, roots)
+    monkeypatch.setenv("TMA_BASELINES", theirs)
+    output = [] if command in ("ranking", "claims") else ["--output", str(tmp_path)]
+    only = ["--only", "bars"] if command == "figures" else []
+    assert main([command, mine, "--baseline", "theirs", *output, *only]) == 0
+    by_name = capsys.readouterr().out
+    assert main([command, mine, theirs, *output, *only]) == 0
+    assert capsys.readouterr().out == by_name
+
+
+def test_published_means_have_no_runs_to_pool(roots: tuple[Path, Path]) -> None:
+    with pytest.raises(BaselineError, match="tma-ray compare"):
+        read([roots[0], "paper-2021"])
+    with pytest.raises(ValueError, match="at least one results root"):
+        read([])

@@ -1,0 +1,24 @@
+"""The results that a command reads: one root or several, and baselines by name."""
+
+from __future__ import annotations
+
+import argparse
+from typing import Any
+
+
+def add_sources(parser: Any, what: str = "results root, or the name of a baseline with runs") -> None:
+    """Adds roots and baselines to the options of a command that reads results."""
+    parser.add_argument("roots", nargs="+", metavar="ROOT", help=f"{what}; several are read as one")
+    parser.add_argument(
+        "--baseline",
+        dest="baselines",
+        action="append",
+        default=[],
+        metavar="BASELINE",
+        help="also the runs of this baseline: its name, folder or address; repeatable",
+    )
+
+
+def chosen_sources(options: argparse.Namespace) -> tuple[str, ...]:
+    """Returns all roots and baselines that were given, in their order."""
+    return (*options.roots, *options.baselines)
