@@ -109,7 +109,7 @@ class Site:
     def finish(self, driver: subprocess.Popen[bytes], code: int = 0) -> None:
         """Waits for the end of a driver, and for its exit code."""
         try:
-            ended = driver.wait(timeout=300)
+            ended = driver.wait(timeout=600)
         finally:
             driver.kill()
         assert ended == code, (self.folder / "driver.txt").read_text()[-3000:]

@@ -26,6 +26,9 @@ HERE = Path(__file__).parent
 LONGEST_WAIT = 1.5
 """A fault comes up to so many s after a checkpoint: at any instant, also in the next one."""
 
+LONGEST_START = 300.0
+"""Time within which a run trains on a busy machine after a fault, s."""
+
 SHORT_FREEZE = 1.5
 """Time for which a node is frozen that is not given up, s."""
 
@@ -42,27 +45,30 @@ class Scene:
         nodes: of the cluster; those of a campaign on a Ray of its own are not used.
         chance: of instants and victims.
         times: of the faults so far, s since 1970.
+        since: of the last fault or start of a driver, s since 1970.
     """
 
     site: Site
     nodes: Nodes
     chance: random.Random
     times: list[float] = field(default_factory=list)
+    since: float = 0.0
 
     def start(self, *flags: str) -> subprocess.Popen[bytes]:
         """Starts a driver, whose runs hardly go on until `finish`."""
         self.site.ask(HOLD)
+        self.since = time.time()
         return self.site.start(*flags)
 
     def wait(self) -> None:
-        """Waits for a checkpoint that is newer than the last fault, and then for a random instant."""
-        since = self.times[-1] if self.times else 0.0
-        wait_for(lambda: self.site.last_checkpoint() > since)
+        """Waits for a checkpoint that is newer than the last fault or start, and then for a random instant."""
+        wait_for(lambda: self.site.last_checkpoint() > self.since, LONGEST_START)
         time.sleep(self.chance.uniform(0, LONGEST_WAIT))
 
     def note(self) -> None:
         """Takes down that a fault has been injected."""
-        self.times.append(time.time())
+        self.since = time.time()
+        self.times.append(self.since)
 
     def finish(self, driver: subprocess.Popen[bytes] | None = None) -> None:
         """Lets the runs go on, under a new driver if there is none, to the end of the campaign."""
@@ -130,7 +136,7 @@ def _nodes_disturbed(scene: Scene, injections: int, disturb: Callable[[int], Non
         disturb(number)
         scene.note()
         scene.nodes.add()
-        wait_for(lambda attempts=attempts: scene.site.attempts() - attempts)
+        wait_for(lambda attempts=attempts: scene.site.attempts() - attempts, LONGEST_START)
     scene.finish(driver)
 
 
@@ -147,7 +153,7 @@ def node_frozen(scene: Scene, injections: int) -> None:
         try:
             if given_away:
                 scene.nodes.add()
-                wait_for(lambda attempts=attempts: scene.site.attempts() - attempts)
+                wait_for(lambda attempts=attempts: scene.site.attempts() - attempts, LONGEST_START)
             else:
                 time.sleep(SHORT_FREEZE)
         finally:
@@ -167,7 +173,8 @@ def core_killed(name: str) -> Kind:
             driver = scene.start()
             scene.wait()
             family = psutil.Process(driver.pid).children(recursive=True)
-            next(process for process in family if process.name() == name).kill()
+            (core,) = (process for process in family if process.name() == name)
+            core.kill()
             scene.note()
             scene.site.finish(driver, EXIT_RAY_LOST)
             assert time.time() - scene.times[-1] < 15
