@@ -7,11 +7,12 @@ RESULTS ?= results
 # One more than the cores, since tests wait for Ray, a store and a browser, too.
 PROCESSES ?= $(shell $(PYTHON) -c 'import os; print((os.cpu_count() or 1) + 1)')
 SEED ?= 1
+INJECTIONS ?= 20
 PYTEST := $(BIN)/python -m pytest --costs 10 --randomly-seed $(SEED)
 SIDE_BY_SIDE := --numprocesses $(PROCESSES) --dist loadscope --no-loadscope-reorder
 
 .DEFAULT_GOAL := help
-.PHONY: help install quickstart test test-slow test-chaos static docs check bench lock
+.PHONY: help install quickstart test test-slow test-chaos attack static docs check bench lock
 
 help: ## show this list
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed 's/:.*##/:/' | column -t -s ':'
@@ -40,6 +41,9 @@ test-slow: $(INSTALLED) ## all bodies, long physics, notebooks, pages of command
 
 test-chaos: $(INSTALLED) ## campaigns whose processes, nodes and storage are broken
 	$(PYTEST) -m chaos
+
+attack: $(INSTALLED) ## a night of faults at random instants (INJECTIONS=3 of each kind: an hour, SEED=7: other instants)
+	$(BIN)/python tests/chaos/attack.py --injections $(INJECTIONS) --seed $(SEED)
 
 static: $(INSTALLED) ## format, lint, types, layers
 	$(BIN)/ruff format --check .

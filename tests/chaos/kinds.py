@@ -61,7 +61,7 @@ class Scene:
         return self.site.start(*flags)
 
     def wait(self) -> None:
-        """Waits for a checkpoint that is newer than the last fault or start, and then for a random instant."""
+        """Waits for a checkpoint after the last fault or start, and then for a random instant."""
         wait_for(lambda: self.site.last_checkpoint() > self.since, LONGEST_START)
         time.sleep(self.chance.uniform(0, LONGEST_WAIT))
 

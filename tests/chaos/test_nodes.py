@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 
+import psutil
 import pytest
 from faults import Fault, Site, wait_for
 from nodes import Nodes
@@ -29,8 +30,8 @@ def test_nodes_killed(
         nodes.kill(trained_somewhere(clustered, nodes))
         times.append(time.time())
         nodes.add()
-        wait_for(lambda: len(nodes.workers("SeedActor")) == 2)
-        time.sleep(5)
+        attempts = clustered.attempts()
+        wait_for(lambda attempts=attempts: clustered.attempts() - attempts)
     clustered.withdraw(HOLD)
     clustered.finish(driver)
     assert "lost" in clustered.outcomes()
@@ -66,7 +67,7 @@ def test_a_frozen_node_that_thaws_after_its_runs_were_given_away(
         wait_for(lambda: clustered.taken_up(1))
     finally:
         nodes.thaw(frozen)
-    time.sleep(5)  # the old processes wake up beside their successors
+    wait_for(lambda: not any(map(psutil.pid_exists, frozen)))  # they find their successors and end
     clustered.withdraw(HOLD)
     clustered.finish(driver)
     nodes.kill(number)

@@ -6,6 +6,7 @@ import time
 
 import pytest
 from faults import FLAGS, Fault, Site, wait_for
+from nodes import Nodes
 from saboteur import FULL_DISK, HOLD
 from test_processes import check
 
@@ -20,7 +21,7 @@ def test_no_space_left_for_a_while(
     wait_for(clustered.checkpoints)
     clustered.ask(FULL_DISK)
     clustered.withdraw(HOLD)
-    time.sleep(12)
+    time.sleep(12)  # an outage of that length
     assert driver.poll() is None
     clustered.withdraw(FULL_DISK)
     clustered.finish(driver)
@@ -48,14 +49,14 @@ def test_no_space_left_until_the_campaign_gives_up(
 
 @pytest.mark.parametrize("damage", ["flip", "truncate", "remove", "index"])
 def test_a_damaged_checkpoint(
-    clustered: Site, undisturbed: dict[str, bytes], faults: list[Fault], damage: str
+    clustered: Site, nodes: Nodes, undisturbed: dict[str, bytes], faults: list[Fault], damage: str
 ) -> None:
     clustered.ask(HOLD)
     driver = clustered.start()
     wait_for(lambda: len(clustered.checkpoints()) >= 3)
     driver.kill()
     driver.wait()
-    time.sleep(5)  # its actors end
+    wait_for(lambda: not nodes.workers("SeedActor"))
     newest = clustered.checkpoints()[-1]
     file = newest if damage == "index" else newest.with_name("run.pickle")
     content = file.read_bytes()
