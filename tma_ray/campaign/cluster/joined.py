@@ -24,8 +24,8 @@ DEFAULT_PATIENCE: Final = 60.0
 PATIENCE_SETTING: Final = "gcs_rpc_server_reconnect_timeout_s"
 """After so many s without the head Ray ends every process of the cluster, this one without a word."""
 
-HASTE_SECONDS: Final = 5.0
-"""How long before that the campaign ends by itself, s."""
+HASTE_SECONDS: Final = 15.0
+"""How long before that the campaign ends by itself, s: without a head, leaving Ray takes some 8 s."""
 
 NOTEWORTHY_SECONDS: Final = 10.0
 """Silence of a head that is worth a message, s."""
