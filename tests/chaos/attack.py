@@ -11,10 +11,11 @@ from __future__ import annotations
 
 import argparse
 import random
+import signal
 import sys
 import tempfile
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import closing, contextmanager
 from pathlib import Path
 
 HERE = Path(__file__).parent
@@ -40,7 +41,8 @@ def attack(kind: str, injections: int, chance: random.Random, site: Site, nodes:
         while len(nodes.living) < 2:
             nodes.add()
         scene = Scene(site.at(f"{kind}-{number}"), nodes, chance)
-        KINDS[kind](scene, min(MOST_PER_CAMPAIGN, injections - first))
+        with closing(scene):
+            KINDS[kind](scene, min(MOST_PER_CAMPAIGN, injections - first))
         yield scene.site.compare(kind, len(scene.times), expected, scene.times)
 
 
@@ -83,6 +85,7 @@ def main() -> int:
     parser.add_argument("--kinds", default=",".join(KINDS), help="which (default: %(default)s)")
     options = parser.parse_args()
     faults = []
+    signal.signal(signal.SIGTERM, lambda *_: sys.exit(128 + signal.SIGTERM))  # leaves nothing behind
     with private_site() as (site, nodes):
         for kind in options.kinds.split(","):
             chance = random.Random(f"{options.seed} {kind}")

@@ -46,6 +46,7 @@ class Scene:
         chance: of instants and victims.
         times: of the faults so far, s since 1970.
         since: of the last fault or start of a driver, s since 1970.
+        drivers: that were started.
     """
 
     site: Site
@@ -53,12 +54,14 @@ class Scene:
     chance: random.Random
     times: list[float] = field(default_factory=list)
     since: float = 0.0
+    drivers: list[subprocess.Popen[bytes]] = field(default_factory=list)
 
     def start(self, *flags: str) -> subprocess.Popen[bytes]:
         """Starts a driver, whose runs hardly go on until `finish`."""
         self.site.ask(HOLD)
         self.since = time.time()
-        return self.site.start(*flags)
+        self.drivers.append(self.site.start(*flags))
+        return self.drivers[-1]
 
     def wait(self) -> None:
         """Waits for a checkpoint after the last fault or start, and then for a random instant."""
@@ -74,6 +77,12 @@ class Scene:
         """Lets the runs go on, under a new driver if there is none, to the end of the campaign."""
         self.site.withdraw(HOLD)
         self.site.finish(driver or self.site.start())
+
+    def close(self) -> None:
+        """Ends what an attack that fails has left."""
+        for driver in self.drivers:
+            driver.kill()
+            driver.wait()
 
     def kill_driver(self, driver: subprocess.Popen[bytes]) -> None:
         """Kills a driver, and waits until its actors have ended."""

@@ -141,7 +141,10 @@ def _serve(connection: Connection, environment: dict[str, str]) -> None:
     nodes: dict[int, Any] = {}
     connection.send(cluster.address)
     while True:
-        name, *arguments = connection.recv()
+        try:
+            name, *arguments = connection.recv()
+        except EOFError:  # whose nodes these are is dead
+            name, arguments = "shut_down", []
         try:
             if name == "shut_down":
                 cluster.shutdown()
