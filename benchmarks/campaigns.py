@@ -21,7 +21,7 @@ def main(campaign: Campaign, description: str, report: Callable[[str], None]) ->
     parser = argparse.ArgumentParser(
         description=description, formatter_class=argparse.RawDescriptionHelpFormatter
     )
-    add_options(parser)
+    add_options(parser, campaign)
     options = parser.parse_args()
     code = execute(campaign, options)
     if code == 0 and not options.dry_run:
