@@ -1,7 +1,7 @@
-"""Microseconds per observation of acting: the student, stable-baselines3's `predict`, the torch module.
+"""Time to act per observation: of a student, of stable-baselines3's `predict` and of the torch module alone.
 
-All three are the same network and act greedily, alternately in one process with one torch thread, by the
-processor's time:
+All three apply the same network and act greedily. They are measured in turn in one process with one torch
+thread, by processor time:
 
     python benchmarks/acting.py --students ppo sac
 """
@@ -28,7 +28,7 @@ BATCHES = (1, 100)
 
 
 def variants(name: str, student: Any, batch: np.ndarray[Any, Any]) -> dict[str, Callable[[], Any]]:
-    """Returns ways to act on `batch` (n, 24), by what is called; the first is the student's own."""
+    """Returns the ways to act on `batch` (n, 24) by name; the student's own comes first."""
     model = student.model
     module = model.actor if name == "sac" else model.policy.get_distribution
     seen = student.normaliser.normalise(batch) if name == "ppo" else batch
@@ -45,7 +45,7 @@ def variants(name: str, student: Any, batch: np.ndarray[Any, Any]) -> dict[str, 
 
 
 def microseconds(call: Callable[[], Any], calls: int) -> float:
-    """Returns the mean thread time of one call."""
+    """Returns the mean processor time of one call, in µs."""
     start = time.thread_time()
     for _ in range(calls):
         call()

@@ -1,8 +1,8 @@
-"""What actors cost: the same run in this process, in a seed actor, and with its teacher in an actor, too.
+"""Overhead of actors: one run in this process, in a seed actor, and with its teacher in another actor.
 
-Prints JSON. The three give the same files; carry the ratios. Times of whole runs include the start of the
-teacher's process, a second or so for which the first episode waits; `exchange_milliseconds` is what an
-episode costs after it.
+Prints JSON. All three write the same result files; only ratios carry over to other machines. The times of
+whole runs include the start of the teacher's process, about a second, during which the first episode waits;
+`exchange_milliseconds` is the overhead of each episode after it.
 
     python benchmarks/actor_overhead.py --repeats 3 --output actor_overhead.json
 """
@@ -27,17 +27,18 @@ from tma_ray.campaign.actors import RemoteTeacher
 from tma_ray.campaign.cluster.connection import connect
 from tma_ray.campaign.execution import run_campaign
 from tma_ray.campaign.monitor.progress import ProgressView
+from tma_ray.campaign.option_values import whole_number
 from tma_ray.campaign.settings import Settings, TeacherPlacement
 from tma_ray.results import Committer, Results, Table
-from tma_ray.runs import Cell, InlineTeacher, Schedule, run_locally
+from tma_ray.runs import Cell, InlineTeacher, Schedule, TeacherLink, run_locally
 from tma_ray.tasks import Episode, TaskSpace, TestSet
 
 STEPS = {"ppo": 100_000, "sac": 4_000}
-HYPERPARAMETERS = {"ppo": {}, "sac": {"exploration_steps": 1_000}}
+HYPERPARAMETERS: dict[str, dict[str, int]] = {"ppo": {}, "sac": {"exploration_steps": 1_000}}
 
 
-def campaign(student: str, folder: Path) -> Campaign:
-    """Returns one run without evaluations but the first and last, of three tasks."""
+def campaign(student: str, steps: int, folder: Path) -> Campaign:
+    """Returns a campaign of one run, which is evaluated on three tasks at its start and end only."""
     space = TaskSpace.from_bounds({"stump_height": (0, 3), "obstacle_spacing": (0, 6)})
     tests = folder / "three.csv"
     tests.write_text(TestSet("three", space.names, space.sample(np.random.default_rng(0), 3)).to_csv())
@@ -47,34 +48,36 @@ def campaign(student: str, folder: Path) -> Campaign:
         student_hyperparameters=HYPERPARAMETERS[student],
         test_set=str(tests),
     )
-    return Campaign("overhead", (cell,), (0,), Schedule(steps=STEPS[student]))
+    return Campaign("overhead", (cell,), (0,), Schedule(steps=steps))
 
 
-def steps_per_second(student: str, where: str) -> tuple[float, int]:
-    """Returns the speed of a run's loop (without its set-up), and its number of episodes."""
+def steps_per_second(student: str, steps: int, where: str) -> tuple[float, int]:
+    """Returns the speed of a run's training loop, without its set-up, and its number of episodes."""
     with tempfile.TemporaryDirectory() as place:
         folder = Path(place)
-        what, root = campaign(student, folder), folder / "root"
+        one, root = campaign(student, steps, folder), folder / "root"
         if where == "process":
-            run_locally(what.plan().runs[0], Committer.open(root))
+            run_locally(one.plan().runs[0], Committer.open(root))
         else:
             view = ProgressView(Console(file=io.StringIO()))
-            run_campaign(what, root, Settings(teachers=TeacherPlacement(where), poll_seconds=0.1), view=view)
+            run_campaign(one, root, Settings(teachers=TeacherPlacement(where), poll_seconds=0.1), view=view)
         results = Results.open(root)
         (attempt,) = results.table(Table.ATTEMPTS).to_pylist()
         return attempt["env_steps_per_second"], len(results.table(Table.EPISODES))
 
 
-def exchange_milliseconds(episodes: int = 2_000) -> dict[str, float]:
-    """Returns the median time of one report and the next task, in this process and with an actor."""
+def exchange_milliseconds(episodes: int) -> dict[str, float]:
+    """Returns the median time of a report and the next task, in this process and with an actor, in ms."""
     connect(None)
     with tempfile.TemporaryDirectory() as place:
-        (spec,) = campaign("ppo", Path(place)).plan().runs
+        (spec,) = campaign("ppo", STEPS["ppo"], Path(place)).plan().runs
     spec = replace(spec, teacher="random", teacher_hyperparameters={})
     medians = {}
-    for name, teacher in (("process", InlineTeacher(spec)), ("actor", RemoteTeacher(spec))):
+    teachers: dict[str, TeacherLink] = {"process": InlineTeacher(spec), "actor": RemoteTeacher(spec)}
+    for name, teacher in teachers.items():
         task, spent = teacher.exchange(None).task, []
         for index in range(episodes):
+            assert task is not None, "this teacher has no queries"
             episode = Episode(task, 0.0, False, 500, np.zeros(24, dtype=np.float32), 0.0, 500 * index)
             start = time.perf_counter()
             task = teacher.exchange(episode).task
@@ -84,21 +87,27 @@ def exchange_milliseconds(episodes: int = 2_000) -> dict[str, float]:
 
 
 def main() -> None:
-    """Measures both students in the three places, in turn."""
-    parser = argparse.ArgumentParser(description=__doc__)
+    """Measures the students in the three places, in turn."""
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("--students", nargs="+", choices=STEPS, default=list(STEPS))
+    parser.add_argument("--steps", type=whole_number, help="of each run (ppo 100,000, sac 4,000)")
+    parser.add_argument("--episodes", type=whole_number, default=2_000, help="exchanged with a teacher")
     parser.add_argument("--repeats", type=int, default=3)
     parser.add_argument("--output", type=Path)
     options = parser.parse_args()
     places = ("process", TeacherPlacement.INLINE.value, TeacherPlacement.ACTOR.value)
     rows = []
-    for student in STEPS:
-        measured = {place: [] for place in places}
+    for student in options.students:
+        steps = options.steps or STEPS[student]
+        measured: dict[str, list[float]] = {place: [] for place in places}
         for _ in range(options.repeats):
             for place in places:
-                speed, episodes = steps_per_second(student, place)
+                speed, episodes = steps_per_second(student, steps, place)
                 measured[place].append(speed)
         medians = {place: statistics.median(values) for place, values in measured.items()}
-        seconds = {place: STEPS[student] / medians[place] for place in places}
+        seconds = {place: steps / medians[place] for place in places}
         rows.append(
             {
                 "student": student,
@@ -110,7 +119,7 @@ def main() -> None:
             }
         )
         print(json.dumps(rows[-1], indent=1))
-    exchange = exchange_milliseconds()
+    exchange = exchange_milliseconds(options.episodes)
     print(json.dumps({"exchange_milliseconds": exchange}))
     if options.output:
         content = {"machine": platform.machine(), "rows": rows, "exchange_milliseconds": exchange}

@@ -1,10 +1,10 @@
-"""All feasible cells of eight teachers, invented and merged: how long until every table is there.
+"""Time and memory to load and analyse a results root of the size of the full benchmark, with synthetic rows.
 
     python benchmarks/analysis_scale.py --output analysis_scale.json
 
 Writes a results root as large as the full benchmark of the paper (6,432 runs of 41 evaluations of 100 test
-tasks, with training windows and curricula), merged by experiment, unless `--root` is there already; then
-loads it and makes all tables in a process of its own. `--seeds` makes it smaller.
+tasks, with training windows and curricula), merged by experiment, unless `--root` exists; then loads it and
+makes all tables in a process of its own. `--seeds` and `--steps` make it smaller.
 """
 
 from __future__ import annotations
@@ -26,6 +26,7 @@ import pyarrow as pa
 
 from tma_ray.benchmark import TEACHERS, find_experiment
 from tma_ray.campaign import Plan, joined_plan, matrix_campaigns
+from tma_ray.campaign.option_values import whole_number
 from tma_ray.results import (
     DATA_TABLES,
     SCHEMAS,
@@ -47,16 +48,27 @@ SKILL = {teacher: 0.2 + 0.05 * place for place, teacher in enumerate(TEACHERS)}
 """Share of the test tasks that a teacher's students master in the end."""
 
 
-def full_plan(seeds: int | None) -> Plan:
-    """Returns the full benchmark with a run for every cell and seed, none shared."""
+def full_plan(seeds: int | None, steps: int | None) -> Plan:
+    """Returns the full benchmark with a run for every cell and seed, none shared between cells.
+
+    Args:
+        seeds: of each cell; None for all.
+        steps: of each run; None for the schedule's.
+    """
     experiment = find_experiment("full_benchmark")
     matrices = [replace(matrix, seeds=matrix.seeds[:seeds]) for matrix in experiment.matrices]
     campaigns = matrix_campaigns(matrices, experiment.teachers)
-    return joined_plan(experiment.name, [replace(each, independent_levels=True) for each in campaigns])
+    changed = [
+        replace(
+            each, independent_levels=True, schedule=replace(each.schedule, steps=steps or each.schedule.steps)
+        )
+        for each in campaigns
+    ]
+    return joined_plan(experiment.name, changed)
 
 
 def write_root(root: Path, plan: Plan) -> None:
-    """Writes invented results of all runs of `plan`, merged by experiment."""
+    """Writes synthetic results of all runs of `plan`, merged by experiment."""
     committer = Committer.open(root)
     committer.write_cells(plan.name, plan.cell_rows)
     experiments: dict[str, list[RunSpec]] = {}
@@ -76,22 +88,22 @@ def write_experiment(store: Store, name: str, runs: Sequence[RunSpec]) -> None:
 
         def parts(table: Table = table, counts: dict[str, int] = counts) -> Iterator[pa.Table]:
             for spec in runs:
-                rows = invented(table, spec)
+                rows = synthetic_rows(table, spec)
                 counts[spec.run_id] = len(rows)
                 yield rows
 
         data = encode_together(table, parts())
         file = PartFile.write(store, table_path(table, name), table, sum(counts.values()), data)
         first = 0
-        for run_id, rows in counts.items():
-            slices[run_id].append(replace(file, rows=rows, first=first))
-            first += rows
+        for run_id, count in counts.items():
+            slices[run_id].append(replace(file, rows=count, first=first))
+            first += count
     manifests = [Manifest(spec.record(), RunStatus.DONE, 0, tuple(slices[spec.run_id])) for spec in runs]
     for manifest in manifests:
         store.write_bytes(manifest_path(manifest.run.run_id), manifest.to_bytes())
     about = {Table.RUNS: [m.row() for m in manifests], Table.ATTEMPTS: [attempt(spec) for spec in runs]}
-    for table, rows in about.items():
-        content = to_arrow(table, SCHEMAS[table], rows)
+    for table, records in about.items():
+        content = to_arrow(table, SCHEMAS[table], records)
         store.write_bytes(table_path(table, name), encode(table, content))
 
 
@@ -101,8 +113,8 @@ def attempt(spec: RunSpec) -> dict[str, Any]:
     return vars(AttemptRecord(spec.run_id, 0, began, 1e5, 150.0, "node", "{}", AttemptOutcome.DONE))
 
 
-def invented(table: Table, spec: RunSpec) -> pa.Table:
-    """Returns invented rows of one run; none of the tables that no table of results is made of."""
+def synthetic_rows(table: Table, spec: RunSpec) -> pa.Table:
+    """Returns synthetic rows of one run for a table that the analysis reads, else none."""
     rng = np.random.default_rng([spec.seed, *spec.teacher.encode(), *spec.expert_knowledge.encode()])
     schedule = spec.schedule
     if table is Table.EVALUATIONS:
@@ -157,7 +169,7 @@ def _vectors(tasks: np.ndarray) -> pa.Array:
 
 
 def measure(root: Path) -> dict[str, Any]:
-    """Loads `root` and makes every table, in this process; returns seconds and memory."""
+    """Loads `root` and makes every table in this process; returns sizes, seconds and peak memory."""
     from analysis.commands.tables import tables_of
     from analysis.data.frames import load
     from analysis.tables.rendering import TableFormat, render
@@ -178,18 +190,19 @@ def measure(root: Path) -> dict[str, Any]:
 
 
 def main() -> None:
-    """Prints what was measured, and writes it as JSON."""
+    """Prints the measured figures and writes them as JSON."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else None)
     parser.add_argument("--root", type=Path, default=Path("build/full_benchmark"), help="(%(default)s)")
     parser.add_argument("--seeds", type=int, help="of each cell (all)")
+    parser.add_argument("--steps", type=whole_number, help="of each run (those of the paper)")
     parser.add_argument("--output", type=Path, default=Path("analysis_scale.json"))
-    parser.add_argument("--measure", action="store_true", help="only measure, in this process")
+    parser.add_argument("--measure", action="store_true", help="only measure --root, in this process")
     arguments = parser.parse_args()
     if arguments.measure:
         print(json.dumps(measure(arguments.root)))
         return
     if not arguments.root.exists():
-        write_root(arguments.root, full_plan(arguments.seeds))
+        write_root(arguments.root, full_plan(arguments.seeds, arguments.steps))
     command = [sys.executable, __file__, "--measure", "--root", str(arguments.root)]
     result = json.loads(subprocess.run(command, check=True, stdout=subprocess.PIPE, text=True).stdout)
     print(json.dumps(result))

@@ -1,4 +1,4 @@
-"""What the benchmarks that train have in common."""
+"""Command line of the benchmarks that are campaigns."""
 
 from __future__ import annotations
 
@@ -11,12 +11,12 @@ from tma_ray.campaign.script import execute
 
 
 def main(campaign: Campaign, description: str, report: Callable[[str], None]) -> int:
-    """Runs what the command line chooses of `campaign`, then reports; returns the exit code.
+    """Runs `campaign` as the command line changes it, then reports; returns the exit code.
 
     Args:
-        campaign: changed by the flags; only runs whose results are missing are executed.
-        description: shown by ``--help``.
-        report: called with the results root when all runs are done.
+        campaign: the default; only runs whose results are missing are executed.
+        description: text for ``--help``.
+        report: called with the results root once all runs are done.
     """
     parser = argparse.ArgumentParser(
         description=description, formatter_class=argparse.RawDescriptionHelpFormatter

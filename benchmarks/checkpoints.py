@@ -1,6 +1,6 @@
-"""What a checkpoint costs: bytes and seconds, of SAC with a full replay buffer and of PPO.
+"""Cost of a checkpoint, in bytes and seconds: of SAC with a full replay buffer, and of PPO.
 
-Prints JSON. The full checkpoint of 2 million transitions is the reference; carry the ratios.
+Prints JSON. Later checkpoints write only what has changed: compare them with the full one of the same run.
 
     python benchmarks/checkpoints.py --transitions 2M --output checkpoints.json
 """
@@ -11,6 +11,7 @@ import argparse
 import json
 import tempfile
 import time
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -25,38 +26,43 @@ from tma_ray.students import Transition
 
 EPISODE_STEPS = 1_000
 NEW_TRANSITIONS = (100_000, 500_000)
-"""Between two checkpoints: what SAC plays in ten minutes on a core, and between two evaluations."""
+"""Between two checkpoints: what SAC collects in ten minutes on a core, and between two evaluations."""
+
+WITHOUT_UPDATES = {"updates": "interleaved", "exploration_steps": 10**9}
+"""Hyper-parameters with which SAC stores transitions and never trains."""
 
 
 def new_run(student: str, store: Store, attempt: int) -> Run:
-    """Returns a run on Stump Tracks that has just begun."""
-    spec = effective_spec(Cell(student=student, teacher="alp_gmm"), 0, Schedule())
+    """Returns a new run on Stump Tracks."""
+    values = WITHOUT_UPDATES if student == "sac" else {}
+    cell = Cell(student=student, teacher="alp_gmm", student_hyperparameters=values)
+    spec = effective_spec(cell, 0, Schedule())
     return Run(spec, InlineTeacher(spec), RunWriter(store, spec.run_id, attempt))
 
 
 def fill(run: Run, count: int, rng: np.random.Generator) -> None:
-    """Gives the student's buffer `count` transitions without training on them."""
-    buffer = run.student._replay
-    size = run.environment.observation_space.shape[0]
-    observations = rng.standard_normal((EPISODE_STEPS + 1, size), dtype=np.float32)
-    action = np.zeros(run.environment.action_space.shape[0], np.float32)
+    """Lets the student of `run`, which does not train, observe `count` random transitions."""
+    spaces = run.environment.observation_space, run.environment.action_space
+    shape, action_shape = (space.shape or () for space in spaces)
+    observations = rng.standard_normal((EPISODE_STEPS + 1, *shape), dtype=np.float32)
+    action = np.zeros(action_shape, np.float32)
     for index in range(count):
         step = index % EPISODE_STEPS
         ended = step == EPISODE_STEPS - 1
         pair = observations[step], observations[step + 1]
-        buffer.add(Transition(pair[0], action, 0.0, pair[1], ended, False), action)
+        run.student.observe(Transition(pair[0], action, 0.0, pair[1], ended, False))
     run.progress.step += count
 
 
 def timed_save(run: Run, checkpoints: Checkpoints) -> dict[str, float]:
-    """Returns what one checkpoint takes."""
+    """Returns the megabytes and seconds that a checkpoint takes."""
     start = time.perf_counter()
     size = checkpoints.save(run, (), "benchmark")
     return {"megabytes": size / 1e6, "seconds": time.perf_counter() - start}
 
 
-def measure(student: str, transitions: int) -> dict[str, Any]:
-    """Returns the cost of a first checkpoint, of later ones, and of taking one up again."""
+def measure(student: str, transitions: int, more: Sequence[int]) -> dict[str, Any]:
+    """Returns the cost of a first checkpoint, of one after each of `more` transitions, and of a restore."""
     rng = np.random.default_rng(0)
     with tempfile.TemporaryDirectory() as place:
         store = Store.open(place)
@@ -66,7 +72,7 @@ def measure(student: str, transitions: int) -> dict[str, Any]:
         if student == "sac":
             fill(run, transitions, rng)
         rows: dict[str, Any] = {"student": student, "full": timed_save(run, checkpoints)}
-        for new in NEW_TRANSITIONS if student == "sac" else ():
+        for new in more if student == "sac" else ():
             fill(run, new, rng)
             rows[f"after {new:,} more"] = timed_save(run, checkpoints)
         files = [Path(place, path) for path in store.files(CHECKPOINTS)]
@@ -80,11 +86,16 @@ def measure(student: str, transitions: int) -> dict[str, Any]:
 
 def main() -> None:
     """Measures both students."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--transitions", type=whole_number, default=2_000_000)
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("--transitions", type=whole_number, default=2_000_000, help="in the first checkpoint")
+    parser.add_argument(
+        "--more", type=whole_number, nargs="+", default=NEW_TRANSITIONS, help="before each of the next ones"
+    )
     parser.add_argument("--output", type=Path)
     options = parser.parse_args()
-    rows = [measure(student, options.transitions) for student in ("sac", "ppo")]
+    rows = [measure(student, options.transitions, options.more) for student in ("sac", "ppo")]
     print(json.dumps(rows, indent=1))
     if options.output:
         options.output.write_text(json.dumps(rows, indent=1))

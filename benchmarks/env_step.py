@@ -1,6 +1,7 @@
-"""Speed of an environment's step and reset with both engines, against the bare simulation inside them.
+"""Time of an environment's step and reset with both engines, and of the bare simulation inside a step.
 
-Prints a table and writes JSON. Carry the ratios, not the rates: all are measured in turns in one run.
+Prints a line per task and writes JSON. Only ratios carry over to other machines: all variants are measured in
+turn within one run, by processor time.
 
     python benchmarks/env_step.py --steps 20000 --output env_step.json
     python benchmarks/env_step.py --environments parkour --bodies classic_bipedal fish climbing_chimpanzee
@@ -15,18 +16,30 @@ import platform
 import statistics
 import time
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
+from typing import Any, cast
 
+import numba
 import numpy as np
+from numpy.typing import NDArray
 
 from tma_ray.embodiments import embodiment_names
 from tma_ray.envs.body_environment import BodyEnvironment
 from tma_ray.envs.parkour import Parkour
 from tma_ray.envs.stump_tracks import StumpTracks
-from tma_ray.jit import kernel
-from tma_ray.physics import PHYSICS_VERSION, Engine
+from tma_ray.physics import PHYSICS_VERSION
 from tma_ray.physics.compiled.engine import CompiledEngine
-from tma_ray.physics.compiled.memory import COUNT_CONTACT, DURATION, SUBSTEPS, body_in, simulation_in
+from tma_ray.physics.compiled.memory import (
+    COUNT_CONTACT,
+    DURATION,
+    MOTOR_SUBSTEPS,
+    SUBSTEPS,
+    Floats,
+    Integers,
+    body_in,
+    simulation_in,
+)
 from tma_ray.physics.compiled.step import advance
 from tma_ray.physics.kernels import command_motors
 from tma_ray.physics.pymunk_engine import PymunkEngine
@@ -36,40 +49,48 @@ STUMPS: Tasks = {"flat": [0.0, 6.0], "usual": [1.5, 3.0], "crowded": [1.5, 0.0]}
 TERRAINS: Tasks = {
     medium: [-0.1, 0.9, 0.1, water, 0.25, 2.0, 2.0, 10.0] for medium, water in (("dry", 0.0), ("wet", 1.0))
 }
-WORLDS: dict[str, tuple[type[BodyEnvironment], Tasks]] = {
+WORLDS: dict[str, tuple[type[StumpTracks | Parkour], Tasks]] = {
     "stump_tracks": (StumpTracks, STUMPS),
     "parkour": (Parkour, TERRAINS),
 }
-ENGINES: dict[str, type[Engine]] = {"compiled": CompiledEngine, "pymunk": PymunkEngine}
+ENGINES: dict[str, type[CompiledEngine | PymunkEngine]] = {"compiled": CompiledEngine, "pymunk": PymunkEngine}
 BODIES = ["classic_bipedal", "fish", "climbing_chimpanzee"]
 RESETS = 100
 
 
-@kernel
-def simulate(floats, integers, actions):  # noqa: D103
+Actions = NDArray[np.float32]
+
+
+def simulate(floats: Floats, integers: Integers, actions: Actions) -> None:
+    """Commands the motors and advances Chipmunk under each of `actions`, and does nothing else."""
     body, simulation = body_in(floats, integers), simulation_in(floats, integers)
+    substeps, motor_substeps = integers[SUBSTEPS], integers[MOTOR_SUBSTEPS]
     for action in actions:
         simulation.action[:] = action
         command_motors(simulation.action, True, body, simulation.commands)
-        advance(simulation, integers[SUBSTEPS], floats[DURATION], integers[COUNT_CONTACT])
+        advance(simulation, substeps, motor_substeps, floats[DURATION], integers[COUNT_CONTACT])
+
+
+# Not cached on disk: `tma_ray.jit.kernel` would not notice that the kernels called here have changed.
+compiled_simulate: Any = numba.njit(simulate)
 
 
 def seconds(function: Callable[[], object]) -> float:
-    """Returns the processor's time that `function` takes."""
+    """Returns the processor time of a call of `function`, in s."""
     start = time.process_time()
     function()
     return time.process_time() - start
 
 
 def environment(world: str, body: str, engine: str) -> BodyEnvironment:
-    """Returns an environment with that engine."""
+    """Returns an environment that uses the engine named `engine`, whichever is the default here."""
     env = WORLDS[world][0](embodiment=body)
     env._engine = ENGINES[engine](env.embodiment, env.rules)
     return env
 
 
-def play(env: BodyEnvironment, task: list[float], actions: np.ndarray) -> list[int]:
-    """Plays `actions` in as many episodes as it takes and returns the episodes' lengths."""
+def play(env: BodyEnvironment, task: list[float], actions: Actions) -> list[int]:
+    """Plays `actions`, starting a new episode whenever one ends; returns the episodes' lengths."""
     lengths = [0]
     env.reset(seed=0, options={"task": task})
     for action in actions:
@@ -81,34 +102,33 @@ def play(env: BodyEnvironment, task: list[float], actions: np.ndarray) -> list[i
     return lengths
 
 
-def bare_seconds(env: BodyEnvironment, task: list[float], actions: np.ndarray, lengths: list[int]) -> float:
-    """Returns the time of the same episodes in Chipmunk alone, in one compiled loop each."""
+def bare_seconds(env: BodyEnvironment, task: list[float], actions: Actions, lengths: list[int]) -> float:
+    """Returns the time of the same episodes in Chipmunk alone, one compiled loop per episode, in s."""
     total, start = 0.0, 0
     for episode, length in enumerate(lengths):
         env.reset(seed=None if episode else 0, options={"task": task})
-        memory = env._engine._memory
-        chosen = actions[start : start + length]
-        total += seconds(lambda memory=memory, chosen=chosen: simulate(*memory, chosen))
+        memory = cast("CompiledEngine", env._engine)._memory
+        total += seconds(partial(compiled_simulate, *memory, actions[start : start + length]))
         start += length
     return total
 
 
 def reset_seconds(env: BodyEnvironment, task: list[float]) -> float:
-    """Returns the time of one reset."""
+    """Returns the mean time of a reset, in s."""
     return seconds(lambda: [env.reset(options={"task": task}) for _ in range(RESETS)]) / RESETS
 
 
 def measure(world: str, body: str, task: list[float], steps: int) -> dict[str, float]:
     """Returns microseconds of steps (resets included), of resets, and of the simulation in a step.
 
-    In Parkour the latter is left out: forces of water and grips are not of the simulation alone.
+    Parkour has no figure for the bare simulation: forces of the water and grips are computed outside it.
     """
     envs = {engine: environment(world, body, engine) for engine in ENGINES}
-    actions = np.random.default_rng(0).uniform(-1, 1, (steps, *envs["compiled"].action_space.shape))
-    actions = actions.astype(np.float32)
+    shape = steps, envs["compiled"].embodiment.action_size
+    actions = np.random.default_rng(0).uniform(-1, 1, shape).astype(np.float32)
     figures: dict[str, float] = {}
     for engine, env in envs.items():
-        figures[f"{engine}_step_us"] = seconds(lambda env=env: play(env, task, actions)) / steps * 1e6
+        figures[f"{engine}_step_us"] = seconds(partial(play, env, task, actions)) / steps * 1e6
         figures[f"{engine}_reset_us"] = reset_seconds(env, task) * 1e6
     if world == "stump_tracks":
         lengths = play(envs["compiled"], task, actions)
@@ -122,7 +142,7 @@ def measure(world: str, body: str, task: list[float], steps: int) -> dict[str, f
 
 
 def main() -> None:
-    """Runs the benchmark."""
+    """Measures every chosen body in every task of the chosen environments."""
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
@@ -135,7 +155,7 @@ def main() -> None:
     results: dict[str, dict[str, float]] = {}
     for world, body in itertools.product(arguments.environments, arguments.bodies):
         for name, task in WORLDS[world][1].items():
-            measure(world, body, task, 100)  # compiles
+            measure(world, body, task, min(100, arguments.steps))  # compiles
             repeats = [measure(world, body, task, arguments.steps) for _ in range(arguments.repeats)]
             row = {key: statistics.median(repeat[key] for repeat in repeats) for key in repeats[0]}
             results[f"{world}, {body}, {name}"] = row

@@ -1,9 +1,9 @@
-"""Speed of an evaluation: all tasks of the test set in lock-step, beside one task after the other.
+"""Speed of an evaluation: all tasks of the test set in lock-step, against one task after the other.
 
     python benchmarks/evaluation.py --output evaluation.json
 
-Trains PPO on easy tasks until it walks, a minute or two, and lets it play the 100 tasks of Stump Tracks. By
-the processor's time, in turns.
+Trains PPO on easy tasks until it walks, which takes a minute or two, and evaluates it on the 100 test tasks
+of Stump Tracks. Both ways are measured in turn, by processor time.
 """
 
 from __future__ import annotations
@@ -25,6 +25,7 @@ from tma_ray.runs.evaluation import Evaluation
 from tma_ray.runs.inputs import arguments
 from tma_ray.runs.streams import evaluation_seeds
 from tma_ray.students import Student, Transition, make_student
+from tma_ray.students.base import Actions, Observations
 
 
 def walker(steps: int) -> Student:
@@ -36,7 +37,7 @@ def walker(steps: int) -> Student:
     for _ in range(steps):
         action = student.act(observation)
         following, reward, terminated, truncated, _ = environment.step(action)
-        student.observe(Transition(observation, action, reward, following, terminated, truncated))
+        student.observe(Transition(observation, action, float(reward), following, terminated, truncated))
         observation = following
         if terminated or truncated:
             observation, _ = environment.reset(options={"task": tasks.sample(rng)})
@@ -44,12 +45,12 @@ def walker(steps: int) -> Student:
 
 
 class Timed:
-    """A student whose time to act is counted."""
+    """A student whose time spent acting is summed up."""
 
     def __init__(self, student: Student) -> None:
         self.student, self.seconds = student, 0.0
 
-    def act_greedily(self, observations: np.ndarray) -> np.ndarray:
+    def act_greedily(self, observations: Observations) -> Actions:
         """Acts as the student does."""
         start = time.process_time()
         actions = self.student.act_greedily(observations)
@@ -87,7 +88,7 @@ def one_by_one(spec: RunSpec, student: Student) -> dict[str, float]:
 
 
 def measure(student: Student, repeats: int) -> dict[str, Any]:
-    """Returns medians over `repeats` turns, after one of warming up."""
+    """Returns medians over `repeats` turns, after a warm-up turn."""
     spec = effective_spec(Cell(student="ppo"), 0, Schedule())
     evaluation = Evaluation(spec)
     turns = [(in_lock_step(evaluation, student), one_by_one(spec, student)) for _ in range(repeats + 1)][1:]
@@ -104,7 +105,9 @@ def measure(student: Student, repeats: int) -> dict[str, Any]:
 
 def main() -> None:
     """Measures both ways in one run."""
-    parser = argparse.ArgumentParser(description=__doc__)
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     parser.add_argument("--training-steps", type=int, default=1_000_000)
     parser.add_argument("--repeats", type=int, default=3)
     parser.add_argument("--output", type=Path)

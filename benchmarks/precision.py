@@ -1,11 +1,11 @@
-"""Is `matmul_precision="medium"` safe? PPO seeds trained with it beside as many trained without.
+"""Safety of `matmul_precision="medium"`: PPO trained with it, against as many seeds trained without.
 
     python benchmarks/precision.py --seeds 8 --steps 1M --results build/precision
 
 "medium" lets torch round the operands of float32 products to bfloat16, which it does on processors with AMX.
-On any other machine the same rounding is done here by hand: operands to bfloat16, sums in float32.
-Prints the difference in mean return and in mastered share at the last evaluation that all seeds have, with
-Welch's and a bootstrap 95 % interval.
+On any other machine this script does the same rounding: operands to bfloat16, sums in float32. Prints the
+difference in mean return and in mastered share at the last evaluation that all seeds have, with Welch's and a
+bootstrap 95 % interval.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ import pandas as pd
 import torch
 from campaigns import main
 from scipy import stats
-from torch.overrides import TorchFunctionMode
+from torch.utils._python_dispatch import TorchDispatchMode
 
 from analysis.statistics import welch
 from tma_ray.campaign import Campaign
@@ -26,29 +26,37 @@ from tma_ray.runs import Cell, Schedule
 from tma_ray.students.ppo.student import PPO
 from tma_ray.tasks import MASTERY_RETURN
 
-PRODUCTS = (torch.mm, torch.addmm)
+PRODUCTS = (torch.ops.aten.mm, torch.ops.aten.addmm)
+"""Operators of all products of an update, whose last two operands are the matrices."""
 
 
-class RoundedProducts(TorchFunctionMode):
-    """Rounds both operands of every matrix product to bfloat16."""
+class RoundedProducts(TorchDispatchMode):  # type: ignore[no-untyped-call]  # torch has no types there
+    """Rounds both operands of every matrix product to bfloat16, in forward and backward passes.
 
-    def __torch_function__(self, function, _types, args=(), kwargs=None) -> Any:
-        if function in PRODUCTS:
+    A mode of torch's functions, above autograd, would miss the backward passes.
+    """
+
+    def __torch_dispatch__(
+        self, func: Any, types: Any, args: tuple[Any, ...] = (), kwargs: dict[str, Any] | None = None
+    ) -> Any:
+        """Calls the operator `func`, a product with rounded operands."""
+        del types
+        if func.overloadpacket in PRODUCTS:
             *others, left, right = args
             args = (*others, *(operand.bfloat16().float() for operand in (left, right)))
-        return function(*args, **(kwargs or {}))
+        return func(*args, **(kwargs or {}))
 
 
 class RoundedPPO(PPO):
-    """PPO whose update multiplies as "medium" does on a processor with AMX."""
+    """PPO whose updates round as "medium" does on a processor with AMX."""
 
     def _train(self) -> None:
-        with RoundedProducts():
+        with RoundedProducts():  # type: ignore[no-untyped-call]
             super()._train()
 
 
 def medium() -> Cell:
-    """Returns the cell to judge, on this machine."""
+    """Returns the cell with rounded products, by torch if it does so on this machine."""
     if torch.cpu._is_amx_tile_supported():
         return Cell(challenge="easy", student="ppo", student_hyperparameters={"matmul_precision": "medium"})
     return Cell(challenge="easy", student="precision:RoundedPPO")
@@ -63,7 +71,7 @@ CAMPAIGN = Campaign(
 
 
 def compare(root: str) -> None:
-    """Prints both samples, and what lies between them."""
+    """Prints both samples and the differences of their means."""
     results = Results.open(root)
     rows = results.table(Table.EVALUATIONS).to_pandas()
     cells = results.table(Table.CELLS).to_pandas()[["run_id", "student", "seed", "experiment"]]
@@ -86,7 +94,7 @@ def medium_runs(results: Results) -> set[str]:
 
 
 def difference(sample: pd.Series, reference: pd.Series) -> str:
-    """Returns the difference of two means in words."""
+    """Returns the difference of two means with its confidence intervals, as text."""
     test = welch(sample, reference)
     bootstrap = stats.bootstrap(
         (sample.to_numpy(), reference.to_numpy()),

@@ -1,6 +1,10 @@
-"""Runs all benchmarks and gathers their JSON under one folder.
+"""Runs all benchmarks that need no trained results, and gathers their JSON in one folder.
 
-python benchmarks/run_all.py --output build/benchmarks
+    python benchmarks/run_all.py --output build/benchmarks
+    python benchmarks/run_all.py --smallest --scripts acting teacher_cost
+
+The learning curves (`learning.py`, `locomotion.py`, `precision.py`) take hours and are campaigns of their
+own; `interval_coverage.py` prints a table of the documentation.
 """
 
 from __future__ import annotations
@@ -10,30 +14,37 @@ import subprocess
 import sys
 from pathlib import Path
 
-SCRIPTS = (
-    "env_step",
-    "acting",
-    "student_training",
-    "evaluation",
-    "vector_envs",
-    "teacher_cost",
-    "actor_overhead",
-    "checkpoints",
-    "scheduler",
-    "analysis_scale",
-)
+SMALLEST = {
+    "env_step": "--steps 20 --repeats 1 --environments stump_tracks --bodies classic_bipedal",
+    "acting": "--calls 10 --repeats 1",
+    "student_training": "--precisions medium --steps 100 --repeats 1",
+    "evaluation": "--training-steps 100 --repeats 1",
+    "vector_envs": "--numbers 2 --steps 40 --repeats 1",
+    "teacher_cost": "--episodes 8",
+    "actor_overhead": "--students ppo --steps 200 --episodes 5 --repeats 1",
+    "checkpoints": "--transitions 100 --more 10",
+    "scheduler": "--runs 2 --processes 1",
+    "analysis_scale": "--seeds 1 --steps 500000",
+}
+"""The scripts in order, each with arguments with which it takes seconds and its figures mean nothing."""
 
 
 def main() -> None:
-    """Runs each script in a process of its own."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--output", type=Path, default=Path("build/benchmarks"))
-    folder = parser.parse_args().output
-    folder.mkdir(parents=True, exist_ok=True)
-    for name in SCRIPTS:
+    """Runs each script in a process of its own, in the folder of the output."""
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("--output", type=Path, default=Path("build/benchmarks"), help="folder (%(default)s)")
+    parser.add_argument("--scripts", nargs="+", choices=SMALLEST, default=list(SMALLEST), help="(all)")
+    parser.add_argument("--smallest", action="store_true", help="only check that each script runs to its end")
+    options = parser.parse_args()
+    options.output.mkdir(parents=True, exist_ok=True)
+    for name in options.scripts:
         print(f"== {name}", flush=True)
-        script = Path(__file__).parent / f"{name}.py"
-        subprocess.run([sys.executable, str(script), "--output", str(folder / f"{name}.json")], check=True)
+        script = Path(__file__).resolve().parent / f"{name}.py"
+        arguments = SMALLEST[name].split() if options.smallest else []
+        command = [sys.executable, str(script), *arguments, "--output", f"{name}.json"]
+        subprocess.run(command, check=True, cwd=options.output)
 
 
 if __name__ == "__main__":

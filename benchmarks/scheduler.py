@@ -1,8 +1,8 @@
-"""What the scheduler costs: thousands of runs that do nothing, and some with processes of their own.
+"""Overhead of the scheduler: thousands of empty runs in shared processes, and some in processes of their own.
 
-Prints JSON. In the first part a few actors play the runs of all: each run writes its empty tables, and the
-scheduler starts, hears, publishes and finishes it, as always. In the second part every run has its process,
-beside bare Ray actors; carry the ratio.
+Prints JSON. In the first part a few actors share all runs: each run writes its empty tables, and the
+scheduler starts, polls, publishes and finishes it as usual. In the second part every run has its own process;
+compare it with a bare Ray actor, measured in the same run.
 
     python benchmarks/scheduler.py --runs 10000 --output scheduler.json
 """
@@ -35,31 +35,33 @@ PLAYERS = 2
 SETTINGS = Settings(resources=Resources(memory_gib=0.2), teachers=TeacherPlacement.INLINE, poll_seconds=0.1)
 
 
-@ray.remote
 class Player:
-    """Plays runs of no steps, one after the other."""
+    """An actor that executes runs without steps, one after the other."""
 
     def run(self, run_id: str, store: Store, number: int) -> tuple[PartFile, ...]:
-        """Returns the canonical files of a run without rows."""
+        """Returns the result files of a run without rows."""
         return RunWriter(store, run_id, number).finish()
 
     def nothing(self) -> None:
-        """Answers."""
+        """Does nothing."""
+
+
+RemotePlayer: Any = ray.remote(Player)
 
 
 class Method:
-    """A method of one run's actor, played by a player."""
+    """A method of a seed actor, forwarded to a `Player`."""
 
     def __init__(self, method: Any, *arguments: Any) -> None:
         self._method, self._arguments = method, arguments
 
     def remote(self) -> Any:
-        """Calls it."""
+        """Calls it; returns the reference of its result."""
         return self._method.remote(*self._arguments)
 
 
 class Substitute:
-    """A seed actor as the scheduler sees it, without a process of its own."""
+    """Stands in for a `SeedActor`, without a process of its own."""
 
     players: list[Any] = []
     launched = 0
@@ -77,23 +79,23 @@ class Substitute:
 
 
 class RayWithoutDeath:
-    """Ray, but that nobody is killed."""
+    """The module `ray`, except that `kill` does nothing: the players are shared."""
 
     def __getattr__(self, name: str) -> Any:
         return getattr(ray, name)
 
     def kill(self, actor: Any) -> None:
-        """Lets the player live."""
+        """Does nothing."""
 
 
 def specs(count: int, steps: int) -> list[RunSpec]:
-    """Returns runs that differ in their seeds."""
+    """Returns `count` runs that differ in their seeds."""
     first = effective_spec(Cell(student="ppo", teacher="random"), 0, Schedule(steps=steps))
     return [replace(first, seed=seed) for seed in range(count)]
 
 
 def execute(runs: list[RunSpec], root: str) -> dict[str, float]:
-    """Returns what the scheduler took for these runs."""
+    """Returns the time and memory that the scheduler takes for `runs`."""
     view = ProgressView(Console(file=io.StringIO()))
     start, used = time.perf_counter(), time.process_time()
     committer, head = Committer.open(root), connect(None).head
@@ -109,8 +111,8 @@ def execute(runs: list[RunSpec], root: str) -> dict[str, float]:
 
 
 def trivial(count: int) -> dict[str, Any]:
-    """Returns the overhead of `count` runs that share processes, and of finding them all done."""
-    Substitute.players = [Player.options(num_cpus=0).remote() for _ in range(PLAYERS)]
+    """Returns the overhead of `count` runs in shared processes, and of finding all of them done."""
+    Substitute.players = [RemotePlayer.options(num_cpus=0).remote() for _ in range(PLAYERS)]
     runs = specs(count, 1)
     with (
         tempfile.TemporaryDirectory() as root,
@@ -124,10 +126,10 @@ def trivial(count: int) -> dict[str, Any]:
 
 
 def bare_actor_milliseconds(count: int) -> float:
-    """Returns the time of a fresh Ray actor that does nothing, one after the other."""
+    """Returns the mean time to start, call and kill a Ray actor that does nothing, in ms."""
     start = time.perf_counter()
     for _ in range(count):
-        actor = Player.options(num_cpus=1).remote()
+        actor = RemotePlayer.options(num_cpus=1).remote()
         ray.get(actor.nothing.remote())
         ray.kill(actor)
     return 1e3 * (time.perf_counter() - start) / count
@@ -135,9 +137,11 @@ def bare_actor_milliseconds(count: int) -> float:
 
 def main() -> None:
     """Measures both parts."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--runs", type=int, default=10_000)
-    parser.add_argument("--processes", type=int, default=20)
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("--runs", type=int, default=10_000, help="in shared processes (%(default)s)")
+    parser.add_argument("--processes", type=int, default=20, help="runs in their own (%(default)s)")
     parser.add_argument("--output", type=Path)
     options = parser.parse_args()
     connect(None)

@@ -1,12 +1,12 @@
-"""Training steps per CPU second of our loop beside stable-baselines3's own `learn`, on the same environment.
+"""Training steps per processor second of our loop and of stable-baselines3's own `learn`, on one environment.
 
-Both are measured alternately in one process with one torch thread, by the processor's time, so that the
-ratio means something on a noisy machine. SAC's updates are spread over the episode on both sides, one every
-10 steps, since a short stretch may hold no end of an episode; as many are made on average:
+Both are measured in turn in one process with one torch thread, by processor time, so that the ratio is
+meaningful on a noisy machine. SAC updates its networks every 10 steps on both sides, not at the end of an
+episode, since a short stretch may hold none; the number of updates is the same on average:
 
     python benchmarks/student_training.py --students ppo sac --precisions highest medium
 
-"medium" rounds matrix products to bfloat16 where the processor has AMX; stock runs as it comes, in float32.
+"medium" rounds matrix products to bfloat16 where the processor has AMX; stable-baselines3 stays at float32.
 """
 
 from __future__ import annotations
@@ -27,18 +27,19 @@ from stable_baselines3.common.vec_env import DummyVecEnv, VecNormalize
 from torch import nn
 
 from tma_ray.students import Student, Transition, default_hyperparameters, make_student
+from tma_ray.students.hyperparameters import MatmulPrecision
 from tma_ray.students.ppo.trunk import Trunk
 
 
 class OurLoop:
-    """The student, stepped as a run steps it."""
+    """A student and an environment, stepped as a run steps them."""
 
     def __init__(self, student: Student, env: gymnasium.Env[Any, Any]) -> None:
         self.student, self.env = student, env
         self.observation = env.reset(seed=0)[0]
 
     def train(self, steps: int) -> None:
-        """Goes on for `steps` steps."""
+        """Continues training for `steps` steps."""
         student, env, observation = self.student, self.env, self.observation
         for _ in range(steps):
             action = student.act(observation)
@@ -49,13 +50,13 @@ class OurLoop:
 
 
 class StockLoop:
-    """stable-baselines3 as its documentation has it, with the same hyper-parameters."""
+    """stable-baselines3 as its documentation uses it, with the same hyper-parameters."""
 
     def __init__(self, name: str, env_name: str, values: dict[str, Any]) -> None:
-        self.model = {"ppo": stock_ppo, "sac": stock_sac}[name](env_name, values)
+        self.model = stock_ppo(env_name, values) if name == "ppo" else stock_sac(env_name, values)
 
     def train(self, steps: int) -> None:
-        """Goes on for `steps` steps, whole rollouts of PPO."""
+        """Continues training for `steps` steps, rounded up to whole rollouts for PPO."""
         self.model.learn(steps, reset_num_timesteps=False)
 
 
@@ -107,7 +108,10 @@ def measure(name: str, precision: str, env_name: str, steps: int, repeats: int) 
         values |= {"buffer_size": 200_000, "log_std": "clamp"}  # stock touches all of its buffer
     env = gymnasium.make(env_name)
     student = make_student(name, env.observation_space, env.action_space, np.random.SeedSequence(0), values)
-    loops = {"ours": OurLoop(student, env), "stock": StockLoop(name, env_name, values)}
+    loops: dict[str, OurLoop | StockLoop] = {
+        "ours": OurLoop(student, env),
+        "stock": StockLoop(name, env_name, values),
+    }
     speeds: dict[str, list[float]] = {loop: [] for loop in loops}
     for repeat in range(repeats + 1):
         for loop, runner in loops.items():
@@ -130,8 +134,10 @@ def measure(name: str, precision: str, env_name: str, steps: int, repeats: int) 
 def main() -> None:
     """Prints a line per student and writes all of it as JSON."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else None)
-    parser.add_argument("--students", nargs="+", default=["ppo", "sac"])
-    parser.add_argument("--precisions", nargs="+", default=["highest", "medium"])
+    parser.add_argument("--students", nargs="+", default=["ppo", "sac"], choices=["ppo", "sac"])
+    parser.add_argument(
+        "--precisions", nargs="+", default=["highest", "medium"], choices=list(MatmulPrecision)
+    )
     parser.add_argument("--environment", default="tma_ray.envs:tma_ray/StumpTracks-v0")
     parser.add_argument("--steps", type=int, help="steps per stretch (ppo 10,000, sac 1,000)")
     parser.add_argument("--repeats", type=int, default=3)

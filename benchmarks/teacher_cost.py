@@ -1,9 +1,10 @@
-"""What a teacher costs per episode: `observe`, `answer` and `sample` over many episodes, early and late.
+"""Cost of a teacher per episode: time in `observe`, `answer` and `sample`, early and late in training.
 
     python benchmarks/teacher_cost.py --episodes 40000 --teachers spdl goal_gan --output teacher_cost.json
 
-The student is a formula, its episodes last 350 to 830 steps. A teacher whose late episodes cost much more
-than its early ones grows with its history. Times are the processor's: neighbours on the machine count less.
+Returns follow a formula instead of a student; episodes last 350 to 830 steps. If late episodes cost much more
+than early ones, the cost grows with the teacher's history. Times are processor times, so that other processes
+on the machine matter less.
 """
 
 from __future__ import annotations
@@ -66,22 +67,24 @@ def played(task: Task, episodic_return: float, length: int, step: int) -> Episod
 
 
 def report(teacher: Teacher, episode: Episode) -> None:
-    """Lets `teacher` learn from `episode`, and answers its questions."""
+    """Reports `episode` to `teacher` and answers its queries."""
     query = teacher.observe(episode)
     while query is not None:
         query = teacher.answer(values(query))
 
 
 def values(query: Query) -> np.ndarray:
-    """Returns what the student thinks of the states that it is asked about: low stumps are easy."""
-    assert query.observations is not None, f"the student of this benchmark has no {query.kind}"
+    """Returns the state values (n,) that a query asks for: the higher, the lower the stumps."""
+    assert query.observations is not None, f"this benchmark cannot answer a query for {query.kind}"
     return 50 - 10 * query.observations[:, 0].astype(np.float64)
 
 
 def main() -> None:
     """Measures every teacher of the catalogue, or those asked for."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--episodes", type=int, default=40_000)
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("--episodes", type=int, default=40_000, help="of each teacher (%(default)s)")
     parser.add_argument("--teachers", nargs="+", default=TEACHERS.names())
     parser.add_argument("--output", type=Path)
     options = parser.parse_args()

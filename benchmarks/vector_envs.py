@@ -1,9 +1,9 @@
-"""Speed of vector environments: worlds in one compiled call, beside those of stable-baselines3 and Gymnasium.
+"""Speed of vector environments: ours, in one compiled call, and those of stable-baselines3 and Gymnasium.
 
     python benchmarks/vector_envs.py --output vector_envs.json
 
-Random actions on the usual task, episodes begun again as they end. In turns, by the processor's time of all
-processes, and by the wall's, which on a busy machine says little.
+Random actions on a task of medium difficulty, with resets as episodes end. Measured in turn, by the processor
+time of all processes, and by wall time, which means little on a busy machine.
 """
 
 from __future__ import annotations
@@ -16,10 +16,11 @@ import statistics
 import time
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeAlias
 
 import gymnasium
 import numpy as np
+from numpy.typing import NDArray
 from stable_baselines3.common.vec_env import DummyVecEnv
 
 import tma_ray  # noqa: F401  (registers the environments)
@@ -27,29 +28,32 @@ import tma_ray  # noqa: F401  (registers the environments)
 ID = "tma_ray/StumpTracks-v0"
 TASK = np.array([1.5, 3.0])
 
-Step = Callable[[np.ndarray], object]
+Actions: TypeAlias = NDArray[np.float32]
+
+Step: TypeAlias = Callable[[Actions], object]
+"""Steps all environments of a vector with actions (n, a)."""
 
 
 class OnOneTask(gymnasium.Wrapper):  # type: ignore[type-arg]
-    """An environment whose episodes are all on `TASK`."""
+    """An environment with `TASK` in every episode."""
 
     def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> Any:
-        """Begins an episode on the task, whatever else is asked for."""
+        """Resets the environment to `TASK`, whatever other options are given."""
         return self.env.reset(seed=seed, options={**(options or {}), "task": TASK})
 
 
 def one() -> gymnasium.Env[Any, Any]:
-    """Returns one environment."""
+    """Returns a single environment."""
     return OnOneTask(gymnasium.make(ID).unwrapped)
 
 
 def ours(number: int) -> tuple[Step, Callable[[], None]]:
-    """Returns how to step ours and how to end it."""
+    """Returns the functions that step and close a vector of `number` of our environments."""
     worlds = gymnasium.make_vec(ID, num_envs=number)
     tasks = np.tile(TASK, (number, 1))
     worlds.reset(seed=0, options={"task": tasks})
 
-    def step(actions: np.ndarray) -> None:
+    def step(actions: Actions) -> None:
         *_, terminated, truncated, _ = worlds.step(actions)
         over = terminated | truncated
         if over.any():
@@ -59,15 +63,17 @@ def ours(number: int) -> tuple[Step, Callable[[], None]]:
 
 
 def sb3(number: int) -> tuple[Step, Callable[[], None]]:
-    """Returns the same of stable-baselines3's DummyVecEnv."""
+    """Returns the same functions for stable-baselines3's DummyVecEnv."""
     worlds = DummyVecEnv([one] * number)
     worlds.seed(0)
     worlds.reset()
     return worlds.step, worlds.close
 
 
-def gymnasiums(kind: type) -> Callable[[int], tuple[Step, Callable[[], None]]]:
-    """Returns the same of a vector environment of Gymnasium."""
+def gymnasiums(
+    kind: Callable[..., gymnasium.vector.VectorEnv[Any, Any, Any]],
+) -> Callable[[int], tuple[Step, Callable[[], None]]]:
+    """Returns the maker of the same functions for a vector environment of Gymnasium."""
 
     def make(number: int) -> tuple[Step, Callable[[], None]]:
         worlds = kind([one] * number)
@@ -86,16 +92,16 @@ KINDS: dict[str, Callable[[int], tuple[Step, Callable[[], None]]]] = {
 
 
 def processor_seconds() -> float:
-    """Returns the processor's time of this process and of those that it has ended, s."""
+    """Returns the processor time of this process and of its child processes that have ended, in s."""
     times = os.times()
     return times.user + times.system + times.children_user + times.children_system
 
 
 def microseconds(kind: str, number: int, steps: int) -> dict[str, float]:
-    """Returns time per step of one world, in microseconds."""
+    """Returns wall and processor time per step of one environment, in µs."""
     rng, before_start = np.random.default_rng(0), processor_seconds()
     step, close = KINDS[kind](number)
-    shape = (number, *gymnasium.make(ID).action_space.shape)
+    shape = (number, *(gymnasium.make(ID).action_space.shape or ()))
     actions = rng.uniform(-1, 1, (100, *shape)).astype(np.float32)
     for index in range(20):
         step(actions[index])
@@ -109,7 +115,7 @@ def microseconds(kind: str, number: int, steps: int) -> dict[str, float]:
 
 
 def measure(number: int, steps: int, repeats: int) -> dict[str, Any]:
-    """Returns medians of all kinds over turns, and their ratios to ours in the same turn."""
+    """Returns medians of all kinds over `repeats` turns, and of their ratios to ours within a turn."""
     turns = [{kind: microseconds(kind, number, steps) for kind in KINDS} for _ in range(repeats)]
     result: dict[str, Any] = {}
     for clock in ("processor", "wall"):
@@ -124,10 +130,12 @@ def measure(number: int, steps: int, repeats: int) -> dict[str, Any]:
 
 
 def main() -> None:
-    """Measures several numbers of worlds in one run."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--numbers", type=int, nargs="+", default=[1, 8, 64])
-    parser.add_argument("--steps", type=int, default=100_000)
+    """Measures vectors of several sizes in one run."""
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("--numbers", type=int, nargs="+", default=[1, 8, 64], help="environments in a vector")
+    parser.add_argument("--steps", type=int, default=100_000, help="of all environments together")
     parser.add_argument("--repeats", type=int, default=3)
     parser.add_argument("--output", type=Path)
     options = parser.parse_args()

@@ -81,7 +81,7 @@ def class_of(ranks: np.ndarray) -> list[str]:
 
 
 def examples() -> plt.Figure:
-    """Returns the figure of examples: one row for each milieu, from the easiest to the hardest."""
+    """Returns the figure of examples: one row for each body, from the easiest to the hardest task."""
     figure, axes = plt.subplots(3, 4, figsize=(15, 6.2), layout="constrained")
     for row, name in zip(axes, BODIES, strict=True):
         tasks, values = rated(name)

@@ -99,7 +99,7 @@ def choose(
 
 
 def make(name: str, seed: int, cppn: CPPN) -> TestSet:
-    """Returns a milieu's test set: the medium space's tasks first, those of each source by difficulty."""
+    """Returns a body type's test set: the medium space's tasks first, those of each source by difficulty."""
     body_type, rng = BODY_TYPES[name], np.random.default_rng(seed)
     cuts, share = thirds(body_type, cppn, rng)
     print(f"{name}: thirds cut at {cuts.round(3).tolist()}; {share:.1%} of the medium space are feasible")

@@ -1,16 +1,17 @@
-"""Does a body learn to live where it should? PPO under Random on the easy piece of each milieu of Parkour.
+"""Learning curves of walking, swimming and climbing: PPO under Random on the easy challenges of Parkour.
 
-    python benchmarks/milieus.py --seeds 3 --steps 2M --results build/milieus
+    python benchmarks/locomotion.py --seeds 3 --steps 2M --results build/locomotion
 
 The classic bipedal walks on gentle dry ground, the fish swims in deep water, the climbing chimpanzee climbs
-along a nearly flat ceiling. Prints the mean return of every evaluation on the 20 test tasks, and beside the
-last ones what uniformly random actions earn there.
+along a nearly flat ceiling. Prints the mean return of every evaluation on the 20 test tasks, and with the
+last one the mean return of uniformly random actions.
 """
 
 from __future__ import annotations
 
 import numpy as np
 from campaigns import main
+from numpy.typing import NDArray
 from scipy import stats
 
 from tma_ray.benchmark import find_challenge, load_test_set
@@ -19,15 +20,17 @@ from tma_ray.envs import make_environment
 from tma_ray.results import Results, Table
 from tma_ray.runs import Cell, Schedule
 
+Floats = NDArray[np.float64]
+
 BODIES = {
     "easy_walking": "classic_bipedal",
     "easy_swimming": "fish",
     "easy_climbing": "climbing_chimpanzee",
 }
-"""Who lives where."""
+"""The embodiment trained in each challenge."""
 
 CAMPAIGN = Campaign(
-    name="milieus",
+    name="locomotion",
     cells=tuple(Cell("parkour", challenge, body, "ppo", "random") for challenge, body in BODIES.items()),
     seeds=(0, 1, 2),
     schedule=Schedule(steps=2_000_000),
@@ -50,20 +53,21 @@ def random_return(challenge: str, body: str) -> float:
     return total / len(tasks)
 
 
-def bootstrap(returns: np.ndarray, resamples: int = 10_000) -> np.ndarray:
-    """Returns the 95 % percentile interval (2,) of the mean of `returns` (seeds, tasks).
+def bootstrap(returns: Floats, resamples: int = 10_000) -> tuple[float, float]:
+    """Returns the 95 % percentile interval of the mean of `returns` (seeds, tasks).
 
-    Seeds are drawn with replacement, then tasks of each. Of three seeds it is no wider than from the worst to
-    the best, and too narrow for it: Student's t beside it is honest about so few.
+    Seeds are drawn with replacement, then tasks of each. With three seeds the interval cannot exceed their
+    range and is too narrow: Student's t, which is printed too, is not.
     """
     rng, (seeds, tasks) = np.random.default_rng(0), returns.shape
     runs = rng.integers(seeds, size=(resamples, seeds, 1))
     drawn = returns[runs, rng.integers(tasks, size=(resamples, seeds, tasks))]
-    return np.percentile(drawn.mean(axis=(1, 2)), [2.5, 97.5])
+    low, high = np.percentile(drawn.mean(axis=(1, 2)), [2.5, 97.5])
+    return float(low), float(high)
 
 
 def summarise(root: str) -> None:
-    """Prints the curves of every milieu, and the last returns over the seeds with 95 % intervals."""
+    """Prints the curves of every challenge, and the last mean return over the seeds with 95 % intervals."""
     results = Results.open(root)
     cells = results.table(Table.CELLS).to_pandas()[["run_id", "challenge", "seed"]]
     rows = results.table(Table.EVALUATIONS).to_pandas().merge(cells, on="run_id")

@@ -1,6 +1,6 @@
-"""Draws how bodies learn in Parkour, and films the best of them, from results of benchmarks/milieus.py.
+"""Plots learning curves in Parkour and films the best runs, from results of benchmarks/locomotion.py.
 
-python docs/making/make_milieus.py build/milieus --output docs/images
+python docs/making/make_locomotion.py build/locomotion --output docs/images
 """
 
 from __future__ import annotations
@@ -17,10 +17,10 @@ from tma_ray.results import Results, Table
 from tma_ray.viewing.rendering import EpisodeSettings, render
 
 sys.path.append(str(Path(__file__).parents[2] / "benchmarks"))
-from milieus import BODIES, random_return
+from locomotion import BODIES, random_return
 
 WANTED = 150.0
-"""Mean return by which a body has learned to live in its milieu, for all but the climber."""
+"""Mean return from which a body counts as having learned to move, for all but the climber."""
 
 FILM_STEPS, STEPS_PER_FRAME = 450, 5
 SEED_COLOURS = ("#1b6f9c", "#d1603d", "#5d8a4a")
@@ -39,7 +39,7 @@ def evaluations(roots: list[Path]) -> pd.DataFrame:
 
 
 def draw(axes: Axes, challenge: str, rows: pd.DataFrame) -> None:
-    """Draws a milieu's curve for every seed, and what random actions earn there."""
+    """Plots the curve of every seed in a challenge, and the mean return of random actions."""
     body = BODIES[challenge]
     for colour, (seed, curve) in zip(SEED_COLOURS, rows.groupby("seed"), strict=False):
         curve = curve.sort_values("step")
@@ -62,11 +62,13 @@ def film(challenge: str, rows: pd.DataFrame, folder: Path) -> Path:
 
 
 def main() -> None:
-    """Writes milieus.png and a film of each milieu."""
+    """Writes locomotion.png and a film of each challenge."""
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
-    parser.add_argument("roots", type=Path, nargs="+", help="finished results roots, a milieu in one only")
+    parser.add_argument(
+        "roots", type=Path, nargs="+", help="finished results roots, each challenge in one only"
+    )
     parser.add_argument("--output", type=Path, default=Path("docs/images"))
     options = parser.parse_args()
     options.output.mkdir(parents=True, exist_ok=True)
@@ -79,7 +81,7 @@ def main() -> None:
     panels[0, 0].set_ylabel("mean return on 20 test tasks")
     figure.legend(*panels[0, 0].get_legend_handles_labels(), loc="lower center", ncols=5, frameon=False)
     figure.tight_layout(rect=(0, 0.08, 1, 1))
-    figure.savefig(options.output / "milieus.png", dpi=130)
+    figure.savefig(options.output / "locomotion.png", dpi=130)
 
 
 if __name__ == "__main__":

@@ -1,0 +1,97 @@
+"""Every benchmark script parses its command line, and runs to its end with its smallest arguments."""
+
+from __future__ import annotations
+
+import json
+import os
+import runpy
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[1]
+FOLDER = ROOT / "benchmarks"
+SCRIPTS = {path.stem for path in FOLDER.glob("*.py")} - {"campaigns"}
+
+GATHERED = set(runpy.run_path(str(FOLDER / "run_all.py"))["SMALLEST"])
+"""Scripts that `run_all.py` runs."""
+
+SHORT_RUNS = "--steps 200 --yes --local --teacher-placement inline --results results"
+
+OTHERS = {
+    "interval_coverage": "--experiments 1",
+    "learning": f"{SHORT_RUNS} --seeds 1",
+    "locomotion": f"{SHORT_RUNS} --seeds 1",
+    "precision": f"{SHORT_RUNS} --seeds 2",
+}
+"""The other scripts, and the smallest arguments of each."""
+
+
+def run(place: Path, name: str, *arguments: str) -> str:
+    """Returns what a script prints, run in `place`."""
+    finished = subprocess.run(
+        [sys.executable, str(FOLDER / f"{name}.py"), *arguments],
+        cwd=place,
+        env={**os.environ, "PYTHONPATH": str(ROOT)},
+        capture_output=True,
+        text=True,
+    )
+    assert finished.returncode == 0, finished.stdout + finished.stderr
+    return finished.stdout
+
+
+def test_every_script_is_run_here() -> None:
+    assert GATHERED | set(OTHERS) | {"run_all"} == SCRIPTS
+
+
+@pytest.mark.parametrize("name", sorted(SCRIPTS))
+def test_the_help_names_the_script(
+    name: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    script = str(FOLDER / f"{name}.py")
+    monkeypatch.syspath_prepend(str(FOLDER))
+    monkeypatch.delitem(sys.modules, "campaigns", raising=False)
+    monkeypatch.setattr(sys, "argv", [script, "--help"])
+    with pytest.raises(SystemExit) as ended:
+        runpy.run_path(script, run_name="__main__")
+    assert ended.value.code == 0
+    assert f"usage: {name}.py" in capsys.readouterr().out
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", sorted(GATHERED))
+def test_a_measurement_ends_and_writes_json(name: str, tmp_path: Path) -> None:
+    run(tmp_path, "run_all", "--smallest", "--scripts", name, "--output", "measured")
+    assert json.loads((tmp_path / "measured" / f"{name}.json").read_text())
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", sorted(OTHERS))
+def test_another_script_ends_with_its_summary(name: str, tmp_path: Path) -> None:
+    summaries = {
+        "interval_coverage": "| bimodal | 5 | 32 |",
+        "learning": "of 1 seeds walk",
+        "locomotion": "climbing_chimpanzee, easy_climbing: mean return by seed",
+        "precision": "mastered at 200 steps, medium - highest",
+    }
+    assert summaries[name] in run(tmp_path, name, *OTHERS[name].split())
+
+
+@pytest.mark.slow
+def test_precision_rounds_forward_and_backward_passes(monkeypatch: pytest.MonkeyPatch) -> None:
+    import torch
+
+    monkeypatch.syspath_prepend(str(FOLDER))
+    monkeypatch.delitem(sys.modules, "campaigns", raising=False)
+    rounded = runpy.run_path(str(FOLDER / "precision.py"))["RoundedProducts"]
+    generator = torch.Generator().manual_seed(0)
+    left, right = (torch.randn(8, 8, generator=generator).requires_grad_() for _ in range(2))
+    with rounded():
+        product = torch.mm(left, right)
+        (gradient,) = torch.autograd.grad(product, left, torch.ones(8, 8) / 3)
+    low_left, low_right = left.detach().bfloat16().float(), right.detach().bfloat16().float()
+    third = torch.full((8, 8), 1 / 3).bfloat16().float()
+    assert torch.equal(product.detach(), low_left @ low_right)
+    assert torch.equal(gradient, third @ low_right.t())
