@@ -10,8 +10,8 @@ from __future__ import annotations
 
 import argparse
 import json
-import os
 import platform
+import resource
 import statistics
 import time
 from collections.abc import Callable
@@ -34,7 +34,7 @@ Step: TypeAlias = Callable[[Actions], object]
 """Steps all environments of a vector with actions (n, a)."""
 
 
-class OnOneTask(gymnasium.Wrapper):  # type: ignore[type-arg]
+class OnOneTask(gymnasium.Wrapper[Any, Any, Any, Any]):
     """An environment with `TASK` in every episode."""
 
     def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> Any:
@@ -93,8 +93,8 @@ KINDS: dict[str, Callable[[int], tuple[Step, Callable[[], None]]]] = {
 
 def processor_seconds() -> float:
     """Returns the processor time of this process and of its child processes that have ended, in s."""
-    times = os.times()
-    return times.user + times.system + times.children_user + times.children_system
+    ended = resource.getrusage(resource.RUSAGE_CHILDREN)
+    return time.process_time() + ended.ru_utime + ended.ru_stime
 
 
 def microseconds(kind: str, number: int, steps: int) -> dict[str, float]:
