@@ -10,6 +10,8 @@ from typing import Any
 
 import pyarrow as pa
 
+from analysis.commands.findings import shipped_findings
+from analysis.commands.leaderboard import markdown as leaderboard
 from tma_ray import cli
 from tma_ray.benchmark import CHALLENGES, KNOWLEDGE_REQUIREMENTS, challenges_of, load_test_set
 from tma_ray.cli.json_output import KEYS
@@ -273,5 +275,7 @@ GENERATED: dict[str, Callable[[], str]] = {
     "commands": commands,
     "json keys": json_keys,
     "metavars": metavars,
+    "leaderboard": leaderboard,
+    "findings": shipped_findings,
 }
 """What pages may ask for, by name."""

@@ -47,6 +47,7 @@ KEYS: Mapping[str, Mapping[str, str]] = {
         "files": "how many their manifests list",
         "damage": "list of path, problem and run_id (empty if the file holds several runs)",
         "unlisted": "paths of files of tables and policies that belong to no run",
+        "lacking": "list of what a release lacks to be complete (empty without --complete)",
     },
     "list": {
         "kinds": "by kind (teachers, students, …): list of name and description",

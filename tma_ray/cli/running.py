@@ -197,6 +197,11 @@ def _add_simulate(parser: CommandParser) -> None:
         metavar="FILE",
         help="CSV or Parquet file with a row a run (default: none)",
     )
+    parser.add_argument(
+        "--results",
+        metavar="ROOT",
+        help="results root to write the runs to, for comparisons and releases (default: none)",
+    )
     parser.set_defaults(command=_simulate)
 
 
@@ -250,6 +255,7 @@ def _simulate(options: argparse.Namespace) -> int:
 
     from analysis.commands import simulated
     from tma_ray.campaign.option_values import parse_levels
+    from tma_ray.campaign.releases.simulated import write_simulated
     from tma_ray.tasks import KnowledgeLevel
     from tma_ray.teachers import TEACHERS, canonical_teacher
     from tma_ray.testing import SIMULATED_CHALLENGES, find_simulated_challenge, matrix
@@ -263,9 +269,12 @@ def _simulate(options: argparse.Namespace) -> int:
     cells = matrix.cells_of(teachers, challenges, levels)
     runs = matrix.run_cells(cells, options.seeds, options.episodes, options.jobs)
     total = matrix.run_count(cells, options.seeds)
-    frame = matrix.tabulate(cells, track(runs, "simulating", total, console=Console(stderr=True)))
+    played = list(track(runs, "simulating", total, console=Console(stderr=True)))
+    frame = matrix.tabulate(cells, played)
     if options.output:
         simulated.write(frame, options.output)
+    if options.results:
+        write_simulated(options.results, cells, played, options.episodes)
     simulated.show(frame)
     return 0
 

@@ -4,10 +4,13 @@ from __future__ import annotations
 
 import argparse
 from dataclasses import asdict
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from tma_ray.cli.json_output import add_json_option, print_json
 from tma_ray.command_line import CommandParser
+
+if TYPE_CHECKING:
+    from analysis.baselines import Baseline
 
 DAMAGED = 1
 
@@ -27,6 +30,11 @@ def add_commands(commands: Any) -> None:
 
 def _add_verify(parser: CommandParser) -> None:
     parser.add_argument("root", metavar="ROOT", help="results root, or folder or name of a release")
+    parser.add_argument(
+        "--complete",
+        action="store_true",
+        help="a release, and complete: every planned run, equal seeds, a licence, no names of machines",
+    )
     add_json_option(parser)
     parser.set_defaults(command=_verify)
 
@@ -36,6 +44,8 @@ def _verify(options: argparse.Namespace) -> int:
     from tma_ray.results import Store, verify_root
 
     baseline = as_baseline(options.root)
+    if options.complete and baseline is None:
+        raise ValueError(f"{options.root} is not a release, which --complete is about; see 'tma-ray release'")
     if baseline is not None:
         released = verify(options.root)
         runs, files = baseline.manifest.holds.get("runs", 0), len(baseline.manifest.files)
@@ -43,11 +53,22 @@ def _verify(options: argparse.Namespace) -> int:
     else:
         found = verify_root(Store.open(options.root))
         runs, files, damage, unlisted = found.runs, len(found.files), found.damage, found.unlisted
+    lacks = _lacking(options, baseline) if not damage else []
     if options.json:
         record = {"root": str(options.root), "whole": not damage, "runs": runs, "files": files}
-        print_json("verify", {**record, "damage": [asdict(each) for each in damage], "unlisted": unlisted})
+        found = {"damage": [asdict(each) for each in damage], "unlisted": unlisted, "lacking": lacks}
+        print_json("verify", record | found)
     else:
-        lines = [*map(str, damage), *(f"{path}: it belongs to no run and is ignored" for path in unlisted)]
+        ignored = (f"{path}: it belongs to no run and is ignored" for path in unlisted)
         state = f"damaged: {len(damage):,} problems" if damage else "whole"
-        print(*lines, f"{options.root} is {state}; {runs:,} runs, {files:,} files", sep="\n")
-    return DAMAGED if damage else 0
+        whole = f"{options.root} is {state}; {runs:,} runs, {files:,} files"
+        print(*map(str, damage), *ignored, *lacks, whole, sep="\n")
+        if options.complete and not damage:
+            print(f"it is incomplete: {len(lacks)} things are missing" if lacks else "it is complete")
+    return DAMAGED if damage or lacks else 0
+
+
+def _lacking(options: argparse.Namespace, baseline: Baseline | None) -> list[str]:
+    from analysis.baselines.completeness import lacking
+
+    return lacking(baseline) if options.complete and baseline is not None else []

@@ -2,7 +2,7 @@
 
 from tma_ray.decoding import DamagedFileError, DamagedFileWarning
 from tma_ray.results.committer import Committer, StaleAttemptError, accepted_manifest
-from tma_ray.results.engines import BOX2D, BOX2D_TEST_SET, CHIPMUNK
+from tma_ray.results.engines import BOX2D, BOX2D_TEST_SET, CHIPMUNK, NO_PHYSICS_VERSION, SIMULATED
 from tma_ray.results.holding.heartbeat import Heartbeat, HeartbeatWriter, RunProgress
 from tma_ray.results.holding.lease import Lease, NotRunningError, RootInUseError, ask_to_stop, holder_of
 from tma_ray.results.inputs import (
@@ -62,11 +62,13 @@ __all__ = [
     "INPUTS",
     "LEAN",
     "LOGS",
+    "NO_PHYSICS_VERSION",
     "POLICIES",
     "PUBLISHED_FILE",
     "PUBLISHED_SCHEMA",
     "SCHEMAS",
     "SCHEMA_VERSION",
+    "SIMULATED",
     "WHOLE",
     "AttemptOutcome",
     "AttemptRecord",

@@ -10,6 +10,9 @@ CHIPMUNK: Final = "Chipmunk"
 BOX2D: Final = "Box2D"
 """Simulated the worlds of the original release."""
 
+SIMULATED: Final = "Simulated students"
+"""Stands for the equations of students without physics."""
+
 NO_PHYSICS_VERSION: Final = 0
 """Physics version of runs of other engines; those of tma_ray count from 1."""
 

@@ -38,14 +38,19 @@ class SimulatedRun:
         teacher: registered name, or ``module:Name``.
         level: effective level of expert knowledge.
         seed: of teacher, student, and everything placed at random.
-        curve: mastered share of the test tasks in per cent after each twentieth of the episodes.
+        returns: expected return on each test task after each twentieth of the episodes (20, n).
     """
 
     challenge: str
     teacher: str
     level: KnowledgeLevel
     seed: int
-    curve: tuple[float, ...]
+    returns: tuple[tuple[float, ...], ...]
+
+    @property
+    def curve(self) -> tuple[float, ...]:
+        """Mastered share of the test tasks in per cent after each twentieth of the episodes."""
+        return tuple(100 * float(np.mean(np.array(row) > MASTERY_RETURN)) for row in self.returns)
 
     @property
     def mastered(self) -> float:
@@ -109,9 +114,13 @@ class Simulation:
         self.teacher.drain_updates()
         return episode
 
+    def evaluate(self, tests: Task) -> tuple[float, ...]:
+        """Returns the student's expected return on each of `tests` (n, d)."""
+        return tuple(map(float, self.student.expected_returns(tests)))
+
     def mastered(self, tests: Task) -> float:
         """Returns the share of `tests` (n, d) that the student masters, in per cent."""
-        return 100 * float(np.mean(self.student.expected_returns(tests) > MASTERY_RETURN))
+        return 100 * float(np.mean(np.array(self.evaluate(tests)) > MASTERY_RETURN))
 
 
 def simulate(
@@ -132,11 +141,11 @@ def simulate(
     simulation = Simulation(challenge, teacher, level, seed, hyperparameters)
     tests = challenge.tests().tasks
     resets = {round(share * episodes) for share in challenge.resets}
-    curve: list[float] = []
+    returns: list[tuple[float, ...]] = []
     while simulation.episodes < episodes:
         simulation.advance()
-        if simulation.episodes >= episodes * (len(curve) + 1) / POINTS:
-            curve.append(simulation.mastered(tests))
+        if simulation.episodes >= episodes * (len(returns) + 1) / POINTS:
+            returns.append(simulation.evaluate(tests))
         if simulation.episodes in resets:
             simulation.student.reset()
-    return SimulatedRun(challenge.name, teacher, simulation.level, seed, tuple(curve))
+    return SimulatedRun(challenge.name, teacher, simulation.level, seed, tuple(returns))

@@ -33,6 +33,9 @@ from numpy.typing import ArrayLike, NDArray
 
 Array = NDArray[np.float64]
 
+SIMULATION_VERSION = 1
+"""Version of the equations and their parameters, part of every simulated run; raise it when these change."""
+
 WORST_RETURN = -100.0
 """Expected return without any competence: a walker that falls at once."""
 

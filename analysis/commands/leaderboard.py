@@ -1,0 +1,110 @@
+"""The command that prints leaderboards of releases, and the same as Markdown for the site."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from rich.console import Console
+from rich.table import Table
+
+from analysis.baselines import BaselineError, BaselineKind, as_baseline, baselines
+from analysis.baselines.catalogue import Baseline
+from analysis.comparisons.leaderboard import Entry, Leaderboard, leaderboards
+from analysis.data.frames import load
+from analysis.formatting import number, plus_minus
+from analysis.names import label
+
+EXPLANATION = (
+    "Mastered test tasks in %, mean ± 95 % margin. Ranks are by the mean over all challenges, which weigh "
+    "the same; those in brackets are the ranks that Welch's tests over all challenges leave open, after "
+    "Holm's correction for all pairs of teachers. Hours are those of a run on one core of its machines."
+)
+
+
+def show_leaderboards(names: Sequence[str], console: Console | None = None) -> None:
+    """Prints the leaderboards of some releases.
+
+    Args:
+        names: of releases, folders or addresses of results; all releases with a name here by default.
+        console: where to print.
+
+    Raises:
+        BaselineError: there is no such release, or one is damaged.
+        ResultsRootError: there is nothing at a place.
+    """
+    console = console or Console()
+    for name, place, partial in _places(names):
+        console.print(f"{name}{f' (partial: {partial})' if partial else ''}", style="bold", highlight=False)
+        boards = leaderboards(load(place))
+        if not boards:
+            console.print("No run has been evaluated here.")
+        for board in boards:
+            console.print(f"\n{board.title}", style="bold", highlight=False)
+            console.print(_ranking(board))
+            console.print(_challenges(board))
+    console.print(f"[dim]{EXPLANATION}[/dim]", highlight=False)
+
+
+def markdown(names: Sequence[str] = ()) -> str:
+    """Returns the leaderboards of some releases, or of all with a name here, as Markdown."""
+    parts = []
+    for name, place, partial in _places(names):
+        parts.append(f"## {name}")
+        parts += [f"*This release is not complete: {partial}.*"] if partial else []
+        for board in leaderboards(load(place)):
+            head = ["rank", "teacher", "mean, % [95 %]", *board.challenges, "runs", "hours a run"]
+            lines = [head, ["---"] * len(head), *(_cells(board, entry) for entry in board.entries)]
+            parts.append(f"### {board.title[0].upper()}{board.title[1:]}")
+            parts.append("\n".join(f"| {' | '.join(line)} |" for line in lines))
+    return "\n\n".join([*(parts or ["No release with runs ships with this version."]), EXPLANATION])
+
+
+def _places(names: Sequence[str]) -> list[tuple[str, str, str]]:
+    """Returns name, place, and what is missing, of releases with runs."""
+    if not names:
+        return [_told(each) for each in baselines() if each.manifest.kind is BaselineKind.RUNS]
+    found = ((name, as_baseline(name)) for name in names)
+    return [_told(each) if each else (name, name, "") for name, each in found]
+
+
+def _told(baseline: Baseline) -> tuple[str, str, str]:
+    if baseline.manifest.kind is not BaselineKind.RUNS:
+        raise BaselineError(f"{baseline.manifest.name} has no runs, only published results: no leaderboard")
+    return baseline.manifest.name, baseline.place, baseline.manifest.partial
+
+
+def _ranking(board: Leaderboard) -> Table:
+    table = Table(box=None, pad_edge=False)
+    for heading in ("rank", "teacher", "mean, % [95 %]", "runs", "hours a run"):
+        table.add_column(heading, justify="left" if heading == "teacher" else "right")
+    for entry in board.entries:
+        place, teacher, mean, *_, runs, hours = _cells(board, entry)
+        table.add_row(place, teacher, mean, runs, hours)
+    return table
+
+
+def _challenges(board: Leaderboard) -> Table:
+    """Returns teachers by challenges, numbers without decimals so that six fit into 80 columns."""
+    table = Table(box=None, pad_edge=False, padding=(0, 1))
+    table.add_column("teacher", no_wrap=True, max_width=18)
+    for title in board.challenges:
+        table.add_column(title.removeprefix("Stump Tracks, "), justify="right", max_width=11)
+    for entry in board.entries:
+        numbers = (entry.results.get(title) for title in board.challenges)
+        table.add_row(label(entry.rank.teacher), *(_short(each) if each else "" for each in numbers))
+    return table
+
+
+def _short(result: tuple[float, float]) -> str:
+    return plus_minus(*result, 0).replace(" ", "")
+
+
+def _cells(board: Leaderboard, entry: Entry) -> list[str]:
+    rank = entry.rank
+    open_ranks = f" [{rank.best} to {rank.worst}]" if rank.best < rank.worst else ""
+    interval = f"{number(rank.mean)} [{number(rank.low)}, {number(rank.high)}]"
+    known = (entry.results.get(title) for title in board.challenges)
+    results = [plus_minus(*each) if each else "" for each in known]
+    lacking = "*" if rank.left_out and rank.challenges < len(board.challenges) else ""
+    place = f"{rank.rank}{open_ranks}{lacking}"
+    return [place, label(rank.teacher), interval, *results, str(rank.n), number(entry.hours, 2)]

@@ -1,0 +1,154 @@
+"""Leaderboards, findings and completeness of a release, on invented runs of known quality."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from rich.console import Console
+from scipy import stats
+from synthetic_results import SyntheticCampaign
+
+from analysis.baselines import BaselineError, add_to_release, find_baseline, release
+from analysis.baselines.completeness import lacking
+from analysis.claims.agreement import agreements, taus
+from analysis.commands.findings import findings
+from analysis.commands.leaderboard import markdown, show_leaderboards
+from analysis.comparisons.leaderboard import leaderboards
+from analysis.data.frames import load
+from tma_ray.benchmark import paper_results
+from tma_ray.cli import main
+from tma_ray.tasks import KnowledgeLevel
+
+CHALLENGES = ("mostly_unfeasible", "mostly_trivial")
+
+TEACHERS = ("random", "adr", "alp_gmm", "riac")
+
+STEPS = 2_000_000
+
+
+def mean_of(teacher: str, challenge: str) -> float:
+    """What the paper has for a teacher."""
+    (entry,) = (
+        each
+        for each in paper_results()
+        if (each.environment, each.challenge, each.teacher, each.expert_knowledge)
+        == ("stump_tracks", challenge, teacher, KnowledgeLevel.HIGH)
+    )
+    return entry.mean
+
+
+def write(root: Path, seeds: dict[str, int], sign: int = 1) -> Path:
+    """Runs whose means are those of the paper, or in the reverse order."""
+    for challenge in CHALLENGES:
+        campaign = SyntheticCampaign(root, experiment=challenge, campaign="core", steps=STEPS)
+        for teacher, count in seeds.items():
+            for seed in range(count):
+                mastered = round(50 + sign * (mean_of(teacher, challenge) - 25)) + (seed - count // 2)
+                returns = {STEPS: [300.0] * mastered + [0.0] * (100 - mastered)}
+                run_id = f"{challenge}-{teacher}-{seed}"
+                names = {"challenge": challenge, "student": "ppo", "run_id": run_id, "benchmark_version": 1}
+                campaign.plain_run(teacher, seed, returns, level="high", **names)
+    return root
+
+
+@pytest.fixture(scope="module")
+def root(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return write(tmp_path_factory.mktemp("leaderboard") / "root", dict.fromkeys(TEACHERS, 3))
+
+
+@pytest.fixture(scope="module")
+def released(root: Path) -> Path:
+    return add_to_release(root, "lite", "one", root.parent, "CC0-1.0")
+
+
+def test_a_leaderboard_has_ranks_results_and_cost(released: Path) -> None:
+    (board,) = leaderboards(load(released))
+    assert board.title == "expert knowledge high, 2 million steps, Chipmunk 1"
+    means = {name: np.mean([mean_of(name, challenge) for challenge in CHALLENGES]) for name in TEACHERS}
+    assert [entry.rank.teacher for entry in board.entries] == sorted(TEACHERS, key=lambda name: -means[name])
+    for entry in board.entries:
+        assert set(entry.results) == set(board.challenges)
+        assert entry.hours == pytest.approx(1.0)
+        margins = [margin for _, margin in entry.results.values()]
+        assert margins == pytest.approx([stats.t.ppf(0.975, 2) / np.sqrt(3)] * 2)
+
+
+def test_the_same_is_shown_in_the_terminal_and_on_the_site(
+    released: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    console = Console(width=80, record=True)
+    show_leaderboards([str(released)], console)
+    text = console.export_text()
+    assert max(map(len, text.splitlines())) <= 80
+    page = markdown([str(released)])
+    for name in ("ALP-GMM", "ADR", "RIAC", "Random"):
+        assert name in text
+        assert f"| {name} |" in page
+    capsys.readouterr()
+    assert main(["leaderboard", "paper-2021"]) == 2
+    assert "only published results" in capsys.readouterr().err
+
+
+def test_taus_are_kendalls() -> None:
+    rng = np.random.default_rng(5)
+    first, second = rng.integers(0, 6, (50, 8)).astype(float), rng.integers(0, 6, (50, 8)).astype(float)
+    expected = [stats.kendalltau(*rows).statistic for rows in zip(first, second, strict=True)]
+    np.testing.assert_allclose(taus(first, second), expected)
+
+
+def test_the_papers_order_agrees_with_itself_and_disagrees_with_its_reverse(
+    root: Path, tmp_path: Path
+) -> None:
+    *places, together = agreements(load(root))
+    assert {each.challenge for each in places} == set(CHALLENGES)
+    assert all(each.teachers == tuple(sorted(TEACHERS)) for each in places)
+    assert [each.tau for each in (*places, together)] == [1.0] * 3
+    assert all(0 < each.low < each.high == 1.0 for each in places)
+    assert together.low > min(each.low for each in places)
+    reverse = agreements(load(write(tmp_path / "reverse", dict.fromkeys(TEACHERS, 3), sign=-1)))
+    assert all(each.tau < 0 and each.low == -1.0 for each in reverse[:-1])
+    (single, *_) = agreements(load(write(tmp_path / "single", dict.fromkeys(TEACHERS, 1))))
+    assert np.isnan([single.low, single.high]).all()
+
+
+def test_findings_say_what_is_supported_and_by_what(released: Path) -> None:
+    text = findings(str(released))
+    assert "24 runs of PPO, 2 million steps each, simulated by Chipmunk" in text
+    assert "| Mostly trivial, expert knowledge high | 4 | 1.00 |" in text
+    assert "| mean over all of these |  | 1.00 |" in text
+    assert "Of 21 claims:" in text
+    with pytest.raises(BaselineError, match="no runs"):
+        findings("paper-2021")
+
+
+def test_a_complete_release_lacks_nothing(released: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert lacking(find_baseline(released)) == []
+    assert main(["verify", "--complete", str(released)]) == 0
+    assert "it is complete" in capsys.readouterr().out
+
+
+def test_what_a_release_lacks_is_named(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    root = write(tmp_path / "root", {"random": 2, "adr": 1})
+    SyntheticCampaign(root, experiment="mostly_trivial", campaign="core", steps=STEPS).run(
+        "riac", 0, "failed"
+    )
+    place = release(root, "mine", tmp_path, partial=True)
+    found = "\n".join(lacking(find_baseline(place)))
+    for words in (
+        "runs are missing: of 7 runs 1 failed",
+        "no licence",
+        "versions of the benchmark: 0, 1",
+        "1 runs are not done",
+        "name machines",
+        "adr lacks the seeds 1",
+        "2 seeds, fewer than 3",
+    ):
+        assert words in found
+    assert main(["verify", "--complete", str(place), "--json"]) == 1
+    assert len(json.loads(capsys.readouterr().out)["lacking"]) == found.count("\n") + 1
+    assert main(["verify", "--complete", str(root)]) == 2
+    assert "is not a release" in capsys.readouterr().err
+    assert lacking(find_baseline("paper-2021")) == ["it has no runs, only published results"]
