@@ -31,6 +31,7 @@ from analysis.tables.table import Table
 from tma_ray.results import (
     CHIPMUNK,
     SCHEMA_VERSION,
+    SIMULATED,
     WHOLE,
     Contents,
     Copy,
@@ -251,9 +252,12 @@ def _physics_versions(cells: pd.DataFrame) -> tuple[int, ...]:
 
 def _made(frames: Frames) -> str:
     """Returns how the runs were made, in words."""
-    others = sorted(set(frames.cells["engine"]) - {CHIPMUNK})
+    engines = set(frames.cells["engine"])
+    others = sorted(engines - {CHIPMUNK, SIMULATED})
     text = f"Imported from results that others made in worlds of {', '.join(others)}." if others else ""
-    if (frames.cells["engine"] == CHIPMUNK).any():
+    if SIMULATED in engines:
+        text += " By `tma-ray simulate`: students are equations, without physics."
+    if CHIPMUNK in engines:
         versions = ", ".join(map(str, _physics_versions(frames.cells)))
         text += (
             f" By campaigns of tma_ray with its {CHIPMUNK} worlds, physics version {versions or 'unknown'}."
