@@ -57,7 +57,7 @@ def _of_runs(frames: Frames) -> Iterator[str]:
         yield "its attempts name machines: release it with --lean"
     for key, rows in frames.cells.groupby(COMBINATION, sort=True):
         place = " ".join(str(value) for value in key[1:])
-        seeds = {teacher: frozenset(own["seed"]) for teacher, own in rows.groupby("teacher")}
+        seeds = {str(teacher): frozenset(own["seed"]) for teacher, own in rows.groupby("teacher")}
         everywhere = frozenset().union(*seeds.values())
         for teacher, own in seeds.items():
             if own != everywhere:

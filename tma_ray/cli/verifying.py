@@ -56,8 +56,8 @@ def _verify(options: argparse.Namespace) -> int:
     lacks = _lacking(options, baseline) if not damage else []
     if options.json:
         record = {"root": str(options.root), "whole": not damage, "runs": runs, "files": files}
-        found = {"damage": [asdict(each) for each in damage], "unlisted": unlisted, "lacking": lacks}
-        print_json("verify", record | found)
+        rest = {"damage": [asdict(each) for each in damage], "unlisted": unlisted, "lacking": lacks}
+        print_json("verify", record | rest)
     else:
         ignored = (f"{path}: it belongs to no run and is ignored" for path in unlisted)
         state = f"damaged: {len(damage):,} problems" if damage else "whole"

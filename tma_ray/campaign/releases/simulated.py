@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import re
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
@@ -124,7 +124,7 @@ def _spec(run: SimulatedRun, episodes: int) -> dict[str, Any]:
     }
 
 
-def _cell(cell: SimulatedCell, run: SimulatedRun, record: RunRecord) -> Mapping[str, Any]:
+def _cell(cell: SimulatedCell, run: SimulatedRun, record: RunRecord) -> dict[str, Any]:
     return {
         "experiment": cell.challenge.name,
         "environment": ENVIRONMENT,
