@@ -8,6 +8,7 @@ import stat
 import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
+from functools import cache
 from pathlib import Path
 from typing import Any, Final
 
@@ -39,7 +40,7 @@ class LocalHead:
 
     def __init__(self, options: dict[str, Any]) -> None:
         # Ray asks for a token even here, and would write one into the user's home.
-        os.environ.setdefault("RAY_AUTH_TOKEN", secrets.token_hex(32))
+        os.environ.setdefault("RAY_AUTH_TOKEN", _own_token())
         others = set(psutil.Process().children())
         with _loopback():
             ray.init(
@@ -86,6 +87,12 @@ class LocalHead:
                 process.kill()
         ray.shutdown()
         psutil.wait_procs(self._started, timeout=END_SECONDS)
+
+
+@cache
+def _own_token() -> str:
+    """Returns the token of this process's Rays: one for all, since Ray keeps the first that it reads."""
+    return secrets.token_hex(32)
 
 
 def private_folder() -> str | None:
