@@ -17,7 +17,7 @@ from typing import Any
 
 import numpy as np
 
-from tma_ray.campaign.option_values import whole_number
+from tma_ray.commands.quantities import COUNT
 from tma_ray.results import CHECKPOINTS, RunWriter, Store
 from tma_ray.runs import Cell, InlineTeacher, Schedule, effective_spec
 from tma_ray.runs.checkpoints import Checkpoints
@@ -89,9 +89,9 @@ def main() -> None:
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
-    parser.add_argument("--transitions", type=whole_number, default=2_000_000, help="in the first checkpoint")
+    parser.add_argument("--transitions", type=COUNT, default=2_000_000, help="in the first checkpoint")
     parser.add_argument(
-        "--more", type=whole_number, nargs="+", default=NEW_TRANSITIONS, help="before each of the next ones"
+        "--more", type=COUNT, nargs="+", default=NEW_TRANSITIONS, help="before each of the next ones"
     )
     parser.add_argument("--output", type=Path)
     options = parser.parse_args()

@@ -8,8 +8,12 @@ of values is shown as ``{a,b}``.
 from __future__ import annotations
 
 import argparse
+import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from typing import Any
+from typing import Any, NoReturn
+
+from tma_ray.commands.exits import REFUSED
+from tma_ray.part_names import nearest
 
 METAVARS: Mapping[str, str] = {
     "NAME": "a name, as 'tma-ray list' prints them, or module:Name",
@@ -85,6 +89,9 @@ class CommandParser(argparse.ArgumentParser):
         super().__init__(*args, **kwargs)
         self.examples = tuple(examples)
         self._populate = populate
+        self.add_argument(
+            "--debug", action="store_true", default=argparse.SUPPRESS, help="print tracebacks of errors, too"
+        )
 
     def populated(self) -> CommandParser:
         """Returns this parser with its options."""
@@ -95,7 +102,10 @@ class CommandParser(argparse.ArgumentParser):
 
     def parse_known_args(self, args: Any = None, namespace: Any = None) -> Any:  # noqa: D102
         self.populated()
-        return super().parse_known_args(args, namespace)
+        words = sys.argv[1:] if args is None else list(args)
+        if not any(isinstance(action, argparse._SubParsersAction) for action in self._actions):
+            self._refuse_unknown_options(words)
+        return super().parse_known_args(words, namespace)
 
     def format_help(self) -> str:  # noqa: D102
         self.populated()
@@ -104,6 +114,31 @@ class CommandParser(argparse.ArgumentParser):
     def format_usage(self) -> str:  # noqa: D102
         self.populated()
         return super().format_usage()
+
+    def error(self, message: str) -> NoReturn:
+        """Ends the process with one sentence."""
+        self.exit(REFUSED, f"{self.prog}: {message}\n")
+
+    def _refuse_unknown_options(self, words: Sequence[str]) -> None:
+        """Names a misspelt option before what is missing because of it, and says which one may be meant."""
+        before_end = words[: words.index("--")] if "--" in words else words
+        for word in before_end:
+            name = word.partition("=")[0]
+            known = [option for option in self._option_string_actions if option.startswith("--")]
+            if name.startswith("--") and " " not in name and not any(o.startswith(name) for o in known):
+                self.error(f"unknown option {name}: {nearest(name, known)}'{self.prog} --help' lists all")
+
+    def _check_value(self, action: argparse.Action, value: Any) -> None:
+        if action.choices is not None and value not in action.choices:
+            choices = [str(choice) for choice in action.choices]
+            raise argparse.ArgumentError(
+                action, f"{str(value)!r}: {nearest(str(value), choices)}expected one of {', '.join(choices)}"
+            )
+
+    def _get_values(self, action: argparse.Action, arg_strings: list[str]) -> Any:
+        if action.option_strings and "--" in arg_strings:  # argparse would take it for no value at all
+            raise argparse.ArgumentError(action, "'--' ends the options; expected a value")
+        return super()._get_values(action, arg_strings)  # type: ignore[misc]
 
     def commands(self) -> Iterator[CommandParser]:
         """Yields this parser and all below it, with their options."""

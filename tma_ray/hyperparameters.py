@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import collections.abc
 import dataclasses
-import difflib
 import inspect
 import json
 import math
@@ -20,7 +19,7 @@ from functools import cache
 from numbers import Integral, Real
 from typing import Any, NamedTuple, Union, get_args, get_origin, get_type_hints
 
-from tma_ray.part_names import LIST_SEPARATOR
+from tma_ray.part_names import LIST_SEPARATOR, nearest
 
 PRESET = "preset"
 """Key that stands for several values at once, as a part's attribute `presets` has them."""
@@ -124,12 +123,6 @@ def plain(value: Any) -> Any:
     if isinstance(value, StrEnum):
         return value.value
     return [plain(item) for item in value] if isinstance(value, (tuple, list)) else value
-
-
-def nearest(name: str, known: collections.abc.Iterable[str]) -> str:
-    """Returns a hint at the known name that is most like `name`, empty if none is like it."""
-    near = difflib.get_close_matches(name, list(known), n=1)
-    return f"did you mean {str(near[0])!r}? " if near else ""
 
 
 def converted(key: str, value: Any, annotation: Any, kind: str = "hyper-parameter") -> Any:

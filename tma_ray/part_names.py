@@ -9,8 +9,9 @@ defaults and nothing else, with sorted keys, so that equal parts have equal name
 
 from __future__ import annotations
 
+import difflib
 import re
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from typing import Any
 from urllib.parse import unquote
 
@@ -56,6 +57,18 @@ def base_name(text: str) -> str:
     """
     match = SETTINGS.search(text)
     return text if match is None else text[: match.start()]
+
+
+def nearest(name: str, known: Iterable[str]) -> str:
+    """Returns a hint at the known name that is most like `name`, empty if none is like it.
+
+    Examples:
+        >>> nearest("Alp_gm", ["random", "alp_gmm"])
+        "did you mean 'alp_gmm'? "
+    """
+    by_lower_case = {str(each).lower(): str(each) for each in known}
+    found = difflib.get_close_matches(name.lower(), by_lower_case, n=1)
+    return f"did you mean {by_lower_case[found[0]]!r}? " if found else ""
 
 
 def join_name(name: str, settings: Mapping[str, Any]) -> str:

@@ -7,16 +7,17 @@ declares an entry point, or passes ``my_module:MyTeacher`` wherever a name is ex
 from __future__ import annotations
 
 import contextlib
-import difflib
 import importlib
 import sys
 from collections.abc import Callable, Mapping
 from functools import cache
 from importlib.metadata import entry_points
+from pathlib import Path
+from types import ModuleType
 from typing import Generic, TypeVar, cast
 
 from tma_ray.docstrings import docstring_of
-from tma_ray.part_names import base_name
+from tma_ray.part_names import base_name, nearest
 from tma_ray.plugin_source import OURS, PluginSource, importable_name
 
 T = TypeVar("T")
@@ -27,6 +28,19 @@ class UnknownNameError(ValueError):
     """A name that no registry entry answers to; the message holds the nearest match."""
 
 
+class PluginImportError(ValueError):
+    """A module of the user's own that raises an error when it is imported."""
+
+
+_searched: list[str] = []
+"""Folders in which ``module:Name`` is looked for, after all others."""
+
+
+def search_current_folder() -> None:
+    """Lets ``module:Name`` find modules of the current folder, which shadow no others."""
+    _searched[:] = [str(Path.cwd())]
+
+
 class Registry(Generic[T]):
     """The implementations of one kind of part, imported only when asked for.
 
@@ -34,10 +48,14 @@ class Registry(Generic[T]):
         kind: what the names stand for ("teacher"), used in messages.
         entry_point_group: group under which installed packages may offer more.
         builtin: names shipped with tma_ray, each a ``module:Name`` target.
+        base: class that all implementations inherit from.
     """
 
-    def __init__(self, kind: str, entry_point_group: str, builtin: Mapping[str, str]) -> None:
+    def __init__(
+        self, kind: str, entry_point_group: str, builtin: Mapping[str, str], base: type = object
+    ) -> None:
         self.kind = kind
+        self.base = base
         self.entry_point_group = entry_point_group
         self._targets = dict(builtin)
         self._decorated: dict[str, T] = {}
@@ -158,7 +176,7 @@ class Registry(Generic[T]):
         """Imports `module`, whose decorator makes `name` known, unless it is known already."""
         name = base_name(name)
         if ":" not in name and name not in self.names():
-            importlib.import_module(module)
+            self._import(name, module)
 
     def _target(self, name: str) -> str:
         target = self._targets.get(name) or self._installed().get(name)
@@ -173,24 +191,52 @@ class Registry(Generic[T]):
 
     def _load(self, target: str) -> T:
         module_name, _, attribute = target.partition(":")
+        if not all(part.isidentifier() for part in (*module_name.split("."), attribute)):
+            raise UnknownNameError(f"{self.kind} {target!r}: expected a name, or module:Name")
+        module = self._import(target, module_name)
+        found = getattr(module, attribute, None)
+        if found is None:
+            hint = nearest(attribute, [name for name, each in vars(module).items() if self._fits(each)])
+            raise UnknownNameError(
+                f"{self.kind} {target!r}: {hint}module {module_name!r} has no {attribute!r}"
+            )
+        if not self._fits(found):
+            raise UnknownNameError(
+                f"{self.kind} {target!r}: expected a class that inherits from {self.base.__module__}."
+                f"{self.base.__name__}, found {found!r:.80}"
+            )
+        return cast("T", found)
+
+    def _fits(self, found: object) -> bool:
+        return self.base is object or (isinstance(found, type) and issubclass(found, self.base))
+
+    def _import(self, name: str, module: str) -> ModuleType:
+        """Imports the module of an implementation; the user's own may lie in the current folder.
+
+        Raises:
+            UnknownNameError: no such module was found.
+            PluginImportError: the module raises an error.
+        """
+        sys.path.extend(folder for folder in _searched if folder not in sys.path)
         try:
-            return cast("T", getattr(importlib.import_module(module_name), attribute))
-        except ModuleNotFoundError as error:
-            if error.name is None or not module_name.startswith(error.name):
-                raise  # the module exists; something that it imports does not
-            raise UnknownNameError(
-                f"{self.kind} {target!r}: no module {module_name!r} on the import path; "
-                f"run from its folder or install it"
-            ) from error
-        except AttributeError as error:
-            raise UnknownNameError(
-                f"{self.kind} {target!r}: module {module_name!r} has no {attribute!r}"
-            ) from error
+            return importlib.import_module(module)
+        except (Exception, SystemExit) as error:
+            if isinstance(error, ModuleNotFoundError) and error.name and module.startswith(error.name):
+                raise UnknownNameError(
+                    f"{self.kind} {name!r}: no module {module!r} on the import path; run from its folder or "
+                    f"install it"
+                ) from error
+            if module.partition(".")[0] == OURS:
+                raise
+            problem = f"raises {type(error).__name__}: {error}"
+            if isinstance(error, SystemExit):
+                problem = (
+                    "ends the process: put what it does as a script below 'if __name__ == \"__main__\":'"
+                )
+            raise PluginImportError(f"{self.kind} {name!r}: importing {module!r} {problem}") from error
 
     def _explain(self, name: str) -> str:
-        by_lower_case = {known.lower(): known for known in self.names()}
-        near = difflib.get_close_matches(name.lower(), by_lower_case, n=1)
-        hint = f"did you mean {by_lower_case[near[0]]!r}? " if near else ""
+        hint = nearest(name, self.names())
         return f"unknown {self.kind} {name!r}: {hint}known: {', '.join(self.names())}, or module:Name"
 
 

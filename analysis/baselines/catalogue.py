@@ -14,6 +14,7 @@ import pandas as pd
 from analysis.baselines.manifest import BASELINE_FILE, BaselineError, BaselineKind, BaselineManifest
 from analysis.data.frames import Frames, load
 from analysis.data.published import published_frame
+from tma_ray.part_names import nearest
 from tma_ray.results import Store
 
 SHIPPED: Final = Path(__file__).parent
@@ -94,10 +95,10 @@ def find_baseline(name: str | Path) -> Baseline:
     if found:
         places = ", ".join(each.place for each in found)
         raise BaselineError(f"{len(found)} baselines are called {text!r}: give one of their places, {places}")
-    names = ", ".join(each.manifest.name for each in known)
+    names = [each.manifest.name for each in known]
     raise BaselineError(
-        f"no baseline {text!r}: known are {names}; more can lie in folders that {PLACES_VARIABLE} names, and "
-        f"any other is found by its folder or address"
+        f"no baseline {text!r}: {nearest(text, names)}known: {', '.join(names)}; more "
+        f"can lie in folders that {PLACES_VARIABLE} names, and any other is found by its folder or address"
     )
 
 

@@ -7,7 +7,6 @@ import shutil
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from datetime import UTC, datetime
-from importlib.metadata import version
 from pathlib import Path
 from typing import Final
 from uuid import uuid4
@@ -28,6 +27,7 @@ from analysis.data.frames import STATUSES, Frames, load
 from analysis.tables.paper_tables import result_tables
 from analysis.tables.results import table_results
 from analysis.tables.table import Table
+from tma_ray.commands.installed import installed_version
 from tma_ray.results import (
     CHIPMUNK,
     SCHEMA_VERSION,
@@ -236,7 +236,7 @@ def _manifest(
         physics_versions=_physics_versions(cells),
         licence=licence,
         created=datetime.now(UTC).isoformat(timespec="seconds"),
-        software=f"tma_ray {version('tma_ray')}",
+        software=f"tma_ray {installed_version('tma_ray')}",
         partial=missing,
         caveats=tuple(caveats),
         holds=holdings(columns, counts),

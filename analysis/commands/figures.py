@@ -9,6 +9,7 @@ from analysis.baselines.sources import Sources, published, read
 from analysis.comparisons.measured import measure
 from analysis.figures.paper_figures import Drawing, drawings, published_drawings
 from analysis.figures.style import Vector, save
+from tma_ray.part_names import nearest
 
 
 @dataclass(frozen=True)
@@ -39,7 +40,7 @@ def write_figures(
 
     Raises:
         ResultsRootError: no results root at that place.
-        ValueError: an unknown format.
+        ValueError: an unknown format, or no figure of such a name.
     """
     kind = Vector(vector)
     baseline = published(sources)
@@ -55,10 +56,13 @@ def _write(
 ) -> WrittenFigures:
     files: list[Path] = []
     left_out = []
+    chosen = [drawing for drawing in found if drawing.name.startswith(only)]
+    if only and not chosen:
+        names = [drawing.name for drawing in found]
+        hint = nearest(only, names)
+        raise ValueError(f"no figure's name begins with {only!r:.60}: {hint}known: {', '.join(names)}")
     output.mkdir(parents=True, exist_ok=True)
-    for drawing in found:
-        if not drawing.name.startswith(only):
-            continue
+    for drawing in chosen:
         try:
             figure = drawing.draw()
         except ValueError as error:  # not enough data for this one: said, and the others are drawn

@@ -11,11 +11,12 @@ from rich.console import Console
 
 from tma_ray.campaign import Campaign, cells_of
 from tma_ray.campaign.monitor.progress import ActiveRun, ProgressView, Snapshot, duration
-from tma_ray.campaign.option_values import parse_seeds, whole_number
+from tma_ray.campaign.option_values import parse_seeds
 from tma_ray.campaign.options import add_options, chosen_address, chosen_campaign
 from tma_ray.campaign.preflight.address import check_address
 from tma_ray.campaign.settings import Resources, Settings
 from tma_ray.cli import main
+from tma_ray.commands.quantities import COUNT
 from tma_ray.physics import engine_in_use
 from tma_ray.runs import Status
 
@@ -47,12 +48,12 @@ def test_seeds_that_are_none_are_refused(text: str) -> None:
 
 
 def test_numbers_of_steps() -> None:
-    assert [whole_number(text) for text in ("5e5", "500k", "20M", "500_000", "7")] == [
+    assert [COUNT(text) for text in ("5e5", "500k", "20M", "500_000", "7")] == [
         500_000, 500_000, 20_000_000, 500_000, 7,
     ]  # fmt: skip
     for text in ("0", "-5", "1.5", "many", ""):
         with pytest.raises(argparse.ArgumentTypeError):
-            whole_number(text)
+            COUNT(text)
 
 
 def test_a_plan_counts_cells_and_runs() -> None:

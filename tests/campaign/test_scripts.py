@@ -130,7 +130,7 @@ def test_a_matrix_that_nobody_knows_enough_for_is_left_out() -> None:
     ("arguments", "message"),
     [
         (["full_benchmark", "--challenges", "ruged"], "no challenge 'ruged'"),
-        (["full_benchmark", "--embodiments", "fsh"], "no embodiment 'fsh' in this experiment; known"),
+        (["full_benchmark", "--embodiments", "fsh"], "no embodiment 'fsh' in this experiment: did you mean"),
         (["full_benchmark", "--expert-knowledge", "medium"], "unknown level of expert knowledge 'medium'"),
         (["full_benchmark", "--teachers", "alp_gm"], "did you mean 'alp_gmm'"),
         (["case_studies", "--teachers", "alp_gm"], "did you mean 'alp_gmm'"),

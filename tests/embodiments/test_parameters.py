@@ -99,11 +99,11 @@ def test_the_environment_plays_them(body: str) -> None:
 @pytest.mark.parametrize(
     ("name", "message"),
     [
-        ("spider:legs=3", "unknown parameter 'legs'; known: pairs_of_legs, size, motor_torque"),
+        ("spider:legs=3", "unknown parameter 'legs': known: pairs_of_legs, size, motor_torque"),
         ("spider:pairs_of_legs=0", "pairs_of_legs 0 must be a whole number from 1 to 8"),
         ("spider:pairs_of_legs=2.5", "pairs_of_legs 2.5 must be a whole number"),
         ("spider:pairs_of_legs=many", "pairs_of_legs=many: expected a number"),
-        ("classic_bipedal:bodies=3", "unknown parameter 'bodies'; known: size, motor_torque"),
+        ("classic_bipedal:bodies=3", "unknown parameter 'bodies': known: size, motor_torque"),
         (
             "fish:steps_survivable_outside_water=-1",
             "steps_survivable_outside_water -1.0 must be a whole number",
@@ -112,8 +112,8 @@ def test_the_environment_plays_them(body: str) -> None:
             "fish:steps_survivable_outside_water=2.5",
             "steps_survivable_outside_water 2.5 must be a whole number",
         ),
-        ("wheel:size=0", "size 0 must be over 0"),
-        ("wheel:motor_torque=inf", "motor_torque inf must be over 0 and finite"),
+        ("wheel:size=0", "size = 0: expected a number over 0"),
+        ("wheel:motor_torque=inf", "motor_torque = inf: expected a number of N m over 0"),
         ("spidr:size=2", "did you mean 'spider'"),
     ],
 )

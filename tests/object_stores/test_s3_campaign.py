@@ -11,7 +11,7 @@ import pytest
 from small_runs import SCHEDULE, STUDENTS
 
 from tma_ray.campaign import Campaign
-from tma_ray.campaign.script import EXIT_REFUSED
+from tma_ray.commands.exits import REFUSED
 from tma_ray.results import Committer, Store
 from tma_ray.runs import Cell, run_locally
 
@@ -70,7 +70,7 @@ def test_workers_write_into_the_bucket_what_one_process_writes_on_a_disk(
 @pytest.mark.slow
 def test_a_missing_bucket_is_refused_before_anything_starts(s3_environment: str) -> None:
     refused = execute("s3://no-such-bucket/root")
-    assert refused.returncode == EXIT_REFUSED
+    assert refused.returncode == REFUSED
     assert "s3://no-such-bucket/root: the bucket does not exist" in refused.stderr
     assert "Traceback" not in refused.stderr
 

@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 from small_runs import small_spec
 
-from tma_ray.registry import UnknownNameError
+from tma_ray.registry import PluginImportError, UnknownNameError
 from tma_ray.runs import InlineTeacher, Plugin, RunSpec
 from tma_ray.runs.plugins import import_plugins, importing_plugins, plugin_sources
 from tma_ray.teachers import TEACHERS
@@ -73,7 +73,7 @@ def test_another_version_is_refused_by_name(tmp_path: Path, name: str, found: st
 
 def test_a_module_that_ends_its_process_is_an_error_like_others(tmp_path: Path, module: str) -> None:
     (tmp_path / "elsewhere.py").write_text("raise SystemExit(0)")
-    with pytest.raises(RuntimeError, match="below 'if __name__"):
+    with pytest.raises(PluginImportError, match="below 'if __name__"):
         import_plugins(planned(tmp_path, "of_elsewhere", Plugin(module, "")), "teacher")
     assert not importing_plugins()
 

@@ -154,3 +154,16 @@ class NeedsSuccess(Random):
         spread = 0.1 * self.space.width * self.rng.random()
         mean = np.sum(self.mastered_, axis=0) / np.float64(len(self.mastered_) or np.nan)
         return self.space.clip(mean + spread)
+
+
+@dataclass
+class NeverStartsItsBase(Random):
+    def start(self, space, knowledge, rng) -> None:
+        self.history_ = []
+
+
+@dataclass
+class UsesItsSpaceTooEarly(Random):
+    def start(self, space, knowledge, rng) -> None:
+        self.middle_ = self.space.centre
+        super().start(space, knowledge, rng)

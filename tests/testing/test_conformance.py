@@ -7,6 +7,7 @@ import re
 import shutil
 import subprocess
 import sys
+import unittest
 from pathlib import Path
 
 import broken_teachers
@@ -85,6 +86,17 @@ def test_the_broken_promise_is_found_and_no_other(name: str) -> None:
         return
     assert set(failed) == {promise} | ALSO.get(name, set())
     assert re.search(message, failed[promise]), failed[promise]
+
+
+@pytest.mark.parametrize("name", ["NeverStartsItsBase", "UsesItsSpaceTooEarly"])
+def test_a_base_class_that_is_not_started_is_told_once(name: str) -> None:
+    teacher = getattr(broken_teachers, name)
+    kit = type("Kit", (TeacherConformance,), {"teacher": teacher, "episodes": 215})()
+    with pytest.raises(AssertionError, match=r"does not call super\(\)\.start\(space, knowledge, rng\)"):
+        kit.test_the_seed_determines_the_curriculum(SCENARIOS[1])
+    for promise in ("test_tasks_stay_inside_the_space", "test_a_probe_leaves_no_trace"):
+        with pytest.raises(unittest.SkipTest, match="does not call"):
+            getattr(kit, promise)(SCENARIOS[2])
 
 
 @pytest.mark.parametrize("teacher", [Random, AsksForValues, AsksForTrajectories])

@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-import difflib
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from tma_ray.part_names import base_name
+from tma_ray.part_names import base_name, nearest
 from tma_ray.tasks import TaskSpace, TestSet
 from tma_ray.tasks.shuffled_space import CUTS
 
@@ -182,8 +181,7 @@ def find_challenge(environment: str, name: str) -> Challenge:
     """
     known = challenges_of(environment)
     if name not in known:
-        near = difflib.get_close_matches(name, known, n=1)
-        hint = f"did you mean {near[0]!r}? " if near else ""
+        hint = nearest(name, known)
         raise ValueError(
             f"{environment} has no challenge {name!r}: {hint}known: {', '.join(known) or 'none'}"
         )
@@ -206,7 +204,8 @@ def load_test_set(name_or_path: str) -> TestSet:
     path = Path(name_or_path)
     if not path.is_file():
         raise ValueError(
-            f"no test set {name_or_path!r}: known are {', '.join(shipped_test_sets())}, "
+            f"no test set {name_or_path!r}: {nearest(name_or_path, shipped_test_sets())}"
+            f"known: {', '.join(shipped_test_sets())}, "
             f"or give a path to a CSV file"
         )
     return TestSet.from_csv(path)

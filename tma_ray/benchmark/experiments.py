@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import difflib
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
@@ -19,6 +18,7 @@ from tma_ray.benchmark.matrices import (
     Matrix,
 )
 from tma_ray.benchmark.tiers import SIZES, Size, Tier
+from tma_ray.part_names import nearest
 
 TEACHERS = ("random", *sorted(TEACHER_GRIDS))
 """The teachers that the paper compares."""
@@ -104,7 +104,6 @@ def find_experiment(name: str) -> Experiment:
     """
     known = {experiment.name: experiment for experiment in EXPERIMENTS}
     if name not in known:
-        near = difflib.get_close_matches(name, known, n=1)
-        hint = f"did you mean {near[0]!r}? " if near else ""
+        hint = nearest(name, known)
         raise ValueError(f"no experiment {name!r}: {hint}known: {', '.join(known)}")
     return known[name]

@@ -9,6 +9,7 @@ from typing import Any
 
 from tma_ray.benchmark.challenges import find_challenge
 from tma_ray.benchmark.grids import PPO_GRID, TEACHER_GRIDS, Grid
+from tma_ray.part_names import nearest
 from tma_ray.tasks import KnowledgeLevel
 
 
@@ -178,5 +179,6 @@ def select(matrices: Sequence[Matrix], challenges: Sequence[str]) -> tuple[Matri
     for name in challenges:
         if name not in answering:
             known = ", ".join(dict.fromkeys(matrix.name for matrix in matrices))
-            raise ValueError(f"no challenge {name!r} in this experiment; known: {known}")
+            hint = nearest(name, answering)
+            raise ValueError(f"no challenge {name!r} in this experiment: {hint}known: {known}")
     return tuple(m for m in matrices if m.name in challenges or m.challenge in challenges)

@@ -5,7 +5,6 @@ from __future__ import annotations
 import os
 import platform
 import shutil
-from importlib.metadata import version
 from pathlib import Path
 
 from rich.console import Console
@@ -13,6 +12,7 @@ from rich.table import Table
 
 from tma_ray import __version__
 from tma_ray.benchmark import BENCHMARK_VERSION
+from tma_ray.commands.installed import installed_version
 from tma_ray.physics import PHYSICS_VERSION
 from tma_ray.results import SCHEMA_VERSION
 from tma_ray.runs.placement import LIBRARIES, cpu_model
@@ -32,7 +32,9 @@ def examine(root: Path) -> dict[str, str]:
     return {
         "tma_ray": f"{__version__}, Python {platform.python_version()}, {platform.platform(terse=True)}",
         "benchmark": f"version {BENCHMARK_VERSION}, physics {PHYSICS_VERSION}, schema {SCHEMA_VERSION}",
-        "libraries": ", ".join(f"{library} {version(library)}" for library in (*LIBRARIES, "ray", "pyarrow")),
+        "libraries": ", ".join(
+            f"{library} {installed_version(library)}" for library in (*LIBRARIES, "ray", "pyarrow")
+        ),
         "physics engine": _engine(),
         "CPU": f"{cpu_model()}, {os.cpu_count()} cores, {_cpu_features()}",
         "memory": _memory(),

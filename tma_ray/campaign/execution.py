@@ -17,6 +17,7 @@ from tma_ray.campaign.scheduler import Scheduler
 from tma_ray.campaign.settings import Settings
 from tma_ray.results import Committer, HeartbeatWriter, Lease, Store, check_usable
 from tma_ray.runs.inputs import keep
+from tma_ray.runs.placement import check_available
 from tma_ray.runs.plugins import importing_plugins, plugin_sources
 
 
@@ -64,6 +65,8 @@ def execute_plan(
         )
     store = Store.open(results)
     check_usable(store)
+    if address is None:
+        check_available(settings.device)
     connection = connect(address, plugin_sources(plan.runs))
     with closing(connection.head) as head:
         if not settings.autoscaling:

@@ -23,6 +23,8 @@ from tma_ray.campaign.options import (
 )
 from tma_ray.campaign.plan import Plan
 from tma_ray.campaign.script import run_plan
+from tma_ray.commands.texts import named
+from tma_ray.part_names import nearest
 from tma_ray.runs import Schedule
 
 
@@ -50,7 +52,10 @@ def add_experiment_options(parser: argparse.ArgumentParser) -> None:
         "--tier", type=Tier, choices=list(Tier), default=Tier.PAPER, help="size of the experiment"
     )
     what.add_argument(
-        "--stage", metavar="NAME", help="part of an experiment that has stages, as core (default: all)"
+        "--stage",
+        type=named("the name of a stage"),
+        metavar="NAME",
+        help="part of an experiment that has stages, as core (default: all)",
     )
     add_execution_options(parser)
     add_results_option(parser)
@@ -92,7 +97,8 @@ def chosen_matrices(experiment: Experiment, size: Size, options: argparse.Namesp
     known = dict.fromkeys(body for matrix in matrices for body in matrix.embodiments)
     for body in options.embodiments or ():
         if body not in known:
-            raise ValueError(f"no embodiment {body!r} in this experiment; known: {', '.join(known)}")
+            hint = nearest(body, known)
+            raise ValueError(f"no embodiment {body!r} in this experiment: {hint}known: {', '.join(known)}")
     return tuple(_narrowed(matrix, size.of(matrix), options) for matrix in matrices)
 
 

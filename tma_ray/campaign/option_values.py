@@ -3,13 +3,30 @@
 from __future__ import annotations
 
 import argparse
+import re
 from collections.abc import Sequence
 
+from tma_ray.campaign.preflight.address import host_and_port
+from tma_ray.commands.quantities import COORDINATE, SEED
+from tma_ray.commands.texts import refused
+from tma_ray.part_names import nearest
+from tma_ray.runs.placement import check_device
 from tma_ray.tasks import KnowledgeLevel
+
+MOST_SEEDS = 100_000
+"""Seeds that one option may name."""
 
 
 def names(text: str) -> tuple[str, ...]:
-    """Parses a list of names; an empty text is the one empty name, of an environment without bodies."""
+    """Parses a list of names."""
+    found = bodies(text)
+    if not all(found):
+        raise refused(text, "expected names, separated by commas")
+    return found
+
+
+def bodies(text: str) -> tuple[str, ...]:
+    """Parses a list of bodies; an empty text is the one empty name, of an environment without bodies."""
     return tuple(name.strip() for name in text.split(","))
 
 
@@ -36,11 +53,13 @@ def parse_space(text: str) -> dict[str, tuple[float, float]]:
     space: dict[str, tuple[float, float]] = {}
     for name, bounds in map(parse_assignment, text.split(",")):
         try:
-            low, high = map(float, bounds.split(":"))
-        except ValueError:
+            low, high = map(COORDINATE, bounds.split(":"))
+        except (ValueError, argparse.ArgumentTypeError):
             raise argparse.ArgumentTypeError(
                 f"{name}={bounds}: expected DIMENSION=LOW:HIGH, as in stump_height=0:0.3"
             ) from None
+        if low > high:
+            raise argparse.ArgumentTypeError(f"{name}={bounds}: the low bound is over the high one")
         if name in space:
             raise argparse.ArgumentTypeError(f"{name} is given twice; give its bounds once")
         space[name] = (low, high)
@@ -54,19 +73,20 @@ def parse_seeds(text: str) -> tuple[int, ...]:
         >>> parse_seeds("3"), parse_seeds("8-10"), parse_seeds("0,5")
         ((0, 1, 2), (8, 9, 10), (0, 5))
     """
-    try:
-        if "-" in text:
-            first, last = (int(part) for part in text.split("-"))
-            seeds = tuple(range(first, last + 1))
-        elif "," in text:
-            seeds = tuple(int(part) for part in text.split(",") if part)
-        else:
-            seeds = tuple(range(int(text)))
-    except ValueError:
-        seeds = ()
-    if not seeds or min(seeds) < 0:
-        raise argparse.ArgumentTypeError(f"{text!r}: expected a number (4), a range (8-11) or a list (0,5)")
-    return seeds
+    numbers = tuple(map(int, re.findall(r"\d{1,19}", text, re.ASCII)))
+    seeds: Sequence[int] = ()
+    if re.fullmatch(r"\d{1,19}-\d{1,19}", text, re.ASCII):
+        seeds = range(numbers[0], numbers[1] + 1)
+    elif re.fullmatch(r"\d{1,19}(,\d{1,19})+", text, re.ASCII):
+        seeds = numbers
+    elif re.fullmatch(r"\d{1,19}", text, re.ASCII):
+        seeds = range(numbers[0])
+    if not seeds or seeds[-1] > SEED.most:
+        raise refused(text, "expected a number (4), a range (8-11) or a list (0,5)")
+    if len(seeds) > MOST_SEEDS or len(set(seeds)) < len(seeds):
+        reason = f"more than {MOST_SEEDS:,} seeds" if len(seeds) > MOST_SEEDS else "a seed is given twice"
+        raise refused(text, reason)
+    return tuple(seeds)
 
 
 def parse_levels(given: Sequence[str]) -> tuple[KnowledgeLevel, ...]:
@@ -78,18 +98,25 @@ def parse_levels(given: Sequence[str]) -> tuple[KnowledgeLevel, ...]:
     unknown = [level for level in given if level not in list(KnowledgeLevel)]
     if unknown:
         raise ValueError(
-            f"unknown level of expert knowledge {unknown[0]!r}: expected one of {', '.join(KnowledgeLevel)}"
+            f"unknown level of expert knowledge {unknown[0]!r}: {nearest(unknown[0], KnowledgeLevel)}"
+            f"expected one of {', '.join(KnowledgeLevel)}"
         )
     return tuple(KnowledgeLevel(level) for level in given)
 
 
-def whole_number(text: str) -> int:
-    """Parses a number of steps: 500000, 500_000, 5e5, 500k or 20M."""
-    factor = {"k": 1_000, "M": 1_000_000}.get(text[-1:], 1)
+def parse_device(text: str) -> str:
+    """Parses torch's name of a device."""
     try:
-        value = float(text.rstrip("kM")) * factor
-    except ValueError:
-        value = 0.5
-    if value < 1 or value != int(value):
-        raise argparse.ArgumentTypeError(f"{text!r}: expected a whole number such as 500000, 500k or 20M")
-    return int(value)
+        check_device(text)
+    except ValueError as error:
+        raise argparse.ArgumentTypeError(str(error)) from error
+    return text
+
+
+def parse_address(text: str) -> str:
+    """Parses the address of a Ray cluster, which need not answer."""
+    try:
+        host_and_port(text)
+    except ValueError as error:
+        raise argparse.ArgumentTypeError(str(error)) from error
+    return text

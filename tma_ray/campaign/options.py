@@ -8,15 +8,20 @@ from collections.abc import Mapping, Sequence
 from dataclasses import fields, replace
 
 from tma_ray.campaign.option_values import (
+    bodies,
     names,
+    parse_address,
     parse_assignment,
+    parse_device,
     parse_levels,
     parse_seeds,
     parse_space,
-    whole_number,
 )
 from tma_ray.campaign.plan import CampaignSpec
 from tma_ray.campaign.settings import Resources, Settings, TeacherPlacement
+from tma_ray.commands.places import root
+from tma_ray.commands.quantities import CORES, COUNT, GPUS, MEMORY, SECONDS
+from tma_ray.commands.texts import named
 from tma_ray.part_names import join_name
 from tma_ray.runs import Cell, Schedule
 
@@ -50,6 +55,7 @@ def add_options(parser: argparse.ArgumentParser, campaign: CampaignSpec) -> None
     what = add_choice_options(parser, defaults)
     what.add_argument(
         "--environment",
+        type=named("the name of an environment"),
         metavar="NAME",
         help=f"registered name or module:Name (default: {defaults['environment']})",
     )
@@ -70,7 +76,10 @@ def add_choice_options(
     what = parser.add_argument_group("what to run")
     for name, (kind, choice) in LISTS.items():
         what.add_argument(
-            f"--{name}", type=names, metavar=f"{kind},...", help=f"{choice} (default: {defaults[name]})"
+            f"--{name}",
+            type=bodies if name == "embodiments" else names,
+            metavar=f"{kind},...",
+            help=f"{choice} (default: {defaults[name]})",
         )
     what.add_argument(
         "--seeds",
@@ -91,7 +100,7 @@ def add_schedule_options(group: argparse._ActionsContainer, defaults: Mapping[st
     """Adds the options of the budget and its intervals; see `add_choice_options` for `defaults`."""
     for name, meaning in SCHEDULE.items():
         group.add_argument(
-            f"--{name}", type=whole_number, metavar="N", help=f"{meaning} (default: {defaults[name]})"
+            f"--{name}", type=COUNT, metavar="N", help=f"{meaning} (default: {defaults[name]})"
         )
 
 
@@ -137,6 +146,7 @@ def add_cell_options(group: argparse._ActionsContainer) -> None:
     )
     group.add_argument(
         "--test-set",
+        type=named("the name of a test set"),
         metavar="NAME",
         help="shipped test set, or path of a CSV file (default: the challenge's)",
     )
@@ -145,7 +155,7 @@ def add_cell_options(group: argparse._ActionsContainer) -> None:
 def add_results_option(parser: argparse.ArgumentParser) -> None:
     """Adds the option that says where results are written."""
     parser.add_argument(
-        "--results", default="results", metavar="ROOT", help="folder, s3:// or gs:// to write to"
+        "--results", type=root, default="results", metavar="ROOT", help="folder, s3:// or gs:// to write to"
     )
 
 
@@ -158,7 +168,7 @@ def add_execution_options(parser: argparse.ArgumentParser) -> argparse._Argument
     )
     where.add_argument(
         "--address",
-        default=os.environ.get("RAY_ADDRESS"),
+        type=parse_address,
         metavar="ADDRESS",
         help="host:port of a Ray cluster's head, or auto (default: RAY_ADDRESS, else a Ray on this machine)",
     )
@@ -177,20 +187,21 @@ def add_execution_options(parser: argparse.ArgumentParser) -> argparse._Argument
     )
     how.add_argument(
         "--checkpoint-seconds",
-        type=float,
+        type=SECONDS,
         default=Settings.checkpoint_seconds,
         metavar="SECONDS",
         help="longest time between two checkpoints of a run",
     )
     how.add_argument(
         "--outage-seconds",
-        type=float,
+        type=SECONDS,
         default=Settings.outage_seconds,
         metavar="SECONDS",
         help="how long the storage of the results may be unavailable before runs count as lost",
     )
     how.add_argument(
         "--start-from",
+        type=root,
         metavar="ROOT",
         help="results root or release whose runs are copied first and not repeated (default: none)",
     )
@@ -201,25 +212,24 @@ def add_execution_options(parser: argparse.ArgumentParser) -> argparse._Argument
 
 def _add_resources(group: argparse._ActionsContainer) -> None:
     group.add_argument(
-        "--cpus-per-run", type=float, default=Resources.cpus, metavar="X", help="cores that a run occupies"
+        "--cpus-per-run", type=CORES, default=Resources.cpus, metavar="X", help="cores that a run occupies"
     )
     group.add_argument(
         "--gpus-per-run",
-        type=float,
+        type=GPUS,
         default=Resources.gpus,
         metavar="X",
         help="GPUs that a run occupies: a share of one, as 0.25, or a whole number",
     )
     group.add_argument(
         "--memory-per-run",
-        type=float,
+        type=MEMORY,
         default=Resources.memory_gib,
         metavar="GIB",
         help="memory that a run occupies",
     )
-    group.add_argument(
-        "--device", default=Settings.device, metavar="DEVICE", help="where networks live, as cpu or cuda"
-    )
+    device, where = Settings.device, "where networks live, as cpu or cuda"
+    group.add_argument("--device", type=parse_device, default=device, metavar="DEVICE", help=where)
 
 
 def chosen_campaign(campaign: CampaignSpec, options: argparse.Namespace) -> CampaignSpec:
@@ -247,7 +257,7 @@ def chosen_settings(options: argparse.Namespace) -> Settings:
 
 def chosen_address(options: argparse.Namespace) -> str | None:
     """Returns the cluster's address, None for a Ray on this machine."""
-    return None if options.local else options.address or None
+    return None if options.local else options.address or os.environ.get("RAY_ADDRESS") or None
 
 
 def environment_name(name: str, options: argparse.Namespace) -> str:

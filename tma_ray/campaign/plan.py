@@ -9,6 +9,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
+from tma_ray.commands.quantities import SEED
 from tma_ray.results import check_id
 from tma_ray.runs import Cell, RunSpec, Schedule, effective_spec
 from tma_ray.tasks import KnowledgeLevel
@@ -66,6 +67,8 @@ class CampaignSpec:
 
     def __post_init__(self) -> None:
         check_id(self.name)
+        for seed in self.seeds:
+            SEED.check("seed", seed)
         if not self.cells or not self.seeds:
             raise ValueError(
                 f"campaign {self.name!r} has {len(self.cells)} cells and {len(self.seeds)} seeds"

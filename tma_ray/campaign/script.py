@@ -18,13 +18,12 @@ from tma_ray.campaign.options import add_options, chosen_address, chosen_campaig
 from tma_ray.campaign.plan import CampaignSpec, Plan
 from tma_ray.campaign.preflight.address import check_address
 from tma_ray.command_line import CommandParser
-from tma_ray.results import RootInUseError, Store, start_from
+from tma_ray.commands.exits import FAILED, exit_code
+from tma_ray.commands.interrupts import INTERRUPTED
+from tma_ray.results import Store, start_from
 
-EXIT_FAILED = 1
-EXIT_REFUSED = 2
 EXIT_RAY_LOST = 75
 """`os.EX_TEMPFAIL`, by which services and batch systems know what is worth starting again."""
-EXIT_STOPPED = 130
 
 
 def main(campaign: CampaignSpec, arguments: Sequence[str] | None = None) -> int:
@@ -40,12 +39,11 @@ def main(campaign: CampaignSpec, arguments: Sequence[str] | None = None) -> int:
 
 def execute(campaign: CampaignSpec, options: argparse.Namespace) -> int:
     """Runs what `options` choose of `campaign`; returns the exit code as `main`."""
-    try:
-        plan = chosen_campaign(campaign, options).plan()
-        return run_plan(plan, options.results, options)
-    except (ValueError, ConnectionError, RootInUseError) as error:
-        sys.stderr.write(f"{campaign.name}: {error}\n")
-        return EXIT_REFUSED
+
+    def run() -> int:
+        return run_plan(chosen_campaign(campaign, options).plan(), options.results, options)
+
+    return exit_code(campaign.name, run, debug="debug" in options)
 
 
 def run_plan(
@@ -88,10 +86,10 @@ def run_plan(
     try:
         ended = execute_plan(plan, results, settings, address)
     except KeyboardInterrupt:  # the second one: runs go on from the checkpoints they had
-        return EXIT_STOPPED
+        return INTERRUPTED
     except OutageError as error:
         sys.stderr.write(f"{plan.name}: {error}\n")
-        return EXIT_FAILED
+        return FAILED
     except HeadLostError as error:
         sys.stderr.write(f"{plan.name}: {error}; the same command continues where it was\n")
         return EXIT_RAY_LOST
@@ -103,6 +101,6 @@ def _conclude(ended: Snapshot, results: str, console: Console) -> int:
         return 0
     if ended.done + ended.failed < ended.total:
         console.print("Stopped; the same command continues where it was.", highlight=False)
-        return EXIT_STOPPED
+        return INTERRUPTED
     console.print(f"{ended.failed} runs failed; 'tma-ray status {results}' says why.", highlight=False)
-    return EXIT_FAILED
+    return FAILED

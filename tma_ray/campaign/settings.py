@@ -6,15 +6,13 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from enum import StrEnum
 
-from tma_ray.runs.placement import Placement
+from tma_ray.commands.quantities import CORES, GPUS, MEMORY, SECONDS
+from tma_ray.runs.placement import Placement, check_device
 
 GIB = 2**30
 
 AUTOSCALING_QUEUE = 64
 """Runs that wait on an autoscaling cluster: with one only, nodes would come one after the other."""
-
-DEVICES = ("cpu", "cuda", "mps", "xpu")
-"""Kinds that torch knows and a student can train on; Ray counts CUDA's and Intel's as GPUs."""
 
 
 class TeacherPlacement(StrEnum):
@@ -41,13 +39,9 @@ class Resources:
     memory_gib: float = 1.5
 
     def __post_init__(self) -> None:
-        for name, value in vars(self).items():
-            if not value >= 0:
-                raise ValueError(f"{name} = {value}: expected a number of at least 0")
-        if self.cpus == 0:
-            raise ValueError(
-                "cpus = 0: a run needs some share of a core, else Ray starts all of them at once"
-            )
+        CORES.check("cpus", self.cpus)
+        GPUS.check("gpus", self.gpus)
+        MEMORY.check("memory_gib", self.memory_gib)
         if self.gpus > 1 and self.gpus % 1:
             raise ValueError(
                 f"gpus = {self.gpus:g}: expected a share of one GPU, as in 0.25, or a whole number"
@@ -96,13 +90,10 @@ class Settings:
     autoscaling: bool = False
 
     def __post_init__(self) -> None:
-        kind, _, index = self.device.partition(":")
-        if kind not in DEVICES:
-            raise ValueError(f"device = {self.device!r}: expected one of {', '.join(DEVICES)}")
-        if index.strip("0"):
-            raise ValueError(
-                f"device = {self.device!r}: expected {kind!r}; Ray chooses the GPU and shows a run no other"
-            )
+        check_device(self.device)
+        for name in (name for name in vars(self) if name.endswith("_seconds")):
+            SECONDS.check(name, getattr(self, name))
+        kind = self.device.partition(":")[0]
         if self.resources.gpus and kind == "cpu":
             raise ValueError(
                 f"device = 'cpu', but each run occupies {self.resources.gpus:g} GPUs: add '--device cuda', "

@@ -13,10 +13,11 @@ from tma_ray.campaign.monitor.progress import ActiveRun, ProgressView, Published
 from tma_ray.campaign.option_values import parse_levels
 from tma_ray.campaign.options import environment_name
 from tma_ray.campaign.plan import CampaignSpec, Plan, lease_holder
-from tma_ray.campaign.script import EXIT_STOPPED
 from tma_ray.campaign.settings import Resources, Settings
+from tma_ray.commands.interrupts import INTERRUPTED
 from tma_ray.results import AttemptOutcome, Committer, HeartbeatWriter, Lease
 from tma_ray.runs import Cell, Placement, Schedule, Status, run_locally
+from tma_ray.runs.placement import check_available
 
 CAMPAIGN = "single_runs"
 
@@ -42,6 +43,7 @@ def run_single(options: argparse.Namespace) -> int:
     schedule = Schedule(**{name: value for name, value in given.items() if value is not None})
     plan = CampaignSpec(CAMPAIGN, (cell,), (options.seed,), schedule).plan()
     placement = Placement(options.device, options.threads, options.checkpoint_seconds)
+    check_available(options.device)
     _confirm(plan, options, placement)
     committer = Committer.open(options.results)
     (spec,) = plan.runs
@@ -62,7 +64,7 @@ def run_single(options: argparse.Namespace) -> int:
     done = outcome is AttemptOutcome.DONE
     view.close(Snapshot(1, int(done), 0, int(not done), 0, 0, schedule.steps, []))
     console.print(f"{spec.run_id}: {outcome} in {options.results}", highlight=False, soft_wrap=True)
-    return 0 if done else EXIT_STOPPED
+    return 0 if done else INTERRUPTED
 
 
 def _confirm(plan: Plan, options: argparse.Namespace, placement: Placement) -> None:

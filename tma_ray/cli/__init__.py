@@ -6,7 +6,6 @@ import argparse
 import sys
 import warnings
 from collections.abc import Callable, Sequence
-from pathlib import Path
 
 from tma_ray import __version__
 from tma_ray.benchmark import BENCHMARK_VERSION
@@ -19,26 +18,29 @@ from tma_ray.cli import (
     policies,
     publishing,
     running,
+    simulating,
     verifying,
 )
 from tma_ray.command_line import CommandParser
-
-REFUSED = 2
+from tma_ray.commands.exits import exit_code
+from tma_ray.registry import search_current_folder
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Runs one command; returns its exit code."""
-    options = _parser().parse_args(arguments)
-    from tma_ray.results import RootInUseError
+    """Runs one command; returns its exit code: see `tma_ray.commands.exits`."""
+    words = sys.argv[1:] if arguments is None else list(arguments)
+    return exit_code("tma-ray", lambda: _run(words), debug="--debug" in words)
 
-    sys.path.insert(0, str(Path.cwd()))  # so that module:Name finds the user's own file
+
+def _run(words: Sequence[str]) -> int:
+    try:
+        options = _parser().parse_args(words)
+    except SystemExit as ended:  # after --help, or a sentence of the parser's
+        return int(ended.code or 0)
+    search_current_folder()
     command: Callable[[argparse.Namespace], int] = options.command
     warnings.showwarning = _show_warning
-    try:
-        return command(options)
-    except (ValueError, ConnectionError, RootInUseError) as error:
-        sys.stderr.write(f"tma-ray: {error}\n")
-        return REFUSED
+    return command(options)
 
 
 def _parser() -> CommandParser:
@@ -47,7 +49,18 @@ def _parser() -> CommandParser:
     )
     parser.add_argument("--version", action="version", version=_version())
     commands = parser.add_subparsers(title="commands", required=True, metavar="COMMAND")
-    groups = running, experimenting, looking, verifying, policies, publishing, importing, naming, completion
+    groups = (
+        running,
+        simulating,
+        experimenting,
+        looking,
+        verifying,
+        policies,
+        publishing,
+        importing,
+        naming,
+        completion,
+    )
     for group in groups:
         group.add_commands(commands)
     parser.set_defaults(parser=parser)

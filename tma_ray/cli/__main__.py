@@ -2,6 +2,9 @@
 
 import sys
 
+if sys.path[0] not in sys.path[1:]:
+    sys.path.append(sys.path.pop(0))  # the current folder, whose modules shall shadow nothing
+
 from tma_ray.cli import main
 
 if __name__ == "__main__":

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from tma_ray.command_line import CommandParser
+from tma_ray.commands.texts import named
 
 
 def add_commands(commands: Any) -> None:
@@ -40,7 +41,8 @@ def _add_experiment(parser: CommandParser) -> None:
     from tma_ray.campaign.experiments import add_experiment_options
 
     known = ", ".join(experiment.name for experiment in EXPERIMENTS)
-    parser.add_argument("experiment", metavar="EXPERIMENT", help=f"one of {known}")
+    expected = named("the name of an experiment")
+    parser.add_argument("experiment", type=expected, metavar="EXPERIMENT", help=f"one of {known}")
     add_experiment_options(parser)
     parser.set_defaults(command=_experiment)
 

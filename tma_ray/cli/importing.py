@@ -5,10 +5,11 @@ from __future__ import annotations
 import argparse
 import sys
 from collections.abc import Mapping
-from pathlib import Path
 from typing import Any
 
 from tma_ray.command_line import CommandParser
+from tma_ray.commands.places import folder, new_file, root, source
+from tma_ray.commands.quantities import MEBIBYTES
 
 NOT_WHOLE = 1
 
@@ -47,16 +48,15 @@ def _populate(parser: CommandParser) -> None:
 
 
 def _add_results(parser: CommandParser) -> None:
-    from tma_ray.campaign.option_values import whole_number
     from tma_ray.importing import LARGEST_MEBIBYTES
 
-    parser.add_argument("source", type=Path, metavar="SOURCE", help="folder with any number of experiments")
+    parser.add_argument("source", type=source, metavar="SOURCE", help="folder with any number of experiments")
     parser.add_argument(
-        "-o", "--output", required=True, metavar="ROOT", help="empty folder or address to write to"
+        "-o", "--output", type=root, required=True, metavar="ROOT", help="empty folder or address to write to"
     )
     parser.add_argument(
         "--largest-pickle",
-        type=whole_number,
+        type=MEBIBYTES,
         default=LARGEST_MEBIBYTES,
         metavar="MIB",
         help="refuse larger pickles",
@@ -65,9 +65,9 @@ def _add_results(parser: CommandParser) -> None:
 
 
 def _add_test_sets(parser: CommandParser) -> None:
-    parser.add_argument("source", type=Path, metavar="SOURCE", help="folder or file: .csv, .npy or .pkl")
+    parser.add_argument("source", type=source, metavar="SOURCE", help="folder or file: .csv, .npy or .pkl")
     parser.add_argument(
-        "-o", "--output", type=Path, required=True, metavar="FOLDER", help="folder to write to"
+        "-o", "--output", type=folder, required=True, metavar="FOLDER", help="folder to write to"
     )
     parser.add_argument(
         "--by-position", action="store_true", help="take columns by position, whatever the header calls them"
@@ -76,8 +76,10 @@ def _add_test_sets(parser: CommandParser) -> None:
 
 
 def _add_weights(parser: CommandParser) -> None:
-    parser.add_argument("source", type=Path, metavar="SOURCE", help="a .npz file or a pickle of arrays")
-    parser.add_argument("-o", "--output", type=Path, required=True, metavar="FILE", help=".npz file to write")
+    parser.add_argument("source", type=source, metavar="SOURCE", help="a .npz file or a pickle of arrays")
+    parser.add_argument(
+        "-o", "--output", type=new_file, required=True, metavar="FILE", help=".npz file to write"
+    )
     parser.set_defaults(command=_weights)
 
 

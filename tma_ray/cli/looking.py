@@ -3,16 +3,19 @@
 from __future__ import annotations
 
 import argparse
-from contextlib import closing, suppress
-from pathlib import Path
+from contextlib import closing
 from typing import TYPE_CHECKING, Any
 
 from tma_ray.cli.json_output import add_json_option, print_json
 from tma_ray.cli.playing import TASK, add_episode, add_scene
-from tma_ray.cli.records import claims_record, ranking_record, status_record
+from tma_ray.cli.records import any_failed, claims_record, ranking_record, status_record
 from tma_ray.cli.reporting import add_report_command
 from tma_ray.cli.sources import add_sources, chosen_sources
 from tma_ray.command_line import CommandParser
+from tma_ray.commands.exits import FAILED
+from tma_ray.commands.places import folder, new_file, root
+from tma_ray.commands.quantities import SHARE
+from tma_ray.commands.texts import named
 
 if TYPE_CHECKING:
     from analysis.tracking.points import Tracker
@@ -24,7 +27,8 @@ def add_commands(commands: Any) -> None:
         "status",
         help="print the progress of the campaigns of a results root",
         description="Print the progress of the campaigns of a results root, their speed, and why runs "
-        "failed. It may be called from any machine that sees the root.",
+        "failed. It may be called from any machine that sees the root. The exit code is 1 if runs have "
+        "failed.",
         populate=_add_status,
     )
     commands.add_parser(
@@ -90,7 +94,7 @@ def _add_findings(commands: Any) -> None:
 
 def _add_status(parser: CommandParser) -> None:
 
-    parser.add_argument("root", metavar="ROOT", help="results root")
+    parser.add_argument("root", type=root, metavar="ROOT", help="results root")
     parser.add_argument("--cells", action="store_true", help="print a line for every cell")
     parser.add_argument("--watch", action="store_true", help="print it again every few seconds, until Ctrl-C")
     add_json_option(parser)
@@ -98,8 +102,15 @@ def _add_status(parser: CommandParser) -> None:
 
 
 def _add_logs(parser: CommandParser) -> None:
-    parser.add_argument("run", metavar="RUN", help="ID of a run, or an unambiguous beginning of it")
-    parser.add_argument("--results", default="results", metavar="ROOT", help="results root of the run")
+    parser.add_argument(
+        "run",
+        type=named("the ID of a run"),
+        metavar="RUN",
+        help="ID of a run, or an unambiguous beginning of it",
+    )
+    parser.add_argument(
+        "--results", type=root, default="results", metavar="ROOT", help="results root of the run"
+    )
     parser.set_defaults(command=_logs)
 
 
@@ -107,7 +118,7 @@ def _add_ranking(parser: CommandParser) -> None:
 
     add_sources(parser)
     parser.add_argument(
-        "--share", type=float, default=1.0, metavar="X", help="share of the budget after which runs are read"
+        "--share", type=SHARE, default=1.0, metavar="X", help="share of the budget after which runs are read"
     )
     add_json_option(parser)
     parser.set_defaults(command=_ranking)
@@ -122,25 +133,32 @@ def _add_claims(parser: CommandParser) -> None:
 
 
 def _add_search(parser: CommandParser) -> None:
-    parser.add_argument("root", metavar="ROOT", help="results root")
+    parser.add_argument("root", type=root, metavar="ROOT", help="results root")
     parser.set_defaults(command=_search)
 
 
 def _add_tensorboard(parser: CommandParser) -> None:
-    parser.add_argument("root", metavar="ROOT", help="results root")
-    parser.add_argument("folder", metavar="FOLDER", help="folder to write to, for TensorBoard's --logdir")
+    parser.add_argument("root", type=root, metavar="ROOT", help="results root")
+    parser.add_argument(
+        "folder", type=folder, metavar="FOLDER", help="folder to write to, for TensorBoard's --logdir"
+    )
     parser.add_argument("--watch", action="store_true", help="follow the campaign, until Ctrl-C")
     parser.set_defaults(command=_tensorboard)
 
 
 def _add_wandb(parser: CommandParser) -> None:
-    parser.add_argument("root", metavar="ROOT", help="results root")
-    parser.add_argument("--project", default="tma_ray", metavar="NAME", help="project to send to")
+    parser.add_argument("root", type=root, metavar="ROOT", help="results root")
     parser.add_argument(
-        "--entity", metavar="NAME", help="user or team that has the project (default: the one logged in)"
+        "--project", type=named("a project"), default="tma_ray", metavar="NAME", help="project to send to"
     )
     parser.add_argument(
-        "--folder", type=Path, default=Path("wandb"), metavar="FOLDER", help="where the library writes"
+        "--entity",
+        type=named("a user or team"),
+        metavar="NAME",
+        help="user or team that has the project (default: the one logged in)",
+    )
+    parser.add_argument(
+        "--folder", type=folder, default="wandb", metavar="FOLDER", help="where the library writes"
     )
     parser.add_argument(
         "--offline", action="store_true", help="write to the folder only; 'wandb sync' sends it later"
@@ -151,12 +169,14 @@ def _add_wandb(parser: CommandParser) -> None:
 
 def _add_render(parser: CommandParser) -> None:
     add_scene(parser)
-    parser.add_argument("--task", metavar="TASK", help=f"{TASK} (default: the middle of the task space)")
+    parser.add_argument(
+        "--task", type=named("a task"), metavar="TASK", help=f"{TASK} (default: the middle of the task space)"
+    )
     add_episode(parser)
     parser.add_argument(
         "-o",
         "--output",
-        type=Path,
+        type=new_file,
         required=True,
         metavar="FILE",
         help="video (.mp4, .gif) or picture (.png)",
@@ -179,16 +199,14 @@ def _render(options: argparse.Namespace) -> int:
 
 def _status(options: argparse.Namespace) -> int:
     if options.json:
-        print_json("status", status_record(options.root))
-        return 0
+        record = status_record(options.root)
+        print_json("status", record)
+        return FAILED if any_failed(record) else 0
     from tma_ray.campaign.monitor.status import show, watch
 
     if options.watch:
-        with suppress(KeyboardInterrupt):
-            watch(options.root, options.cells)
-    else:
-        show(options.root, options.cells)
-    return 0
+        watch(options.root, options.cells)
+    return FAILED if show(options.root, options.cells) else 0
 
 
 def _logs(options: argparse.Namespace) -> int:
@@ -245,7 +263,6 @@ def _track(tracker: Tracker, hint: str, follow: bool) -> int:
     from analysis.tracking.points import watch
 
     print(f"runs with news: {tracker.update()}{hint}", flush=True)
-    with suppress(KeyboardInterrupt):
-        for count in watch(tracker) if follow else ():
-            print(f"runs with news: {count}", flush=True)
+    for count in watch(tracker) if follow else ():
+        print(f"runs with news: {count}", flush=True)
     return 0

@@ -10,6 +10,7 @@ from typing import Any
 from tma_ray.cli.json_output import add_json_option, print_json
 from tma_ray.cli.records import doctor_record, list_record
 from tma_ray.command_line import CommandParser
+from tma_ray.commands.places import folder
 
 KINDS = ("teachers", "students", "environments", "embodiments", "challenges", "test-sets", "experiments")
 
@@ -36,7 +37,7 @@ def _add_doctor(parser: CommandParser) -> None:
 
     parser.add_argument(
         "--results",
-        type=Path,
+        type=folder,
         default=Path("results"),
         metavar="FOLDER",
         help="folder of results, whose disk is examined",

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import argparse
-from pathlib import Path
 from typing import Any
 
 from tma_ray.cli.playing import TASK, add_episode, add_scene
 from tma_ray.command_line import CommandParser
+from tma_ray.commands.places import folder, new_file, root
+from tma_ray.commands.texts import licence, named
 
 
 def add_commands(commands: Any) -> None:
@@ -29,14 +30,22 @@ def add_commands(commands: Any) -> None:
 
 def _add_export(parser: CommandParser) -> None:
     parser.add_argument(
-        "policy", metavar="POLICY", help="ID of a run or its beginning, or the folder of a saved policy"
+        "policy",
+        type=named("a policy"),
+        metavar="POLICY",
+        help="ID of a run or its beginning, or the folder of a saved policy",
     )
-    parser.add_argument("--results", default="results", metavar="ROOT", help="results root of the run")
     parser.add_argument(
-        "-o", "--output", type=Path, required=True, metavar="FOLDER", help="new or empty folder to write to"
+        "--results", type=root, default="results", metavar="ROOT", help="results root of the run"
     )
     parser.add_argument(
-        "--licence", default="", metavar="LICENCE", help="licence of the policy, as CC-BY-4.0 (default: none)"
+        "-o", "--output", type=folder, required=True, metavar="FOLDER", help="new or empty folder to write to"
+    )
+    parser.add_argument(
+        "--licence",
+        type=licence,
+        metavar="LICENCE",
+        help="licence of the policy, as CC-BY-4.0 (default: none)",
     )
     parser.add_argument("--no-onnx", dest="onnx", action="store_false", help="leave the ONNX file out")
     parser.set_defaults(command=_export)
@@ -48,17 +57,21 @@ def _add_play(parser: CommandParser) -> None:
         "--task",
         dest="tasks",
         action="append",
+        type=named("a task"),
         metavar="TASK",
         help=f"{TASK}; repeatable, for several in turn (default: the middle of the task space)",
     )
     parser.add_argument(
-        "--size", metavar="SIZE", help="pixels of the window, as 640x480 (default: as the world needs)"
+        "--size",
+        type=named("width and height"),
+        metavar="SIZE",
+        help="pixels of the window, as 640x480 (default: as the world needs)",
     )
     video = parser.add_argument_group("a video instead of a window")
     video.add_argument(
         "-o",
         "--output",
-        type=Path,
+        type=new_file,
         metavar="FILE",
         help="video (.mp4, .gif) or picture (.png) (default: none)",
     )
@@ -69,7 +82,7 @@ def _add_play(parser: CommandParser) -> None:
 def _export(options: argparse.Namespace) -> int:
     from tma_ray.export import export
 
-    done = export(options.policy, options.output, options.results, options.licence, options.onnx)
+    done = export(options.policy, options.output, options.results, options.licence or "", options.onnx)
     if done.difference is not None:
         print(f"{done.folder}: actions of the ONNX file differ by at most {done.difference:.2g}")
     else:

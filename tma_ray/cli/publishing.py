@@ -4,13 +4,15 @@ from __future__ import annotations
 
 import argparse
 import sys
-from pathlib import Path
 from typing import Any
 
 from tma_ray.cli.json_output import add_json_option, print_json
 from tma_ray.cli.records import baselines_record
 from tma_ray.cli.sources import add_sources, chosen_sources
 from tma_ray.command_line import CommandParser
+from tma_ray.commands.places import folder, root
+from tma_ray.commands.quantities import COUNT
+from tma_ray.commands.texts import licence, named
 
 NOT_WHOLE = 1
 
@@ -75,11 +77,9 @@ def add_commands(commands: Any) -> None:
 
 
 def _add_tables(parser: CommandParser) -> None:
-    from tma_ray.campaign.option_values import whole_number
-
     add_sources(parser, RESULTS)
     parser.add_argument(
-        "--step", type=whole_number, metavar="N", help="read runs after so many steps (default: at their end)"
+        "--step", type=COUNT, metavar="N", help="read runs after so many steps (default: at their end)"
     )
     parser.add_argument(
         "--format", default="markdown", choices=("markdown", "latex", "csv"), help="format of the tables"
@@ -87,7 +87,7 @@ def _add_tables(parser: CommandParser) -> None:
     parser.add_argument(
         "-o",
         "--output",
-        type=Path,
+        type=folder,
         metavar="FOLDER",
         help="folder for a file per table (default: print them)",
     )
@@ -97,33 +97,41 @@ def _add_tables(parser: CommandParser) -> None:
 def _add_figures(parser: CommandParser) -> None:
     add_sources(parser, RESULTS)
     parser.add_argument(
-        "-o", "--output", type=Path, required=True, metavar="FOLDER", help="folder to write to"
+        "-o", "--output", type=folder, required=True, metavar="FOLDER", help="folder to write to"
     )
     parser.add_argument(
         "--format", default="pdf", choices=("pdf", "svg"), help="vector format, written beside PNG"
     )
     parser.add_argument(
-        "--only", default="", metavar="NAME", help="beginning of the figures' names, as radar (default: all)"
+        "--only",
+        type=named("the beginning of a figure's name"),
+        metavar="NAME",
+        help="beginning of the figures' names, as radar (default: all)",
     )
     parser.set_defaults(command=_figures)
 
 
 def _add_compare(parser: CommandParser) -> None:
     parser.add_argument(
-        "roots", nargs="+", metavar="ROOT", help="results root of your runs; several are read as one"
+        "roots",
+        nargs="+",
+        type=root,
+        metavar="ROOT",
+        help="results root of your runs; several are read as one",
     )
     parser.add_argument(
         "--baseline",
         dest="baselines",
         action="append",
         required=True,
+        type=named("a baseline"),
         metavar="BASELINE",
         help="name of a baseline, as paper-2021, or folder or address of results; repeatable",
     )
     parser.add_argument(
         "-o",
         "--output",
-        type=Path,
+        type=folder,
         metavar="FOLDER",
         help="folder to write to (default: compare in the first ROOT)",
     )
@@ -169,26 +177,28 @@ def _add_baselines_list(parser: CommandParser) -> None:
 
 
 def _add_baselines_path(parser: CommandParser) -> None:
-    parser.add_argument("name", metavar="BASELINE", help="name of the baseline")
+    parser.add_argument("name", type=named("a baseline"), metavar="BASELINE", help="name of the baseline")
     parser.set_defaults(command=_baseline_path)
 
 
 def _add_baselines_verify(parser: CommandParser) -> None:
-    parser.add_argument("name", metavar="BASELINE", help="name or folder of the baseline")
+    parser.add_argument(
+        "name", type=named("a baseline"), metavar="BASELINE", help="name or folder of the baseline"
+    )
     parser.set_defaults(command=_verify_baseline)
 
 
 def _add_release(parser: CommandParser) -> None:
     from tma_ray.campaign.option_values import names
 
-    parser.add_argument("root", metavar="ROOT", help="results root of the campaign")
-    parser.add_argument("name", metavar="NAME", help="name of the baseline")
+    parser.add_argument("root", type=root, metavar="ROOT", help="results root of the campaign")
+    parser.add_argument("name", type=named("a name"), metavar="NAME", help="name of the baseline")
     parser.add_argument(
-        "-o", "--output", type=Path, metavar="FOLDER", help="folder to write to (default: NAME)"
+        "-o", "--output", type=folder, metavar="FOLDER", help="folder to write to (default: NAME)"
     )
     parser.add_argument(
         "--licence",
-        default="",
+        type=licence,
         metavar="LICENCE",
         help="licence of the results, as CC-BY-4.0 (default: none)",
     )
@@ -200,6 +210,7 @@ def _add_release(parser: CommandParser) -> None:
     )
     parser.add_argument(
         "--shard",
+        type=named("a name"),
         metavar="NAME",
         help="add the finished runs that the release lacks, lean, as files of this name (default: pack all)",
     )
@@ -214,7 +225,7 @@ def _add_release(parser: CommandParser) -> None:
 
 
 def _add_compact(parser: CommandParser) -> None:
-    parser.add_argument("root", metavar="ROOT", help="results root")
+    parser.add_argument("root", type=root, metavar="ROOT", help="results root")
     parser.set_defaults(command=_compact)
 
 
@@ -231,7 +242,7 @@ def _tables(options: argparse.Namespace) -> int:
 def _figures(options: argparse.Namespace) -> int:
     from analysis.commands.figures import write_figures
 
-    written = write_figures(chosen_sources(options), options.output, options.format, options.only)
+    written = write_figures(chosen_sources(options), options.output, options.format, options.only or "")
     for warning in (*written.warnings, *(f"left out: {text}" for text in written.left_out)):
         sys.stderr.write(f"tma-ray: warning: {warning}\n")
     print("\n".join(map(str, written.files)))
@@ -281,12 +292,17 @@ def _release(options: argparse.Namespace) -> int:
 
     where, core = (options.root, options.name), tuple(options.core)
     if options.shard:
-        print(add_to_release(*where, options.shard, options.output, options.licence, core=core))
+        print(add_to_release(*where, options.shard, options.output, options.licence or "", core=core))
         return 0
     contents = LEAN if options.lean else WHOLE
     print(
         release(
-            *where, options.output, options.licence, partial=options.partial, contents=contents, core=core
+            *where,
+            options.output,
+            options.licence or "",
+            partial=options.partial,
+            contents=contents,
+            core=core,
         )
     )
     return 0

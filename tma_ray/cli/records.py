@@ -39,6 +39,12 @@ def status_record(root: str) -> dict[str, Any]:
     return {"root": root, "heartbeat": _heartbeat(found.heartbeat, now), "campaigns": campaigns}
 
 
+def any_failed(status: Mapping[str, Any]) -> bool:
+    """Tells whether a run of a `status_record` has failed."""
+    cells = (cell for campaign in status["campaigns"] for cell in campaign["cells"])
+    return any(run["state"] == "failed" for cell in cells for run in cell["runs"])
+
+
 def ranking_record(sources: Sequence[str], share: float) -> dict[str, Any]:
     """Returns the ranking of one or several roots after a share of the budget."""
     from analysis.baselines.sources import read

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 from tma_ray.cli.sources import add_sources, chosen_sources
 from tma_ray.command_line import CommandParser
+from tma_ray.commands.places import folder
 
 if TYPE_CHECKING:
     from analysis.pages.report.videos import Video, WantedVideo
@@ -42,7 +43,7 @@ def _add_report(parser: CommandParser) -> None:
     parser.add_argument(
         "-o",
         "--output",
-        type=Path,
+        type=folder,
         metavar="FOLDER",
         help="folder to write to (default: report in the first ROOT)",
     )

@@ -1,14 +1,16 @@
-"""Commands that run something: one run, campaigns, plans, simulations."""
+"""Commands that run something: one run, campaigns, plans."""
 
 from __future__ import annotations
 
 import argparse
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from tma_ray.cli.json_output import add_json_option, print_json
 from tma_ray.cli.records import plan_record
 from tma_ray.command_line import CommandParser
+from tma_ray.commands.places import root
+from tma_ray.commands.quantities import PROCESSES, SECONDS, SEED
+from tma_ray.commands.texts import named
 
 if TYPE_CHECKING:
     from tma_ray.campaign import Campaign
@@ -65,12 +67,6 @@ def _add_comparing(commands: Any) -> None:
         populate=_add_plan,
     )
     commands.add_parser(
-        "simulate",
-        help="compare teachers on simulated students, without physics",
-        description="Compare teachers on simulated students, without physics: minutes instead of days.",
-        populate=_add_simulate,
-    )
-    commands.add_parser(
         "rerun",
         help="run failed or unfinished runs of a results root again",
         description="Run failed or unfinished runs of a results root again, from their checkpoints where "
@@ -87,6 +83,7 @@ def _add_comparing(commands: Any) -> None:
 
 
 def _add_run(parser: CommandParser) -> None:
+    from tma_ray.campaign.option_values import parse_device
     from tma_ray.campaign.options import (
         YES,
         add_cell_options,
@@ -100,18 +97,25 @@ def _add_run(parser: CommandParser) -> None:
     for name, meaning in ONE_OF_EACH.items():
         kind = "LEVEL" if name == "expert-knowledge" else "NAME"
         default = str(getattr(Cell, name.replace("-", "_")))
-        what.add_argument(f"--{name}", default=default, metavar=kind, help=meaning)
+        text = str if name == "embodiment" else named(f"the name of a {name.replace('-', ' ')}")
+        what.add_argument(f"--{name}", type=text, default=default, metavar=kind, help=meaning)
     add_cell_options(what)
-    what.add_argument("--seed", type=int, default=0, metavar="N", help="seed of the run")
+    what.add_argument("--seed", type=SEED, default=0, metavar="N", help="seed of the run")
     add_schedule_options(what, schedule_defaults(Schedule()))
     how = parser.add_argument_group("how to run it")
     how.add_argument(
-        "--device", default=Placement.device, metavar="DEVICE", help="where networks live, as cpu or cuda"
+        "--device",
+        type=parse_device,
+        default=Placement.device,
+        metavar="DEVICE",
+        help="where networks live, as cpu or cuda",
     )
-    how.add_argument("--threads", type=int, default=Placement.threads, metavar="N", help="torch's threads")
+    how.add_argument(
+        "--threads", type=PROCESSES, default=Placement.threads, metavar="N", help="torch's threads"
+    )
     how.add_argument(
         "--checkpoint-seconds",
-        type=float,
+        type=SECONDS,
         default=Placement.checkpoint_seconds,
         metavar="SECONDS",
         help="longest time between two checkpoints",
@@ -125,10 +129,15 @@ def _add_campaign(parser: CommandParser) -> None:
     from tma_ray.campaign.options import add_options
 
     parser.add_argument(
-        "--name", default="campaign", metavar="NAME", help="name of the campaign in the results"
+        "--name",
+        type=named("a name"),
+        default="campaign",
+        metavar="NAME",
+        help="name of the campaign in the results",
     )
     parser.add_argument(
         "--like",
+        type=named("a release"),
         metavar="BASELINE",
         help="release whose cells, seeds and settings are repeated for --teachers; --challenges and --seeds "
         "narrow them (default: none)",
@@ -142,7 +151,8 @@ def _add_plan(parser: CommandParser) -> None:
     from tma_ray.campaign.experiments import add_experiment_options
 
     known = ", ".join(experiment.name for experiment in EXPERIMENTS)
-    parser.add_argument("experiment", metavar="EXPERIMENT", help=f"one of {known}")
+    expected = named("the name of an experiment")
+    parser.add_argument("experiment", type=expected, metavar="EXPERIMENT", help=f"one of {known}")
     add_experiment_options(parser)
     add_json_option(parser)
     parser.set_defaults(command=_plan)
@@ -151,9 +161,13 @@ def _add_plan(parser: CommandParser) -> None:
 def _add_rerun(parser: CommandParser) -> None:
     from tma_ray.campaign.options import add_execution_options
 
-    parser.add_argument("root", metavar="ROOT", help="results root of the runs")
+    parser.add_argument("root", type=root, metavar="ROOT", help="results root of the runs")
     parser.add_argument(
-        "runs", nargs="*", metavar="RUN", help="IDs of runs, or unambiguous beginnings of them"
+        "runs",
+        nargs="*",
+        type=named("the ID of a run"),
+        metavar="RUN",
+        help="IDs of runs, or unambiguous beginnings of them",
     )
     parser.add_argument("--failed", action="store_true", help="all runs that failed")
     add_execution_options(parser)
@@ -161,48 +175,8 @@ def _add_rerun(parser: CommandParser) -> None:
 
 
 def _add_stop(parser: CommandParser) -> None:
-    parser.add_argument("root", metavar="ROOT", help="results root of the campaign")
+    parser.add_argument("root", type=root, metavar="ROOT", help="results root of the campaign")
     parser.set_defaults(command=_stop)
-
-
-def _add_simulate(parser: CommandParser) -> None:
-    from tma_ray.campaign.option_values import names, parse_seeds, whole_number
-    from tma_ray.campaign.options import LISTS
-    from tma_ray.testing import EPISODES
-
-    parser.add_argument(
-        "--teachers", type=names, metavar="NAME,...", help=f"{LISTS['teachers'][1]} (default: all)"
-    )
-    parser.add_argument(
-        "--challenges", type=names, metavar="NAME,...", help="simulated challenges (default: all six)"
-    )
-    parser.add_argument(
-        "--expert-knowledge", type=names, metavar="LEVEL,...", help="levels offered (default: none,low,high)"
-    )
-    parser.add_argument(
-        "--seeds",
-        type=parse_seeds,
-        metavar="SEEDS",
-        default=tuple(range(10)),
-        help="how many seeds (4), or which: a range (8-11) or a list (0,5) (default: 10)",
-    )
-    parser.add_argument(
-        "--episodes", type=whole_number, default=EPISODES, metavar="N", help="episodes of each run"
-    )
-    parser.add_argument("--jobs", type=whole_number, metavar="N", default=1, help="processes")
-    parser.add_argument(
-        "-o",
-        "--output",
-        type=Path,
-        metavar="FILE",
-        help="CSV or Parquet file with a row a run (default: none)",
-    )
-    parser.add_argument(
-        "--results",
-        metavar="ROOT",
-        help="results root to write the runs to, for comparisons and releases (default: none)",
-    )
-    parser.set_defaults(command=_simulate)
 
 
 def _run(options: argparse.Namespace) -> int:
@@ -246,36 +220,6 @@ def _plan(options: argparse.Namespace) -> int:
         print_json("plan", plan_record(experiment, options))
         return 0
     show_detectable_differences(show_plan(experiment, options).cell_rows)
-    return 0
-
-
-def _simulate(options: argparse.Namespace) -> int:
-    from rich.console import Console
-    from rich.progress import track
-
-    from analysis.commands import simulated
-    from tma_ray.campaign.option_values import parse_levels
-    from tma_ray.campaign.releases.simulated import write_simulated
-    from tma_ray.tasks import KnowledgeLevel
-    from tma_ray.teachers import TEACHERS, canonical_teacher
-    from tma_ray.testing import SIMULATED_CHALLENGES, find_simulated_challenge, matrix
-
-    if options.output:
-        simulated.check_file(options.output)
-    names = options.challenges or [challenge.name for challenge in SIMULATED_CHALLENGES]
-    challenges = [find_simulated_challenge(name) for name in names]
-    teachers = [canonical_teacher(name) for name in options.teachers or TEACHERS.names()]
-    levels = parse_levels(options.expert_knowledge or tuple(KnowledgeLevel))
-    cells = matrix.cells_of(teachers, challenges, levels)
-    runs = matrix.run_cells(cells, options.seeds, options.episodes, options.jobs)
-    total = matrix.run_count(cells, options.seeds)
-    played = list(track(runs, "simulating", total, console=Console(stderr=True)))
-    frame = matrix.tabulate(cells, played)
-    if options.output:
-        simulated.write(frame, options.output)
-    if options.results:
-        write_simulated(options.results, cells, played, options.episodes)
-    simulated.show(frame)
     return 0
 
 

@@ -5,14 +5,20 @@ from __future__ import annotations
 import argparse
 from typing import Any
 
+from tma_ray.commands.places import root
+from tma_ray.commands.texts import named
+
 
 def add_sources(parser: Any, what: str = "results root, or the name of a baseline with runs") -> None:
     """Adds roots and baselines to the options of a command that reads results."""
-    parser.add_argument("roots", nargs="+", metavar="ROOT", help=f"{what}; several are read as one")
+    parser.add_argument(
+        "roots", nargs="+", type=root, metavar="ROOT", help=f"{what}; several are read as one"
+    )
     parser.add_argument(
         "--baseline",
         dest="baselines",
         action="append",
+        type=named("a baseline"),
         default=[],
         metavar="BASELINE",
         help="also the runs of this baseline: its name, folder or address; repeatable",

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 from tma_ray.cli.json_output import add_json_option, print_json
 from tma_ray.command_line import CommandParser
+from tma_ray.commands.places import root
 
 if TYPE_CHECKING:
     from analysis.baselines import Baseline
@@ -29,7 +30,9 @@ def add_commands(commands: Any) -> None:
 
 
 def _add_verify(parser: CommandParser) -> None:
-    parser.add_argument("root", metavar="ROOT", help="results root, or folder or name of a release")
+    parser.add_argument(
+        "root", type=root, metavar="ROOT", help="results root, or folder or name of a release"
+    )
     parser.add_argument(
         "--complete",
         action="store_true",

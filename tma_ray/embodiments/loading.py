@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import difflib
 import tomllib
 from collections.abc import Mapping
 from dataclasses import MISSING, fields, replace
@@ -21,7 +20,7 @@ from tma_ray.embodiments.parts import GripSensor, Joint, Part
 from tma_ray.embodiments.polygon import Point, Polygon
 from tma_ray.embodiments.repeats import expand_repeats, repeats
 from tma_ray.embodiments.variants import body_parameters, resized, with_motor_torque
-from tma_ray.part_names import join_name
+from tma_ray.part_names import join_name, nearest
 
 SIZE, MOTOR_TORQUE = "size", "motor_torque"
 SURVIVAL = ("steps_survivable_under_water", "steps_survivable_outside_water")
@@ -68,8 +67,7 @@ def load_embodiment(name_or_path: str | Path, **parameters: float) -> Embodiment
     if name.endswith(".toml"):
         return _parse(Path(name), settings)
     if name not in embodiment_names():
-        near = difflib.get_close_matches(name, embodiment_names(), n=1)
-        hint = f"did you mean {near[0]!r}? " if near else ""
+        hint = nearest(name, embodiment_names())
         raise EmbodimentError(
             f"unknown embodiment {name!r}: {hint}"
             f"known: {', '.join(embodiment_names())}, or the path of a .toml file"
@@ -119,7 +117,8 @@ def _variant(data: dict[str, Any], settings: Mapping[str, float]) -> Embodiment:
             counts[name] = int(value)
         elif name not in EVERY_BODY:
             known = ", ".join([*sections, *EVERY_BODY])
-            raise ValueError(f"unknown parameter {name!r}; known: {known}")
+            hint = nearest(name, (*sections, *EVERY_BODY))
+            raise ValueError(f"unknown parameter {name!r}: {hint}known: {known}")
     survival = {name: settings[name] for name in SURVIVAL if name in settings}
     body = _embodiment(expand_repeats(data, counts), survival)
     if SIZE in settings:
@@ -208,6 +207,7 @@ def _check_fields(
     known = {field.name: names.get(field.name, field.name) for field in fields(kind)}
     required = {field.name for field in fields(kind) if field.default is MISSING}
     for name in sorted(entry.keys() - known.keys()):
-        raise ValueError(f"{what}: unknown field {name!r}; known: {', '.join(known.values())}")
+        hint = nearest(name, known.values())
+        raise ValueError(f"{what}: unknown field {name!r}: {hint}known: {', '.join(known.values())}")
     for name in sorted(required - entry.keys()):
         raise ValueError(f"{what}: field {known[name]!r} is missing")

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import replace
 
+from tma_ray.commands.quantities import BODY_SIZE, TORQUE
 from tma_ray.embodiments.embodiment import Embodiment
 from tma_ray.embodiments.parts import GripSensor, Joint, Part
 from tma_ray.embodiments.polygon import Point, Polygon
@@ -29,9 +29,9 @@ def resized(body: Embodiment, size: float) -> Embodiment:
     """Returns `body` with all lengths multiplied by `size`; densities and torques stay.
 
     Raises:
-        ValueError: a size that is not over 0.
+        ValueError: a size that is not over 0, or absurd.
     """
-    _check_positive("size", size)
+    BODY_SIZE.check("size", size)
     return replace(
         body,
         spawn_height=body.spawn_height * size,
@@ -45,9 +45,9 @@ def with_motor_torque(body: Embodiment, torque: float) -> Embodiment:
     """Returns `body` with the largest torque of every motor set to `torque` N m.
 
     Raises:
-        ValueError: a torque that is not over 0.
+        ValueError: a torque that is not over 0, or absurd.
     """
-    _check_positive("motor_torque", torque)
+    TORQUE.check("motor_torque", torque)
     joints = [joint if joint.passive else replace(joint, motor_torque=float(torque)) for joint in body.joints]
     return replace(body, joints=tuple(joints))
 
@@ -75,8 +75,3 @@ def _number(name: str, text: str) -> float:
         return int(text) if text.isdecimal() else float(text)
     except ValueError:
         raise ValueError(f"parameter {name}={text}: expected a number") from None
-
-
-def _check_positive(name: str, value: float) -> None:
-    if not (value > 0 and math.isfinite(value)):
-        raise ValueError(f"{name} {value} must be over 0 and finite")

@@ -27,6 +27,7 @@ ENVIRONMENTS: Registry[type[Environment]] = Registry(
         "stump_tracks": "tma_ray.envs.stump_tracks:StumpTracks",
         "parkour": "tma_ray.envs.parkour:Parkour",
     },
+    gymnasium.Env,
 )
 """Environments by name; more through `ENVIRONMENTS.register`, an entry point, or ``module:Name``."""
 

@@ -28,6 +28,9 @@ CHECKPOINTS: Final = "checkpoints"
 POLICIES: Final = "policies"
 LOGS: Final = "logs"
 
+LONGEST_ID: Final = 200
+"""Characters of an id: with its ending it is a file name on every disk."""
+
 
 @dataclass(frozen=True)
 class RootFile:
@@ -139,10 +142,12 @@ def check_id(name: str) -> str:
     """Returns `name` if it can be part of a path.
 
     Raises:
-        ValueError: anything but letters, digits, "_" and "-".
+        ValueError: anything but letters, digits, "_" and "-", or too many of them.
     """
-    if not re.fullmatch(r"[0-9a-zA-Z_-]+", name):
-        raise ValueError(f"id {name!r} is part of file names: use letters, digits, '_' and '-' only")
+    if not re.fullmatch(rf"[0-9a-zA-Z_-]{{1,{LONGEST_ID}}}", name):
+        raise ValueError(
+            f"id {name!r:.60} is part of file names: use up to {LONGEST_ID} letters, digits, '_' and '-'"
+        )
     return name
 
 

@@ -17,7 +17,7 @@ import pyarrow.compute as pc
 from tma_ray.decoding import decode_json
 from tma_ray.results.inputs import damaged_inputs
 from tma_ray.results.inspection import Damage, Inspector, damage_reason
-from tma_ray.results.layout import MANIFESTS, POLICIES, TABLES, policy_folder
+from tma_ray.results.layout import MANIFESTS, POLICIES, TABLES, check_root, policy_folder
 from tma_ray.results.manifest import Manifest, PartFile, load_manifest
 from tma_ray.results.merging.shared_files import UNREADABLE
 from tma_ray.results.parquet import decode
@@ -51,6 +51,7 @@ def verify_root(store: Store) -> RootVerification:
     Raises:
         ResultsRootError: the root does not exist, or is one of another version.
     """
+    check_root(store)
     manifests, damage = _manifests(store)
     inspector = Inspector(store, raise_refusals=False)
     for _, inspection in inspector.inspect_all(manifests):

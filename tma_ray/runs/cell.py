@@ -18,6 +18,7 @@ from tma_ray.runs.cell_settings import (
     bounded,
     canonical_challenge,
     challenge_bounds,
+    check_body,
     environment_settings,
 )
 from tma_ray.runs.inputs import captured, named
@@ -150,6 +151,7 @@ def _check_easy_task(environment: str, setting: _Setting) -> None:
 
 
 def _setting(cell: Cell, options: Mapping[str, Any]) -> _Setting:
+    check_body(cell.environment, cell.embodiment)
     environment = make_environment(cell.environment, **options)
     try:
         _check_spaces(cell, environment)

@@ -7,8 +7,8 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from tma_ray.envs import ENVIRONMENTS
-from tma_ray.hyperparameters import differing, nearest, parse_settings, plain
-from tma_ray.part_names import base_name, join_name, split_name, text_of
+from tma_ray.hyperparameters import differing, parameters_of, parse_settings, plain
+from tma_ray.part_names import base_name, join_name, nearest, split_name, text_of
 from tma_ray.tasks import TaskSpace
 
 BOUNDS_SEPARATOR = ".."
@@ -42,6 +42,20 @@ def environment_settings(name: str, options: Mapping[str, Any]) -> tuple[str, di
     except ValueError as error:
         raise ValueError(f"environment {base!r}: {error}") from error
     return join_name(base, values), {option: plain(value) for option, value in values.items()}
+
+
+def check_body(environment: str, embodiment: str) -> None:
+    """Refuses an environment with bodies that is given none: its results would not tell which it chose.
+
+    Raises:
+        UnknownNameError: no such environment.
+        ValueError: none is given.
+    """
+    base = base_name(environment)
+    if not embodiment and "embodiment" in parameters_of(ENVIRONMENTS.get(base)):
+        raise ValueError(
+            f"environment {base!r} has bodies: choose one with {_ELSEWHERE['embodiment']}, not ''"
+        )
 
 
 def challenge_bounds(name: str, space: Bounds) -> tuple[str, dict[str, tuple[float, float]]]:

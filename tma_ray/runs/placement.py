@@ -5,8 +5,14 @@ from __future__ import annotations
 import json
 import platform
 from dataclasses import dataclass
-from importlib.metadata import version
 from pathlib import Path
+
+from tma_ray.commands.installed import installed_version
+from tma_ray.commands.quantities import PROCESSES, SECONDS
+from tma_ray.part_names import nearest
+
+DEVICES = ("cpu", "cuda", "mps", "xpu")
+"""Kinds that torch knows and a student can train on; Ray counts CUDA's and Intel's as GPUs."""
 
 LIBRARIES = ("numpy", "torch", "stable-baselines3", "gymnasium", "pymunk", "numba", "scikit-learn", "scipy")
 
@@ -27,6 +33,12 @@ class Placement:
     checkpoint_seconds: float = 600.0
     outage_seconds: float = 1800.0
 
+    def __post_init__(self) -> None:
+        check_device(self.device)
+        PROCESSES.check("threads", self.threads)
+        SECONDS.check("checkpoint_seconds", self.checkpoint_seconds)
+        SECONDS.check("outage_seconds", self.outage_seconds)
+
 
 @dataclass(frozen=True)
 class Status:
@@ -43,16 +55,51 @@ class Status:
     episodic_return: float
 
 
+def check_device(device: str) -> None:
+    """Refuses what is not torch's name of a device, or names one of several.
+
+    Raises:
+        ValueError: the message says what was expected.
+    """
+    kind, _, index = device.partition(":")
+    if kind not in DEVICES:
+        raise ValueError(f"device {device!r}: {nearest(kind, DEVICES)}expected one of {', '.join(DEVICES)}")
+    if index.strip("0"):
+        raise ValueError(
+            f"device {device!r}: expected {kind!r}; Ray chooses the GPU and shows a run no other"
+        )
+
+
+def check_available(device: str) -> None:
+    """Refuses a device that this machine does not have.
+
+    Raises:
+        ValueError: the message says so.
+    """
+    kind = device.partition(":")[0]
+    if kind == "cpu":
+        return
+    import torch
+
+    found = {
+        "cuda": torch.cuda.is_available,
+        "mps": torch.backends.mps.is_available,
+        "xpu": torch.xpu.is_available,
+    }
+    if not found[kind]():
+        raise ValueError(f"device {device!r}: torch finds none on this machine; use 'cpu'")
+
+
 def fingerprint(threads: int, device: str) -> str:
     """Returns CPU model, threads, device and versions of what computes, as JSON."""
     content = {
-        "tma_ray": version("tma_ray"),
+        "tma_ray": installed_version("tma_ray"),
         "python": platform.python_version(),
         "system": platform.platform(terse=True),
         "cpu": cpu_model(),
         "threads": threads,
         "device": device,
-        **{library: version(library) for library in LIBRARIES},
+        **{library: installed_version(library) for library in LIBRARIES},
     }
     return json.dumps(content, sort_keys=True)
 

@@ -79,11 +79,6 @@ def _import_in_progress() -> Iterator[None]:
     token = _importing.set(True)
     try:
         yield
-    except SystemExit as error:
-        raise RuntimeError(
-            "its module ends the process that imports it: put what it does as a script below "
-            "'if __name__ == \"__main__\":'"
-        ) from error
     finally:
         _importing.reset(token)
 

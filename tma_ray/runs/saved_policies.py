@@ -13,7 +13,7 @@ from gymnasium import spaces
 from numpy.typing import NDArray
 
 from tma_ray.decoding import DamagedFileError
-from tma_ray.results import POLICIES, Results, Store, policy_folder
+from tma_ray.results import POLICIES, Results, ResultsRootError, Store, policy_folder
 from tma_ray.runs.inputs import fetch, fetch_beside
 from tma_ray.runs.spec import RunSpec
 from tma_ray.students import PolicyFileError, load_policy
@@ -94,14 +94,20 @@ def find_policy(name: str, results: str | Path) -> SavedPolicy:
         ValueError: the policy does not exist, or several runs could be meant.
     """
     path = Path(name)
-    if path.exists():
+    if path.exists() or path.is_symlink():
         folder = path.absolute() if path.is_dir() else path.absolute().parent
-        saved = _in_folder(Store.open(folder.parent), folder.name)
+        try:
+            saved = _in_folder(Store.open(folder.parent), folder.name)
+        except ValueError as error:
+            raise ValueError(f"policy {name!r}: {error}") from error
         fetch_beside(folder, saved.spec)
         if saved.spec.inputs and folder.parent.name == POLICIES:
             fetch(Store.open(folder.parent.parent), saved.spec)
         return saved
-    found = Results.open(results)
+    try:
+        found = Results.open(results)
+    except ResultsRootError as error:
+        raise ValueError(f"no policy {name!r}: it is not a folder, and {error}") from error
     saved = _in_folder(found.store, policy_folder(found.find(name).run.run_id))
     fetch(found.store, saved.spec)
     return saved

@@ -13,6 +13,7 @@ from typing import Any, Self
 import numpy as np
 
 from tma_ray.benchmark import BENCHMARK_VERSION
+from tma_ray.commands.quantities import COUNT, SEED
 from tma_ray.decoding import DamagedFileError, decode_json
 from tma_ray.part_names import base_name
 from tma_ray.results import RunRecord, SpecFacts, input_path, spec_digest
@@ -43,8 +44,7 @@ class Schedule:
 
     def __post_init__(self) -> None:
         for name, value in asdict(self).items():
-            if not isinstance(value, int) or value < 1:
-                raise ValueError(f"{name} = {value!r}: expected a whole number of at least 1")
+            COUNT.check(name, value)
 
 
 @dataclass(frozen=True)
@@ -136,8 +136,7 @@ class RunSpec:
     inputs: Mapping[str, InputFile] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        if self.seed < 0:
-            raise ValueError(f"seed {self.seed}: expected a whole number of at least 0")
+        SEED.check("seed", self.seed)
         if not all(0 < step < later for step, later in pairwise((*self.resets, self.schedule.steps))):
             raise ValueError(
                 f"resets after {', '.join(map(str, self.resets))} of {self.schedule.steps} steps: expected "

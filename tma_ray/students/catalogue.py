@@ -77,6 +77,7 @@ STUDENTS: Registry[type[Student]] = StudentRegistry(
         "stock:ppo": "tma_ray.students.ppo.student:StockPPO",
         "stock:sac": "tma_ray.students.sac.student:StockSAC",
     },
+    Student,
 )
 
 _BUILTIN_HYPERPARAMETERS: dict[str, type] = {"ppo": PPOHyperparameters, "sac": SACHyperparameters}

@@ -25,6 +25,7 @@ TEACHERS: Registry[type[Teacher]] = Registry(
         "setter_solver": "tma_ray.teachers.setter_solver:SetterSolver",
         "spdl": "tma_ray.teachers.spdl:SPDL",
     },
+    Teacher,
 )
 
 T = TypeVar("T", bound=type[Teacher])

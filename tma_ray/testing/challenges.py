@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-import difflib
 from dataclasses import dataclass
 
 from tma_ray.benchmark import find_challenge, load_test_set
+from tma_ray.part_names import nearest
 from tma_ray.tasks import TaskSpace, TestSet
 from tma_ray.testing.students import StudentParameters
 
@@ -84,7 +84,6 @@ def find_simulated_challenge(name: str) -> SimulatedChallenge:
     """
     known = {challenge.name: challenge for challenge in SIMULATED_CHALLENGES}
     if name not in known:
-        near = difflib.get_close_matches(name, known, n=1)
-        hint = f"did you mean {near[0]!r}? " if near else ""
+        hint = nearest(name, known)
         raise ValueError(f"no simulated challenge {name!r}: {hint}known: {', '.join(known)}")
     return known[name]

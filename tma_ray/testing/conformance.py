@@ -12,6 +12,7 @@ import sys
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, ClassVar
+from unittest import SkipTest
 
 import numpy as np
 
@@ -23,6 +24,9 @@ from tma_ray.testing.playing import SCENARIOS, Scenario, TrialStudent, play
 
 SAVED_AFTER = (0, 1, 149, 150, 211)
 """Episodes after which a state is taken, around the ends of batches; one number per scenario, in turn."""
+
+SET_BY_START = ("space", "knowledge", "rng")
+"""Attributes that `Teacher.start` sets."""
 
 PROBED = 20
 """Tasks asked of a probe."""
@@ -38,6 +42,9 @@ class Record:
 
 
 _RECORDS: dict[tuple[type, str], Record] = {}
+
+_UNSTARTED: set[type] = set()
+"""Teachers that were found not to start their base class."""
 
 
 class TeacherConformance:
@@ -216,7 +223,22 @@ class TeacherConformance:
         return self.teacher.knowledge_levels[-1]
 
     def _started(self, scenario: Scenario, seed: int = 0, level: KnowledgeLevel | None = None) -> Teacher:
-        return scenario.started(self.teacher, self.hyperparameters, level or self._level, seed)
+        """Returns a started teacher; of one that never started its base class, only the first test fails."""
+        if self.teacher in _UNSTARTED:
+            raise SkipTest(f"{self._name}.start() does not call super().start()")
+        try:
+            teacher = scenario.started(self.teacher, self.hyperparameters, level or self._level, seed)
+        except AttributeError as error:  # it uses what it has not been given
+            if error.name not in SET_BY_START:
+                raise
+        else:
+            if all(name in vars(teacher) for name in SET_BY_START):
+                return teacher
+        _UNSTARTED.add(self.teacher)
+        raise AssertionError(
+            f"{self._name}.start() does not call super().start(space, knowledge, rng), which sets "
+            f"{', '.join(f'self.{name}' for name in SET_BY_START)}: call it first"
+        )
 
     def _record(self, scenario: Scenario) -> Record:
         """Returns the undisturbed play of seed 0 that others are compared with; played once."""

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from argparse import ArgumentTypeError
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
+from tma_ray.commands.quantities import COORDINATE
+from tma_ray.part_names import nearest
 from tma_ray.runs.saved_policies import StepPolicy
 from tma_ray.tasks import Task, TaskSpace, check_task
 from tma_ray.viewing.pictures import Frame, check_picture, write_frames
@@ -89,10 +92,11 @@ def parse_task(text: str | None, space: TaskSpace, domain: TaskSpace, rng: np.ra
         pairs = list(zip(space.names, given, strict=False))
     for name, value in pairs:
         if name.strip() not in values:
-            raise ValueError(f"task {text!r}: no dimension {name!r}; there are {', '.join(space.names)}")
+            hint = nearest(name.strip(), space.names)
+            raise ValueError(f"task {text!r}: no dimension {name!r}: {hint}known: {', '.join(space.names)}")
         try:
-            values[name.strip()] = float(value)
-        except ValueError:
+            values[name.strip()] = COORDINATE(value)
+        except ArgumentTypeError:
             raise ValueError(f"task {text!r}: {name} = {value!r}: expected a number") from None
     return check_task(list(values.values()), domain)
 

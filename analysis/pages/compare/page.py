@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from datetime import UTC, datetime
-from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
@@ -44,6 +43,7 @@ from analysis.statistics import SIGNIFICANCE
 from analysis.tables.paper_tables import result_tables
 from analysis.tables.results import TableResults, results_of
 from analysis.tables.table import Table
+from tma_ray.commands.installed import installed_version
 
 
 def write_comparison(
@@ -101,7 +101,7 @@ def write_comparison(
         warnings=list(dict.fromkeys([*frames.notes, *split])),
         verdicts=decided(root_verdicts(frames)),
         significance=SIGNIFICANCE,
-        version=version("tma_ray"),
+        version=installed_version("tma_ray"),
         written=datetime.now(UTC),
     )
     return write_page(folder, text, {f"{picture.name}.png": picture.png for picture in pictures})

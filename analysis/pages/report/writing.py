@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from datetime import UTC, datetime
-from importlib.metadata import version
 from pathlib import Path
 
 from analysis.baselines.sources import Sources, places_of, read
@@ -21,6 +20,7 @@ from analysis.pages.report.overview import overview
 from analysis.pages.report.sections import Section, sections
 from analysis.pages.report.videos import Video, by_comparison
 from analysis.statistics import SIGNIFICANCE
+from tma_ray.commands.installed import installed_version
 from tma_ray.tasks import MASTERY_RETURN
 
 
@@ -88,6 +88,6 @@ def _render(
         downloads=tables,
         mastery=thresholds(cells) or number(MASTERY_RETURN, 0),
         significance=SIGNIFICANCE,
-        version=version("tma_ray"),
+        version=installed_version("tma_ray"),
         written=datetime.now(UTC),
     )

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from itertools import chain
 from pathlib import Path
 from typing import Any
 
@@ -48,6 +49,12 @@ class Overview:
 
     campaigns: Mapping[str, Mapping[tuple[str, ...], list[RunState]]]
     heartbeat: Heartbeat | None
+
+    @property
+    def failed(self) -> bool:
+        """True if a run has failed."""
+        cells = chain.from_iterable(campaign.values() for campaign in self.campaigns.values())
+        return any(run.state == RunStatus.FAILED for run in chain.from_iterable(cells))
 
 
 def overview(root: str | Path, now: float) -> Overview:

@@ -8,6 +8,7 @@ from collections.abc import Iterator, Sequence
 from datetime import UTC, datetime
 from itertools import chain
 from pathlib import Path
+from typing import NoReturn
 
 from rich.console import Console, Group, RenderableType
 from rich.live import Live
@@ -29,8 +30,8 @@ WATCH_SECONDS = 5.0
 """Time between two looks of a status that is watched, s."""
 
 
-def show(root: str | Path, cells: bool = False, console: Console | None = None) -> None:
-    """Prints where the campaigns of a root stand, and why runs failed.
+def show(root: str | Path, cells: bool = False, console: Console | None = None) -> bool:
+    """Prints where the campaigns of a root stand, and why runs failed; returns whether any have.
 
     Args:
         root: folder or URI of a results root.
@@ -38,10 +39,12 @@ def show(root: str | Path, cells: bool = False, console: Console | None = None) 
         console: where to.
     """
     now = time.time()
-    (console or Console()).print(_page(root, overview(root, now), cells, now), highlight=False)
+    found = overview(root, now)
+    (console or Console()).print(_page(root, found, cells, now), highlight=False)
+    return found.failed
 
 
-def watch(root: str | Path, cells: bool = False, console: Console | None = None) -> None:
+def watch(root: str | Path, cells: bool = False, console: Console | None = None) -> NoReturn:
     """Shows it again every few seconds, until Ctrl-C."""
     with Live(console=console, auto_refresh=False) as live:
         while True:

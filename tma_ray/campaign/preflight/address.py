@@ -3,9 +3,13 @@
 from __future__ import annotations
 
 import os
+import re
 import socket
 
 PROBE_SECONDS = 5.0
+
+_HOST = re.compile(r"[\w.-]+|[0-9a-fA-F:.]*:[0-9a-fA-F:.]+(%\w+)?")
+"""A name, an address of IPv4, or one of IPv6."""
 
 
 def check_address(address: str) -> None:
@@ -21,8 +25,23 @@ def check_address(address: str) -> None:
     """
     if address == "auto":
         address = os.environ.get("RAY_ADDRESS") or "auto"
-    if address == "auto":
+    place = host_and_port(address)
+    if place is None:
         return
+    try:
+        socket.create_connection(place, timeout=PROBE_SECONDS).close()
+    except OSError as error:
+        raise ConnectionError(connection_advice(address, f"nothing listens there ({error})")) from error
+
+
+def host_and_port(address: str) -> tuple[str, int] | None:
+    """Returns host and port of a cluster's head, None for "auto".
+
+    Raises:
+        ValueError: not such an address.
+    """
+    if address == "auto":
+        return None
     if "://" in address:
         raise ValueError(
             f"address {address!r} is for Ray's own tools, and no campaign can run through it: its driver "
@@ -30,14 +49,12 @@ def check_address(address: str) -> None:
             f"'ray job submit --address http://127.0.0.1:8265 -- python SCRIPT --address auto'"
         )
     host, separator, port = address.rpartition(":")
-    if not (separator and host and port.isdecimal() and int(port) < 2**16):
+    host = host.strip("[]")
+    if not (separator and _HOST.fullmatch(host) and port.isdecimal() and 0 < int(port) < 2**16):
         raise ValueError(
             f"address {address!r}: expected 'auto' or the head's 'host:port', as in 10.0.0.5:6379"
         )
-    try:
-        socket.create_connection((host.strip("[]"), int(port)), timeout=PROBE_SECONDS).close()
-    except OSError as error:
-        raise ConnectionError(connection_advice(address, f"nothing listens there ({error})")) from error
+    return host, int(port)
 
 
 def connection_advice(address: str, reason: str) -> str:

@@ -10,6 +10,7 @@ from types import TracebackType
 from typing import Final, NoReturn, Self
 from uuid import uuid4
 
+from tma_ray.commands.exits import RefusedError
 from tma_ray.decoding import DamagedFileError
 from tma_ray.results.holding.heartbeat import Heartbeat
 from tma_ray.results.holding.lease_file import LeaseFile, Standing, StopRequest
@@ -33,7 +34,7 @@ class NotRunningError(ValueError):
     """No campaign holds the results root."""
 
 
-class RootInUseError(RuntimeError):
+class RootInUseError(RefusedError):
     """Another campaign holds the results root, or has taken it over."""
 
 

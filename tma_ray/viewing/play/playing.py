@@ -6,7 +6,6 @@ import os
 import re
 import sys
 from collections.abc import Iterator, Sequence
-from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Final
@@ -27,6 +26,9 @@ FRAMES_PER_SECOND: Final = 60
 SMALLEST: Final = (400, 320)
 """Width and height that may be asked for, in pixels; whoever makes a window smaller sees less."""
 
+LARGEST: Final = 8192
+"""Width or height that may be asked for, in pixels."""
+
 NO_DISPLAY: Final = "no display: use -o FILE.mp4 or -o FILE.gif to make a video without one"
 
 _WITHOUT_SCREEN: Final = ("dummy", "offscreen")
@@ -46,9 +48,12 @@ class PlaySettings(RenderSettings):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        if self.size is not None and (self.size[0] < SMALLEST[0] or self.size[1] < SMALLEST[1]):
-            smallest = "x".join(map(str, SMALLEST))
-            raise ValueError(f"size {self.size[0]}x{self.size[1]}: expected at least {smallest} pixels")
+        if self.size is None:
+            return
+        if any(not least <= pixels <= LARGEST for least, pixels in zip(SMALLEST, self.size, strict=True)):
+            smallest, largest = "x".join(map(str, SMALLEST)), f"{LARGEST}x{LARGEST}"
+            size = "x".join(map(str, self.size))
+            raise ValueError(f"size {size}: expected at least {smallest} and at most {largest} pixels")
 
 
 @dataclass
@@ -190,11 +195,10 @@ class Window:
         return self._surface
 
     def run(self) -> None:
-        """Shows frames until somebody leaves, also with Ctrl-C."""
+        """Shows frames until somebody leaves."""
         self._clock.tick()
-        with suppress(KeyboardInterrupt):
-            while self.turn(self._clock.tick(FRAMES_PER_SECOND) / 1000):
-                pass
+        while self.turn(self._clock.tick(FRAMES_PER_SECOND) / 1000):
+            pass
 
     def turn(self, seconds: float) -> bool:
         """Takes up what was asked for, goes on for `seconds` and shows that; returns whether to go on."""

@@ -1,0 +1,246 @@
+"""Mistakes on the command line, drawn from the parser: one for each option, and each way of being wrong."""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from tma_ray import cli
+from tma_ray.command_line import CommandParser
+
+LONG = "x" * 300
+"""A name that no file can have."""
+
+NO_NUMBERS = (
+    "",
+    " ",
+    "nan",
+    "inf",
+    "-inf",
+    "-1",
+    "0x10",
+    "1e400",
+    "10kM",
+    "5Mk",
+    "k",
+    "ten",
+    "--",
+    "1/2",
+    "½",
+)
+
+TOO_MANY = ("1e30", "99999999999999999999")
+
+NO_FOLDERS = ("{file}", "{file}/below", "{loop}", "/dev/null", "/dev/full/x", "nul\0", LONG, "")
+
+NO_ROOTS = (*NO_FOLDERS, "s3://", "gs://", "ftp://host/root", "s3:///root", "\n")
+
+NO_PLUGINS = (
+    "nothing_like_it",
+    "os:system",
+    "os:path",
+    "json:JSONDecodeError",
+    ":",
+    "a:",
+    ":b",
+    "no.module:Name",
+    "os:no such",
+    "random:no=1:no=2",
+    LONG,
+)
+
+BY_KIND: Mapping[str, Sequence[str]] = {
+    "NAME": ("", " ", "\n"),
+    "ROOT": NO_ROOTS,
+    "RUN": ("", "zzz", "*", "../root", LONG),
+    "POLICY": ("", "zzz", "{file}", "{missing}", "{empty}", "{loop}", "nul\0"),
+    "BASELINE": ("paper-2020", "{missing}", "{file}", "{empty}", "", "nul\0"),
+    "EXPERIMENT": ("stump_track", "", "all", "../x", LONG),
+    "KIND": ("teacher", "", "all"),
+    "LEVEL": ("medium", "", "HIGH", "1"),
+    "TASK": ("", "nan,nan", "1", "1,2,3,4", "a,b", "stump_heigt=1", "1e300,1", "=1", "randon", "0.5;3"),
+    "SEEDS": (
+        *NO_NUMBERS,
+        *("0-99999999", "5-3", "3-", "-3", "1-2-3", "a-b", "0,0", ",", "1e3", "0-1e9", "0,-1", "0.5", "0"),
+        "100000000000",
+    ),
+    "SPACE": (
+        *("", "stump_height", "stump_height=", "stump_height=1", "stump_height=3:0", "stump_height=nan:1"),
+        *("stump_height=0:inf", "stump_heigt=0:1", "stump_height=0:1e300", "stump_height=0:1:2", "=0:1"),
+        "stump_height=0:1,stump_height=0:2",
+    ),
+    "FOLDER": NO_FOLDERS,
+    "FILE": ("{empty}", "{file}/below.csv", "{loop}", "/dev/full", "x.unknown", "nul\0", "", f"{LONG}.gif"),
+    "SOURCE": ("{missing}", "{empty}", "{file}", "{loop}", "/dev/null", "nul\0", ""),
+    "ADDRESS": ("", "host", "host:port", "host:99999", "http://x", "::", "ray://127.0.0.1:10001"),
+    "DEVICE": ("", "gpu", "cuda:-1", "cuda:9", "cpu:1", "CPU", "tpu", "meta"),
+    "LICENCE": ("", " ", "\n", "my own", LONG, "CC BY 4.0"),
+    "SIZE": ("", "0x0", "1x1", "640", "640x", "x480", "-1x-1", "640x480x3", "1e30x5", "99999x99999", "6*4"),
+    "N": (*NO_NUMBERS, *TOO_MANY, "0.5", "0.0001k", "1,5"),
+    "X": (*NO_NUMBERS, *TOO_MANY, "1,5"),
+    "SECONDS": (*NO_NUMBERS, *TOO_MANY, "1,5"),
+    "MIB": (*NO_NUMBERS, *TOO_MANY, "0.5"),
+    "GIB": (*NO_NUMBERS, *TOO_MANY, "1,5"),
+    "NAME=VALUE": ("", "a", "=1", "aa=", "nothing=1"),
+}
+"""By metavar, values that no option of that kind may take; places in braces are filled in."""
+
+NO_RESULTS = ("{missing}", "{empty}", "{foreign}")
+
+BY_OPTION: Mapping[str, Sequence[str]] = {
+    "teacher": (*NO_PLUGINS, "riac:no=1", "alp_gmm:fit_every=nan", "alp_gm"),
+    "student": (*NO_PLUGINS, "riac", "ppo:learning_rate=ten", "ppoo"),
+    "environment": (*NO_PLUGINS, "stump_track", "stump_tracks:no=1"),
+    "embodiment": ("nothing_like_it", "wheel:size=1e30", "wheel:size=nan", "wheel:size=-1", "spidre", LONG),
+    "challenge": ("nothing_like_it", "originl", "original:no=1"),
+    "test_set": ("nothing_like_it", "{empty}", "{file}", "{loop}", "nul\0", LONG),
+    "name": ("no name", "a/b", "..", LONG),
+    "only": ("nothing_like_it", LONG),
+    "root": NO_RESULTS,
+}
+"""Further values by what the option chooses."""
+
+PLURALS = ("teacher", "student", "challenge", "embodiment")
+
+SMALL: Mapping[str, Sequence[str]] = {
+    "run": ("--student", "ppo", "--steps", "300"),
+    "campaign": ("--students", "ppo", "--steps", "300", "--seeds", "1"),
+    "plan": ("--tier", "smoke"),
+    "experiment": ("--tier", "smoke", "--dry-run"),
+    "quickstart": ("--dry-run",),
+    "simulate": ("--teachers", "random", "--challenges", "original", "--episodes", "2", "--seeds", "1"),
+    "render": ("--steps", "2"),
+    "play": ("--steps", "2", "--output", "{new}.gif"),
+    "logs": ("--results", "{root}"),
+    "export": ("--results", "{root}"),
+    "release": ("--partial",),
+}
+"""Options that make commands small, or find what they need."""
+
+VALID: Mapping[str, str] = {
+    "ROOT": "{root}",
+    "RUN": "{run}",
+    "EXPERIMENT": "parkour",
+    "POLICY": "{run}",
+    "BASELINE": "paper-2021",
+    "NAME": "random",
+    "FOLDER": "{new}",
+    "FILE": "{new}.gif",
+    "SOURCE": "{source}",
+    "weights SOURCE": "{weights}",
+    "weights FILE": "{new}.npz",
+}
+"""Values of what has to be given."""
+
+
+@dataclass(frozen=True)
+class Mistake:
+    """A command line with one mistake.
+
+    Attributes:
+        words: of the command line.
+        named: a refusal has to name one of these.
+        kind: of the value that is mistaken, or what else is.
+    """
+
+    words: tuple[str, ...]
+    named: tuple[str, ...]
+    kind: str
+
+
+def mistakes() -> Iterator[Mistake]:
+    """Yields every mistake: values of each option of each command, and options that are none."""
+    for path, parser in commands():
+        rest = valid_rest(path, parser, None)
+        yield Mistake((*path, *rest, "--no-such-option"), ("--no-such-option",), "unknown option")
+        if len(rest) == 0:
+            yield Mistake((*path, "no", "such", "word"), ("no such word", "'no'"), "unknown word")
+        for action in parser._actions:
+            if not isinstance(action, argparse._HelpAction | argparse._VersionAction):
+                yield from _of_option(path, parser, action)
+
+
+def commands(
+    parser: CommandParser | None = None, path: tuple[str, ...] = ()
+) -> Iterator[tuple[tuple[str, ...], CommandParser]]:
+    """Yields the words that choose each command, and its parser."""
+    parser = (parser or cli._parser()).populated()
+    below = [action for action in parser._actions if isinstance(action, argparse._SubParsersAction)]
+    if not below:
+        yield path, parser
+    for action in below:
+        for name, each in action.choices.items():
+            yield from commands(each, (*path, name))
+
+
+def valid_rest(path: tuple[str, ...], parser: CommandParser, leave: argparse.Action | None) -> list[str]:
+    """The rest of a valid and small command line; the place of `leave`, if it has one, is an empty word."""
+    words = list(SMALL.get(" ".join(path), ()))
+    for option in leave.option_strings if leave is not None else ():
+        if option in words:
+            place = words.index(option)
+            del words[place : place + 2]
+    for action in parser._actions:
+        if action is leave and not action.option_strings:
+            words.append("")
+        elif action is not leave and action.nargs not in (0, "?", "*"):
+            choices = [str(choice) for choice in action.choices or ()]
+            value = (
+                choices[0]
+                if choices
+                else VALID.get(f"{path[-1]} {action.metavar}", VALID.get(str(action.metavar), ""))
+            )
+            if not action.option_strings:
+                words.append(value)
+            elif action.required and not set(action.option_strings) & set(words):
+                words += [action.option_strings[-1], value]
+    return words
+
+
+def _of_option(path: tuple[str, ...], parser: CommandParser, action: argparse.Action) -> Iterator[Mistake]:
+    rest, option = valid_rest(path, parser, action), (action.option_strings or [""])[-1]
+    if option:
+        misspelt = f"{option[:3]}{option[4:]}" if len(option) > 6 else f"{option}q"
+        yield Mistake((*path, *rest, misspelt), (misspelt,), "misspelt option")
+    if action.nargs == 0:
+        yield Mistake((*path, *rest, f"{option}=1"), (option,), "value of a flag")
+        return
+    if option:
+        yield Mistake((*path, *rest, option), (option,), "option without its value")
+    for value in _values(action):
+        words = (*rest, f"{option}={value}") if option else tuple(word or value for word in rest)
+        if not option and value not in words:  # an optional position at the end
+            words = (*words, value)
+        yield Mistake((*path, *words), _names(action, value), str(action.metavar or "choice"))
+
+
+def _values(action: argparse.Action) -> Sequence[str]:
+    if action.choices:
+        return ("", "nothing", "None")
+    kind, several = str(action.metavar).removesuffix(",..."), str(action.metavar).endswith(",...")
+    name = action.dest.removesuffix("s") if several else action.dest
+    values = (*BY_KIND[kind], *BY_OPTION.get(name, ()))
+    empty_is_valid = action.dest == "embodiments"
+    return [
+        value for value in values if value.strip() or not (empty_is_valid or _takes_an_empty_word(action))
+    ]
+
+
+def _takes_an_empty_word(action: argparse.Action) -> bool:
+    """Positions: an empty word would be taken for one that is left out by `valid_rest`."""
+    return not action.option_strings
+
+
+def _names(action: argparse.Action, value: str) -> tuple[str, ...]:
+    parts = [part for part in value.replace(":", "=").split("=") if len(part) > 1]
+    shown = (value[:50] or "''", repr(value), value.strip("{}") or "''")
+    return (*action.option_strings, *shown, *parts, f"argument {action.metavar}")
+
+
+def fill(text: str, places: Mapping[str, Any]) -> str:
+    """Returns `text` with the places that it names."""
+    for name, place in places.items():
+        text = text.replace(f"{{{name}}}", str(place))
+    return text

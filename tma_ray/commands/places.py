@@ -1,0 +1,86 @@
+"""Places that users name on a command line: refused at once where they cannot be what is meant."""
+
+from __future__ import annotations
+
+import os
+import stat
+from pathlib import Path
+from typing import Final
+from urllib.parse import urlsplit
+
+from tma_ray.commands.texts import check_visible, refused
+
+SCHEMES: Final = ("s3", "gs", "gcs", "abfs", "abfss", "hdfs", "viewfs", "file")
+"""Beginnings of addresses that results may lie at."""
+
+
+def root(text: str) -> str:
+    """Returns the results root that `text` names: a folder, there or to be made, or an address.
+
+    Raises:
+        argparse.ArgumentTypeError: it cannot be one.
+    """
+    check_visible(text, "a folder, s3://bucket/folder or gs://bucket/folder")
+    if "://" not in text:
+        folder(text)
+        return text
+    address = urlsplit(text)
+    if address.scheme not in SCHEMES:
+        raise refused(text, f"expected a folder, or an address that begins with {SCHEMES[0]}:// or gs://")
+    if address.scheme in SCHEMES[:2] and not address.netloc:
+        raise refused(text, f"it needs a bucket: {address.scheme}://bucket/folder")
+    return text
+
+
+def folder(text: str) -> Path:
+    """Returns the folder that `text` names, there or to be made.
+
+    Raises:
+        argparse.ArgumentTypeError: it cannot be one.
+    """
+    mode = _mode(text, "a folder")
+    if mode is not None and not stat.S_ISDIR(mode):
+        raise refused(text, "it is a file; expected a folder")
+    return Path(text)
+
+
+def new_file(text: str) -> Path:
+    """Returns the file to write that `text` names.
+
+    Raises:
+        argparse.ArgumentTypeError: it cannot be one.
+    """
+    mode = _mode(text, "a file")
+    if mode is not None and stat.S_ISDIR(mode):
+        raise refused(text, "it is a folder; expected a file")
+    return Path(text)
+
+
+def source(text: str) -> Path:
+    """Returns the file or folder to read that `text` names.
+
+    Raises:
+        argparse.ArgumentTypeError: there is none.
+    """
+    mode = _mode(text, "a file or a folder")
+    if mode is None:
+        raise refused(text, "there is no such file or folder")
+    if not (stat.S_ISDIR(mode) or stat.S_ISREG(mode)):
+        raise refused(text, "it is a device; expected a file or a folder")
+    return Path(text)
+
+
+def _mode(text: str, expected: str) -> int | None:
+    """Returns the mode of what lies at `text`, None if nothing does; refuses what nothing can lie at."""
+    check_visible(text, expected)
+    path = Path(text).expanduser()
+    try:
+        for place in (path, *path.absolute().parents):
+            if place.is_symlink() or place.exists():
+                mode = os.stat(place).st_mode  # noqa: PTH116 - a link that leads nowhere raises
+                if place is not path and not stat.S_ISDIR(mode):
+                    raise refused(text, f"{place} is a file; expected a folder")
+                return mode if place is path else None
+    except OSError as error:
+        raise refused(text, f"{error.strerror}".lower()) from error
+    return None

@@ -1,0 +1,100 @@
+"""Numbers that users give: one grammar for how they are written, and the range of each kind."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass
+from decimal import Decimal
+from numbers import Integral, Real
+from typing import Any, Final
+
+from tma_ray.commands.texts import refused
+
+_NUMBER: Final = re.compile(r"[+-]?\d+(_\d+)*(\.\d+)?([eE][+-]?\d{1,3})?[kM]?", re.ASCII)
+_FACTORS: Final = {"k": 1_000, "M": 1_000_000}
+
+
+@dataclass(frozen=True)
+class Quantity:
+    """A kind of number.
+
+    Calling one parses text, as argparse's ``type=`` wants it. Numbers are written as 500000, 500_000, 5e5,
+    500k or 20M; infinities and NaN are none.
+
+    Attributes:
+        expected: what a refusal says was expected.
+        least: smallest value.
+        most: largest value, beyond everything that makes sense, so that a slip is refused at once.
+        whole: whether it has to be a whole number.
+        positive: whether `least` itself is refused.
+    """
+
+    expected: str
+    least: float
+    most: float
+    whole: bool = False
+    positive: bool = False
+
+    def __call__(self, text: str) -> Any:
+        """Returns the number that `text` says.
+
+        Raises:
+            argparse.ArgumentTypeError: it says none of this kind.
+        """
+        found = _NUMBER.fullmatch(text.strip())
+        if found is not None:
+            digits = found[0].rstrip("kM")
+            value = Decimal(digits) * _FACTORS.get(found[0][-1], 1)
+            if self._holds(value) and (not self.whole or value == int(value)):
+                return int(value) if self.whole else float(value)
+        raise refused(text, f"expected {self.expected}")
+
+    def check(self, name: str, value: object) -> None:
+        """Refuses a value that is not of this kind.
+
+        Raises:
+            ValueError: the message holds `name`, the value and what was expected.
+        """
+        kind = Integral if self.whole else Real
+        if not isinstance(value, kind) or isinstance(value, bool) or not self._holds(value):
+            raise ValueError(f"{name} = {value!s:.60}: expected {self.expected}")
+
+    def _holds(self, value: Any) -> bool:
+        return bool(self.least <= value <= self.most and not (self.positive and value == self.least))
+
+
+COUNT: Final = Quantity("a whole number such as 500000, 500k or 20M, from 1 to 1e12", 1, 1e12, whole=True)
+"""Of steps, episodes, tasks."""
+
+SEED: Final = Quantity("a whole number from 0 to 2^63 - 1", 0, 2**63 - 1, whole=True)
+"""Of random numbers."""
+
+PROCESSES: Final = Quantity("a whole number from 1 to 65,536", 1, 65_536, whole=True)
+"""Of processes, or of threads."""
+
+CORES: Final = Quantity("a number of cores over 0, up to 65,536, such as 1 or 0.5", 0, 65_536, positive=True)
+"""Of one run."""
+
+GPUS: Final = Quantity("a share of one GPU, as in 0.25, or a whole number up to 65,536", 0, 65_536)
+"""Of one run."""
+
+MEMORY: Final = Quantity("a number of GiB from 0 to 1e6", 0, 1e6)
+"""In GiB."""
+
+SECONDS: Final = Quantity("a number of seconds from 0 to 1e9", 0, 1e9)
+"""A time, s."""
+
+COORDINATE: Final = Quantity("a number from -1e9 to 1e9", -1e9, 1e9)
+"""Of a task space."""
+
+BODY_SIZE: Final = Quantity("a number over 0, up to 100", 0, 100, positive=True)
+"""Of a body, as a multiple of its own."""
+
+TORQUE: Final = Quantity("a number of N m over 0, up to 1e6", 0, 1e6, positive=True)
+"""Of a motor, N m."""
+
+SHARE: Final = Quantity("a share over 0, up to 1", 0, 1, positive=True)
+"""Of a whole."""
+
+MEBIBYTES: Final = Quantity("a whole number of MiB from 1 to 1e6", 1, 1e6, whole=True)
+"""A size in MiB."""
