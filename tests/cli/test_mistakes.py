@@ -166,7 +166,8 @@ def test_numbers_are_read_or_refused(quantity: Quantity, text: str) -> None:
         power = int(exponent or 0) + {"": 0, "k": 3, "M": 6}[unit]
         value = Decimal(f"{sign}{whole.replace('_', '')}{rest or ''}").scaleb(power)
     fits = value is not None and quantity.least <= value <= quantity.most
-    fits = fits and not (quantity.whole and value % 1) and not (quantity.positive and value == quantity.least)
+    fits = fits and not (quantity.whole and value % 1)
+    fits = fits and not (quantity.positive and float(value or 0) == quantity.least)
     if fits:
         assert quantity(text) == pytest.approx(float(value or 0), rel=1e-12)
         quantity.check("it", quantity(text))

@@ -64,7 +64,7 @@ def source(text: str) -> Path:
     """
     mode = _mode(text, "a file or a folder")
     if mode is None:
-        raise refused(text, "there is no such file or folder")
+        raise refused(text, "it does not exist")
     if not (stat.S_ISDIR(mode) or stat.S_ISREG(mode)):
         raise refused(text, "it is a device; expected a file or a folder")
     return Path(text)

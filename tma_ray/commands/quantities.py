@@ -46,7 +46,9 @@ class Quantity:
             digits = found[0].rstrip("kM")
             value = Decimal(digits) * _FACTORS.get(found[0][-1], 1)
             if self._holds(value) and (not self.whole or value == int(value)):
-                return int(value) if self.whole else float(value)
+                number = int(value) if self.whole else float(value)
+                if self._holds(number):  # what is next to nothing may have become nothing
+                    return number
         raise refused(text, f"expected {self.expected}")
 
     def check(self, name: str, value: object) -> None:
