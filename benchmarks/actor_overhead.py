@@ -27,8 +27,8 @@ from tma_ray.campaign.actors import RemoteTeacher
 from tma_ray.campaign.cluster.connection import connect
 from tma_ray.campaign.execution import run_campaign
 from tma_ray.campaign.monitor.progress import ProgressView
-from tma_ray.campaign.option_values import whole_number
 from tma_ray.campaign.settings import Settings, TeacherPlacement
+from tma_ray.commands.quantities import COUNT
 from tma_ray.results import Committer, Results, Table
 from tma_ray.runs import Cell, InlineTeacher, Schedule, TeacherLink, run_locally
 from tma_ray.tasks import Episode, TaskSpace, TestSet
@@ -92,8 +92,8 @@ def main() -> None:
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
     parser.add_argument("--students", nargs="+", choices=STEPS, default=list(STEPS))
-    parser.add_argument("--steps", type=whole_number, help="of each run (ppo 100,000, sac 4,000)")
-    parser.add_argument("--episodes", type=whole_number, default=2_000, help="exchanged with a teacher")
+    parser.add_argument("--steps", type=COUNT, help="of each run (ppo 100,000, sac 4,000)")
+    parser.add_argument("--episodes", type=COUNT, default=2_000, help="exchanged with a teacher")
     parser.add_argument("--repeats", type=int, default=3)
     parser.add_argument("--output", type=Path)
     options = parser.parse_args()

@@ -26,7 +26,7 @@ import pyarrow as pa
 
 from tma_ray.benchmark import TEACHERS, find_experiment
 from tma_ray.campaign import Plan, joined_plan, matrix_campaigns
-from tma_ray.campaign.option_values import whole_number
+from tma_ray.commands.quantities import COUNT
 from tma_ray.results import (
     DATA_TABLES,
     SCHEMAS,
@@ -194,7 +194,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else None)
     parser.add_argument("--root", type=Path, default=Path("build/full_benchmark"), help="(%(default)s)")
     parser.add_argument("--seeds", type=int, help="of each cell (all)")
-    parser.add_argument("--steps", type=whole_number, help="of each run (those of the paper)")
+    parser.add_argument("--steps", type=COUNT, help="of each run (those of the paper)")
     parser.add_argument("--output", type=Path, default=Path("analysis_scale.json"))
     parser.add_argument("--measure", action="store_true", help="only measure --root, in this process")
     arguments = parser.parse_args()

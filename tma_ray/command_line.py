@@ -138,7 +138,7 @@ class CommandParser(argparse.ArgumentParser):
     def _get_values(self, action: argparse.Action, arg_strings: list[str]) -> Any:
         if action.option_strings and "--" in arg_strings:  # argparse would take it for no value at all
             raise argparse.ArgumentError(action, "'--' ends the options; expected a value")
-        return super()._get_values(action, arg_strings)  # type: ignore[misc]
+        return super()._get_values(action, arg_strings)
 
     def commands(self) -> Iterator[CommandParser]:
         """Yields this parser and all below it, with their options."""

@@ -46,7 +46,7 @@ class Quantity:
             digits = found[0].rstrip("kM")
             value = Decimal(digits) * _FACTORS.get(found[0][-1], 1)
             if self._holds(value) and (not self.whole or value == int(value)):
-                number = int(value) if self.whole else float(value)
+                number: int | float = int(value) if self.whole else float(value)
                 if self._holds(number):  # what is next to nothing may have become nothing
                     return number
         raise refused(text, f"expected {self.expected}")
@@ -58,7 +58,7 @@ class Quantity:
             ValueError: the message holds `name`, the value and what was expected.
         """
         kind = Integral if self.whole else Real
-        if not isinstance(value, kind) or isinstance(value, bool) or not self._holds(value):
+        if isinstance(value, bool) or not isinstance(value, kind) or not self._holds(value):
             raise ValueError(f"{name} = {value!s:.60}: expected {self.expected}")
 
     def _holds(self, value: Any) -> bool:
