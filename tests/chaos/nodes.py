@@ -14,6 +14,8 @@ from types import TracebackType
 from typing import Any, Self
 from unittest import mock
 
+import psutil
+
 HEALTH = {
     "health_check_initial_delay_ms": 1000,
     "health_check_period_ms": 500,
@@ -114,6 +116,18 @@ def descendants(pid: int) -> set[int]:
         if not more:
             return family - {pid}
         family |= more
+
+
+def living(processes: set[int]) -> set[int]:
+    """Returns those of some processes that have not ended."""
+    found = set()
+    for pid in processes:
+        try:
+            if psutil.Process(pid).status() != psutil.STATUS_ZOMBIE:
+                found.add(pid)
+        except psutil.NoSuchProcess:
+            continue
+    return found
 
 
 def _title(pid: int) -> str:

@@ -4,10 +4,9 @@ from __future__ import annotations
 
 import time
 
-import psutil
 import pytest
 from faults import Fault, Site, wait_for
-from nodes import Nodes
+from nodes import Nodes, living
 from saboteur import HOLD
 from test_processes import check
 
@@ -27,10 +26,10 @@ def test_nodes_killed(
     clustered.ask(HOLD)
     driver, times = clustered.start(), []
     for _ in range(2):
-        nodes.kill(trained_somewhere(clustered, nodes))
+        number, attempts = trained_somewhere(clustered, nodes), clustered.attempts()
+        nodes.kill(number)
         times.append(time.time())
         nodes.add()
-        attempts = clustered.attempts()
         wait_for(lambda attempts=attempts: clustered.attempts() - attempts)
     clustered.withdraw(HOLD)
     clustered.finish(driver)
@@ -67,7 +66,7 @@ def test_a_frozen_node_that_thaws_after_its_runs_were_given_away(
         wait_for(lambda: clustered.taken_up(1))
     finally:
         nodes.thaw(frozen)
-    wait_for(lambda: not any(map(psutil.pid_exists, frozen)))  # they find their successors and end
+    wait_for(lambda: not living(frozen))  # they find their successors and end
     clustered.withdraw(HOLD)
     clustered.finish(driver)
     nodes.kill(number)
