@@ -24,13 +24,13 @@ SMALLEST = {
     "actor_overhead": "--students ppo --steps 200 --episodes 5 --repeats 1",
     "checkpoints": "--transitions 100 --more 10",
     "scheduler": "--runs 2 --processes 1",
-    "analysis_scale": "--seeds 1 --steps 500000",
+    "analysis_scale": "--root build/smallest_benchmark --seeds 1 --steps 500000",
 }
 """The scripts in order, each with arguments with which it takes seconds and its figures mean nothing."""
 
 
 def main() -> None:
-    """Runs each script in a process of its own, in the folder of the output."""
+    """Runs each script in a process of its own."""
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
@@ -41,10 +41,10 @@ def main() -> None:
     options.output.mkdir(parents=True, exist_ok=True)
     for name in options.scripts:
         print(f"== {name}", flush=True)
-        script = Path(__file__).resolve().parent / f"{name}.py"
+        script = Path(__file__).parent / f"{name}.py"
         arguments = SMALLEST[name].split() if options.smallest else []
-        command = [sys.executable, str(script), *arguments, "--output", f"{name}.json"]
-        subprocess.run(command, check=True, cwd=options.output)
+        output = str(options.output / f"{name}.json")
+        subprocess.run([sys.executable, str(script), *arguments, "--output", output], check=True)
 
 
 if __name__ == "__main__":
