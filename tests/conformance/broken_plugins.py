@@ -1,0 +1,69 @@
+"""An environment, each of whose options breaks one promise, and a student whose settings do."""
+
+from __future__ import annotations
+
+import random
+from dataclasses import dataclass
+
+import numpy as np
+from hill_climber import HillClimber
+from swing_up import SwingUp
+
+
+class BrokenSwingUp(SwingUp):
+    """A pendulum that breaks the promise named by `fault`."""
+
+    def __init__(self, fault: str = "") -> None:
+        super().__init__()
+        self.fault = fault
+
+    def reset(self, *, seed=None, options=None):
+        if self.fault == "accepts anything" and options:
+            options = {"task": np.clip(options["task"], self.valid_domain.low, self.valid_domain.high)}
+            options["task"] = np.nan_to_num(options["task"], nan=1.0)
+        observation, info = super().reset(seed=seed, options=options)
+        if self.fault == "hides the task":
+            info = {}
+        if self.fault == "global randomness":
+            observation = observation + np.float32(random.random() / 100)
+        return observation, info
+
+    def step(self, action):
+        observation, reward, terminated, truncated, info = super().step(action)
+        if self.fault == "endless":
+            truncated = False
+        if self.fault == "no number":
+            reward = float("nan")
+        return observation, reward, terminated, truncated, info
+
+
+@dataclass(frozen=True)
+class Settings:
+    """Of the broken student."""
+
+    gamma: float = 0.99
+    spread: float = 0.1
+    fault: str = ""
+
+
+class BrokenClimber(HillClimber):
+    """A hill climber that breaks the promise named by `fault`."""
+
+    hyperparameters_type = Settings
+
+    def act(self, observation):
+        action = super().act(observation)
+        if self.hyperparameters.fault == "global randomness":
+            action = action * np.float32(np.random.random())  # noqa: NPY002
+        return action * 10 if self.hyperparameters.fault == "out of bounds" else action
+
+    def act_greedily(self, observations):
+        if self.hyperparameters.fault == "changes when asked":
+            self.rng.random()
+        return super().act_greedily(observations)
+
+    def load(self, folder):
+        before = self.rng.bit_generator.state
+        super().load(folder)
+        if self.hyperparameters.fault == "forgets its generator":
+            self.rng.bit_generator.state = before
