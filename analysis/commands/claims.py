@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 from rich.console import Console
 
 from analysis.baselines.sources import Sources, read
+from analysis.claims.judging import Verdict
 from analysis.claims.sources import root_verdicts
 from analysis.statistics.verdicts import Standing
 
@@ -29,11 +32,26 @@ def show_claims(sources: Sources, details: bool = False, console: Console | None
     """
     console = console or Console()
     frames = read(sources)
-    for verdict in root_verdicts(frames):
+    verdicts = root_verdicts(frames)
+    for verdict in verdicts:
+        if verdict.standing is Standing.NO_DATA and not details:
+            continue
         style = STYLES[verdict.standing]
         console.print(f"[{style}]{verdict.standing}[/{style}]: {verdict.claim.text}", highlight=False)
         console.print(f"  {verdict.claim.source}; {verdict.describe()}", highlight=False)
         for finding in verdict.findings if details else ():
             console.print(f"    {finding.standing}: {finding.evidence}", highlight=False, markup=False)
+    missing = [verdict for verdict in verdicts if verdict.standing is Standing.NO_DATA]
+    if missing and not details:
+        console.print(f"[dim]{_without_data(missing, len(verdicts))}[/dim]", highlight=False)
     for warning in frames.notes:
         console.print(warning, highlight=False, markup=False, style="dim")
+
+
+def _without_data(missing: Sequence[Verdict], total: int) -> str:
+    """Returns one sentence for all claims without data, with the command that lists them."""
+    sources = dict.fromkeys(verdict.claim.source for verdict in missing)
+    return (
+        f"{Standing.NO_DATA}: {len(missing)} of {total} claims ({', '.join(sources)}); "
+        f"the same command with --details lists what they need"
+    )

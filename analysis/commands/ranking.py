@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import re
+import textwrap
 from typing import Any
 
 import pandas as pd
@@ -43,6 +45,8 @@ def show_ranking(sources: Sources, share: float = 1.0, console: Console | None =
     for (place, level), rows in table.groupby([pd.Series(places(table)), "expert_knowledge"], sort=False):
         console.print(f"{place}, expert knowledge {level}", style="bold", highlight=False)
         console.print(_shown(rows))
+        for reason, teachers in _untested(rows).items():
+            console.print(f"[dim]  not tested: {', '.join(teachers)}: {reason}[/dim]", highlight=False)
     for note in (*_notes(table), *frames.notes):
         console.print(f"[dim]{note}[/dim]", highlight=False)
     for sentence in [*headlines(runs), *sentences(table)]:
@@ -75,10 +79,25 @@ def _shown(rows: pd.DataFrame) -> Table:
     """Returns the results of one challenge at one level, at most 80 columns wide."""
     shown = Table(box=None, pad_edge=False, padding=(0, 1))
     for heading, width in WIDTHS.items():
-        shown.add_column(heading, width=width, justify="left" if heading == "teacher" else "right")
+        shown.add_column(
+            heading, width=width, justify="left" if heading == "teacher" else "right", no_wrap=True
+        )
     for _, row in rows.iterrows():
-        shown.add_row(*_cells(row), style="bold" if row["rank"] == 1 else None)
+        (name, *cells), style = _cells(row), "bold" if row["rank"] == 1 else None
+        first, *settings = _lines(name)
+        shown.add_row(first, *cells, style=style)
+        for setting in settings:
+            shown.add_row(setting, style=style)
     return shown
+
+
+def _lines(name: str) -> list[str]:
+    """Returns a teacher's name in lines as wide as its column, broken before settings where that can be."""
+    lines: list[str] = []
+    for place, part in enumerate(re.split(r"(?<=.)(?=:)", name)):
+        indented = f"{'  ' if place else ''}{part}"
+        lines += textwrap.wrap(indented, WIDTHS["teacher"], subsequent_indent="   ", drop_whitespace=False)
+    return lines
 
 
 def _cells(row: pd.Series) -> list[str]:
@@ -88,9 +107,18 @@ def _cells(row: pd.Series) -> list[str]:
     if is_baseline(row["teacher"]):
         return [*names, "", "", ""]
     if row["reason"] or pd.isna(row["p"]):
-        return [*names, row["reason"] or NO_BASELINE, "", ""]
+        return [*names, "not tested", "", ""]
     interval = f"{number(row['difference'])} [{number(row['low'])}, {number(row['high'])}]"
     return [*names, interval, *(p_value(row[name]).lstrip("p =\N{NO-BREAK SPACE}") for name in ("p", "holm"))]
+
+
+def _untested(rows: pd.DataFrame) -> dict[str, list[str]]:
+    """Returns why some teachers of a challenge are not tested against Random, and which."""
+    found: dict[str, list[str]] = {}
+    for _, row in rows.iterrows():
+        if not is_baseline(row["teacher"]) and (row["reason"] or pd.isna(row["p"])):
+            found.setdefault(row["reason"] or NO_BASELINE, []).append(label(row["teacher"]))
+    return found
 
 
 def _notes(table: pd.DataFrame) -> list[str]:

@@ -97,10 +97,24 @@ def run_plan(
 
 
 def _conclude(ended: Snapshot, results: str, console: Console) -> int:
+    """Prints how a campaign ended and the command that comes next; returns the exit code."""
+    code, sentence = _ending(ended, results)
+    console.print(sentence, highlight=False, soft_wrap=True)
+    return code
+
+
+def _ending(ended: Snapshot, results: str) -> tuple[int, str]:
     if ended.done == ended.total:
-        return 0
+        page = " -o report" if "://" in results else ""
+        return (
+            0,
+            f"Next: 'tma-ray report {results}{page}' writes a page, 'tma-ray ranking {results}' a table.",
+        )
     if ended.done + ended.failed < ended.total:
-        console.print("Stopped; the same command continues where it was.", highlight=False)
-        return INTERRUPTED
-    console.print(f"{ended.failed} runs failed; 'tma-ray status {results}' says why.", highlight=False)
-    return FAILED
+        return INTERRUPTED, (
+            f"Stopped; the same command continues where it was. 'tma-ray status {results}' shows how far."
+        )
+    return FAILED, (
+        f"{ended.failed} runs failed. Next: 'tma-ray status {results}' says why, "
+        f"'tma-ray rerun {results} --failed' repeats them."
+    )

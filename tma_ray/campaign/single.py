@@ -64,6 +64,8 @@ def run_single(options: argparse.Namespace) -> int:
     done = outcome is AttemptOutcome.DONE
     view.close(Snapshot(1, int(done), 0, int(not done), 0, 0, schedule.steps, []))
     console.print(f"{spec.run_id}: {outcome} in {options.results}", highlight=False, soft_wrap=True)
+    following = f"'tma-ray report {options.results}' writes a page" if done else "the same command continues"
+    console.print(f"Next: {following}.", highlight=False, soft_wrap=True)
     return 0 if done else INTERRUPTED
 
 

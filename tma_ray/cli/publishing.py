@@ -194,7 +194,11 @@ def _add_release(parser: CommandParser) -> None:
     parser.add_argument("root", type=root, metavar="ROOT", help="results root of the campaign")
     parser.add_argument("name", type=named("a name"), metavar="NAME", help="name of the baseline")
     parser.add_argument(
-        "-o", "--output", type=folder, metavar="FOLDER", help="folder to write to (default: NAME)"
+        "-o",
+        "--output",
+        type=folder,
+        metavar="FOLDER",
+        help="folder in which the baseline's own, NAME, is made (default: the current one)",
     )
     parser.add_argument(
         "--licence",

@@ -226,7 +226,10 @@ def _plan(options: argparse.Namespace) -> int:
 def _stop(options: argparse.Namespace) -> int:
     from tma_ray.results import Store, ask_to_stop
 
-    print(f"asked {ask_to_stop(Store.open(options.root))} to stop; its runs leave checkpoints and it ends")
+    print(
+        f"asked {ask_to_stop(Store.open(options.root))} to stop; its runs leave checkpoints and it ends. "
+        f"Next: 'tma-ray status {options.root}' shows when; the command that started it continues it"
+    )
     return 0
 
 

@@ -52,7 +52,7 @@ class EnvironmentConformance:
             space = getattr(made, kind)
             assert isinstance(space, gymnasium.spaces.Box), f"{kind} is {space}: expected a Box"
             assert len(space.shape) == 1, f"{kind} has shape {space.shape}: expected one dimension"
-        assert made.action_space.is_bounded(), f"{made.action_space} must have bounds: students scale to them"
+        assert _actions(made).is_bounded(), f"{made.action_space} must have bounds: students scale to them"
 
     def test_it_declares_its_tasks(self) -> None:
         """The task space lies inside the valid domain, with the same names, and both are of any instance."""
@@ -77,7 +77,7 @@ class EnvironmentConformance:
         made, domain = self._made(), self._spaces()[1]
         for index, name in enumerate(domain.names):
             for value in (domain.low[index] - domain.width[index], np.nan):
-                task = domain.centre.copy()
+                task: Any = domain.centre.copy()
                 task[index] = value
                 error = _refusal(made, task)
                 assert error is not None, f"{name} = {value} is outside of valid_domain and was not refused"
@@ -103,18 +103,17 @@ class EnvironmentConformance:
 
     def test_global_random_numbers_are_left_alone(self) -> None:
         """All randomness comes from `self.np_random`."""
-        before = random.getstate(), np.random.get_state()[1].tobytes()  # type: ignore[index,union-attr]  # noqa: NPY002
+        before = random.getstate(), np.random.get_state()[1].tobytes()  # type: ignore[index]  # noqa: NPY002
         self._play(self._made(), 1)
-        after = random.getstate(), np.random.get_state()[1].tobytes()  # type: ignore[index,union-attr]  # noqa: NPY002
+        after = random.getstate(), np.random.get_state()[1].tobytes()  # type: ignore[index]  # noqa: NPY002
         assert before == after, "it draws from a global generator; use self.np_random"
 
     def test_episodes_end(self) -> None:
         """By themselves or truncated: a run adds no time limit."""
         made = self._made()
         made.reset(seed=0, options={"task": self._spaces()[0].centre})
-        action = np.zeros(made.action_space.shape or (), np.float32).clip(
-            made.action_space.low, made.action_space.high
-        )
+        space = _actions(made)
+        action = np.zeros(space.shape, np.float32).clip(space.low, space.high)
         for _ in range(self.longest_episode):
             *_, terminated, truncated, _ = made.step(action)
             if terminated or truncated:
@@ -152,9 +151,15 @@ class EnvironmentConformance:
         return seen
 
 
-def _action(made: Environment, rng: np.random.Generator) -> Any:
+def _actions(made: Environment) -> gymnasium.spaces.Box:
     space = made.action_space
-    return rng.uniform(space.low, space.high).astype(space.dtype)
+    assert isinstance(space, gymnasium.spaces.Box), f"action_space is {space}: expected a Box"
+    return space
+
+
+def _action(made: Environment, rng: np.random.Generator) -> Any:
+    space = _actions(made)
+    return np.asarray(rng.uniform(space.low, space.high)).astype(space.dtype)
 
 
 def _refusal(made: Environment, task: Task) -> str | None:
