@@ -15,7 +15,7 @@ import pytest
 from local_head import Head, local_head
 from test_interrupts import ARGUMENTS, HELPERS, wait_for_a_checkpoint
 
-from tma_ray.campaign.script import EXIT_RAY_LOST, EXIT_REFUSED
+from tma_ray.commands.exits import RAY_LOST, REFUSED
 
 PATIENCE = 40
 """How long this cluster's processes wait for their head, s."""
@@ -49,7 +49,7 @@ def test_workers_without_tma_ray_are_refused_and_a_head_that_is_gone_is_waited_f
     setting = f'--system-config={{"gcs_rpc_server_reconnect_timeout_s": {PATIENCE}}}'
     with local_head(setting) as head:
         monkeypatch.setenv("PYTHONPATH", path[-1])
-        assert start(head, root, said).wait(timeout=120) == EXIT_REFUSED
+        assert start(head, root, said).wait(timeout=120) == REFUSED
         assert "none that can be imported" in said.read_text()
         assert "in the environment in which 'ray start' is called on that node" in said.read_text()
         assert not root.exists()
@@ -61,7 +61,7 @@ def test_workers_without_tma_ray_are_refused_and_a_head_that_is_gone_is_waited_f
             server = global_control_store(head)
             server.send_signal(signal.SIGKILL)
             killed = time.monotonic()
-            assert driver.wait(timeout=120) == EXIT_RAY_LOST, said.read_text()
+            assert driver.wait(timeout=120) == RAY_LOST, said.read_text()
         finally:
             driver.kill()
         assert PATIENCE / 2 < time.monotonic() - killed < 2 * PATIENCE

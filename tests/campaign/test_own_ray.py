@@ -12,7 +12,7 @@ from small_runs import rows
 from test_interrupts import start, wait_for_a_checkpoint
 
 from tma_ray.campaign.monitor.overview import overview
-from tma_ray.campaign.script import EXIT_RAY_LOST
+from tma_ray.commands.exits import RAY_LOST
 from tma_ray.results import Table
 
 pytestmark = pytest.mark.slow
@@ -52,7 +52,7 @@ def test_listens_on_loopback_only_and_ends_with_its_core_processes(tmp_path: Pat
 
         next(process for process in processes if process.name() == core).kill()
         killed = time.monotonic()
-        assert driver.wait(timeout=60) == EXIT_RAY_LOST
+        assert driver.wait(timeout=60) == RAY_LOST
         seconds = time.monotonic() - killed
     finally:
         driver.kill()

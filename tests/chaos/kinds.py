@@ -18,7 +18,7 @@ from nodes import Nodes, living
 from saboteur import FULL_DISK, HOLD
 from suite.object_server import ObjectServer
 
-from tma_ray.campaign.script import EXIT_FAILED, EXIT_RAY_LOST
+from tma_ray.commands.exits import FAILED, RAY_LOST
 from tma_ray.results import Store
 
 HERE = Path(__file__).parent
@@ -185,7 +185,7 @@ def core_killed(name: str) -> Kind:
             (core,) = (process for process in family if process.name() == name)
             core.kill()
             scene.note()
-            scene.site.finish(driver, EXIT_RAY_LOST)
+            scene.site.finish(driver, RAY_LOST)
             assert time.time() - scene.times[-1] < 15
             _, left = psutil.wait_procs(family, timeout=5)
             assert left == []
@@ -218,7 +218,7 @@ def disk_full(scene: Scene, injections: int) -> None:
         scene.wait()
         scene.site.ask(FULL_DISK)
         scene.note()
-        scene.site.finish(driver, EXIT_FAILED)
+        scene.site.finish(driver, FAILED)
         scene.site.withdraw(FULL_DISK)
     scene.finish()
 

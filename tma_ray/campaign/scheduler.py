@@ -16,7 +16,8 @@ from ray.exceptions import ActorUnavailableError, RayActorError, RayTaskError
 
 from tma_ray.campaign.actors import Report, SeedActor
 from tma_ray.campaign.cluster.connection import capacity
-from tma_ray.campaign.cluster.head import Head, HeadLostError
+from tma_ray.campaign.cluster.errors import HeadLostError
+from tma_ray.campaign.cluster.head import Head
 from tma_ray.campaign.failures.outages import RetryingCommitter
 from tma_ray.campaign.failures.retries import Retries
 from tma_ray.campaign.failures.silence import Silence

@@ -8,7 +8,7 @@ from collections.abc import Mapping, Sequence
 
 from rich.console import Console
 
-from tma_ray.campaign.cluster.head import HeadLostError
+from tma_ray.campaign.cluster.errors import HeadLostError
 from tma_ray.campaign.costs.confirmation import confirm, long_cost, terminal_question
 from tma_ray.campaign.costs.known import Kind
 from tma_ray.campaign.costs.speed import Throughput
@@ -18,12 +18,9 @@ from tma_ray.campaign.options import add_options, chosen_address, chosen_campaig
 from tma_ray.campaign.plan import CampaignSpec, Plan
 from tma_ray.campaign.preflight.address import check_address
 from tma_ray.command_line import CommandParser
-from tma_ray.commands.exits import FAILED, exit_code
+from tma_ray.commands.exits import FAILED, RAY_LOST, exit_code
 from tma_ray.commands.interrupts import INTERRUPTED
 from tma_ray.results import Store, start_from
-
-EXIT_RAY_LOST = 75
-"""`os.EX_TEMPFAIL`, by which services and batch systems know what is worth starting again."""
 
 
 def main(campaign: CampaignSpec, arguments: Sequence[str] | None = None) -> int:
@@ -92,7 +89,7 @@ def run_plan(
         return FAILED
     except HeadLostError as error:
         sys.stderr.write(f"{plan.name}: {error}; the same command continues where it was\n")
-        return EXIT_RAY_LOST
+        return RAY_LOST
     return _conclude(ended, results, console)
 
 

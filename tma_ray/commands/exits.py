@@ -17,6 +17,9 @@ FAILED = 1
 REFUSED = 2
 """Nothing was done; a sentence on standard error says why."""
 
+RAY_LOST = 75
+"""Ray is gone, and the same command continues: `os.EX_TEMPFAIL`, which services and batch systems know."""
+
 BROKEN_PIPE = 141
 """Nobody reads the output any more: 128 and the number of the signal, as of a shell."""
 

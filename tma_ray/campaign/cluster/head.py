@@ -1,14 +1,10 @@
-"""The loss of Ray's head, and what a campaign asks of a head that it watches."""
+"""The head of a Ray, as a campaign watches it."""
 
 from __future__ import annotations
 
 from typing import Any, Protocol
 
 from ray._private.state import state
-
-
-class HeadLostError(RuntimeError):
-    """Ray's head has died, was stopped, or did not answer for as long as Ray waits for it."""
 
 
 class Head(Protocol):

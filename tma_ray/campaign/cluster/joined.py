@@ -13,7 +13,8 @@ from typing import Any, Final
 import ray
 from ray._private.state import state
 
-from tma_ray.campaign.cluster.head import HeadLostError, living_nodes
+from tma_ray.campaign.cluster.errors import HeadLostError
+from tma_ray.campaign.cluster.head import living_nodes
 
 WATCH_SECONDS: Final = 2.0
 """Time between two looks at a cluster's head, and the longest that it has to accept a connection, s."""

@@ -16,7 +16,8 @@ import psutil
 import ray
 from ray._private import ray_constants
 
-from tma_ray.campaign.cluster.head import HeadLostError, living_nodes
+from tma_ray.campaign.cluster.errors import HeadLostError
+from tma_ray.campaign.cluster.head import living_nodes
 
 OBJECT_STORE_BYTES: Final = 100_000_000
 """Next to nothing travels through the object store: results go to files."""
