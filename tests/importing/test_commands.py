@@ -45,7 +45,7 @@ def test_reports_and_figures_of_an_imported_root(release: Release, tmp_path: Pat
     assert run("import", "results", release.root, "-o", root) == 0
     assert run("report", root, "-o", tmp_path / "report") == 0
     assert "Box2D" in (tmp_path / "report" / "index.html").read_text()
-    assert run("figures", root, "-o", tmp_path / "figures", "--only", "learning") == 0
+    assert run("figures", root, "-o", tmp_path / "figures", "--only", "curves") == 0
 
 
 def test_what_was_not_imported_is_said_and_is_the_exit_status(

@@ -11,6 +11,7 @@ from typing import Any, Final
 
 import numpy as np
 
+from tma_ray.array_files import load_array
 from tma_ray.importing.errors import DamagedSeedError, ImportRefusedError
 from tma_ray.importing.teacher_history import DIMENSIONS, Floats, entries, matrix
 from tma_ray.importing.unpickling import LARGEST_MEBIBYTES, load_pickle
@@ -121,7 +122,7 @@ def _of_csv(path: Path) -> tuple[tuple[str, ...], Floats | None]:
 
 
 def _of_array(path: Path) -> tuple[tuple[str, ...], Floats | None]:
-    return (), _table(np.load(path, allow_pickle=False))
+    return (), _table(load_array(path))
 
 
 def _of_pickle(path: Path) -> tuple[tuple[str, ...], Floats | None]:

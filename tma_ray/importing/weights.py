@@ -12,6 +12,7 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
+from tma_ray.array_files import load_arrays
 from tma_ray.importing.errors import ImportRefusedError
 from tma_ray.importing.unpickling import load_pickle
 from tma_ray.terrain.cppn import CPPN, SHAPES
@@ -66,8 +67,7 @@ def write_weights(network: CPPN, output: Path) -> None:
 def _arrays(path: Path) -> dict[str, NDArray[Any]]:
     if zipfile.is_zipfile(path):
         try:
-            with np.load(path, allow_pickle=False) as file:
-                return _matrices({name: file[name] for name in file})
+            return _matrices(load_arrays(path))
         except (ValueError, OSError, zipfile.BadZipFile, EOFError) as error:
             raise ImportRefusedError(f"{path} cannot be read ({error}): copy it again") from error
     content = load_pickle(path)

@@ -6,13 +6,16 @@ import hashlib
 import json
 from dataclasses import asdict, dataclass, replace
 from pathlib import PurePosixPath
-from typing import Any, Self
+from typing import Any, Final, Self
 
 from tma_ray.decoding import DamagedFileError, Natural, Sha256, SmallNatural, decode_json
 from tma_ray.results.layout import TABLES, check_path, manifest_path, staging_folder, table_path
 from tma_ray.results.records import RunRecord, RunStatus, check_spec
 from tma_ray.results.schema import Table
 from tma_ray.results.storage.store import Store
+
+MOST_RUN_ROWS: Final = 50_000_000
+"""Rows of one run in a table beyond which its manifest is not believed."""
 
 
 def read_checked(store: Store, path: str, sha256: str) -> bytes:
@@ -123,6 +126,9 @@ class Manifest:
             shared = file.first is not None and file.path.startswith(f"{TABLES}/{file.table}/")
             if not (own or shared):
                 raise ValueError(f"it lists {file.path}, which does not belong to run {run_id}")
+        largest = max(self.files, key=lambda file: file.rows, default=None)
+        if largest is not None and largest.rows > MOST_RUN_ROWS:
+            raise ValueError(f"it lists {largest.rows:,} rows in {largest.path}, more than any run has")
         listed = [(file.path, file.first) for file in self.files]
         if len(set(listed)) < len(listed):
             raise ValueError("it lists a file twice")

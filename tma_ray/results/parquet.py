@@ -16,6 +16,17 @@ from tma_ray.results.schema import SCHEMAS, VERSION_KEY, Table
 ROW_GROUP_ROWS: Final = 1 << 17
 """Rows of a row group: several runs' evaluations, and a few megabytes of episodes."""
 
+MOST_ROWS: Final = {
+    table: 2_000_000 if table in (Table.RUNS, Table.ATTEMPTS, Table.CELLS) else 500_000_000 for table in Table
+}
+"""Rows of one file beyond which it is a mistake, or a trap: repeated rows take next to nothing on disk."""
+
+MOST_LIST_VALUES: Final = 100_000
+"""Entries of the lists of one row, on average, beyond which likewise."""
+
+MOST_ROW_BYTES: Final = 2**20
+"""Bytes of one row, on average, beyond which likewise."""
+
 _REPEATED: Final = {
     Table.EVALUATIONS: ("task_index", "task.list.element"),
     Table.CURRICULUM: ("step", "sample"),
@@ -64,19 +75,32 @@ def decode_rows(table: Table, file: Any, first: int, count: int, columns: Sequen
     if first + count > (ends[-1] if ends else 0):
         raise IndexError(f"it has {parquet.metadata.num_rows} rows, not {first + count}")
     groups = [i for i, end in enumerate(ends) if end > first and (i == 0 or ends[i - 1] < first + count)]
+    _check_size(table, parquet, groups, count + 2 * ROW_GROUP_ROWS)
     skipped = ends[groups[0] - 1] if groups and groups[0] else 0
     rows = parquet.read_row_groups(groups, _present(parquet, columns), use_threads=False)
     return _completed(table, columns, rows).slice(first - skipped, count)
 
 
-def decode(table: Table, data: bytes, columns: Sequence[str] | None = None) -> pa.Table:
+def decode(
+    table: Table, data: bytes, columns: Sequence[str] | None = None, count: int | None = None
+) -> pa.Table:
     """Returns the rows of a Parquet file with all columns of its table, or these in this order.
+
+    Args:
+        table: whose rows they are.
+        data: the file.
+        columns: which of its columns.
+        count: how many rows it has to have; any number up to `MOST_ROWS` if None.
 
     Raises:
         OSError, pa.ArrowException: the bytes are not a complete Parquet file of this table.
-        DamagedFileError: it lacks a column.
+        DamagedFileError: it lacks a column, has another number of rows, or claims more than makes sense.
     """
     file = pq.ParquetFile(pa.BufferReader(data), page_checksum_verification=True)
+    rows = file.metadata.num_rows
+    if count is not None and rows != count:
+        raise DamagedFileError(f"it has {rows} rows, but its manifest says {count}")
+    _check_size(table, file, range(file.num_row_groups), MOST_ROWS[table])
     names = SCHEMAS[table].names if columns is None else columns
     return _completed(table, names, file.read(_present(file, names), use_threads=False))
 
@@ -121,6 +145,22 @@ def same_rows(table: Table, rows: pa.Table, others: pa.Table) -> bool:
     """Tells whether two tables would be the same file: the same values in the same order, NaN included."""
     alike = _canonical(table, rows).equals(_canonical(table, others))
     return alike or encode(table, rows) == encode(table, others)  # NaN equals itself as bytes only
+
+
+def _check_size(table: Table, file: pq.ParquetFile, groups: Iterable[int], most_rows: int) -> None:
+    """Refuses row groups that would fill the memory, by what the end of the file says of them.
+
+    Raises:
+        DamagedFileError: too many rows, entries of lists or bytes.
+    """
+    found = [file.metadata.row_group(group) for group in groups]
+    rows = sum(group.num_rows for group in found)
+    values = max((group.column(i).num_values for group in found for i in range(group.num_columns)), default=0)
+    size = sum(group.total_byte_size for group in found)
+    if rows > most_rows:
+        raise DamagedFileError(f"it claims {rows:,} rows, more than {most_rows:,} of {table}")
+    if values > MOST_LIST_VALUES * max(rows, 1) or size > MOST_ROW_BYTES * max(rows, 1_000):
+        raise DamagedFileError(f"it claims {values:,} values and {size:,} bytes in {rows:,} rows of {table}")
 
 
 def _present(file: pq.ParquetFile, columns: Sequence[str]) -> list[str]:

@@ -12,9 +12,9 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.compute as pc
 
-from tma_ray.decoding import DamagedFileError, DamagedFileWarning
+from tma_ray.decoding import DamagedFileWarning
 from tma_ray.results.inspection import damage_reason
-from tma_ray.results.layout import MANIFESTS, TABLES, check_root, manifest_path
+from tma_ray.results.layout import MANIFESTS, TABLES, check_root, manifest_path, table_path
 from tma_ray.results.manifest import Manifest, PartFile, load_manifest
 from tma_ray.results.merging.shared_files import (
     UNREADABLE,
@@ -131,13 +131,22 @@ class Results:
         if table is Table.RUNS:
             rows = to_arrow(table, SCHEMAS[table], [manifest.row() for manifest in self.runs()])
         else:
-            paths = self.store.files(f"{TABLES}/{table}")
+            paths = self._paths_about(table, run_ids)
             found = self._map(lambda path: self._file_rows(table, path), paths)
             rows = _joined(table, SCHEMAS[table].names, [part for part in found if part is not None])
             rows = _each_once(rows) if table is Table.ATTEMPTS else rows
         if run_ids is None:
             return rows
         return rows.filter(pc.is_in(rows["run_id"].cast(pa.string()), pa.array(list(run_ids), pa.string())))
+
+    def _paths_about(self, table: Table, run_ids: Collection[str] | None) -> list[str]:
+        """Returns the files that may hold rows of these runs: their own, and those of several runs."""
+        paths = self.store.files(f"{TABLES}/{table}")
+        if table is not Table.ATTEMPTS or run_ids is None:
+            return list(paths)
+        others = {table_path(table, manifest.run.run_id) for manifest in self.runs()}
+        others -= {table_path(table, run_id) for run_id in run_ids}
+        return [path for path in paths if path not in others]
 
     def _file_rows(self, table: Table, path: str) -> pa.Table | None:
         return self._tried(path, lambda: decode(table, self.store.read_bytes(path)))
@@ -172,10 +181,7 @@ class Results:
 
     def _file_slice(self, file: PartFile, columns: Sequence[str], shared: _Shared) -> pa.Table:
         if file.first is None:
-            rows = decode(file.table, file.read(self.store), columns)
-            if len(rows) != file.rows:
-                raise DamagedFileError(f"it has {len(rows)} rows, but its manifest says {file.rows}")
-            return rows
+            return decode(file.table, file.read(self.store), columns, file.rows)
         if not file.rows:
             return SCHEMAS[file.table].empty_table().select(columns)
         rows = shared[file] if file in shared else read_slice(self.store, file, columns)

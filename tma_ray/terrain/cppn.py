@@ -11,6 +11,8 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from tma_ray.array_files import load_arrays
+
 POINTS = 200
 """Points of a curve; the network's x runs from 0 to 1 over them."""
 
@@ -73,8 +75,8 @@ class CPPN:
             ValueError: no such file, no such arrays in it, or of other shapes.
         """
         try:
-            with np.load(path, allow_pickle=False) as file:
-                return cls({name: file[name].astype(np.float32) for name in SHAPES if name in file})
+            arrays = load_arrays(Path(path))
+            return cls({name: arrays[name].astype(np.float32) for name in SHAPES if name in arrays})
         except FileNotFoundError as error:
             raise ValueError(f"no file of CPPN weights {str(path)!r}") from error
         except (zipfile.BadZipFile, EOFError, AttributeError, TypeError) as error:

@@ -101,18 +101,25 @@ def _state(
 
 def _published_steps(results: Results) -> dict[str, int]:
     """Step of the last published episode of every unfinished run."""
-    unfinished = [m.run.run_id for m in results.runs() if m.status is not RunStatus.DONE]
+    unfinished = _unfinished(results)
+    if not unfinished:
+        return {}
     rows = results.table(Table.EPISODES, unfinished, ["run_id", "step"])
     grouped = rows.group_by("run_id").aggregate([("step", "max")]).to_pylist()
     return {row["run_id"]: row["step_max"] for row in grouped}
 
 
 def _last_outcomes(results: Results) -> dict[str, tuple[int, str]]:
-    """Number and outcome of every run's last recorded attempt."""
+    """Number and outcome of the last recorded attempt at every unfinished run."""
     last: dict[str, tuple[int, str]] = {}
-    for row in results.table(Table.ATTEMPTS, columns=["run_id", "attempt", "outcome"]).to_pylist():
+    columns = ["run_id", "attempt", "outcome"]
+    for row in results.table(Table.ATTEMPTS, _unfinished(results), columns).to_pylist():
         last[row["run_id"]] = max(last.get(row["run_id"], (-1, "")), (row["attempt"], row["outcome"]))
     return last
+
+
+def _unfinished(results: Results) -> list[str]:
+    return [manifest.run.run_id for manifest in results.runs() if manifest.status is not RunStatus.DONE]
 
 
 def _cell(row: Mapping[str, Any]) -> tuple[str, ...]:

@@ -92,3 +92,17 @@ def _lock(descriptor: int) -> None:
             return
         else:
             return
+
+
+def links_out(base: str, path: str) -> bool:
+    """Tells whether a symbolic link between the folder `base` and `path` leads out of it, or nowhere."""
+    place, linked = base, False
+    for part in path.split("/"):
+        place = f"{place}/{part}"
+        linked = linked or os.path.islink(place)  # noqa: PTH114 - five times as fast, for thousands of files
+    if not linked:
+        return False
+    try:
+        return not Path(place).resolve().is_relative_to(Path(base).resolve())
+    except (OSError, RuntimeError):  # a circle
+        return True

@@ -25,6 +25,9 @@ _ADVICE: Final = {
     errno.EDQUOT: "your quota there is used up; free some space",
     errno.EROFS: "it is mounted read-only",
     errno.EACCES: "you may not do that there",
+    errno.ENOTDIR: "part of it is a file, not a folder",
+    errno.ELOOP: "its symbolic links lead in a circle",
+    errno.ENAMETOOLONG: "a name in it is too long",
 }
 
 logger = logging.getLogger(__name__)

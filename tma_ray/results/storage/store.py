@@ -13,7 +13,8 @@ from uuid import uuid4
 
 from pyarrow import fs
 
-from tma_ray.results.storage.disk import locked_folder, make_folder, sync_folder, write_file
+from tma_ray.decoding import DamagedFileError
+from tma_ray.results.storage.disk import links_out, locked_folder, make_folder, sync_folder, write_file
 from tma_ray.results.storage.errors import explained_disk
 from tma_ray.results.storage.object_store import (
     NO_BUCKET,
@@ -100,6 +101,7 @@ class Store:
         Raises:
             FileNotFoundError: there is none.
         """
+        self._refuse_links_out(path)
         with self._explained(path):
             return patiently(lambda: self._read(self.full_path(path)))
 
@@ -116,6 +118,7 @@ class Store:
             with self.filesystem.open_input_file(self.full_path(path)) as file:
                 return read(file)
 
+        self._refuse_links_out(path)
         with self._explained(path):
             return patiently(open_and_read)
 
@@ -275,6 +278,15 @@ class Store:
             if file.metadata() != version:
                 raise ReplacedWhileReadError
         return data
+
+    def _refuse_links_out(self, path: str) -> None:
+        """Refuses symbolic links that lead out of the root: it may be others' who made it.
+
+        Raises:
+            DamagedFileError: the message names the link.
+        """
+        if self._local and links_out(self.base, path):
+            raise DamagedFileError(f"{self.where(path)} is damaged: a symbolic link leads out of the root")
 
     def _kind(self, path: str) -> fs.FileType:
         with self._explained(path):

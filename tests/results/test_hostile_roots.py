@@ -1,0 +1,106 @@
+"""What others made is never trusted with memory or with other folders: sizes and links are checked first."""
+
+from __future__ import annotations
+
+import io
+import zipfile
+from pathlib import Path
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+import pytest
+from results_examples import make_record
+
+from tma_ray.array_files import load_array, load_arrays
+from tma_ray.cli import main
+from tma_ray.decoding import DamagedFileError, DamagedFileWarning
+from tma_ray.results import Committer, Results, RunStatus, Store, Table
+from tma_ray.results.layout import table_path
+from tma_ray.results.manifest import MOST_RUN_ROWS, Manifest, PartFile
+from tma_ray.results.parquet import MOST_ROWS, decode
+from tma_ray.results.schema import SCHEMAS
+
+
+def repeated(table: Table, rows: int) -> bytes:
+    """A small file of very many equal rows."""
+    schema, sink = SCHEMAS[table], io.BytesIO()
+    arrays = []
+    for field in schema:
+        kind = field.type.value_type if pa.types.is_dictionary(field.type) else field.type
+        value = {"string": "x", "int64": 0, "int32": 0}.get(str(kind))
+        arrays.append(pa.repeat(pa.scalar(value, kind), rows).cast(field.type))
+    pq.write_table(pa.table(arrays, schema=schema), sink, compression="zstd")
+    return sink.getvalue()
+
+
+def npy(shape: tuple[int, ...], kind: str = "<f8") -> bytes:
+    """The header of an array, and nothing else."""
+    file = io.BytesIO()
+    np.lib.format.write_array_header_1_0(file, {"descr": kind, "fortran_order": False, "shape": shape})
+    return file.getvalue()
+
+
+@pytest.mark.parametrize("shape", [(10**12,), (10**6, 10**6), (1,)])
+def test_an_array_that_claims_more_than_its_file_holds_is_refused(tmp_path: Path, shape: tuple[int]) -> None:
+    path = tmp_path / "bomb.npy"
+    path.write_bytes(npy(shape))
+    with pytest.raises(ValueError, match=r"claims .* bytes of numbers"):
+        load_array(path)
+    assert main(["import", "test-sets", str(path), "-o", str(tmp_path / "out")]) == 2
+    path.write_bytes(npy((0,)) + b"")
+    assert load_array(path).shape == (0,)
+
+
+def test_an_archive_that_inflates_is_refused(tmp_path: Path) -> None:
+    path = tmp_path / "bomb.npz"
+    with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as archive:
+        archive.writestr("w1.npy", npy((2**20,)) + bytes(2**23))
+    assert load_arrays(path)["w1"].shape == (2**20,)
+    with pytest.raises(ValueError, match=r"would take 8,388,.* bytes"):
+        load_arrays(path, 2**20)
+    with zipfile.ZipFile(path, "w") as archive:
+        archive.writestr("w1.npy", npy((10**12,)))
+    with pytest.raises(ValueError, match=r"w1\.npy of .* claims"):
+        load_arrays(path)
+
+
+def test_a_table_of_repeated_rows_is_named_and_left_out(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setitem(MOST_ROWS, Table.CELLS, 100_000)
+    root = Committer.open(tmp_path / "root").store
+    root.write_bytes(table_path(Table.CELLS, "bomb"), repeated(Table.CELLS, 100_001))
+    with pytest.warns(DamagedFileWarning, match=r"cells/bomb\.parquet was left out: it claims 100,001 rows"):
+        assert len(Results(root).table(Table.CELLS)) == 0
+    assert main(["status", str(tmp_path / "root")]) == 0
+    assert "cells/bomb.parquet" in capsys.readouterr().err
+
+
+def test_rows_are_counted_before_they_are_read() -> None:
+    data = repeated(Table.CELLS, 1_000)
+    with pytest.raises(DamagedFileError, match="it has 1000 rows, but its manifest says 5"):
+        decode(Table.CELLS, data, count=5)
+
+
+@pytest.mark.parametrize("target", ["file", "folder", "circle"])
+def test_links_that_lead_out_of_a_root_are_refused(tmp_path: Path, target: str) -> None:
+    outside = tmp_path / "outside"
+    outside.mkdir()
+    (outside / "secret.json").write_text("{}")
+    store = Store.open(tmp_path / "root")
+    store.write_bytes("manifests/inside.json", b"{}")
+    (tmp_path / "root" / "near.json").symlink_to(tmp_path / "root" / "manifests" / "inside.json")
+    assert store.read_bytes("near.json") == b"{}"
+    link = tmp_path / "root" / "link"
+    link.symlink_to({"file": outside / "secret.json", "folder": outside, "circle": link}[target])
+    with pytest.raises(DamagedFileError, match="a symbolic link leads out of the root"):
+        store.read_bytes("link/secret.json" if target == "folder" else "link")
+
+
+def test_a_manifest_that_lists_more_rows_than_any_run_has_is_refused() -> None:
+    path = table_path(Table.EPISODES, "run")
+    files = (PartFile(Table.EPISODES, path, MOST_RUN_ROWS + 1, "0" * 64),)
+    manifest = Manifest(make_record("run"), RunStatus.DONE, 0, files)
+    with pytest.raises(ValueError, match="more than any run has"):
+        manifest.check("run")
