@@ -10,8 +10,10 @@ import pandas as pd
 from analysis.claims.judging import Sample, Verdict, judge
 from analysis.data.frames import Frames
 from analysis.data.reference import is_baseline
+from analysis.measures.conditions import CONDITIONS, condition_words, varying
 from analysis.measures.pooling import pooled
-from analysis.measures.student_pools import BIPEDAL, RELEASED_BIPEDAL, runs_after
+from analysis.measures.student_pools import runs_after
+from analysis.measures.variants import BIPEDAL, RELEASED_BIPEDAL
 from analysis.statistics import Description, describe
 from analysis.statistics.verdicts import Standing
 from tma_ray.benchmark import PaperResult, paper_results
@@ -22,6 +24,9 @@ MEASURE = "mastered_percent"
 
 PLACE = ("environment", "challenge", "expert_knowledge")
 """Columns that tell results of one place from others."""
+
+
+PAPERS = "the paper's bodies, students and test tasks"
 
 
 class PaperSource:
@@ -41,14 +46,19 @@ class PaperSource:
 
 
 class RootSource:
-    """Complete pools of the runs of one root; Random lends its runs to levels at which it was not run.
+    """Complete pools of the runs of one root, all under the same conditions; Random serves at every level.
 
-    Where several pools have results of a challenge, as of two kinds of students, the largest counts.
+    Results under several conditions, such as two budgets or students, are never held against each other:
+    those that complete the most pools count, and of several the largest budget.
+
+    Attributes:
+        note: which conditions count and that others do not, in words; empty where there are no others.
     """
 
     def __init__(self, frames: Frames) -> None:
         self._frames = frames
         self._read = cache(self._read_after)
+        self._conditions, self.note = _chosen_conditions(runs_after(frames))
         columns = ["environment", "challenge", "teacher"]
         self._present = set(frames.cells[columns].itertuples(index=False, name=None))
 
@@ -76,6 +86,7 @@ class RootSource:
     def _read_after(self, share: float) -> tuple[dict[tuple[str, ...], pd.DataFrame], pd.DataFrame]:
         """Returns complete results by place, over bodies and of each body, and runs, after a share."""
         runs = runs_after(self._frames, share)
+        runs = runs[_under(runs, self._conditions)]
         places: dict[tuple[str, ...], pd.DataFrame] = {}
         for by in ([], ["embodiment"]):
             table = pooled(runs, [MEASURE], by=by)
@@ -86,6 +97,34 @@ class RootSource:
             if key[-1] == RELEASED_BIPEDAL and len(theirs):
                 places.setdefault((*key[:-1], BIPEDAL), theirs)
         return places, runs
+
+
+def _chosen_conditions(runs: pd.DataFrame) -> tuple[pd.Series | None, str]:
+    """Returns the conditions under which claims are judged, and a sentence where there are others."""
+    runs = runs[runs["steps"].notna()]
+    if runs.empty:
+        return None, ""
+    table = pooled(runs, [MEASURE])
+    counts = table.assign(complete=table["missing"] == "").groupby(CONDITIONS, dropna=False)["complete"].sum()
+    ordered = counts.reset_index().sort_values(["complete", "steps"], ascending=False, kind="stable")
+    chosen = ordered.iloc[0][CONDITIONS]
+    if len(ordered) == 1:
+        return chosen, ""
+    told = varying(ordered)
+    own = ", ".join(condition_words(chosen, told)) or PAPERS
+    others = [", ".join(condition_words(row, told)) or PAPERS for _, row in ordered.iloc[1:].iterrows()]
+    return (
+        chosen,
+        f"Claims are judged by results of {own} alone; apart stand those of {' and of '.join(others)}.",
+    )
+
+
+def _under(runs: pd.DataFrame, conditions: pd.Series | None) -> pd.Series:
+    """Returns which runs were made under these conditions."""
+    fits = pd.Series(conditions is not None, index=runs.index)
+    for column, value in () if conditions is None else conditions.items():
+        fits &= runs[str(column)].isna() if pd.isna(value) else runs[str(column)] == value
+    return fits
 
 
 def _entries(reading: Reading) -> list[PaperResult]:
@@ -116,3 +155,9 @@ def decided(verdicts: Sequence[Verdict]) -> list[Verdict]:
 def root_verdicts(frames: Frames) -> list[Verdict]:
     """Returns what the results of a root say of each of the paper's claims."""
     return judge(RootSource(frames))
+
+
+def claims_notes(frames: Frames) -> list[str]:
+    """Returns which of the results of a root claims are judged by, where these are of several kinds."""
+    note = RootSource(frames).note
+    return [note] if note else []

@@ -8,7 +8,7 @@ from rich.console import Console
 
 from analysis.baselines.sources import Sources, read
 from analysis.claims.judging import Verdict
-from analysis.claims.sources import root_verdicts
+from analysis.claims.sources import claims_notes, root_verdicts
 from analysis.statistics.verdicts import Standing
 
 STYLES = {
@@ -44,7 +44,7 @@ def show_claims(sources: Sources, details: bool = False, console: Console | None
     missing = [verdict for verdict in verdicts if verdict.standing is Standing.NO_DATA]
     if missing and not details:
         console.print(f"[dim]{_without_data(missing, len(verdicts))}[/dim]", highlight=False)
-    for warning in frames.notes:
+    for warning in (*frames.notes, *claims_notes(frames)):
         console.print(warning, highlight=False, markup=False, style="dim")
 
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import re
 import textwrap
-from typing import Any
 
 import pandas as pd
 from rich.console import Console
@@ -12,12 +11,11 @@ from rich.table import Table
 
 from analysis.baselines.sources import Sources, read
 from analysis.comparisons.overall import headlines
-from analysis.comparisons.ranking import MEASURE, ranked, sentences
+from analysis.comparisons.ranking import MEASURE, places, ranked, sentences
 from analysis.data.reference import NO_BASELINE, is_baseline
-from analysis.formatting import amount, number, p_value, plus_minus
-from analysis.measures.pooling import COMPARED
+from analysis.formatting import number, p_value, plus_minus
 from analysis.measures.student_pools import runs_after
-from analysis.names import challenge_title, label
+from analysis.names import label
 
 WIDTHS = {
     "teacher": 16,
@@ -43,36 +41,16 @@ def show_ranking(sources: Sources, share: float = 1.0, console: Console | None =
         console.print("No run has been evaluated to its end here.")
         return
     for (place, level), rows in table.groupby([pd.Series(places(table)), "expert_knowledge"], sort=False):
-        console.print(f"{place}, expert knowledge {level}", style="bold", highlight=False)
+        console.print(f"{place}, expert knowledge {level}", style="bold", highlight=False, markup=False)
         console.print(_shown(rows))
         for reason, teachers in _untested(rows).items():
-            console.print(f"[dim]  not tested: {', '.join(teachers)}: {reason}[/dim]", highlight=False)
+            console.print(
+                f"  not tested: {', '.join(teachers)}: {reason}", style="dim", highlight=False, markup=False
+            )
     for note in (*_notes(table), *frames.notes):
-        console.print(f"[dim]{note}[/dim]", highlight=False)
+        console.print(note, style="dim", highlight=False, markup=False)
     for sentence in [*headlines(runs), *sentences(table)]:
-        console.print(sentence, highlight=False)
-
-
-def places(table: pd.DataFrame) -> list[str]:
-    """Returns the challenge of each row of a `ranking`, with what sets it apart from others of its name."""
-    here = ["environment", "challenge", "expert_knowledge"]
-    several = [name for name in COMPARED if name not in here]
-    told = {name: table.groupby(here)[name].transform("nunique", dropna=False) > 1 for name in several}
-    found = []
-    for position, (_, row) in enumerate(table.iterrows()):
-        environment, challenge = row["environment"], row["challenge"]
-        title = challenge_title(environment, challenge, f"{environment} {challenge}")
-        apart = [_said(name, row[name]) for name in several if told[name].iloc[position]]
-        found.append(", ".join([title, *apart]))
-    return found
-
-
-def _said(column: str, value: Any) -> str:
-    if column == "pool":
-        return str(value)
-    if column == "steps" and pd.notna(value):
-        return f"{amount(value)} steps"
-    return f"{column.replace('_', ' ')} {value}"
+        console.print(sentence, highlight=False, markup=False)
 
 
 def _shown(rows: pd.DataFrame) -> Table:

@@ -7,6 +7,7 @@ from collections.abc import Hashable, Sequence
 import pandas as pd
 
 from analysis.comparisons.pairwise import nobody, pairs_of
+from analysis.measures.conditions import CONDITIONS
 from analysis.measures.pooling import COMPARED, PARTS, POOLED
 from analysis.statistics import Comparison, holm, stratified
 from analysis.statistics.estimates import (
@@ -16,7 +17,7 @@ from analysis.statistics.estimates import (
     probability_of_improvement,
 )
 
-ACROSS = ["expert_knowledge", "steps", "engine", "physics_version", "mastery_threshold"]
+ACROSS = ["expert_knowledge", *CONDITIONS]
 """Columns that runs of several challenges must have in common to be aggregated."""
 
 PLACES = ["environment", "challenge", "pool", "test_sets"]

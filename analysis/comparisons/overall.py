@@ -15,8 +15,9 @@ from analysis.comparisons.aggregates import (
     stratified_differences,
 )
 from analysis.data.reference import BASELINE
-from analysis.formatting import amount, number, p_value
+from analysis.formatting import number, p_value
 from analysis.looks import look
+from analysis.measures.conditions import CONDITIONS, condition_words, varying
 from analysis.names import label
 from analysis.statistics import SIGNIFICANCE
 
@@ -37,17 +38,18 @@ def headlines(runs: pd.DataFrame) -> list[str]:
     table = stratified_differences(runs, MEASURE, BASELINE)
     table = table[(table["reason"] == "") & (table["challenges"] > 1)]
     table = table.sort_values([*ACROSS, "difference"], ascending=[*[True] * len(ACROSS), False])
-    return [_headline(row) for _, row in table.iterrows()]
+    told = {"steps", *varying(table), *(["variant"] if (table["variant"] != "").any() else [])}
+    return [_headline(row, [name for name in CONDITIONS if name in told]) for _, row in table.iterrows()]
 
 
-def _headline(row: pd.Series) -> str:
+def _headline(row: pd.Series, told: list[str]) -> str:
     verdict = "not distinguishable from"
     if row["holm"] < SIGNIFICANCE:
         verdict = "better than" if row["difference"] > 0 else "worse than"
     interval = f"{number(row['difference'])} points [{number(row['low'])}, {number(row['high'])}]"
     return (
         f"Over {row['challenges']} challenges (expert knowledge {row['expert_knowledge']}, "
-        f"{amount(row['steps'])} steps) {label(row['teacher'])} is {verdict} Random: {interval}, "
+        f"{', '.join(condition_words(row, told))}) {label(row['teacher'])} is {verdict} Random: {interval}, "
         f"{p_value(row['holm'])} after Holm."
     )
 
@@ -65,6 +67,7 @@ def overall_rows(runs: pd.DataFrame) -> list[dict[str, Any]]:
     """
     if runs.empty:
         return []
+    told = ["steps", *(name for name in varying(runs) if name != "steps")]
     means = interquartile_means(runs, MEASURE, by=[*ACROSS, "teacher"], strata=CHALLENGES)
     chances = improvements(runs, MEASURE, reference=BASELINE, within=ACROSS, strata=CHALLENGES)
     chances = chances.rename(columns={"first": "teacher"})
@@ -72,7 +75,7 @@ def overall_rows(runs: pd.DataFrame) -> list[dict[str, Any]]:
     table = table.sort_values([*ACROSS, "value"], ascending=[*[True] * len(ACROSS), False])
     return [
         {
-            "place": f"expert knowledge {row['expert_knowledge']}, {amount(row['steps'])} steps",
+            "place": ", ".join([f"expert knowledge {row['expert_knowledge']}", *condition_words(row, told)]),
             "teacher": label(row["teacher"]),
             "colour": look(row["teacher"]).colour,
             "n": row["n"],

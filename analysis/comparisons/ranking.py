@@ -8,15 +8,16 @@ from analysis.comparisons.findings import FEW_SEEDS
 from analysis.comparisons.pairwise import pairwise
 from analysis.data.frames import Frames
 from analysis.data.reference import is_baseline
+from analysis.measures.conditions import CONDITIONS, condition_words, varying
 from analysis.measures.pooling import COMPARED, POOLED, pooled
 from analysis.measures.student_pools import runs_after
-from analysis.names import label
+from analysis.names import challenge_title, label
 from analysis.statistics import SIGNIFICANCE
 
 MEASURE = "mastered_percent"
 
-TEACHER = ["environment", "expert_knowledge", "teacher"]
-"""Columns that tell the results of one sentence: a teacher's at one level, over all challenges."""
+TEACHER = ["environment", "expert_knowledge", "teacher", *CONDITIONS]
+"""Columns that tell the results of one sentence: a teacher's at one level, of one kind."""
 
 
 def ranking(frames: Frames, share: float = 1.0) -> pd.DataFrame:
@@ -51,9 +52,9 @@ def sentences(table: pd.DataFrame) -> list[str]:
 
     Differences count as found where p is under 0.05 after Holm's correction for all teachers of a challenge.
     """
-    said = []
-    for key, rows in table.groupby(TEACHER, sort=True):
-        environment, level, teacher = map(str, key)
+    said, told = [], varying(table[table["p"].notna()])
+    for key, rows in table.groupby(TEACHER, sort=True, dropna=False):
+        environment, level, teacher = map(str, key[:3])
         tested = rows[rows["p"].notna()]
         if is_baseline(teacher) or tested.empty:
             continue
@@ -64,6 +65,26 @@ def sentences(table: pd.DataFrame) -> list[str]:
         parts += [f"worse on {worse}"] if worse else []
         parts += [f"not distinguishable on {rest}"] if rest else []
         few = "; few seeds" if tested["n"].min() < FEW_SEEDS else ""
-        where = f"{environment}, expert knowledge {level}"
+        where = ", ".join([environment, f"expert knowledge {level}", *condition_words(rows.iloc[0], told)])
         said.append(f"{label(teacher)} ({where}): {', '.join(parts)} (p < {SIGNIFICANCE} after Holm{few}).")
     return said
+
+
+def places(table: pd.DataFrame) -> list[str]:
+    """Returns the challenge of each row, with what sets it apart from others of its name in the table.
+
+    Args:
+        table: with the columns `pooling.COMPARED`.
+    """
+    here = ["environment", "challenge", "expert_knowledge"]
+    several = ["pool", "test_sets", *(name for name in CONDITIONS if name != "variant")]
+    told = {name: table.groupby(here)[name].transform("nunique", dropna=False) > 1 for name in several}
+    found = []
+    for position, (_, row) in enumerate(table.iterrows()):
+        environment, challenge = row["environment"], row["challenge"]
+        title = challenge_title(environment, challenge, f"{environment} {challenge}")
+        apart = [name for name in several if told[name].iloc[position]]
+        named = [str(row[name]) for name in ("pool", "test_sets") if name in apart and pd.notna(row[name])]
+        words = condition_words(row, [name for name in apart if name in CONDITIONS])
+        found.append(", ".join([title, *named, *words]))
+    return found

@@ -64,6 +64,7 @@ class Rank:
     def describe(self) -> str:
         """Returns rank and verdicts in one sentence."""
         where = f"expert knowledge {self.across['expert_knowledge']}, {amount(self.across['steps'])} steps"
+        where += f", {self.across['variant']}" if self.across["variant"] else ""
         count = f"{self.challenges} challenge{'s' if self.challenges > 1 else ''}"
         best, worst = self.best, self.worst
         certain = f"{best} to {worst} is certain" if best < worst else "which is certain"

@@ -18,9 +18,11 @@ from analysis.data.identity import NAMED, named_apart
 from analysis.data.joining import joined
 from analysis.data.reference import is_baseline
 from analysis.formatting import amount
-from analysis.measures.pooling import COMPARED, POOLED, parts_of, pooled
+from analysis.measures.conditions import CONDITIONS, condition_words, varying
+from analysis.measures.pooling import COMPARED, POOLED, pooled
 from analysis.measures.run_measures import evaluations_at, run_measures
 from analysis.measures.student_pools import result_runs
+from analysis.measures.variants import parts_of
 from analysis.names import label
 from analysis.statistics import SIGNIFICANCE, holm
 from tma_ray.benchmark import MATRICES, TEACHERS
@@ -32,7 +34,7 @@ MEASURE = "mastered_percent"
 PLACE = ["environment", "challenge", "expert_knowledge"]
 """Columns that say where a result was had."""
 
-CONDITIONS = {
+SAID = {
     "environment": "environment",
     "challenge": "challenge",
     "steps": "training steps",
@@ -176,9 +178,14 @@ def sentences(tests: pd.DataFrame) -> list[str]:
     """Returns what `duels` found, Random first, in plain words."""
     said = []
     order = tests.assign(last=~tests["second"].map(is_baseline)) if len(tests) else tests.assign(last=False)
-    for key, rows in order.groupby(["environment", "expert_knowledge", "first", "last", "second"], sort=True):
-        environment, level, first, _, second = map(str, key)
-        place = f"{environment.replace('_', ' ').capitalize()}, expert knowledge {level}"
+    told = varying(order)
+    same = ["environment", "expert_knowledge", *CONDITIONS, "first", "last", "second"]
+    for _, rows in order.groupby(same, sort=True, dropna=False):
+        row = rows.iloc[0]
+        first, second = str(row["first"]), str(row["second"])
+        environment = str(row["environment"]).replace("_", " ").capitalize()
+        words = [environment, f"expert knowledge {row['expert_knowledge']}", *condition_words(row, told)]
+        place = ", ".join(words)
         said.append(f"{place}: {label(first)} is {_found(rows, label(second))}.")
     return said
 
@@ -239,7 +246,7 @@ def _differences(row: pd.Series, mine: Side, baseline: Side) -> str:
         return "; ".join(found)
     return "; ".join(
         f"{words}: {amount(row[column]) if column == 'steps' else row[column]}"
-        for column, words in CONDITIONS.items()
+        for column, words in SAID.items()
         if row[column] not in set(here[column])
     )
 

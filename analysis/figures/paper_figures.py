@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import itertools
 import re
-from collections.abc import Callable, Iterator, Sequence
+from collections import Counter
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from functools import partial
 
@@ -16,7 +17,7 @@ from analysis.comparisons.measured import Measured
 from analysis.comparisons.pairwise import pairwise
 from analysis.comparisons.pairwise_statistics import pairwise_from_statistics
 from analysis.data.curricula import curriculum_of
-from analysis.data.frames import Frames
+from analysis.data.frames import COMPARISON, Frames
 from analysis.data.reference import BASELINE, is_baseline
 from analysis.data.task_axes import Axis, task_axes
 from analysis.figures import (
@@ -34,17 +35,21 @@ from analysis.figures import (
 )
 from analysis.figures.curricula.strip import curriculum_strip
 from analysis.figures.radars.chart import radar
+from analysis.measures.conditions import by_conditions
 from analysis.measures.evaluations import mastered_tasks
-from analysis.measures.pooling import COMPARED, PLUS, pool_runs, pooled, reuse_random
+from analysis.measures.pooling import COMPARED, pooled
 from analysis.measures.run_measures import evaluations_at, run_measures, training_returns_at
-from analysis.measures.student_pools import by_students, without_searches
+from analysis.measures.student_pools import result_runs
+from analysis.measures.variants import PLUS
 from analysis.names import label, title
-from tma_ray.benchmark import Matrix
 
 MEASURE = "mastered_percent"
 
 EARLY = 0.25
 """Share of the budget after which the radar is drawn once more (paper, sample efficiency)."""
+
+NAMED = ("experiment", "embodiment", "student", "expert_knowledge")
+"""Columns that name the files of a comparison, where they tell it from others."""
 
 STARS = 4
 """Rows of stars along a budget: every 5 of 20 million steps."""
@@ -73,36 +78,37 @@ def published_drawings(table: pd.DataFrame) -> Iterator[Drawing]:
 
 
 def drawings(frames: Frames, measured: Measured) -> Iterator[Drawing]:
-    """Yields the figures of a root: a set for the paper's students, and for each that stands in for them."""
-    for name, matrices, cells in by_students(without_searches(frames.cells)):
-        prefix = f"{name}-" if name else ""
-        for _, mine in cells.dropna(subset=["steps"]).groupby("steps"):
-            budget = int(mine["steps"].iloc[0])
-            tag = prefix if cells["steps"].nunique() == 1 else f"{prefix}{budget}-"
-            found = _of_students(frames, partial(_runs, mine, matrices), budget)
-            yield from (Drawing(tag + drawing.name, drawing.draw) for drawing in found)
-    for comparison in measured.comparisons():
-        first = comparison.cells.iloc[0]
-        parts = (first[column] for column in ("experiment", "embodiment", "student", "expert_knowledge"))
-        name = "-".join(re.sub(r"\W+", "_", str(part)) for part in parts if part)
-        yield from _of_comparison(frames, comparison, name)
+    """Yields the figures of a root: a set for each kind of results, the paper's or most of them first."""
+    final = result_runs(frames, run_measures(frames))
+    early = result_runs(frames, run_measures(frames, share=EARLY))
+    for tag, mine in by_conditions(final):
+        prefix = f"{tag}-" if tag else ""
+        alike = early["run_id"].isin(mine["run_id"]) & (early["variant"] == mine["variant"].iloc[0])
+        for drawing in _of_kind(frames, mine, early[alike]):
+            yield Drawing(prefix + drawing.name, drawing.draw)
+    comparisons = list(measured.comparisons())
+    names = Counter(_name(comparison, NAMED) for comparison in comparisons)
+    for comparison in comparisons:
+        name = _name(comparison, NAMED)
+        whole = name if names[name] == 1 else _name(comparison, COMPARISON)
+        yield from _of_comparison(frames, comparison, whole)
 
 
-def _runs(cells: pd.DataFrame, matrices: Sequence[Matrix], values: pd.DataFrame) -> pd.DataFrame:
-    return reuse_random(pool_runs(cells, values, matrices))
+def _name(comparison: Measured, columns: Sequence[str]) -> str:
+    first = comparison.cells.iloc[0]
+    return "-".join(re.sub(r"\W+", "_", str(first[column])) for column in columns if first[column])
 
 
-def _of_students(
-    frames: Frames, runs_with: Callable[[pd.DataFrame], pd.DataFrame], budget: int
-) -> Iterator[Drawing]:
-    final, early = runs_with(run_measures(frames)), runs_with(run_measures(frames, int(EARLY * budget)))
+def _of_kind(frames: Frames, final: pd.DataFrame, early: pd.DataFrame) -> Iterator[Drawing]:
+    """Yields the figures of results under the same conditions, at their ends and `EARLY`."""
     for name, runs in (("radar", final), ("radar-early", early)):
         yield Drawing(name, partial(_radar, runs))
     yield from _bars(pooled(final, [MEASURE]), pairwise(final, MEASURE))
-    steps = [step for step in sorted(frames.evaluations["step"].unique()) if step <= budget]
+    budget = int(final["steps"].iloc[0])
+    steps = [int(step) for step in sorted(frames.evaluations["step"].unique()) if step <= budget]
     values = evaluations_at(frames, steps).merge(training_returns_at(frames, steps), "left")
-    curves = runs_with(values)
-    curves = curves[curves["step"].notna()]
+    curves = final.drop(columns=[column for column in values if column != "run_id"], errors="ignore")
+    curves = curves.merge(values, on="run_id")
     draw = partial(curves_with_stars, every=budget // STARS)
     for number, (_, mine) in enumerate(curves.groupby(COMPARED, dropna=False, sort=True), start=1):
         place = (

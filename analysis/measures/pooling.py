@@ -4,21 +4,21 @@ from __future__ import annotations
 
 import itertools
 from collections import Counter
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 
 import pandas as pd
 
 from analysis.data.frames import STATUSES
 from analysis.data.reference import baseline_runs
 from analysis.measures.run_measures import NOT_FINITE
+from analysis.measures.variants import PLUS, shipped_together, variants
 from analysis.statistics import describe
-from tma_ray.benchmark import MATRICES, Matrix, challenges_of
-from tma_ray.results import BOX2D, BOX2D_TEST_SET, CHIPMUNK
+from tma_ray.benchmark import MATRICES, Matrix
 
 SETTINGS = ["steps", "test_sets", "engine", "physics_version", "mastery_threshold"]
 """What runs must have in common besides, for their numbers to mean the same."""
 
-COMPARED = ["environment", "challenge", "pool", "expert_knowledge", *SETTINGS]
+COMPARED = ["environment", "challenge", "pool", "expert_knowledge", *SETTINGS, "variant"]
 """Columns that teachers must have in common to be compared."""
 
 POOLED = [*COMPARED, "teacher"]
@@ -26,8 +26,6 @@ POOLED = [*COMPARED, "teacher"]
 
 PARTS = ["embodiment", "student"]
 """Columns that tell the parts of a pool apart."""
-
-PLUS = " + "
 
 
 def pool_runs(
@@ -50,7 +48,7 @@ def pool_runs(
     Returns:
         `POOLED`, `PARTS`, seed, run_id, status, settings (digest of the spec without the seed), and the
         columns of `values`; several rows a run if these have. pool and test_sets name all that belong
-        to them.
+        to them, variant says how these differ from the paper's.
     """
     rows = cells.assign(
         pool=_pools(cells, matrices),
@@ -61,6 +59,7 @@ def pool_runs(
         known = rows.groupby(["engine", "environment", "challenge", "pool"])[column]
         agreed = known.transform("first").where(known.transform("nunique") == 1)
         rows[column] = rows[column].fillna(agreed)
+    rows["variant"] = variants(rows)
     # Experiments may list the same cell: its runs count once.
     rows = rows.drop_duplicates([*POOLED, "run_id"])
     rows = rows[[*POOLED, *PARTS, "seed", "run_id", "status", "settings"]]
@@ -121,23 +120,6 @@ def reuse_random(runs: pd.DataFrame) -> pd.DataFrame:
             if len(found) and (found["expert_knowledge"] != level).all():
                 parts.append(found.assign(expert_knowledge=level))
     return pd.concat(parts, ignore_index=True) if len(parts) > 1 else runs
-
-
-def parts_of(pool: str) -> list[tuple[str, str]]:
-    """Returns body and student of each part of a pool, as its label names them."""
-    return [(body, student) for body, _, student in (part.rpartition("/") for part in pool.split(PLUS))]
-
-
-def shipped_together(environments: Iterable[str]) -> dict[tuple[str, str, str], tuple[str, ...]]:
-    """Returns by engine, environment and challenge the test sets that count as one, one per type of body."""
-    return {
-        (engine, environment, name): tuple(
-            sorted(f"{before}{each}" for each in {challenge.test_set, *challenge.other_test_sets.values()})
-        )
-        for engine, before in ((CHIPMUNK, ""), (BOX2D, BOX2D_TEST_SET))
-        for environment in environments
-        for name, challenge in challenges_of(environment).items()
-    }
 
 
 def _label(embodiment: object, student: object) -> str:

@@ -36,7 +36,9 @@ def steps_to(share: float) -> str:
 
 
 @computed_once
-def run_measures(frames: Frames, at: int | None = None, shares: Sequence[float] = SHARES) -> pd.DataFrame:
+def run_measures(
+    frames: Frames, at: int | None = None, shares: Sequence[float] = SHARES, share: float = 1.0
+) -> pd.DataFrame:
     """Returns one row per run, with what it came to at the end of its budget.
 
     Args:
@@ -44,6 +46,7 @@ def run_measures(frames: Frames, at: int | None = None, shares: Sequence[float] 
         at: steps after which runs are measured, as if that had been their budget; those still under way
             count once they have been evaluated there. None for each run's own budget.
         shares: of the final mastered %, each of which gets a column `steps_to`.
+        share: of each run's own budget after which it is measured, likewise; 1 for all of it.
 
     Returns:
         Sorted by run_id, with the columns
@@ -60,7 +63,7 @@ def run_measures(frames: Frames, at: int | None = None, shares: Sequence[float] 
           "still running", "not evaluated", "ends before", `NOT_FINITE`; else empty.
     """
     everything = frames.measured
-    rows = _standing(frames, at, _reached(frames, everything))
+    rows = _standing(frames, at, _reached(frames, everything), share)
     within = everything[everything["step"] <= everything["run_id"].map(rows["steps"]).astype(float)]
     curves = within[within["not_finite"] == 0]
     ends = within.drop_duplicates("run_id", keep="last").set_index("run_id")
@@ -153,13 +156,13 @@ def _reached(frames: Frames, curves: pd.DataFrame) -> pd.Series:
     return curves.groupby("run_id")["step"].max().reindex(runs).astype(float)
 
 
-def _standing(frames: Frames, at: int | None, reached: pd.Series) -> pd.DataFrame:
+def _standing(frames: Frames, at: int | None, reached: pd.Series, share: float = 1.0) -> pd.DataFrame:
     """Returns by run_id the steps at which it is measured, and why it cannot be."""
     runs = frames.cells.drop_duplicates("run_id").set_index("run_id").sort_index()
     status, budget = runs["status"], runs["steps"].astype(float)
-    steps = budget if at is None else pd.Series(float(at), index=runs.index)
+    steps = np.floor(share * budget) if at is None else pd.Series(float(at), index=runs.index)
     reason = pd.Series("", index=runs.index, dtype=object)
-    there = reached >= steps if at is not None else False
+    there = reached >= steps if at is not None or share < 1 else False
     reason[status.eq("running") & ~pd.Series(there, index=runs.index)] = "still running"
     reason[budget < steps] = "ends before"
     for word in ("waiting", "failed"):

@@ -11,11 +11,9 @@ from analysis.data.frames import Frames
 from analysis.data.identity import of_searches
 from analysis.measures.pooling import POOLED, pool_runs, reuse_random
 from analysis.measures.run_measures import run_measures
+from analysis.measures.variants import BIPEDAL, RELEASED_BIPEDAL
 from tma_ray.benchmark import MATRICES, Matrix
 from tma_ray.results import BOX2D
-
-BIPEDAL, RELEASED_BIPEDAL = "classic_bipedal", "old_classic_bipedal"
-"""The bipedal of the paper, and the body that the original release ran in its place."""
 
 RELEASED_MATRICES = tuple(
     replace(
@@ -28,10 +26,8 @@ RELEASED_MATRICES = tuple(
 
 
 def runs_after(frames: Frames, share: float = 1.0) -> pd.DataFrame:
-    """Returns `result_runs` after a share of the largest budget of the root; 1 for the ends of runs."""
-    budget = frames.cells["steps"].max()
-    at = int(share * budget) if share < 1 and budget > 0 else None
-    return result_runs(frames, run_measures(frames, at))
+    """Returns `result_runs` after a share of the budget of each run; 1 for the ends of runs."""
+    return result_runs(frames, run_measures(frames, share=share))
 
 
 def result_runs(frames: Frames, values: pd.DataFrame) -> pd.DataFrame:

@@ -11,9 +11,10 @@ import pandas as pd
 from analysis.data.frames import Frames
 from analysis.data.published import paper_frame
 from analysis.formatting import amount
-from analysis.measures.pooling import PLUS, parts_of, pool_runs, pooled, reuse_random, shipped_together
+from analysis.measures.pooling import pool_runs, pooled, reuse_random
 from analysis.measures.run_measures import run_measures
 from analysis.measures.student_pools import by_students, without_searches
+from analysis.measures.variants import PLUS, parts_of, shipped_together
 from tma_ray.benchmark import MATRICES, Matrix
 from tma_ray.results import CHIPMUNK
 from tma_ray.tasks import MASTERY_RETURN

@@ -63,7 +63,7 @@ def ranking_record(sources: Sequence[str], share: float) -> dict[str, Any]:
 def claims_record(sources: Sequence[str]) -> dict[str, Any]:
     """Returns what the results of one or several roots say of each of the paper's claims."""
     from analysis.baselines.sources import read
-    from analysis.claims.sources import root_verdicts
+    from analysis.claims.sources import claims_notes, root_verdicts
 
     frames = read(sources)
     claims = [
@@ -77,7 +77,8 @@ def claims_record(sources: Sequence[str]) -> dict[str, Any]:
         }
         for verdict in root_verdicts(frames)
     ]
-    return {**_of_sources(sources, frames), "claims": claims}
+    record = _of_sources(sources, frames)
+    return {**record, "warnings": [*record["warnings"], *claims_notes(frames)], "claims": claims}
 
 
 def _of_sources(sources: Sequence[str], frames: Frames) -> dict[str, Any]:

@@ -9,7 +9,8 @@ import pandas as pd
 from analysis.comparisons.pairwise import pairwise
 from analysis.data.reference import BASELINE
 from analysis.figures.curves.stars import CurvePanel
-from analysis.measures.pooling import COMPARED, PLUS, pooled
+from analysis.measures.pooling import COMPARED, pooled
+from analysis.measures.variants import PLUS
 from analysis.names import order, title
 from tma_ray.tasks import KnowledgeLevel
 

@@ -10,7 +10,7 @@ from typing import Any
 import pandas as pd
 
 from analysis.baselines.sources import Sources, places_of, read
-from analysis.claims.sources import decided, root_verdicts
+from analysis.claims.sources import claims_notes, decided, root_verdicts
 from analysis.comparisons.overall import headlines, overall_rows
 from analysis.comparisons.pairwise import pairwise
 from analysis.comparisons.pairwise_statistics import pairwise_from_statistics
@@ -33,8 +33,9 @@ from analysis.data.published import PAPER
 from analysis.figures.picture import Picture
 from analysis.figures.radars.chart import radar
 from analysis.formatting import plus_minus
-from analysis.measures.pooling import SETTINGS, parts_of, pooled
+from analysis.measures.pooling import SETTINGS, pooled
 from analysis.measures.student_pools import by_students
+from analysis.measures.variants import parts_of
 from analysis.names import label, teacher_order
 from analysis.pages.compare.places import places, places_chart
 from analysis.pages.controls import controls
@@ -98,7 +99,7 @@ def write_comparison(
         tables=list(_tables(runs)),
         headlines=[*standings, *headlines(runs)],
         overall=overall_rows(runs),
-        warnings=list(dict.fromkeys([*frames.notes, *split])),
+        warnings=list(dict.fromkeys([*frames.notes, *split, *claims_notes(frames)])),
         verdicts=decided(root_verdicts(frames)),
         significance=SIGNIFICANCE,
         version=installed_version("tma_ray"),

@@ -10,12 +10,14 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
+from analysis.comparisons.ranking import places as titles_of
 from analysis.comparisons.sides import MEASURE, Side
 from analysis.formatting import number, p_value, plus_minus
 from analysis.looks import look
 from analysis.measures.evaluations import aggregate
-from analysis.measures.pooling import COMPARED, parts_of, pooled
-from analysis.names import challenge_title, label
+from analysis.measures.pooling import COMPARED, pooled
+from analysis.measures.variants import parts_of
+from analysis.names import label
 from analysis.pages.charts import END, Chart, curve_chart, overview_chart, seeds_chart
 
 QUANTITY = "Mastered test tasks (%)"
@@ -57,6 +59,7 @@ def places(runs: pd.DataFrame, curves: pd.DataFrame, tests: pd.DataFrame, mine: 
         return
     sources = runs.groupby([*COMPARED, "teacher"], dropna=False)["source"].agg("first").reset_index()
     table = pooled(runs, [MEASURE]).merge(sources, on=[*COMPARED, "teacher"])
+    table = table.assign(title=titles_of(table))
     for count, (key, rows) in enumerate(table.groupby(COMPARED, dropna=False, sort=True), start=1):
         place = dict(zip(COMPARED, key, strict=True))
         here, ends, along = (_at(frame, place) for frame in (tests, runs, curves))
@@ -64,7 +67,7 @@ def places(runs: pd.DataFrame, curves: pd.DataFrame, tests: pd.DataFrame, mine: 
         points, anchor = _points(ends, along), f"place-{count}"
         yield Place(
             anchor=anchor,
-            title=_title(place),
+            title=_title(rows["title"].iloc[0], place),
             chosen_by={name: str(place[name]) for name in ("environment", "challenge", "expert_knowledge")}
             | {"student": _students(place)},
             rows=[_ranked(row, here, mine) for _, row in ranked.iterrows()],
@@ -126,9 +129,7 @@ def _students(place: dict[str, Any]) -> str:
     return " and ".join(sorted({student.upper() for _, student in parts_of(place["pool"])}))
 
 
-def _title(place: dict[str, Any]) -> str:
-    environment, name = place["environment"], place["challenge"]
-    challenge = challenge_title(environment, name, f"{environment} {name}")
+def _title(challenge: str, place: dict[str, Any]) -> str:
     return f"{challenge}, {_students(place)}, expert knowledge {place['expert_knowledge']}"
 
 

@@ -7,7 +7,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 
 from analysis.baselines.sources import Sources, places_of, read
-from analysis.claims.sources import decided, root_verdicts
+from analysis.claims.sources import claims_notes, decided, root_verdicts
 from analysis.comparisons.measured import Measured, measure
 from analysis.data.frames import COMPARISON, Frames
 from analysis.formatting import number
@@ -71,7 +71,7 @@ def _render(
         campaigns=sorted(name for name in cells["campaign"].unique() if name),
         ran=what_ran(cells),
         counts=counts_of(cells),
-        warnings=frames.notes,
+        warnings=[*frames.notes, *claims_notes(frames)],
         controls=controls(
             cells[COMPARISON].drop_duplicates().sort_values(COMPARISON),
             cells["teacher"],
