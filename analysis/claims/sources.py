@@ -113,10 +113,8 @@ def _chosen_conditions(runs: pd.DataFrame) -> tuple[pd.Series | None, str]:
     told = varying(ordered)
     own = ", ".join(condition_words(chosen, told)) or PAPERS
     others = [", ".join(condition_words(row, told)) or PAPERS for _, row in ordered.iloc[1:].iterrows()]
-    return (
-        chosen,
-        f"Claims are judged by results of {own} alone; apart stand those of {' and of '.join(others)}.",
-    )
+    apart = " and of ".join(others)
+    return chosen, f"Claims are judged by results of {own} alone; apart stand those of {apart}."
 
 
 def _under(runs: pd.DataFrame, conditions: pd.Series | None) -> pd.Series:
