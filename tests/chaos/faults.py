@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib
+import math
 import os
 import secrets
 import signal
@@ -216,7 +217,8 @@ def table(faults: Sequence[Fault]) -> str:
     """Returns what was done, and what came of it."""
     lines = ["| fault | injected | rows lost | bytes different | recovery, s |", "|---|---|---|---|---|"]
     for fault in faults:
-        seconds = " ".join(f"{value:.1f}" for value in fault.recovery_seconds)
+        known = [f"{value:.1f}" for value in fault.recovery_seconds if not math.isnan(value)]
+        seconds = " ".join(known) or "none needed"
         numbers = f"{fault.injected} | {fault.rows_lost} | {fault.bytes_different}"
         lines.append(f"| {fault.name} | {numbers} | {seconds} |")
     return "\n".join(lines)
