@@ -1,4 +1,4 @@
-"""What a release lacks before it may ship with the package, beside being whole."""
+"""Completeness of a release, which it needs to ship with the package, beside being whole."""
 
 from __future__ import annotations
 

@@ -221,7 +221,7 @@ def _manifest(
         )
     caveats += [f"Left out, being damaged: {problem}" for problem in copy.damaged]
     if not counts["policies"]:
-        caveats.append("There are no policies here.")
+        caveats.append("It holds no policies.")
     elif counts["policies"] < counts["runs"]:
         caveats.append(f"{counts['runs'] - counts['policies']} of {counts['runs']} runs have no policy here.")
     engines = " and ".join(sorted(cells["engine"].unique()))

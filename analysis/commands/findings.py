@@ -29,7 +29,7 @@ def findings(name: str) -> str:
         name: of the release, or its folder or address.
 
     Raises:
-        BaselineError: there is no such release, or it has no runs.
+        BaselineError: the release does not exist, or it has no runs.
     """
     baseline = find_baseline(name)
     frames = baseline.frames()

@@ -29,8 +29,8 @@ def show_leaderboards(names: Sequence[str], console: Console | None = None) -> N
         console: where to print.
 
     Raises:
-        BaselineError: there is no such release, or one is damaged.
-        ResultsRootError: there is nothing at a place.
+        BaselineError: the release does not exist, or one is damaged.
+        ResultsRootError: nothing lies at a place.
     """
     console = console or Console()
     for name, place, partial in _places(names):

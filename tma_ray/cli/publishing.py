@@ -44,14 +44,6 @@ def add_commands(commands: Any) -> None:
         ),
     )
     commands.add_parser(
-        "leaderboard",
-        help="print ranks, results and cost of the teachers of releases",
-        description="Print the leaderboard of releases: the ranks of teachers over all challenges with what "
-        "of them is certain, their results on each challenge with intervals, and what their runs cost.",
-        populate=_add_leaderboard,
-        examples=("tma-ray leaderboard", "tma-ray leaderboard colleague"),
-    )
-    commands.add_parser(
         "baselines",
         help="list, find and verify released results",
         description="List, find and verify released results to compare with.",
@@ -136,16 +128,6 @@ def _add_compare(parser: CommandParser) -> None:
         help="folder to write to (default: compare in the first ROOT)",
     )
     parser.set_defaults(command=_compare)
-
-
-def _add_leaderboard(parser: CommandParser) -> None:
-    parser.add_argument(
-        "releases",
-        nargs="*",
-        metavar="BASELINE",
-        help="releases, or folders or addresses of results (default: those that ship with runs)",
-    )
-    parser.set_defaults(command=_leaderboard)
 
 
 def _add_baselines(parser: CommandParser) -> None:
@@ -257,13 +239,6 @@ def _compare(options: argparse.Namespace) -> int:
     from analysis.pages.compare.page import write_comparison
 
     print(write_comparison(options.roots, options.baselines, options.output, print))
-    return 0
-
-
-def _leaderboard(options: argparse.Namespace) -> int:
-    from analysis.commands.leaderboard import show_leaderboards
-
-    show_leaderboards(options.releases)
     return 0
 
 

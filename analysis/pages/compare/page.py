@@ -37,7 +37,7 @@ from analysis.measures.pooling import SETTINGS, pooled
 from analysis.measures.student_pools import by_students
 from analysis.measures.variants import parts_of
 from analysis.names import label, teacher_order
-from analysis.pages.compare.places import places, places_chart
+from analysis.pages.compare.places import Place, places, places_chart
 from analysis.pages.controls import controls
 from analysis.pages.page import page, page_folder, write_page
 from analysis.statistics import SIGNIFICANCE
@@ -53,16 +53,13 @@ def write_comparison(
     output: Path | None = None,
     tell: Callable[[str], object] | None = None,
 ) -> Path:
-    """Writes a page that compares the results of a root with baselines.
+    """Writes a page that compares the results of a root with baselines; returns its ``index.html``.
 
     Args:
         sources: results of one's own, finished or not: one root or several.
         baselines: names of released baselines, folders or addresses of results.
         output: folder to write to; ``compare`` in the first of `sources` if that is a folder.
         tell: is called with the rank of each new teacher over all challenges, in words.
-
-    Returns:
-        The page, ``index.html`` in `output`, with its figures beside it.
 
     Raises:
         ResultsRootError: one of `sources` or a baseline is not a results root.
@@ -74,14 +71,10 @@ def write_comparison(
     frames = read(sources)
     mine, others, split = named_jointly(side_of(frames, "yours"), [baseline_side(name) for name in baselines])
     runs, curves = together(mine, others), together(mine, others, along=True)
-    teachers = new_teachers(mine)
-    tests = duels(runs, teachers)
+    tests = duels(runs, teachers := new_teachers(mine))
     standings = [rank.describe() for rank in ranks(runs, teachers)]
-    if tell is not None:
-        for sentence in standings:
-            tell(sentence)
+    _tell(standings, tell)
     found = list(places(runs, curves, tests, mine))
-    pictures = list(_radars(runs, others))
     text = page(
         "compare.html.j2",
         mine=mine,
@@ -91,11 +84,9 @@ def write_comparison(
         missing=missing(mine, teachers),
         places=found,
         overview=list(places_chart(found)),
-        controls=controls(
-            pd.DataFrame([place.chosen_by for place in found]), runs["teacher"], curves["step"].dropna()
-        ),
+        controls=_controls(found, runs, curves),
         beside=[(side, _beside_rows(beside(mine, side))) for side in others],
-        pictures=pictures,
+        pictures=(pictures := list(_radars(runs, others))),
         tables=list(_tables(runs)),
         headlines=[*standings, *headlines(runs)],
         overall=overall_rows(runs),
@@ -106,6 +97,17 @@ def write_comparison(
         written=datetime.now(UTC),
     )
     return write_page(folder, text, {f"{picture.name}.png": picture.png for picture in pictures})
+
+
+def _controls(found: Sequence[Place], runs: pd.DataFrame, curves: pd.DataFrame) -> Any:
+    chosen = pd.DataFrame([place.chosen_by for place in found])
+    return controls(chosen, runs["teacher"], curves["step"].dropna())
+
+
+def _tell(standings: Sequence[str], tell: Callable[[str], object] | None) -> None:
+    if tell is not None:
+        for sentence in standings:
+            tell(sentence)
 
 
 def _radars(runs: pd.DataFrame, others: Sequence[Side]) -> Iterator[Picture]:
