@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import itertools
+from collections.abc import Iterable, Mapping
 
 from tma_ray.benchmark import CHALLENGES, challenges_of
 from tma_ray.hyperparameters import PRESET
@@ -50,10 +51,36 @@ def challenge_title(environment: str, challenge: str, otherwise: str) -> str:
     return with_settings(known.title, split_name(environment)[1] | bounds) if known else otherwise
 
 
-def short_label(teacher: str, length: int = 18) -> str:
-    """Returns `label`, cut to `length` characters where a figure has no room for more."""
-    name = label(teacher)
-    return name if len(name) <= length else f"{name[: length - 1]}…"
+def short_labels(teachers: Iterable[str], length: int = 22) -> dict[str, str]:
+    """Returns the `label` of each teacher, cut where a figure has no room for more, and never two alike.
+
+    Of a long name its beginning is kept; where that is not its own, its beginning and its end; where those
+    are not, a number is set behind it.
+
+    Args:
+        teachers: all that are shown together.
+        length: at most so many characters, the numbers apart.
+
+    Examples:
+        >>> list(short_labels(["my_teacher:fit_every=100", "my_teacher:fit_every=250"], 16).values())
+        ['my_teac…ery=100)', 'my_teac…ery=250)']
+    """
+    labels = {teacher: label(teacher) for teacher in sorted(set(teachers))}
+    room = length - 1
+    ways = (
+        labels,
+        {teacher: f"{name[:room]}…" for teacher, name in labels.items()},
+        {teacher: f"{name[: room // 2]}…{name[-(room - room // 2) :]}" for teacher, name in labels.items()},
+    )
+    found: dict[str, str] = {}
+    for teacher, name in labels.items():
+        fitting = (way for way in ways if len(way[teacher]) <= length or way is not labels)
+        alone = (way for way in fitting if list(way.values()).count(way[teacher]) == 1)
+        text = next((way[teacher] for way in alone), ways[0 if len(name) <= length else 1][teacher])
+        taken = set(found.values())
+        counted = (f"{text} ({number})" for number in itertools.count(2))
+        found[teacher] = text if text not in taken else next(each for each in counted if each not in taken)
+    return found
 
 
 def teacher_order(teacher: str) -> tuple[bool, str]:

@@ -9,6 +9,7 @@ from analysis.baselines.sources import Sources, published, read
 from analysis.comparisons.measured import measure
 from analysis.figures.paper_figures import Drawing, drawings, published_drawings
 from analysis.figures.style import Vector, save
+from analysis.looks import shown_together
 from tma_ray.part_names import nearest
 
 
@@ -36,7 +37,8 @@ def write_figures(
         sources: folders, ``s3://`` or ``gs://`` addresses, names of baselines; ``paper-2021`` only alone.
         output: folder to write to, which is made.
         vector: pdf or svg; a PNG lies beside each.
-        only: beginning of the names of the figures that are wanted; empty for all.
+        only: beginning of the names of the figures that are wanted, or of what follows a hyphen in them;
+            empty for all.
 
     Raises:
         ResultsRootError: no results root at that place.
@@ -47,8 +49,8 @@ def write_figures(
     if baseline is not None:
         return _write(list(published_drawings(baseline.published())), output, kind, only, ())
     frames = read(sources)
-    warnings = frames.notes
-    return _write(list(drawings(frames, measure(frames))), output, kind, only, warnings)
+    with shown_together(frames.cells["teacher"]):
+        return _write(list(drawings(frames, measure(frames))), output, kind, only, frames.notes)
 
 
 def _write(
@@ -56,7 +58,7 @@ def _write(
 ) -> WrittenFigures:
     files: list[Path] = []
     left_out = []
-    chosen = [drawing for drawing in found if drawing.name.startswith(only)]
+    chosen = [drawing for drawing in found if f"-{only}" in f"-{drawing.name}"]
     if only and not chosen:
         names = [drawing.name for drawing in found]
         hint = nearest(only, names)

@@ -12,7 +12,7 @@ from matplotlib.ticker import PercentFormatter
 from analysis.data.task_axes import Axis
 from analysis.figures.style import styled
 from analysis.looks import MUTED, RULE
-from analysis.names import short_label, teacher_order
+from analysis.names import short_labels, teacher_order
 
 SHARE_COLOURS = "Blues"
 """From paper white for nobody to dark for every seed; readable with any colour vision."""
@@ -35,6 +35,7 @@ def mastery_map(shares: pd.DataFrame, tasks: pd.DataFrame, plane: tuple[Axis, Ax
         return _mastery_rows(shares, teachers)
     xs, ys, columns, rows = grid
     figure, panels = _panels(len(teachers))
+    names = short_labels(teachers, 14)
     for axes, teacher in zip(panels, teachers, strict=True):
         mine = shares[shares["teacher"] == teacher].set_index("task_index")["share"]
         image = np.full((len(ys), len(xs)), np.nan)
@@ -50,7 +51,7 @@ def mastery_map(shares: pd.DataFrame, tasks: pd.DataFrame, plane: tuple[Axis, Ax
             edgecolor=RULE,
             linewidth=0.4,
         )
-        axes.set_title(f"{short_label(teacher, 14)}   {100 * np.nanmean(image):.1f} %")
+        axes.set_title(f"{names[teacher]}   {100 * np.nanmean(image):.1f} %")
         for spine in axes.spines.values():
             spine.set_visible(False)
     figure.supxlabel(plane[0].name, fontsize=8.5)
@@ -78,7 +79,7 @@ def _mastery_rows(shares: pd.DataFrame, teachers: list[str]) -> Figure:
     figure = Figure(figsize=(10.2, 1.0 + 0.3 * len(teachers)), layout="constrained")
     axes = figure.subplots()
     mesh = axes.pcolormesh(table[order].to_numpy(), cmap=SHARE_COLOURS, vmin=0, vmax=1)
-    axes.set_yticks(np.arange(len(teachers)) + 0.5, [short_label(teacher) for teacher in teachers])
+    axes.set_yticks(np.arange(len(teachers)) + 0.5, list(map(short_labels(teachers).get, teachers)))
     axes.invert_yaxis()
     axes.tick_params(axis="y", length=0)
     axes.set_xlabel("Test tasks, from the most to the least often mastered")

@@ -13,7 +13,7 @@ from analysis.figures.style import styled
 from analysis.formatting import amount
 from analysis.looks import INK, look
 from analysis.measures.evaluations import aggregate
-from analysis.names import label, short_label, teacher_order
+from analysis.names import label, short_labels, teacher_order
 
 
 @styled
@@ -41,7 +41,8 @@ def final_bars(finals: pd.DataFrame) -> Figure:
         axes.scatter(seeds, row + spread, s=15, color=colour, edgecolor="white", linewidth=0.4, zorder=3)
     running = finals[finals["provisional"]].groupby("teacher")["step"].max()
     notes = [f"\nat {amount(running[teacher])} steps" if teacher in running else "" for teacher in order]
-    names = [short_label(teacher) + note for teacher, note in zip(order, notes, strict=True)]
+    short = short_labels(order)
+    names = [short[teacher] + note for teacher, note in zip(order, notes, strict=True)]
     axes.set_yticks(range(len(order)), names)
     axes.tick_params(axis="y", length=0)
     axes.set_xlim(0, max(LEAST_PERCENT, axes.get_xlim()[1]))
@@ -64,8 +65,9 @@ def learning_curve(curves: pd.DataFrame, value: str, ylabel: str) -> Figure:
     axes = figure.subplots()
     axes.grid(axis="y")
     table = aggregate(curves, value)
-    for teacher in sorted(table["teacher"].unique(), key=teacher_order):
-        draw_line(axes, table[table["teacher"] == teacher], look(teacher), short_label(teacher))
+    names = short_labels(table["teacher"])
+    for teacher in sorted(names, key=teacher_order):
+        draw_line(axes, table[table["teacher"] == teacher], look(teacher), names[teacher])
     step_axis(axes)
     axes.set_ylabel(ylabel)
     percent_axis(axes, value)

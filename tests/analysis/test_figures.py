@@ -10,10 +10,10 @@ from analysis.data.task_axes import Axis
 from analysis.figures import final_bars, learning_curve, mastery_map
 from analysis.figures.style import png
 from analysis.formatting import amount, duration, number, plus_minus
-from analysis.looks import look
-from analysis.names import label, teacher_order
+from analysis.looks import look, shown_together
+from analysis.names import label, short_labels, teacher_order
 
-LOOK_OF_FRONTIER = ("#aa4499", ">", (0, (6, 2)))
+LOOK_OF_FRONTIER = ("#cc8866", ">", (0, (6, 2)))
 PLANE = (Axis("Height", 0, 3), Axis("Spacing", 0, 6))
 KNOWN = ["random", "adr", "alp_gmm", "covar_gmm", "goal_gan", "riac", "setter_solver", "spdl"]
 
@@ -38,6 +38,31 @@ def test_how_another_teacher_looks_follows_from_its_name_alone() -> None:
     # Pinned: figures of different reports, made on different days, must agree.
     assert look("frontier") == LOOK_OF_FRONTIER
     assert look("frontier") != look("horizon")
+
+
+def test_forty_teachers_shown_together_have_looks_and_short_names_of_their_own() -> None:
+    teachers = [*KNOWN, *(f"a_rather_long_teacher_name_{number}_of_ours" for number in range(32))]
+    with shown_together(teachers):
+        looks = {teacher: look(teacher) for teacher in teachers}
+        with shown_together(teachers[::-1][:5]):  # a figure of a page
+            assert {teacher: look(teacher) for teacher in teachers} == looks
+    assert len({(style.colour, style.marker) for style in looks.values()}) == 40
+    colours = [style.colour for style in looks.values()]
+    assert max(map(colours.count, colours)) == 2
+    assert look(teachers[-1]) == look(teachers[-1])
+    with shown_together(["frontier"]):
+        assert look("frontier") == LOOK_OF_FRONTIER
+    names = short_labels(teachers)
+    assert set(names) == set(teachers)
+    assert len(set(names.values())) == 40
+
+
+@given(st.sets(st.text("ab", min_size=1, max_size=40), min_size=1, max_size=12), st.integers(4, 20))
+def test_short_names_are_short_and_of_one_teacher_each(names: set[str], length: int) -> None:
+    short = short_labels(names, length)
+    assert len(set(short.values())) == len(names)
+    assert all(short[name] == name for name in names if len(name) <= length)
+    assert max(map(len, short.values())) <= length + len(" (12)")
 
 
 def test_random_comes_first() -> None:

@@ -49,6 +49,12 @@ def test_only_some_are_drawn_if_asked(tmp_path: Path, capsys: pytest.CaptureFixt
     output = str(tmp_path / "figures")
     assert main(["figures", "paper-2021", "-o", output, "--only", "radar"]) == 0
     assert capsys.readouterr().out.split() == [f"{output}/radar.pdf", f"{output}/radar.png"]
+    assert main(["figures", "paper-2021", "-o", output, "--only", "radr"]) == 2
+    error = capsys.readouterr().err
+    assert "no figure's name begins with 'radr'" in error
+    assert "radar, bars-parkour, bars-stump_tracks" in error
+    assert main(["figures", "paper-2021", "-o", output, "--only", "parkour"]) == 0
+    assert capsys.readouterr().out.split() == [f"{output}/bars-parkour.pdf", f"{output}/bars-parkour.png"]
     SyntheticCampaign(tmp_path / "empty")
     assert main(["figures", str(tmp_path / "empty"), "-o", output]) == 0
     assert "holds no runs yet" in capsys.readouterr().err

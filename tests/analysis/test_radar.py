@@ -116,14 +116,50 @@ def test_what_is_missing_is_a_gap_and_named() -> None:
     assert "no results of ADR on rugged difficulty, diverse students" in notes_of(figure)
 
 
-def test_without_random_or_with_a_random_of_zero_there_is_no_ratio() -> None:
-    rows = [*everywhere("random", 20.0)[1:], *everywhere("adr", 40.0)]
-    rows[0] = ("mostly_trivial", "random", 0.0, 0.0, 8)
+def test_over_a_random_of_0_results_lie_beyond_the_rings_with_their_stars() -> None:
+    rows = [*everywhere("random", 20.0), *everywhere("adr", 40.0), *everywhere("riac", 10.0)]
+    rows += everywhere("spdl", 10.0)
+    rows = [row for row in rows if row[0] != "mostly_trivial"]
+    trivial = {"random": (0.0, 0.0), "adr": (60.0, 1.0), "riac": (30.0, 1.0), "spdl": (0.0, 0.0)}
+    rows += [("mostly_trivial", teacher, mean, std, 8) for teacher, (mean, std) in trivial.items()]
     figure = drawn(results(rows))
-    assert lines_of(figure)["adr"] == pytest.approx([math.nan, math.nan, 2, 2, 2], nan_ok=True)
-    text = notes_of(figure)
-    assert "no ratio on mostly unfeasible: Random has no result" in text
-    assert "no ratio on mostly trivial: Random is at 0" in text
+    lines = lines_of(figure)
+    rim = 2.5
+    assert rim < lines["riac"][1] < lines["adr"][1]
+    assert lines["adr"][:1] == [2]
+    assert lines["spdl"][1] == lines["random"][1] == 1
+    assert "mostly trivial: Random is at 0, and who is over 0 beyond the rings, best ADR with 60.0" in notes_of(
+        figure
+    )
+    colours = [to_hex(star.get_color()) for star in stars_of(figure)]
+    assert (colours.count(look("adr").colour), colours.count(look("riac").colour)) == (5, 1)
+
+
+def test_stars_of_neighbouring_axes_stay_apart() -> None:
+    teachers = [f"teacher_{number}" for number in range(8)]
+    rows = [row for name in teachers for row in everywhere(name, 40.0)] + everywhere("random", 20.0)
+    table = pd.concat([results(rows, level) for level in ("none", "low", "high")])
+    places = np.array([[star.get_xdata()[0], star.get_ydata()[0]] for star in stars_of(drawn(table))])
+    assert len(places) == 8 * 5 * 3
+    for height in np.unique(places[:, 1].round(3)):
+        row = np.sort(places[np.isclose(places[:, 1], height, atol=0.002), 0])
+        groups = np.split(row, np.flatnonzero(np.diff(row) > 0.1) + 1)
+        assert max(map(len, groups)) <= 4
+        assert all(after[0] - before[-1] > 0.2 for before, after in zip(groups, groups[1:], strict=False))
+
+
+def test_many_teachers_are_drawn_in_rows_of_panels() -> None:
+    teachers = ["random", *(f"teacher_{number}" for number in range(39))]
+    figure = drawn(results([row for name in teachers for row in everywhere(name, 20.0)]))
+    shown = [sorted(lines_of(figure, panel)) for panel in range(len(figure.axes))]
+    assert max(map(len, shown)) <= 9
+    assert {name for names in shown for name in names} == set(teachers)
+
+
+def test_without_random_there_is_no_ratio() -> None:
+    figure = drawn(results([*everywhere("random", 20.0)[1:], *everywhere("adr", 40.0)]))
+    assert lines_of(figure)["adr"] == pytest.approx([math.nan, 2, 2, 2, 2], nan_ok=True)
+    assert "no ratio on mostly unfeasible: Random has no result" in notes_of(figure)
     alone = drawn(results(everywhere("adr", 40.0)))
     assert np.isnan(lines_of(alone)["adr"]).all()
     assert not stars_of(alone)

@@ -21,7 +21,7 @@ from analysis.figures.elements.checks import require, require_unique
 from analysis.figures.elements.task_planes import remark
 from analysis.figures.style import ONE_COLUMN, TWO_COLUMNS, styled
 from analysis.looks import INK, MUTED, look
-from analysis.names import label, short_label, teacher_order
+from analysis.names import label, short_labels, teacher_order
 
 MOST_BRACKETS = 12
 """With more significant pairs in a panel than this, letters take the place of brackets."""
@@ -80,7 +80,7 @@ def bars_with_pairs(
     axes.set_xlim(start, end + lane * (used + 0.5 if used else 0))
     axes.set_xticks([tick for tick in MaxNLocator(4).tick_values(start, end) if start <= tick <= end])
     axes.set_ylim(len(teachers) - 0.4, -0.6)
-    axes.set_yticks(range(len(teachers)), [short_label(teacher, 14) for teacher in teachers])
+    axes.set_yticks(range(len(teachers)), list(map(short_labels(teachers).get, teachers)))
     notes = [f"{name}; whiskers: one {whisker.value}", *_notes([panel for _, panel in shown], brackets)]
     wide = int(figure.get_figwidth() * 17)
     figure.supxlabel("\n".join(line for note in notes for line in textwrap.wrap(note, wide)), fontsize=7)

@@ -15,7 +15,7 @@ from analysis.figures.elements.axes import share_step_label, step_axis
 from analysis.figures.elements.task_planes import frame
 from analysis.figures.style import styled
 from analysis.looks import INK, look
-from analysis.names import short_label, teacher_order
+from analysis.names import short_labels, teacher_order
 
 QUANTILES = (0.05, 0.25, 0.5, 0.75, 0.95)
 """Of the probed tasks: outer band, inner band, median."""
@@ -49,8 +49,9 @@ def dimension_bands(curricula: Mapping[str, Curriculum], axes: Sequence[Axis]) -
             _bands(panel, curricula[teacher], index, look(teacher).colour)
             _shapes(panel, curricula[teacher], index)
         _name(row[0], axes[index])
+    names = short_labels(teachers, 14)
     for panel, teacher in zip(grid[0], teachers, strict=True):
-        panel.set_title(short_label(teacher, 14), fontsize=8 if width < 1.6 else None)
+        panel.set_title(names[teacher], fontsize=8 if width < 1.6 else None)
     for panel in grid[-1]:
         step_axis(panel, longest, ticks=4 if width < 1.6 else 6)
     share_step_label(figure, grid)

@@ -14,7 +14,7 @@ from analysis.data.curricula import Curriculum
 from analysis.figures.elements.axes import share_step_label, step_axis
 from analysis.figures.style import styled
 from analysis.looks import MUTED, look
-from analysis.names import short_label, teacher_order
+from analysis.names import short_labels, teacher_order
 
 COLUMNS = 4
 
@@ -55,10 +55,11 @@ def scalar_curves(curricula: Mapping[str, Curriculum]) -> Figure | None:
     lines = -(-len(panels) // columns)
     figure = Figure(figsize=(0.4 + 2.45 * columns, 0.45 + 1.45 * lines), layout="constrained")
     grid = figure.subplots(lines, columns, squeeze=False)
+    names = short_labels(curricula)
     longest = max(curriculum.steps for curriculum in curricula.values())
     for axes, (teacher, name, values) in zip(grid.ravel(), panels, strict=False):
         _curve(axes, values, look(teacher).colour)
-        axes.set_title(f"{short_label(teacher)}\n", fontsize=8.5)
+        axes.set_title(f"{names[teacher]}\n", fontsize=8.5)
         axes.text(0, 1.05, name.replace("_", " "), transform=axes.transAxes, fontsize=8.5, color=MUTED)
         step_axis(axes, longest, ticks=5)
     share_step_label(figure, grid)

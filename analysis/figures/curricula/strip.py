@@ -15,7 +15,7 @@ from analysis.data.task_axes import Axis
 from analysis.figures.elements.task_planes import frame, label_plane, remark
 from analysis.figures.style import styled
 from analysis.looks import INK, RETURN_COLOURS
-from analysis.names import short_label, teacher_order
+from analysis.names import short_labels, teacher_order
 
 POINTS = 300
 """At most this many episodes are drawn in a panel, evenly spaced in time."""
@@ -34,10 +34,11 @@ def curriculum_strip(curricula: Mapping[str, Curriculum], plane: tuple[Axis, Axi
     grid = figure.subplots(len(teachers), PANELS, sharex=True, sharey=True, squeeze=False)
     mastery = curricula[teachers[0]].mastery
     colours = ScalarMappable(Normalize(*return_range(curricula, mastery)), RETURN_COLOURS)
+    names = short_labels(teachers, 16)
     for row, teacher in zip(grid, teachers, strict=True):
         for part, axes in enumerate(row):
             _panel(axes, curricula[teacher].during(part), colours)
-        row[0].set_ylabel(short_label(teacher, 16), fontweight="bold")
+        row[0].set_ylabel(names[teacher], fontweight="bold")
     for part, axes in enumerate(grid[0]):
         axes.set_title(
             f"{100 * part // PANELS}\N{EN DASH}{100 * (part + 1) // PANELS} %", fontweight="normal"

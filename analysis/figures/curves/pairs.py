@@ -12,11 +12,11 @@ from matplotlib.layout_engine import ConstrainedLayoutEngine
 
 from analysis.figures.elements.axes import LEAST_PERCENT, percent_axis, share_step_label, step_axis
 from analysis.figures.elements.checks import require, require_unique, significant
-from analysis.figures.elements.legends import legend, mark_handle, teacher_handle
+from analysis.figures.elements.legends import legend, mark_handle, teacher_handles
 from analysis.figures.elements.lines import draw_line
 from analysis.figures.style import ONE_COLUMN, TWO_COLUMNS, styled
 from analysis.looks import MUTED, look
-from analysis.names import short_label, teacher_order
+from analysis.names import short_labels, teacher_order
 
 ROOMY = 3
 """With so many columns of panels the corner above them has room for the legend."""
@@ -50,7 +50,7 @@ def pairwise_curves(
         raise ValueError(f"curves of {len(teachers)} teachers: expected at least two, to compare them")
     size, tests = len(teachers) - 1, significant(tests)
     figure, grid = _grid(size)
-    drawn = []
+    drawn, names = [], short_labels(teachers, 15)
     for row, column in itertools.product(range(size), repeat=2):
         axes = grid[row, column]
         if column > row:
@@ -61,12 +61,12 @@ def pairwise_curves(
         _draw_pair(axes, table, pair, measure)
         _draw_stars(axes, tests, pair)
         if column == 0:
-            axes.set_ylabel(short_label(pair[1], 13), fontsize=6.5, fontweight="bold")
+            axes.set_ylabel(names[pair[1]], fontsize=6.5, fontweight="bold")
         if row == column:
-            axes.set_title(short_label(pair[0], 13), fontsize=6.5)
+            axes.set_title(names[pair[0]], fontsize=6.5)
     share_step_label(figure, np.array(drawn))
     figure.supylabel(name, fontsize=8.5)
-    handles = [teacher_handle(teacher, marker="") for teacher in teachers]
+    handles = teacher_handles(teachers, marker="")
     handles.append(mark_handle("*", "differ at this step (p < 0.05)", color=MUTED))
     if size < ROOMY:
         legend(figure, handles, "outside upper center")
@@ -89,7 +89,7 @@ def _draw_pair(axes: Axes, table: pd.DataFrame, pair: tuple[str, str], measure: 
     """Draws two curves on axes that suit the whole table, with room for stars above."""
     for teacher in pair:
         rows = table[table["teacher"] == teacher]
-        draw_line(axes, rows, look(teacher), short_label(teacher), width=0.9)
+        draw_line(axes, rows, look(teacher), teacher, width=0.9)
     error = table["standard_error"].fillna(0.0)
     low, high = min(0.0, (table["mean"] - error).min()), (table["mean"] + error).max()
     axes.set_ylim(low, max(high, low + LEAST_PERCENT))

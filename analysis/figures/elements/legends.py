@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from typing import Any
 
 import numpy as np
@@ -11,7 +11,7 @@ from matplotlib.legend import Legend
 from matplotlib.lines import Line2D
 
 from analysis.looks import INK, look
-from analysis.names import short_label
+from analysis.names import short_labels, teacher_order
 
 CHARACTER = 0.6
 """Width of a letter over its size."""
@@ -23,11 +23,17 @@ POINTS = 72
 """Points in an inch."""
 
 
-def teacher_handle(teacher: str, **changes: Any) -> Line2D:
+def teacher_handles(teachers: Iterable[str], **changes: Any) -> list[Line2D]:
+    """Returns a piece of the line of each of `teachers`, under names that tell them apart."""
+    names = short_labels(teachers)
+    return [teacher_handle(teacher, names[teacher], **changes) for teacher in sorted(names, key=teacher_order)]
+
+
+def teacher_handle(teacher: str, name: str, **changes: Any) -> Line2D:
     """Returns a piece of the line of `teacher`, named."""
     style = look(teacher)
     shown: dict[str, Any] = {"color": style.colour, "marker": style.marker, "linestyle": style.dashes}
-    shown |= {"label": short_label(teacher), "linewidth": 1.3, "markersize": 4, "markeredgewidth": 0.5}
+    shown |= {"label": name, "linewidth": 1.3, "markersize": 4, "markeredgewidth": 0.5}
     return Line2D([], [], **(shown | {"markeredgecolor": "white"} | changes))
 
 

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
+from typing import Any
 
 from matplotlib.colors import to_hex, to_rgb
 from matplotlib.lines import Line2D
 
 from analysis.figures.elements.legends import teacher_handle
 from analysis.looks import Look, look
-from analysis.names import order, short_label, teacher_order, title
+from analysis.names import order, short_labels, teacher_order, title
 from tma_ray.tasks import KnowledgeLevel
 
 Line = tuple[str, str]
@@ -33,16 +34,17 @@ class LineLooks:
 
     def __init__(self, lines: Iterable[Line]) -> None:
         self.lines = sorted(set(lines), key=line_order)
-        self._several_teachers = len({teacher for teacher, _ in self.lines}) > 1
+        self._names = short_labels(teacher for teacher, _ in self.lines)
+        self._several_teachers = len(self._names) > 1
         self._several_levels = len({level for _, level in self.lines}) > 1
 
     def name(self, line: Line) -> str:
         """Returns what the legend calls a line."""
         teacher, level = line
         if not self._several_levels:
-            return short_label(teacher)
+            return self._names[teacher]
         told = title("expert_knowledge", level)
-        return f"{short_label(teacher)}, {told.lower()}" if self._several_teachers else told
+        return f"{self._names[teacher]}, {told.lower()}" if self._several_teachers else told
 
     def look(self, line: Line) -> Look:
         """Returns colour, marker and dashes of a line."""
@@ -58,5 +60,5 @@ class LineLooks:
     def handle(self, line: Line) -> Line2D:
         """Returns a piece of the line for a legend."""
         style = self.look(line)
-        changes = {"markerfacecolor": self.fill(line), "markeredgecolor": style.colour}
-        return teacher_handle(line[0], label=self.name(line), linestyle=style.dashes, **changes)
+        changes: dict[str, Any] = {"markerfacecolor": self.fill(line), "markeredgecolor": style.colour}
+        return teacher_handle(line[0], self.name(line), linestyle=style.dashes, **changes)

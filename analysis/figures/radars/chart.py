@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import textwrap
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 
 import pandas as pd
 from matplotlib.figure import Figure
@@ -12,16 +12,20 @@ from matplotlib.lines import Line2D
 
 from analysis.data.reference import BASELINE, is_baseline
 from analysis.figures.elements.checks import require, require_unique, significant
-from analysis.figures.elements.legends import legend, legend_height, mark_handle, teacher_handle
+from analysis.figures.elements.legends import legend, legend_height, mark_handle, teacher_handles
 from analysis.figures.radars.radar_axes import LABEL, RadarAxes
 from analysis.figures.radars.ratios import Ratios, ratios_of_random
 from analysis.figures.style import ONE_COLUMN, TWO_COLUMNS, styled
-from analysis.names import label, teacher_order
+from analysis.looks import shown_together
+from analysis.names import teacher_order
 from tma_ray.benchmark import ORIGINAL_SPACE, STUMP_TRACKS_CHALLENGES, Matrix, find_challenge
 from tma_ray.tasks import KnowledgeLevel
 
-PANEL_HEIGHT, CENTRE = 2.98, 1.32
+PANEL_HEIGHT, CENTRE = 3.08, 1.36
 """Height of a panel without notes, and of its centre above them, inches."""
+
+TOGETHER = 8
+"""Teachers beside Random in one panel; more of them are drawn in further rows of panels."""
 
 
 @styled
@@ -38,6 +42,7 @@ def radar(
     Random there; marks on lines are filled where a teacher differs from Random, either way. A plus is the
     best result on the original space at that level, as a ratio of Random on that challenge, where bodies
     and students are those of the original space. A line has a gap where the result or Random is missing.
+    Where Random is at 0, results over 0 lie in a band outside of the rings, the best at its outer edge.
 
     Args:
         table: of `pooling.pooled` (after `pooling.reuse_random`, since Random needs no knowledge) or
@@ -70,42 +75,62 @@ def radar(
         means = dict(zip(places, here[mean].astype(float), strict=True))
         mine = tests[tests["expert_knowledge"] == level]
         panels[level] = ratios_of_random(means, mine, teachers, challenges, original)
-    return _drawn(panels, teachers, [find_challenge(environment, name).title for name in names])
+    with shown_together(teachers):
+        return _drawn(panels, teachers, [find_challenge(environment, name).title for name in names])
 
 
 def _drawn(panels: dict[str, Ratios], teachers: Sequence[str], titles: Sequence[str]) -> Figure:
-    lines = [value for panel in panels.values() for line in panel.ratios.values() for value in line]
-    uppers = [value for panel in panels.values() for value in panel.upper if math.isfinite(value)]
-    high = max([*uppers, *(value for value in lines if math.isfinite(value))], default=1.0)
+    """Draws a row of panels, one for each level, for every `TOGETHER` teachers."""
+    values = [value for panel in panels.values() for value in (*_values(panel), *panel.upper)]
+    high = max(filter(math.isfinite, values), default=1.0)
+    beyond = any(map(math.isinf, values))
+    others = [teacher for teacher in teachers if not is_baseline(teacher)]
+    groups = [others[start : start + TOGETHER] for start in range(0, len(others), TOGETHER)] or [[]]
     notes = {level: textwrap.wrap("; ".join(panel.missing), 42) for level, panel in panels.items()}
     width = TWO_COLUMNS if len(panels) > 1 else ONE_COLUMN
-    legends = _handles(teachers, bool(uppers))
     below = 0.11 * max(map(len, notes.values()))
-    above = [legend_height(handles, width, LABEL) for handles in legends]
-    figure = Figure(figsize=(width, below + PANEL_HEIGHT + sum(above)))
-    for column, (level, panel) in enumerate(panels.items()):
-        axes = RadarAxes(figure, (width * (column + 0.5) / len(panels), below + CENTRE), titles, high)
-        axes.title(f"{'no' if level == KnowledgeLevel.NONE else level} expert knowledge".capitalize())
-        for teacher, values in panel.ratios.items():
-            filled = [is_baseline(teacher) or (teacher, i) in panel.differ for i in range(len(titles))]
-            axes.line(teacher, values, filled)
-        axes.upper(panel.upper)
-        axes.stars(panel.stars)
-        axes.note("\n".join(notes[level]))
-    for handles, height in zip(legends, (0, above[0]), strict=True):
-        top = 1 - height / figure.get_figheight()
-        legend(figure, handles, "upper center", LABEL, bbox_to_anchor=(0.5, top))
+    named = [teacher_handles([BASELINE, *group]) for group in groups]
+    marks = _marks(any(math.isfinite(value) or math.isinf(value) for p in panels.values() for value in p.upper))
+    heights = [PANEL_HEIGHT + legend_height(handles, width, LABEL) for handles in named]
+    marks_height = legend_height(marks, width, LABEL)
+    figure = Figure(figsize=(width, below + marks_height + sum(heights)))
+    total = figure.get_figheight()
+    legend(figure, marks, "upper center", LABEL, bbox_to_anchor=(0.5, 1.0))
+    top = total - marks_height
+    for group, handles, height in zip(groups, named, heights, strict=True):
+        legend(figure, handles, "upper center", LABEL, bbox_to_anchor=(0.5, top / total))
+        top -= height
+        for column, (level, panel) in enumerate(panels.items()):
+            centre = (width * (column + 0.5) / len(panels), top + CENTRE)
+            axes = RadarAxes(figure, centre, titles, high, beyond)
+            axes.title(f"{'no' if level == KnowledgeLevel.NONE else level} expert knowledge".capitalize())
+            _draw_panel(axes, panel, group)
+            if group is groups[-1]:
+                axes.note("\n".join(notes[level]))
     return figure
 
 
-def _handles(teachers: Sequence[str], with_upper: bool) -> tuple[list[Line2D], list[Line2D]]:
-    """Returns what is explained: the teachers, Random always, and the marks."""
-    others = [teacher_handle(teacher) for teacher in teachers if not is_baseline(teacher)]
+def _values(panel: Ratios) -> Iterator[float]:
+    return (value for line in panel.ratios.values() for value in line)
+
+
+def _draw_panel(axes: RadarAxes, panel: Ratios, group: Sequence[str]) -> None:
+    for teacher, values in panel.ratios.items():
+        if teacher not in group and not is_baseline(teacher):
+            continue
+        radii = [axes.radius(value, panel.shares.get((teacher, i), 1.0)) for i, value in enumerate(values)]
+        filled = [is_baseline(teacher) or (teacher, i) in panel.differ for i in range(len(values))]
+        axes.line(teacher, radii, filled)
+    axes.upper([axes.radius(value) for value in panel.upper])
+    axes.stars([star for star in panel.stars if star.teacher in group])
+
+
+def _marks(with_upper: bool) -> list[Line2D]:
+    """Returns what the marks mean, for a legend."""
     marks = [
         mark_handle("*", "better than Random (p < 0.05)", markersize=6),
-        mark_handle("o", "differs from Random", markersize=4),
+        mark_handle("o", "differs from Random (= 1)", markersize=4),
         mark_handle("o", "does not", markersize=4, markerfacecolor="white"),
         mark_handle("+", "best on the original space", markersize=6),
     ]
-    random = teacher_handle(BASELINE, label=f"{label(BASELINE)} (= 1)")
-    return [random, *others], marks if with_upper else marks[:-1]
+    return marks if with_upper else marks[:-1]

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from analysis.looks import INK, MUTED, RULE, look
 
-RADIUS = 0.92
+RADIUS = 0.86
 """Of the chart, inches."""
 
 LABEL = 6.8
@@ -23,6 +23,15 @@ LABEL = 6.8
 
 STAR_GAP = 0.092
 """From one star to the next, inches."""
+
+STAR_COLUMNS = 4
+"""Stars side by side at one axis; more of them stand in further rows."""
+
+STAR_ROWS = 2
+"""With more rows of stars than these, their number is written."""
+
+BEYOND = 0.16
+"""Width of the band outside of the rings, over the radius of the outermost ring."""
 
 
 class Star(NamedTuple):
@@ -36,7 +45,12 @@ class RadarAxes:
     """A radar chart in a figure that is laid out in inches."""
 
     def __init__(
-        self, figure: Figure, centre: tuple[float, float], titles: Sequence[str], high: float
+        self,
+        figure: Figure,
+        centre: tuple[float, float],
+        titles: Sequence[str],
+        high: float,
+        beyond: bool = False,
     ) -> None:
         """Draws axes and rings.
 
@@ -44,7 +58,8 @@ class RadarAxes:
             figure: where to.
             centre: from the lower left corner, inches.
             titles: names of the axes, clockwise from the top.
-            high: largest value; the rim is the next half above it.
+            high: largest finite value; the rim is the next half above it.
+            beyond: whether there are infinite values, which lie in a band outside of the rim.
         """
         self._figure, self._centre, self._titles = figure, centre, titles
         self.rim = max(1.5, math.ceil(high / 0.5 + 0.02) * 0.5)
@@ -57,15 +72,19 @@ class RadarAxes:
         self.axes = axes
         axes.set_theta_zero_location("N")
         axes.set_theta_direction(-1)
-        axes.set_ylim(0, self.rim)
+        outer = self.rim * (1 + BEYOND) if beyond else self.rim
+        axes.set_ylim(0, outer)
         axes.set_axis_off()
         for angle in self.angles:
-            axes.plot([angle, angle], [0, self.rim], color=RULE, linewidth=0.6, zorder=0)
+            axes.plot([angle, angle], [0, outer], color=RULE, linewidth=0.6, zorder=0)
         step = 0.5 if self.rim <= 2 else 1.0
         for ring in (*np.arange(step, self.rim, step), self.rim):
             self._ring(float(ring), color=RULE, linewidth=0.6, zorder=0)
         for ring in np.arange(1, self.rim + 0.01):
-            self._name_ring(float(ring))
+            self._name_ring(float(ring), f"{ring:g}")
+        if beyond:
+            self._ring(outer, color=RULE, linewidth=0.6, linestyle=(0, (2, 2)), zorder=0, gid="beyond")
+            self._name_ring(outer, "\N{INFINITY}")
         random = look("random")
         self._ring(1.0, color=random.colour, linestyle=random.dashes, linewidth=1.1, zorder=1, gid="random")
         for axis, title in enumerate(titles):
@@ -73,11 +92,15 @@ class RadarAxes:
 
     def title(self, text: str) -> None:
         """Writes what the panel shows above it."""
-        self._write(0, RADIUS + 0.48, text, fontsize=8, fontweight="bold", ha="center", va="bottom")
+        self._write(0, RADIUS + 0.58, text, fontsize=8, fontweight="bold", ha="center", va="bottom")
 
     def note(self, text: str) -> None:
         """Writes what is missing below the panel."""
-        self._write(0, -RADIUS - 0.3, text, fontsize=6, color=MUTED, ha="center", va="top", linespacing=1.25)
+        self._write(0, -RADIUS - 0.42, text, fontsize=6, color=MUTED, ha="center", va="top", linespacing=1.25)
+
+    def radius(self, value: float, share: float = 1.0) -> float:
+        """Returns where a value lies: itself, and of an infinite one the `share` of the band beyond the rim."""
+        return self.rim * (1 + BEYOND * share) if math.isinf(value) else value
 
     def line(self, teacher: str, values: Sequence[float], filled: Sequence[bool]) -> None:
         """Draws one teacher: a line where two neighbours have values, a mark on each axis that has one.
@@ -133,20 +156,22 @@ class RadarAxes:
             )
 
     def stars(self, stars: Sequence[Star]) -> None:
-        """Draws stars in a row beside the name of their axis, in the order given."""
+        """Draws stars in short rows beside the name of their axis, in the order given."""
         for axis in range(len(self._titles)):
             mine = [star for star in stars if star.axis == axis]
             anchor, align, up = self._place(axis)
-            lines = len(self._lines(self._titles[axis]))
-            height = anchor[1] + up * (0.07 + 0.118 * lines)
-            reach = STAR_GAP * (len(mine) - 1)
-            first = anchor[0] - reach * {"left": 0.0, "center": 0.5, "right": 1.0}[align]
-            first += {"left": 0.04, "center": 0.0, "right": -0.04}[align]
+            height = anchor[1] + up * (0.07 + 0.118 * len(self._lines(self._titles[axis])))
+            if len(mine) > STAR_COLUMNS * STAR_ROWS:
+                text, va = f"\N{BLACK STAR} {len(mine)} teachers", "center"
+                self._write(anchor[0], height, text, fontsize=LABEL - 0.8, ha=align, va=va)
+                continue
             for place, star in enumerate(mine):
-                x, y = self._centre
-                self._figure.add_artist(
-                    self._star(x + first + STAR_GAP * place, y + height, look(star.teacher).colour)
-                )
+                row, column = divmod(place, STAR_COLUMNS)
+                reach = STAR_GAP * (min(STAR_COLUMNS, len(mine) - row * STAR_COLUMNS) - 1)
+                first = anchor[0] - reach * {"left": 0.0, "center": 0.5, "right": 1.0}[align]
+                first += {"left": 0.04, "center": 0.0, "right": -0.04}[align]
+                x, y = self._centre[0] + first + STAR_GAP * column, self._centre[1] + height
+                self._figure.add_artist(self._star(x, y + up * row * STAR_GAP, look(star.teacher).colour))
 
     def _star(self, x: float, y: float, colour: str) -> Line2D:
         return Line2D(
@@ -164,9 +189,9 @@ class RadarAxes:
         around: NDArray[np.float64] = np.append(self.angles, 2 * np.pi)
         self.axes.plot(around, np.full(len(around), radius), **style)
 
-    def _name_ring(self, ring: float) -> None:
+    def _name_ring(self, ring: float, text: str) -> None:
         self.axes.annotate(
-            f"{ring:g}",
+            text,
             (0, ring),
             xytext=(-2, 0),
             textcoords="offset points",
@@ -189,8 +214,8 @@ class RadarAxes:
         if abs(x) < 0.05 * RADIUS:
             return (0.0, y + math.copysign(0.06, y)), "center", 1 if y > 0 else -1
         if y > -0.05 * RADIUS:  # in the corner that the axes leave free
-            side = math.copysign(RADIUS + 0.2, x)
-            return (side, y + 0.12), "right" if x > 0 else "left", 1
+            side = math.copysign(RADIUS + 0.17, x)
+            return (side, y + 0.16), "right" if x > 0 else "left", 1
         return (x, y - 0.06), "center", -1
 
     @staticmethod

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from typing import NamedTuple
 
 import pandas as pd
 
 from analysis.data.reference import is_baseline
 from analysis.figures.radars.radar_axes import Star
+from analysis.formatting import number
 from analysis.names import label, teacher_order
 from tma_ray.benchmark import Matrix
 
@@ -18,7 +19,9 @@ class Ratios(NamedTuple):
     """One level of expert knowledge.
 
     Attributes:
-        ratios: by teacher, one for each axis; NaN where there is none.
+        ratios: by teacher, one for each axis; NaN where there is none; infinite where the teacher is over 0
+            and Random is not, 1 where both are at 0.
+        shares: of the infinite ones, by teacher and axis: the result over the best one of that axis.
         upper: best result on the original space, for each axis; NaN where it says nothing.
         stars: who is significantly better than Random, and where.
         differ: teachers and axes with a significant difference from Random, either way.
@@ -26,6 +29,7 @@ class Ratios(NamedTuple):
     """
 
     ratios: dict[str, list[float]]
+    shares: dict[tuple[str, int], float]
     upper: list[float]
     stars: list[Star]
     differ: set[tuple[str, int]]
@@ -67,22 +71,31 @@ def ratios_of_random(
         if name in names
     }
     gaps = {
-        key: gap for key, gap in gaps.items() if key[0] in ratios and math.isfinite(ratios[key[0]][key[1]])
+        key: gap for key, gap in gaps.items() if key[0] in ratios and not math.isnan(ratios[key[0]][key[1]])
     }
     stars = [Star(*key) for key, gap in gaps.items() if gap > 0]
+    best_of = {name: max(mean for (_, place), mean in means.items() if place == name) for _, name in means}
     return Ratios(
         ratios,
+        {
+            (teacher, axis): means[teacher, names[axis]] / best_of[names[axis]]
+            for teacher, line in ratios.items()
+            for axis, ratio in enumerate(line)
+            if math.isinf(ratio)
+        },
         [
             _ratio(best, low) if _same_students(matrix, original) else math.nan
             for matrix, low in zip(challenges, lower, strict=True)
         ],
         sorted(stars, key=lambda star: (star.axis, teacher_order(star.teacher))),
         set(gaps),
-        [*_no_random(names, lower), *_no_result(means, teachers, names)],
+        [*_no_random(names, lower), *_random_at_0(names, lower, means), *_no_result(means, teachers, names)],
     )
 
 
 def _ratio(mean: float, lower: float) -> float:
+    if lower == 0 and not math.isnan(mean):
+        return math.inf if mean > 0 else 1.0
     return mean / lower if lower > 0 else math.nan
 
 
@@ -93,10 +106,24 @@ def _same_students(matrix: Matrix, original: Matrix) -> bool:
 def _no_random(names: Sequence[str], lower: Sequence[float]) -> list[str]:
     """Returns in words on which challenges ratios are missing."""
     return [
-        f"no ratio on {_words(name)}: {label('random')} {'has no result' if math.isnan(mean) else 'is at 0'}"
+        f"no ratio on {_words(name)}: {label('random')} has no result"
         for name, mean in zip(names, lower, strict=True)
-        if not mean > 0
+        if math.isnan(mean)
     ]
+
+
+def _random_at_0(
+    names: Sequence[str], lower: Sequence[float], means: Mapping[tuple[str, str], float]
+) -> Iterator[str]:
+    """Yields in words what lies outside of the rings, with the best result there."""
+    for name, random in zip(names, lower, strict=True):
+        found = {teacher: mean for (teacher, place), mean in means.items() if place == name and mean > 0}
+        if random == 0 and found:
+            best = max(found, key=lambda teacher: found[teacher])
+            yield (
+                f"{_words(name)}: {label('random')} is at 0, and who is over 0 beyond the rings, best "
+                f"{label(best)} with {number(found[best])}"
+            )
 
 
 def _no_result(

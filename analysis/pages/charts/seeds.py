@@ -9,7 +9,7 @@ import plotly.graph_objects as go
 
 from analysis.formatting import number
 from analysis.looks import look
-from analysis.names import short_label, teacher_order
+from analysis.names import short_labels, teacher_order
 from analysis.pages.charts.chart import (
     END,
     Chart,
@@ -44,9 +44,10 @@ def seeds_chart(name: str, points: pd.DataFrame, quantity: str, title: str, capt
     for step, rows in points.groupby("step", sort=False):
         changed = [patch for teacher in teachers for patch in _patches(teacher, rows)]
         frames.append(step_frame(step, dict(enumerate(changed))))
+    names = short_labels(teachers)
     ticks: dict[str, Any] = {
         "tickvals": [*map(named, teachers)],
-        "ticktext": [shown(short_label(each)) for each in teachers],
+        "ticktext": [shown(names[each]) for each in teachers],
     }
     layout = {
         "xaxis": axis(quantity, **bounds_of(quantity)),
