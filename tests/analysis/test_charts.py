@@ -98,14 +98,30 @@ def test_mastered_tasks_are_shares_of_seeds_in_the_order_of_the_tasks() -> None:
     assert "75.0 %" in chart.figure.layout.title.text
 
 
-def test_tasks_of_many_dimensions_lie_in_a_square_the_easiest_first() -> None:
+def test_tasks_on_a_full_grid_fill_the_map_at_every_step() -> None:
+    places = [(2, 1), (0, 1), (0, 5), (2, 5)]
+    tasks = pd.DataFrame({"task_index": range(4), "task": [np.float32(place) for place in places]})
+    steps = {0: [0.0, 0.5, 1.0, 0.25], END: [1.0, 0.5, 0.0, 0.75]}
+    rows = [(step, index, share) for step, shares in steps.items() for index, share in enumerate(shares)]
+    shares = pd.DataFrame(rows, columns=["step", "task_index", "share"]).assign(teacher="adr")
+    (chart,) = mastery_charts("mastery", shares, tasks, PLANE, "caption")
+    (trace,) = chart.figure.data
+    assert trace.type == "heatmap"
+    assert (list(trace.x), list(trace.y)) == ([0, 2], [1, 5])
+    assert [[list(row) for row in shown(chart, step)[0]["z"]] for step in (0, END)] == [
+        [[50, 0], [100, 25]],
+        [[50, 100], [0, 75]],
+    ]
+
+
+def test_tasks_of_many_dimensions_lie_in_rows_the_easiest_first() -> None:
     tasks = pd.DataFrame({"task_index": range(4), "task": [np.zeros(3, np.float32)] * 4})
     shares = pd.DataFrame({"teacher": "adr", "step": END, "task_index": range(4), "share": [0, 1, 0.5, 0.2]})
     (chart,) = mastery_charts("mastery", shares, tasks, CUBE, "caption")
     places = dict(
         zip(zip(chart.figure.data[0].x, chart.figure.data[0].y, strict=True), range(4), strict=True)
     )
-    assert [places[place] for place in ((0, 0), (1, 0), (0, -1), (1, -1))] == [1, 2, 3, 0]
+    assert [places[place] for place in ((0, 0), (1, 0), (2, 0), (0, -1))] == [1, 2, 3, 0]
 
 
 def curriculum(size: int, gaussians: list[dict[str, Any]], boxes: list[dict[str, Any]]) -> Curriculum:

@@ -7,7 +7,6 @@ from dataclasses import replace
 import numpy as np
 import pandas as pd
 import pytest
-from matplotlib.colors import to_rgba
 from matplotlib.figure import Figure
 from matplotlib.patches import Ellipse, Rectangle
 from synthetic_logs import KINDS, STEPS, axes, curriculum
@@ -15,11 +14,11 @@ from synthetic_logs import KINDS, STEPS, axes, curriculum
 from analysis.data.curricula import MOMENTS, PANELS, RETURNS, Curriculum, moments
 from analysis.figures.curricula.dimensions import QUANTILES, dimension_bands
 from analysis.figures.curricula.film_strips import REPORT_WIDTH, Shot, ellipse, film_strip
-from analysis.figures.curricula.scalars import BINS, MOST_PER_TEACHER, scalar_curves, scalars_of
 from analysis.figures.curricula.strip import curriculum_strip
 from analysis.figures.style import png
 from analysis.looks import look
 from analysis.names import teacher_order
+from analysis.pages.charts.scalars import BINS, MOST_PER_TEACHER, hidden_scalars, scalar_charts, scalars_of
 
 PLANE = axes(2)
 
@@ -173,36 +172,35 @@ def test_constant_dimensions_are_left_out(size: int, rows: int) -> None:
     assert "Dimension 3" not in names
 
 
-def test_scalars_are_drawn_with_every_value_in_its_teachers_colour() -> None:
+def test_scalars_have_a_chart_each_with_every_value_in_its_teachers_colour() -> None:
     shown = {"adr": curriculum("adr", upto=0.5), "spdl": curriculum("spdl")}
-    figure = scalar_curves(shown)
-    assert figure is not None
-    assert [axes.texts[0].get_text() for axes in figure.axes] == ["share of space", "alpha", "kl to target"]
-    line = figure.axes[2].lines[0]
-    np.testing.assert_array_equal(line.get_ydata(), scalars_of(shown["spdl"])["kl_to_target"])
-    assert to_rgba(line.get_color()) == to_rgba(look("spdl").colour)
-    assert {axes.get_xlim() for axes in figure.axes} == {(0, STEPS)}
-    assert scalar_curves({"random": curriculum("random")}) is None
+    charts = list(scalar_charts("log", shown, "caption"))
+    titles = [chart.figure.layout.title.text for chart in charts]
+    wanted = ["share of space", "alpha", "kl to target"]
+    assert all(name in title for name, title in zip(wanted, titles, strict=True))
+    assert [chart.teacher for chart in charts] == ["adr", "spdl", "spdl"]
+    line = charts[2].figure.data[0]
+    np.testing.assert_allclose(line.y, scalars_of(shown["spdl"])["kl_to_target"], rtol=1e-6)
+    assert line.line.color == look("spdl").colour
+    assert not list(scalar_charts("log", {"random": curriculum("random")}, "caption"))
 
 
 def test_long_series_are_medians_within_their_range() -> None:
     values = np.random.default_rng(0).normal(size=100 * BINS)
     rows = {"step": range(len(values)), "gaussians": None, "boxes": None}
     updates = pd.DataFrame(rows | {"scalars": [[("loss", value)] for value in values]})
-    figure = scalar_curves({"adr": replace(played(), updates=updates)})
-    assert figure is not None
-    median = np.median(values.reshape(BINS, 100), axis=1)
-    np.testing.assert_allclose(figure.axes[0].lines[0].get_ydata(), median)
-    assert figure.axes[0].collections[0].get_paths()[0].get_extents().ymax == pytest.approx(values.max())
+    (chart,) = scalar_charts("log", {"adr": replace(played(), updates=updates)}, "caption")
+    band, line = chart.figure.data
+    np.testing.assert_allclose(line.y, np.median(values.reshape(BINS, 100), axis=1), rtol=1e-6)
+    assert (max(band.y), min(band.y)) == pytest.approx((values.max(), values.min()))
 
 
 def test_what_is_not_finite_or_too_much_is_left_out() -> None:
     scalars = [(f"s{i}", float(i)) for i in range(20)] + [("bad", np.nan), ("worse", np.inf)]
-    shown = with_update(5, scalars=scalars)
-    assert len(scalars_of(shown)) == 20
-    figure = scalar_curves({"adr": shown})
-    assert figure is not None
-    assert len(figure.axes) == MOST_PER_TEACHER
+    shown = {"adr": with_update(5, scalars=scalars)}
+    assert len(scalars_of(shown["adr"])) == 20
+    assert len(list(scalar_charts("log", shown, "caption"))) == MOST_PER_TEACHER
+    assert hidden_scalars(shown) == 20 - MOST_PER_TEACHER
 
 
 @pytest.mark.slow

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 import re
 
@@ -128,8 +129,9 @@ def test_over_a_random_of_0_results_lie_beyond_the_rings_with_their_stars() -> N
     assert rim < lines["riac"][1] < lines["adr"][1]
     assert lines["adr"][:1] == [2]
     assert lines["spdl"][1] == lines["random"][1] == 1
-    assert "mostly trivial: Random is at 0, and who is over 0 beyond the rings, best ADR with 60.0" in notes_of(
-        figure
+    assert (
+        "mostly trivial: Random is at 0, and who is over 0 beyond the rings, best ADR with 60.0"
+        in notes_of(figure)
     )
     colours = [to_hex(star.get_color()) for star in stars_of(figure)]
     assert (colours.count(look("adr").colour), colours.count(look("riac").colour)) == (5, 1)
@@ -145,7 +147,7 @@ def test_stars_of_neighbouring_axes_stay_apart() -> None:
         row = np.sort(places[np.isclose(places[:, 1], height, atol=0.002), 0])
         groups = np.split(row, np.flatnonzero(np.diff(row) > 0.1) + 1)
         assert max(map(len, groups)) <= 4
-        assert all(after[0] - before[-1] > 0.2 for before, after in zip(groups, groups[1:], strict=False))
+        assert all(after[0] - before[-1] > 0.2 for before, after in itertools.pairwise(groups))
 
 
 def test_many_teachers_are_drawn_in_rows_of_panels() -> None:

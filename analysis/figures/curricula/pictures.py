@@ -9,7 +9,6 @@ from analysis.comparisons.measured import Measured
 from analysis.data.curricula import Curriculum, moments
 from analysis.data.task_axes import Axis, task_axes
 from analysis.figures.curricula.dimensions import dimension_bands
-from analysis.figures.curricula.scalars import MOST_PER_TEACHER, scalar_curves, scalars_of
 from analysis.figures.picture import Picture
 from analysis.names import label
 
@@ -18,7 +17,7 @@ LARGEST = 20
 
 
 def curriculum_pictures(mine: Measured, curricula: Mapping[str, Curriculum]) -> Iterator[Picture]:
-    """Yields the figures of `curricula_of` over the whole run: by dimension, and what teachers log."""
+    """Yields the figures of `curricula_of` over the whole run, dimension by dimension."""
     axes, examples = task_axes(mine.cells), examples_of(mine)
     if not curricula:
         return
@@ -29,9 +28,6 @@ def curriculum_pictures(mine: Measured, curricula: Mapping[str, Curriculum]) -> 
     whole_plane = len(axes) == varied == 2  # which charts show step by step
     if 0 < varied <= LARGEST and not whole_plane and len(moments(probed)) > 1:
         yield _dimensions(probed, axes, which)
-    figure = scalar_curves(curricula)
-    if figure is not None:
-        yield Picture.of("teacher-scalars", figure, "What teachers log", _scalars_caption(curricula, which))
 
 
 def _dimensions(curricula: Mapping[str, Curriculum], axes: tuple[Axis, ...], which: str) -> Picture:
@@ -49,11 +45,3 @@ def _dimensions(curricula: Mapping[str, Curriculum], axes: tuple[Axis, ...], whi
         "Curriculum over training, dimension by dimension",
         caption + in_whose_space(curricula),
     )
-
-
-def _scalars_caption(curricula: Mapping[str, Curriculum], which: str) -> str:
-    text = (
-        f"{which}: figures that teachers log at their updates; bands show the range where points are dense."
-    )
-    hidden = sum(max(0, len(scalars_of(each)) - MOST_PER_TEACHER) for each in curricula.values())
-    return text + (f" {hidden} more are in the table teacher_log." if hidden else "")

@@ -26,7 +26,9 @@ POINTS = 72
 def teacher_handles(teachers: Iterable[str], **changes: Any) -> list[Line2D]:
     """Returns a piece of the line of each of `teachers`, under names that tell them apart."""
     names = short_labels(teachers)
-    return [teacher_handle(teacher, names[teacher], **changes) for teacher in sorted(names, key=teacher_order)]
+    return [
+        teacher_handle(teacher, names[teacher], **changes) for teacher in sorted(names, key=teacher_order)
+    ]
 
 
 def teacher_handle(teacher: str, name: str, **changes: Any) -> Line2D:

@@ -90,7 +90,9 @@ def _drawn(panels: dict[str, Ratios], teachers: Sequence[str], titles: Sequence[
     width = TWO_COLUMNS if len(panels) > 1 else ONE_COLUMN
     below = 0.11 * max(map(len, notes.values()))
     named = [teacher_handles([BASELINE, *group]) for group in groups]
-    marks = _marks(any(math.isfinite(value) or math.isinf(value) for p in panels.values() for value in p.upper))
+    marks = _marks(
+        any(math.isfinite(value) or math.isinf(value) for p in panels.values() for value in p.upper)
+    )
     heights = [PANEL_HEIGHT + legend_height(handles, width, LABEL) for handles in named]
     marks_height = legend_height(marks, width, LABEL)
     figure = Figure(figsize=(width, below + marks_height + sum(heights)))

@@ -99,7 +99,7 @@ class RadarAxes:
         self._write(0, -RADIUS - 0.42, text, fontsize=6, color=MUTED, ha="center", va="top", linespacing=1.25)
 
     def radius(self, value: float, share: float = 1.0) -> float:
-        """Returns where a value lies: itself, and of an infinite one the `share` of the band beyond the rim."""
+        """Returns where a value lies: an infinite one at a `share` of the band beyond the rim."""
         return self.rim * (1 + BEYOND * share) if math.isinf(value) else value
 
     def line(self, teacher: str, values: Sequence[float], filled: Sequence[bool]) -> None:

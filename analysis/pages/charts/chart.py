@@ -12,7 +12,10 @@ from plotly.offline import get_plotlyjs
 
 from analysis.data.task_axes import Axis
 from analysis.looks import INK, MUTED, RULE, look
-from analysis.names import label
+from analysis.names import short_labels
+
+LONGEST = 30
+"""Characters of a teacher's name in a chart."""
 
 END = "end"
 """Frame of a chart that shows the ends of runs; other frames are named by their step."""
@@ -144,9 +147,9 @@ def transparent(colour: str, opacity: float) -> str:
     return f"rgba({red},{green},{blue},{opacity:g})"
 
 
-def named(teacher: str) -> str:
-    """Returns the label of a teacher as text of a chart."""
-    return shown(label(teacher))
+def named(teachers: Iterable[str]) -> dict[str, str]:
+    """Returns short labels of all teachers of a chart as its text, by teacher."""
+    return {teacher: shown(name) for teacher, name in short_labels(teachers, LONGEST).items()}
 
 
 def shown(text: str) -> str:

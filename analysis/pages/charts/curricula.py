@@ -36,7 +36,7 @@ def probed_task_charts(
         axes: the dimensions of the task space.
         caption: which runs they are.
     """
-    view = TaskView(axes)
+    view, names = TaskView(axes), named(curricula)
     for teacher in sorted(curricula, key=teacher_order):
         curriculum = curricula[teacher]
         steps = _probed_steps(curriculum)
@@ -46,7 +46,7 @@ def probed_task_charts(
         frames = [step_frame(step, dict(enumerate(state))) for step, state in zip(steps, states, strict=True)]
         looks = _looks(teacher, _hover(view))
         traces = [go.Scatter(**own, **patch) for own, patch in zip(looks, states[-1], strict=True)]
-        figure = figure_of(traces, HEIGHT, view.layout() | {"title": _heading(teacher)}, frames)
+        figure = figure_of(traces, HEIGHT, view.layout() | {"title": _heading(names[teacher])}, frames)
         yield Chart(f"{prefix}-{teacher}", "Probed tasks", caption, figure, teacher)
 
 
@@ -61,7 +61,7 @@ def training_task_charts(
         axes: the dimensions of the task space.
         caption: which runs they are.
     """
-    view = TaskView(axes)
+    view, names = TaskView(axes), named(curricula)
     shown = {teacher: each for teacher, each in curricula.items() if len(each.episodes)}
     if not shown or not view.varied:
         return
@@ -82,7 +82,7 @@ def training_task_charts(
             hovertemplate=f"{_hover(view)}<br>return %{{marker.color}}<extra></extra>",
         )
         frames = [step_frame(step, {0: part}) for step, part in there.items()]
-        figure = figure_of([trace], HEIGHT, view.layout() | {"title": _heading(teacher)}, frames)
+        figure = figure_of([trace], HEIGHT, view.layout() | {"title": _heading(names[teacher])}, frames)
         yield Chart(f"{prefix}-{teacher}", "Training tasks", caption, figure, teacher)
 
 
@@ -129,5 +129,5 @@ def _hover(view: TaskView) -> str:
     return "task %{x}, %{y}" if view.plane else "%{y} of the range"
 
 
-def _heading(teacher: str) -> dict[str, Any]:
-    return {"text": named(teacher), "font": {"size": 13}, "x": 0.02, "xanchor": "left", "y": 0.97}
+def _heading(name: str) -> dict[str, Any]:
+    return {"text": name, "font": {"size": 13}, "x": 0.02, "xanchor": "left", "y": 0.97}

@@ -29,7 +29,9 @@ def curve_chart(name: str, table: pd.DataFrame, quantity: str, title: str, capti
         caption: of how many seeds.
     """
     mode = "lines+markers" if table.groupby("teacher")["step"].size().max() <= MARKED else "lines"
-    traces = [trace for teacher in _teachers(table) for trace in _traces(teacher, table, mode)]
+    names = named(map(str, table["teacher"].unique()))
+    teachers = sorted(names, key=teacher_order)
+    traces = [trace for teacher in teachers for trace in _traces(teacher, names[teacher], table, mode)]
     layout = {
         "xaxis": axis("Environment steps", rangemode="tozero", hoverformat=",d", showgrid=False),
         "yaxis": axis(quantity),
@@ -41,15 +43,11 @@ def curve_chart(name: str, table: pd.DataFrame, quantity: str, title: str, capti
     return Chart(name, title, caption, figure_of(traces, HEIGHT, layout, ()))
 
 
-def _teachers(table: pd.DataFrame) -> list[str]:
-    return sorted(map(str, table["teacher"].unique()), key=teacher_order)
-
-
-def _traces(teacher: str, table: pd.DataFrame, mode: str) -> Iterator[go.Scatter]:
+def _traces(teacher: str, name: str, table: pd.DataFrame, mode: str) -> Iterator[go.Scatter]:
     rows = table[(table["teacher"] == teacher) & table["mean"].notna()].sort_values("step")
     steps, mean = rows["step"].to_numpy(np.int64), rows["mean"].to_numpy(np.float64)
     error = rows["standard_error"].fillna(0).to_numpy(np.float64)
-    whose = {"name": named(teacher), "legendgroup": teacher, "meta": {"teacher": teacher}}
+    whose = {"name": name, "legendgroup": teacher, "meta": {"teacher": teacher}}
     yield go.Scatter(
         x=np.concatenate([steps, steps[::-1]]),
         y=_short(np.concatenate([mean + error, (mean - error)[::-1]])),

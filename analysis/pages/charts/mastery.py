@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -11,8 +14,8 @@ from numpy.typing import NDArray
 
 from analysis.data.curricula import stack
 from analysis.data.task_axes import Axis
-from analysis.names import teacher_order
-from analysis.pages.charts.chart import END, Chart, figure_of, named, step_frame, task_axis
+from analysis.names import short_labels, teacher_order
+from analysis.pages.charts.chart import END, LONGEST, Chart, figure_of, shown, step_frame, task_axis
 
 HEIGHT = 270
 
@@ -41,33 +44,87 @@ def mastery_charts(
     tasks = tasks.sort_values("task_index", ignore_index=True)
     points, plane = _places(shares, tasks, axes)
     words = [", ".join(f"{value:.4g}" for value in task) for task in stack(tasks["task"])]
-    for teacher in sorted(map(str, shares["teacher"].unique()), key=teacher_order):
+    cells = _Cells.of(points) if plane else None
+    names = short_labels(shares["teacher"], LONGEST)
+    for teacher in sorted(names, key=teacher_order):
         mine = shares[shares["teacher"] == teacher]
         percent = {step: _percent(mine[mine["step"].eq(step)], tasks) for step in mine["step"].unique()}
-        size = float(np.clip(ACROSS / np.sqrt(len(tasks)), 4, 24))
-        trace = go.Scatter(
-            x=points[:, 0].round(4),
-            y=points[:, 1].round(4),
-            mode="markers",
-            marker={
-                "symbol": "square",
-                "size": size,
-                "color": percent.get(END, []),
-                "cmin": 0,
-                "cmax": 100,
-                "colorscale": COLOURS,
-                "line": {"color": "#c3c9d1", "width": 0.5},
-            },
-            text=words,
-            hovertemplate="task %{text}<br>%{marker.color} % of seeds<extra></extra>",
-        )
+        ends = percent.get(END, [math.nan] * len(tasks))
+        trace = _marks(points, ends, words) if cells is None else cells.trace(ends, words)
         frames = [
-            step_frame(step, {0: {"marker": {"color": values}}}, _title(teacher, values))
+            step_frame(
+                step,
+                {
+                    0: {"marker": {"color": values}}
+                    if cells is None
+                    else {"type": "heatmap", "z": cells.filled(values)}
+                },
+                _title(names[teacher], values),
+            )
             for step, values in percent.items()
         ]
-        layout = {**_axes(axes if plane else ()), "title": _heading(_title(teacher, percent.get(END, [])))}
+        layout = {**_axes(axes if plane else ()), "title": _heading(_title(names[teacher], ends))}
         figure = figure_of([trace], HEIGHT, layout, frames)
         yield Chart(f"{prefix}-{teacher}", "Which test tasks are mastered", caption, figure, teacher)
+
+
+@dataclass(frozen=True, eq=False)
+class _Cells:
+    """A full grid of tasks on the task plane: coordinates, and the column and row of each task."""
+
+    xs: NDArray[np.float64]
+    ys: NDArray[np.float64]
+    columns: NDArray[np.int64]
+    rows: NDArray[np.int64]
+
+    @classmethod
+    def of(cls, points: NDArray[np.float64]) -> _Cells | None:
+        xs, columns = np.unique(points[:, 0], return_inverse=True)
+        ys, rows = np.unique(points[:, 1], return_inverse=True)
+        full = len(xs) * len(ys) == len(np.unique(points, axis=0)) == len(points)
+        return cls(xs, ys, columns, rows) if full and min(len(xs), len(ys)) > 1 else None
+
+    def filled(self, values: Sequence[Any]) -> list[list[Any]]:
+        """Returns values of tasks by row and column."""
+        table = np.empty((len(self.ys), len(self.xs)), dtype=object)
+        table[self.rows, self.columns] = [None if pd.isna(value) else value for value in values]
+        return [list(row) for row in table]
+
+    def trace(self, percent: Sequence[float], words: Sequence[str]) -> go.Heatmap:
+        """Returns a map that fills its chart, however wide that is."""
+        return go.Heatmap(
+            x=self.xs.round(4),
+            y=self.ys.round(4),
+            z=self.filled(percent),
+            text=self.filled(words),
+            zmin=0,
+            zmax=100,
+            colorscale=COLOURS,
+            showscale=False,
+            xgap=1,
+            ygap=1,
+            hovertemplate="task %{text}<br>%{z} % of seeds<extra></extra>",
+        )
+
+
+def _marks(points: NDArray[np.float64], percent: Sequence[float], words: Sequence[str]) -> go.Scatter:
+    """Returns a mark for each task."""
+    return go.Scatter(
+        x=points[:, 0].round(4),
+        y=points[:, 1].round(4),
+        mode="markers",
+        marker={
+            "symbol": "square",
+            "size": float(np.clip(ACROSS / np.sqrt(len(points)), 4, 24)),
+            "color": percent,
+            "cmin": 0,
+            "cmax": 100,
+            "colorscale": COLOURS,
+            "line": {"color": "#c3c9d1", "width": 0.5},
+        },
+        text=words,
+        hovertemplate="task %{text}<br>%{marker.color} % of seeds<extra></extra>",
+    )
 
 
 def _percent(rows: pd.DataFrame, tasks: pd.DataFrame) -> list[float]:
@@ -75,9 +132,9 @@ def _percent(rows: pd.DataFrame, tasks: pd.DataFrame) -> list[float]:
     return [round(float(value), 1) for value in values]
 
 
-def _title(teacher: str, percent: list[float]) -> str:
+def _title(name: str, percent: list[float]) -> str:
     known = [value for value in percent if np.isfinite(value)]
-    return f"{named(teacher)}   {np.mean(known):.1f} %" if known else named(teacher)
+    return f"{shown(name)}   {np.mean(known):.1f} %" if known else shown(name)
 
 
 def _heading(text: str) -> dict[str, object]:
@@ -93,7 +150,7 @@ def _places(
         return values, True
     mean = shares[shares["step"] == END].groupby("task_index")["share"].mean().reindex(tasks["task_index"])
     rank = np.argsort(np.argsort(-mean.fillna(-1).to_numpy(), kind="stable"), kind="stable")
-    side = int(np.ceil(np.sqrt(len(tasks))))
+    side = int(np.ceil(np.sqrt(2 * len(tasks))))  # charts are wider than high
     return np.column_stack([rank % side, -(rank // side)]).astype(np.float64), False
 
 

@@ -56,10 +56,11 @@ def overview_chart(
     patches = {
         step: _patches(group, places) for step, group in points.groupby("step", sort=False, dropna=False)
     }
+    names = named(teachers)
     ends, seen = patches.get(END, {}), set[str]()
     traces = []
     for index, (anchor, teacher) in enumerate(pairs):
-        traces.append(_trace(anchor, teacher, ends.get(index, NOTHING), teacher not in seen))
+        traces.append(_trace(anchor, teacher, names[teacher], ends.get(index, NOTHING), teacher not in seen))
         seen.add(teacher)
     frames = [step_frame(step, changed) for step, changed in patches.items()]
     return Chart("overview", title, caption, _figure(traces, frames, rows, quantity))
@@ -67,10 +68,11 @@ def overview_chart(
 
 def _patches(group: pd.DataFrame, places: Mapping[tuple[str, str], float]) -> dict[int, dict[str, Any]]:
     """Returns what a step changes of each trace, by its place; nothing of comparisons without it."""
+    names = named(teacher for _, teacher in places)
     samples = dict(list(group.groupby(["comparison", "teacher"])["value"]))
     there = set(group["comparison"])
     return {
-        index: _patch(pair[1], samples[pair], place) if pair in samples else NOTHING
+        index: _patch(names[pair[1]], samples[pair], place) if pair in samples else NOTHING
         for index, (pair, place) in enumerate(places.items())
         if pair[0] in there
     }
@@ -110,12 +112,12 @@ def _rule(place: float) -> dict[str, Any]:
     }
 
 
-def _trace(anchor: str, teacher: str, end: Mapping[str, Any], first: bool) -> go.Scatter:
+def _trace(anchor: str, teacher: str, name: str, end: Mapping[str, Any], first: bool) -> go.Scatter:
     style = {"color": look(teacher).colour, "thickness": 1.6, "width": 0}
     return go.Scatter(
         **{**end, "error_x": {**end["error_x"], **style}},
         mode="markers",
-        name=named(teacher),
+        name=name,
         legendgroup=teacher,
         showlegend=first,
         marker=marker(teacher, size=8),
@@ -123,14 +125,14 @@ def _trace(anchor: str, teacher: str, end: Mapping[str, Any], first: bool) -> go
     )
 
 
-def _patch(teacher: str, values: pd.Series, place: float) -> dict[str, Any]:
+def _patch(name: str, values: pd.Series, place: float) -> dict[str, Any]:
     sample = describe(values)
     if not sample.n:
         return NOTHING
     low, high = mean_interval(sample)
     interval = f", 95 % interval {number(low)} to {number(high)}" if sample.n > 1 else ""
     reach = round(high - sample.mean, 2) if sample.n > 1 else 0.0
-    text = f"{named(teacher)}: {number(sample.mean)}{interval}, n = {sample.n}<extra></extra>"
+    text = f"{name}: {number(sample.mean)}{interval}, n = {sample.n}<extra></extra>"
     return {
         "x": [round(sample.mean, 2)],
         "y": [round(place, 3)],

@@ -9,7 +9,7 @@ import plotly.graph_objects as go
 
 from analysis.formatting import number
 from analysis.looks import look
-from analysis.names import short_labels, teacher_order
+from analysis.names import teacher_order
 from analysis.pages.charts.chart import (
     END,
     Chart,
@@ -18,7 +18,6 @@ from analysis.pages.charts.chart import (
     figure_of,
     marker,
     named,
-    shown,
     step_frame,
 )
 from analysis.statistics import describe, mean_interval
@@ -38,16 +37,15 @@ def seeds_chart(name: str, points: pd.DataFrame, quantity: str, title: str, capt
         caption: of how many seeds.
     """
     teachers = sorted(map(str, points["teacher"].unique()), key=teacher_order)
-    ends = points[points["step"] == END]
-    traces = [trace for teacher in teachers for trace in _traces(teacher, ends)]
+    ends, names = points[points["step"] == END], named(teachers)
+    traces = [trace for teacher in teachers for trace in _traces(teacher, names[teacher], ends)]
     frames = []
     for step, rows in points.groupby("step", sort=False):
-        changed = [patch for teacher in teachers for patch in _patches(teacher, rows)]
+        changed = [patch for teacher in teachers for patch in _patches(teacher, names[teacher], rows)]
         frames.append(step_frame(step, dict(enumerate(changed))))
-    names = short_labels(teachers)
     ticks: dict[str, Any] = {
-        "tickvals": [*map(named, teachers)],
-        "ticktext": [shown(names[each]) for each in teachers],
+        "tickvals": [names[each] for each in teachers],
+        "ticktext": [names[each] for each in teachers],
     }
     layout = {
         "xaxis": axis(quantity, **bounds_of(quantity)),
@@ -57,8 +55,8 @@ def seeds_chart(name: str, points: pd.DataFrame, quantity: str, title: str, capt
     return Chart(name, title, caption, figure_of(traces, 90 + ROW * len(teachers), layout, frames))
 
 
-def _traces(teacher: str, ends: pd.DataFrame) -> list[go.Scatter]:
-    dots, mean = _patches(teacher, ends)
+def _traces(teacher: str, name: str, ends: pd.DataFrame) -> list[go.Scatter]:
+    dots, mean = _patches(teacher, name, ends)
     whose = {"meta": {"teacher": teacher}, "mode": "markers"}
     faint = marker(teacher, symbol="circle-open", size=8, opacity=0.75)
     error = {**mean.pop("error_x"), "color": look(teacher).colour, "thickness": 2, "width": 5}
@@ -68,10 +66,9 @@ def _traces(teacher: str, ends: pd.DataFrame) -> list[go.Scatter]:
     ]
 
 
-def _patches(teacher: str, rows: pd.DataFrame) -> list[dict[str, Any]]:
+def _patches(teacher: str, name: str, rows: pd.DataFrame) -> list[dict[str, Any]]:
     """Returns what changes with the step: the dots of a teacher, and its mean."""
     mine = rows[(rows["teacher"] == teacher) & rows["value"].notna()]
-    name = named(teacher)
     dots = {
         "x": [round(float(value), 2) for value in mine["value"]],
         "y": [name] * len(mine),

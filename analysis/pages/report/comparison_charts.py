@@ -25,6 +25,7 @@ from analysis.pages.charts import (
     training_task_charts,
 )
 from analysis.pages.charts.curricula import EPISODES
+from analysis.pages.charts.scalars import hidden_scalars, scalar_charts
 from analysis.pages.report.captions import counts, curve_caption, thresholds
 
 CURVES = (
@@ -37,6 +38,10 @@ CURVES = (
 QUANTITIES = {column: quantity for column, quantity, _ in CURVES}
 
 
+MOST_ACROSS = 4
+"""Charts of a panel side by side."""
+
+
 @dataclass(frozen=True, eq=False)
 class Panel:
     """Charts that stand together, one for each teacher, under one caption."""
@@ -44,6 +49,11 @@ class Panel:
     title: str
     caption: str
     charts: tuple[Chart, ...]
+
+    @property
+    def across(self) -> int:
+        """Charts that the panel has side by side where there is room."""
+        return min(len(self.charts), MOST_ACROSS)
 
 
 def charts_of(mine: Measured, anchor: str) -> Iterator[Chart]:
@@ -80,9 +90,9 @@ def panels_of(
     for test_set, shares in along.groupby("test_set"):
         tasks = frames.test_tasks[frames.test_tasks["test_set"] == test_set]
         caption = (
-            f"Share of seeds whose return on the task is over {thresholds(mine.cells)}, from pale for none "
-            f"to dark for all, for the {len(tasks)} tasks of test set {test_set}; beside each name the mean "
-            f"over tasks; {counts(mine.finals)}."
+            f"Share of seeds whose return on the task is over {thresholds(mine.cells)}, from faint for none "
+            f"to strong for all, of the {len(tasks)} tasks of test set {test_set}; beside each name the "
+            f"mean over tasks; {counts(mine.finals)}."
         )
         charts = tuple(mastery_charts(f"{anchor}-mastery-{test_set}", shares, tasks, axes, caption))
         yield Panel("Which test tasks are mastered", caption, charts)
@@ -108,6 +118,12 @@ def _curricula(mine: Measured, curricula: Mapping[str, Curriculum], anchor: str)
         charts = tuple(charts_for(f"{anchor}-{name}", curricula, axes, caption))
         if charts:
             yield Panel(title, caption, charts)
+    logs = f"{which}: what teachers log at their updates; bands show the range where points are dense."
+    hidden = hidden_scalars(curricula)
+    logs += f" {hidden} more are in the table teacher_log." if hidden else ""
+    charts = tuple(scalar_charts(f"{anchor}-teacher-log", curricula, logs))
+    if charts:
+        yield Panel("Teachers' logs", logs, charts)
 
 
 def _shares(frames: Frames, mine: Measured) -> pd.DataFrame:

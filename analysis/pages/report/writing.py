@@ -11,6 +11,7 @@ from analysis.claims.sources import claims_notes, decided, root_verdicts
 from analysis.comparisons.measured import Measured, measure
 from analysis.data.frames import COMPARISON, Frames
 from analysis.formatting import number
+from analysis.looks import shown_together
 from analysis.pages.controls import controls
 from analysis.pages.page import page, page_folder, write_page
 from analysis.pages.report.captions import thresholds
@@ -42,9 +43,10 @@ def write_report(sources: Sources, output: Path | None = None, videos: Sequence[
     output = report_folder(sources, output)
     frames = read(sources)
     measured = measure(frames)
-    parts = list(sections(frames, measured))
-    tables = downloads(frames, measured)
-    text = _render(frames, measured, parts, tables, videos)
+    with shown_together(frames.cells["teacher"]):
+        parts = list(sections(frames, measured))
+        tables = downloads(frames, measured)
+        text = _render(frames, measured, parts, tables, videos)
     pictures = {f"{picture.name}.png": picture.png for part in parts for picture in part.pictures}
     return write_page(output, text, pictures | {table.name: table.content for table in tables})
 

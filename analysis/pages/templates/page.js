@@ -4,6 +4,8 @@
   const state = { step: null, hidden: new Set(), out: new Set() };
   const config = { responsive: true, displaylogo: false, modeBarButtonsToRemove: ["lasso2d", "select2d", "autoScale2d"] };
   const narrow = 560; // CSS pixels, under which titles of rows take several lines
+  const dark = matchMedia("(prefers-color-scheme: dark)");
+  let onPaper = false;
   const all = (selector, within = document) => [...within.querySelectorAll(selector)];
   const steps = all("#steps option").map((option) => Number(option.dataset.step));
   const sections = new Map(all("section[data-comparison]").map((section) => [section.dataset.comparison, section]));
@@ -31,6 +33,36 @@
     return { ...trace, ...patch, marker, ...(error && { error_x: error }) };
   }
 
+  const shades = { "#22262b": "#e4e7ea", "#6a717b": "#a0a8b2", "#d9dce1": "#363c44", "#e6e8eb": "#2a2f36", white: "#15181c" };
+
+  /** A colour as it is seen on a dark page: greys change places, dark colours get as light as they must. */
+  function onDark(colour) {
+    if (shades[colour]) return shades[colour];
+    const parts = /^#([0-9a-f]{6})$/i.test(colour) ? [1, 3, 5].map((at) => parseInt(colour.slice(at, at + 2), 16)) : (/^rgba?\(([\d., ]+)\)$/.exec(colour) || [])[1]?.split(",").map(Number);
+    if (!parts) return colour;
+    const [red, green, blue, opacity = 1] = parts;
+    const light = 0.2126 * (red / 255) ** 2.2 + 0.7152 * (green / 255) ** 2.2 + 0.0722 * (blue / 255) ** 2.2;
+    const share = light < 0.16 ? 1 - (light / 0.16) ** 0.45 : 0; // of white that is mixed in
+    const mixed = [red, green, blue].map((part) => Math.round(part + (255 - part) * 0.62 * share));
+    return `rgba(${mixed.join()},${opacity})`;
+  }
+
+  /** A scale whose high end stands out from a dark page: those that grow darker become pale for more. */
+  function lightForMore(scale) {
+    const sum = (place) => (String(scale[place][1]).match(/\d+/g) || []).slice(0, 3).reduce((total, part) => total + Number(part), 0);
+    return typeof scale !== "string" && sum(0) > sum(scale.length - 1) ? [[0, "#1f2831"], [0.5, "#2f6f9f"], [1, "#a9d8fb"]] : scale;
+  }
+
+  /** What plotly is given, with the colours of the page it stands on. */
+  function themed(value, key = "") {
+    if (typeof value === "string") return /color$/i.test(key) ? onDark(value) : value;
+    if (key === "colorscale") return lightForMore(value);
+    if (ArrayBuffer.isView(value)) return value;
+    if (Array.isArray(value)) return value.some((each) => each && typeof each === "object") ? value.map((each) => themed(each)) : value;
+    if (value && typeof value === "object") return Object.fromEntries(Object.entries(value).map(([name, each]) => [name, themed(each, name)]));
+    return value;
+  }
+
   /** Traces and layout of a figure as the reader has chosen them. */
   function chosen(figure, width) {
     const frames = figure.frames || [];
@@ -47,7 +79,9 @@
     const meta = layout.meta || {};
     if (meta.marks_step && state.step !== null) layout.shapes = [stepMark()];
     if (meta.rows) closeRows(data, layout, meta, width < narrow);
-    return { data, layout };
+    if (!dark.matches || onPaper) return { data, layout };
+    const hoverlabel = { ...layout.hoverlabel, bgcolor: "#1d2126" };
+    return { data: data.map((trace) => themed(trace)), layout: { ...themed(layout), hoverlabel } };
   }
 
   function stepMark() {
@@ -185,14 +219,19 @@
   );
   for (const chart of charts) observer.observe(chart.element);
 
-  // Paper shows everything that is chosen, at the width of the paper.
+  dark.addEventListener("change", refresh);
+
+  // Paper shows everything that is chosen, in dark ink, at the width of the paper.
   addEventListener("beforeprint", () => {
+    onPaper = true;
     for (const chart of charts) {
       draw(chart);
       if (chart.figure) Plotly.relayout(chart.plot, { width: Math.min(chart.plot.clientWidth, 660) });
     }
   });
   addEventListener("afterprint", () => {
+    onPaper = false;
     for (const chart of charts) if (chart.figure) Plotly.relayout(chart.plot, { width: null, autosize: true });
+    refresh();
   });
 })();
