@@ -10,6 +10,7 @@ from rich.table import Table
 from analysis.baselines.catalogue import baselines
 from analysis.baselines.manifest import BaselineManifest
 from analysis.baselines.verification import verify
+from tma_ray.terminal import terminal
 
 
 def show_baselines(console: Console | None = None) -> None:
@@ -25,7 +26,7 @@ def show_baselines(console: Console | None = None) -> None:
         teachers = str(len(manifest.holds.get("teachers", ())))
         row = manifest.name, manifest.engine, _runs(manifest), teachers, manifest.licence or "none given"
         table.add_row(*row, baseline.place)
-    (console or Console()).print(table)
+    terminal(console).print(table)
 
 
 def show_verification(name: str | Path, console: Console | None = None) -> bool:
@@ -34,7 +35,7 @@ def show_verification(name: str | Path, console: Console | None = None) -> bool:
     Raises:
         BaselineError: no baseline of that name or place.
     """
-    console = console or Console()
+    console = terminal(console)
     found = verify(name)
     files = found.baseline.manifest.files
     size = sum(file.size for file in files)

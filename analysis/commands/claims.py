@@ -5,11 +5,13 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from rich.console import Console
+from rich.text import Text
 
 from analysis.baselines.sources import Sources, read
 from analysis.claims.judging import Verdict
 from analysis.claims.sources import claims_notes, root_verdicts
 from analysis.statistics.verdicts import Standing
+from tma_ray.terminal import terminal
 
 STYLES = {
     Standing.SUPPORTED: "green",
@@ -30,14 +32,14 @@ def show_claims(sources: Sources, details: bool = False, console: Console | None
     Raises:
         ResultsRootError: no results root at that place.
     """
-    console = console or Console()
+    console = terminal(console)
     frames = read(sources)
     verdicts = root_verdicts(frames)
     for verdict in verdicts:
         if verdict.standing is Standing.NO_DATA and not details:
             continue
         style = STYLES[verdict.standing]
-        console.print(f"[{style}]{verdict.standing}[/{style}]: {verdict.claim.text}", highlight=False)
+        console.print(Text.assemble((str(verdict.standing), style), f": {verdict.claim.text}"))
         console.print(f"  {verdict.claim.source}; {verdict.describe()}", highlight=False)
         for finding in verdict.findings if details else ():
             console.print(f"    {finding.standing}: {finding.evidence}", highlight=False, markup=False)

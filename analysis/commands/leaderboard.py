@@ -13,6 +13,7 @@ from analysis.comparisons.leaderboard import Entry, Leaderboard, leaderboards
 from analysis.data.frames import load
 from analysis.formatting import number, plus_minus
 from analysis.names import label
+from tma_ray.terminal import terminal
 
 EXPLANATION = (
     "Mastered test tasks in %, mean ± 95 % margin. Ranks are by the mean over all challenges, which weigh "
@@ -32,7 +33,7 @@ def show_leaderboards(names: Sequence[str], console: Console | None = None) -> N
         BaselineError: the release does not exist, or one is damaged.
         ResultsRootError: nothing lies at a place.
     """
-    console = console or Console()
+    console = terminal(console)
     for name, place, partial in _places(names):
         console.print(f"{name}{f' (partial: {partial})' if partial else ''}", style="bold", highlight=False)
         boards = leaderboards(load(place))
@@ -42,7 +43,7 @@ def show_leaderboards(names: Sequence[str], console: Console | None = None) -> N
             console.print(f"\n{board.title}", style="bold", highlight=False)
             console.print(_ranking(board))
             console.print(_challenges(board))
-    console.print(f"[dim]{EXPLANATION}[/dim]", highlight=False)
+    console.print(EXPLANATION, style="dim", highlight=False)
 
 
 def markdown(names: Sequence[str] = ()) -> str:

@@ -12,6 +12,7 @@ from analysis.comparisons.planning import detectable_differences
 from analysis.formatting import number
 from analysis.statistics import SIGNIFICANCE
 from analysis.statistics.power import POWER
+from tma_ray.terminal import terminal
 
 
 def show_detectable_differences(
@@ -24,7 +25,7 @@ def show_detectable_differences(
     for _, row in detectable_differences(cell_rows).iterrows():
         marks = (number(row[name]) for name in ("steadiest", "typical", "most_varied"))
         table.add_row(f"{row['environment']} {row['challenge']}", str(row["seeds"]), *marks)
-    console = console or Console()
+    console = terminal(console)
     console.print(
         f"\nSmallest difference between two teachers, in points of mastered tasks, that Welch's test finds "
         f"with {POWER:.0%} power at p < {SIGNIFICANCE}, for teachers as steady as the paper's (SAC, 20 "

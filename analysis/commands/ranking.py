@@ -16,6 +16,7 @@ from analysis.data.reference import NO_BASELINE, is_baseline
 from analysis.formatting import number, p_value, plus_minus
 from analysis.measures.student_pools import runs_after
 from analysis.names import label
+from tma_ray.terminal import terminal
 
 WIDTHS = {
     "teacher": 16,
@@ -34,7 +35,7 @@ def show_ranking(sources: Sources, share: float = 1.0, console: Console | None =
     Raises:
         ResultsRootError: no results root at that place.
     """
-    console, frames = console or Console(), read(sources)
+    console, frames = terminal(console), read(sources)
     runs = runs_after(frames, share)
     table = ranked(runs)
     if table[f"{MEASURE}_mean"].notna().sum() == 0:

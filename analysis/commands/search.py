@@ -16,6 +16,7 @@ from analysis.measures.evaluations import final_evaluations
 from analysis.measures.searches import search_results
 from analysis.names import label
 from analysis.statistics import welch
+from tma_ray.terminal import terminal
 
 
 def show_search(root: str | Path, console: Console | None = None) -> None:
@@ -24,7 +25,7 @@ def show_search(root: str | Path, console: Console | None = None) -> None:
     Raises:
         ResultsRootError: no results root at that place.
     """
-    frames, console = load(root), console or Console()
+    frames, console = load(root), terminal(console)
     found = search_results(frames)
     if found.empty:
         console.print("No point of a search has been run to its end here.")

@@ -7,13 +7,13 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pandas as pd
-from rich.console import Console
 from rich.table import Table
 from scipy import stats
 
 from analysis.formatting import number, plus_minus
 from analysis.statistics import CONFIDENCE, describe, welch
 from tma_ray.tasks import KnowledgeLevel
+from tma_ray.terminal import terminal
 
 BASELINE = "random"
 
@@ -45,7 +45,7 @@ def write(frame: pd.DataFrame, path: Path) -> None:
 
 def show(frame: pd.DataFrame) -> None:
     """Prints both tables to the terminal."""
-    console = Console()
+    console = terminal()
     title = "mastered test tasks in %, mean ± 95 % margin over seeds"
     console.print(rich_table(mastered_table(frame), f"{title}; {BETTER}{WORSE} differs from {BASELINE}"))
     recovery = recovery_table(frame)

@@ -16,6 +16,7 @@ from tma_ray.commands.installed import installed_version
 from tma_ray.physics import PHYSICS_VERSION
 from tma_ray.results import SCHEMA_VERSION
 from tma_ray.runs.placement import LIBRARIES, cpu_model
+from tma_ray.terminal import terminal
 
 GIB = 2**30
 
@@ -49,7 +50,7 @@ def show(root: Path, console: Console | None = None) -> None:
     table = Table(box=None, show_header=False, pad_edge=False)
     for topic, finding in examine(root).items():
         table.add_row(topic, finding)
-    (console or Console()).print(table)
+    terminal(console).print(table)
 
 
 def _engine() -> str:

@@ -6,8 +6,6 @@ import argparse
 from collections.abc import Sequence
 from dataclasses import replace
 
-from rich.console import Console
-
 from tma_ray.benchmark import Experiment, Matrix, Size, Tier, select
 from tma_ray.campaign.costs.estimation import estimate
 from tma_ray.campaign.matrices import joined_plan, matrix_campaigns
@@ -26,6 +24,7 @@ from tma_ray.campaign.script import run_plan
 from tma_ray.commands.texts import named
 from tma_ray.part_names import nearest
 from tma_ray.runs import Schedule
+from tma_ray.terminal import terminal
 
 
 def execute_experiment(experiment: Experiment, options: argparse.Namespace) -> int:
@@ -41,7 +40,7 @@ def execute_experiment(experiment: Experiment, options: argparse.Namespace) -> i
     """
     plan = experiment_plan(experiment, options)
     cost = estimate(plan, chosen_settings(options))
-    Console().print(cost.describe(), highlight=False, soft_wrap=True)
+    terminal().print(cost.describe(), highlight=False, soft_wrap=True)
     return run_plan(plan, options.results, options, cost.throughputs)
 
 

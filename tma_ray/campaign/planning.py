@@ -15,6 +15,7 @@ from tma_ray.campaign.costs.estimation import estimate
 from tma_ray.campaign.experiments import experiment_plan
 from tma_ray.campaign.options import chosen_settings
 from tma_ray.campaign.plan import Plan
+from tma_ray.terminal import terminal
 
 
 @dataclass(frozen=True)
@@ -68,7 +69,7 @@ def show_plan(experiment: Experiment, options: argparse.Namespace, console: Cons
         ValueError: what cannot run.
     """
     plan = experiment_plan(experiment, options)
-    console = console or Console()
+    console = terminal(console)
     console.print(f"{experiment.title}, tier {options.tier}\n", highlight=False)
     console.print(_table(planned_experiments(plan)))
     console.print(estimate(plan, chosen_settings(options)).describe(), highlight=False, soft_wrap=True)

@@ -5,8 +5,6 @@ from __future__ import annotations
 import argparse
 from dataclasses import fields
 
-from rich.console import Console
-
 from tma_ray.campaign.costs.confirmation import confirm, long_cost, terminal_question
 from tma_ray.campaign.failures.stopping import StopSignals
 from tma_ray.campaign.monitor.progress import ActiveRun, ProgressView, PublishedProgress, Snapshot
@@ -18,6 +16,7 @@ from tma_ray.commands.interrupts import INTERRUPTED
 from tma_ray.results import AttemptOutcome, Committer, HeartbeatWriter, Lease
 from tma_ray.runs import Cell, Placement, Schedule, Status, run_locally
 from tma_ray.runs.placement import check_available
+from tma_ray.terminal import terminal
 
 CAMPAIGN = "single_runs"
 
@@ -47,7 +46,7 @@ def run_single(options: argparse.Namespace) -> int:
     _confirm(plan, options, placement)
     committer = Committer.open(options.results)
     (spec,) = plan.runs
-    console, holder = Console(), lease_holder(CAMPAIGN)
+    console, holder = terminal(), lease_holder(CAMPAIGN)
     view = PublishedProgress(ProgressView(), HeartbeatWriter(committer.store, holder))
 
     def show(status: Status) -> None:

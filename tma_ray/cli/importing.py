@@ -84,12 +84,12 @@ def _add_weights(parser: CommandParser) -> None:
 
 
 def _results(options: argparse.Namespace) -> int:
-    from rich.console import Console
     from rich.progress import track
 
     from tma_ray.importing import import_results
+    from tma_ray.terminal import terminal
 
-    bar = Console(stderr=True)
+    bar = terminal(stderr=True)
     done = import_results(
         options.source,
         options.output,

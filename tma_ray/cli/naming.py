@@ -70,10 +70,11 @@ def _list(options: argparse.Namespace) -> int:
     if options.json:
         print_json("list", list_record(descriptions))
         return 0
-    from rich.console import Console
     from rich.table import Table
 
-    console = Console()
+    from tma_ray.terminal import terminal
+
+    console = terminal()
     for kind, described in descriptions.items():
         table = Table(box=None, show_header=False, padding=(0, 2, 0, 2), pad_edge=True)
         table.add_column(no_wrap=True)

@@ -60,7 +60,6 @@ def _add_simulate(parser: CommandParser) -> None:
 
 
 def _simulate(options: argparse.Namespace) -> int:
-    from rich.console import Console
     from rich.progress import track
 
     from analysis.commands import simulated
@@ -68,6 +67,7 @@ def _simulate(options: argparse.Namespace) -> int:
     from tma_ray.campaign.releases.simulated import write_simulated
     from tma_ray.tasks import KnowledgeLevel
     from tma_ray.teachers import TEACHERS, canonical_teacher
+    from tma_ray.terminal import terminal
     from tma_ray.testing import SIMULATED_CHALLENGES, find_simulated_challenge, matrix
 
     if options.output:
@@ -79,7 +79,7 @@ def _simulate(options: argparse.Namespace) -> int:
     cells = matrix.cells_of(teachers, challenges, levels)
     runs = matrix.run_cells(cells, options.seeds, options.episodes, options.jobs)
     total = matrix.run_count(cells, options.seeds)
-    played = list(track(runs, "simulating", total, console=Console(stderr=True)))
+    played = list(track(runs, "simulating", total, console=terminal(stderr=True)))
     frame = matrix.tabulate(cells, played)
     if options.output:
         simulated.write(frame, options.output)

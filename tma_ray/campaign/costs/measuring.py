@@ -14,7 +14,6 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from typing import IO, Any
 
-from rich.console import Console
 from rich.progress import Progress
 
 from tma_ray.campaign.costs.speed import Source, Throughput, label_of
@@ -22,6 +21,7 @@ from tma_ray.campaign.costs.worker import Order
 from tma_ray.campaign.settings import Settings
 from tma_ray.runs.inputs import contents
 from tma_ray.runs.spec import RunSpec
+from tma_ray.terminal import terminal
 
 POLL_SECONDS = 0.2
 """Between two looks at the time, s."""
@@ -139,7 +139,7 @@ def _output(worker: _Worker) -> IO[bytes]:
 @contextmanager
 def _progress(specs: Mapping[str, RunSpec]) -> Iterator[Done]:
     """Shows on the error stream how many kinds have been measured: a bar, or a line without a terminal."""
-    console, text = Console(stderr=True), f"measuring the speed of {len(specs)} kinds of runs"
+    console, text = terminal(stderr=True), f"measuring the speed of {len(specs)} kinds of runs"
     if not console.is_terminal:
         console.print(f"{text}, some seconds", highlight=False)
         yield lambda: None

@@ -9,6 +9,7 @@ from rich.text import Text
 
 from tma_ray.campaign.monitor.progress import duration
 from tma_ray.results import LOGS, Results, Table
+from tma_ray.terminal import terminal
 
 
 def show(run: str, root: str | Path, console: Console | None = None) -> None:
@@ -22,7 +23,7 @@ def show(run: str, root: str | Path, console: Console | None = None) -> None:
     Raises:
         ValueError: no such run, or several.
     """
-    console, results = console or Console(), Results.open(root)
+    console, results = terminal(console), Results.open(root)
     manifest = results.find(run)
     run_id = manifest.run.run_id
     console.print(Text(f"{run_id}: {manifest.status}", style="bold"))

@@ -15,6 +15,7 @@ from rich.text import Text
 
 from tma_ray.results import HeartbeatWriter, RunProgress
 from tma_ray.runs.placement import Status
+from tma_ray.terminal import terminal
 
 MOST_ROWS = 20
 """Running runs shown on a terminal; the others are counted."""
@@ -138,7 +139,7 @@ class ProgressView:
     """
 
     def __init__(self, console: Console | None = None, line_seconds: float = 15.0) -> None:
-        self._console = console or Console()
+        self._console = terminal(console)
         self._line_seconds = line_seconds
         self._last_line = -math.inf
         self._live = Live(console=self._console, auto_refresh=False) if self._console.is_terminal else None

@@ -18,6 +18,7 @@ from rich.text import Text
 from tma_ray.campaign.monitor.overview import INTERRUPTED, WAITING, Overview, RunState, overview
 from tma_ray.campaign.monitor.progress import duration
 from tma_ray.results import Heartbeat, RunStatus
+from tma_ray.terminal import terminal
 
 COUNTED = (RunStatus.DONE, RunStatus.RUNNING, INTERRUPTED, RunStatus.FAILED, WAITING)
 MOST_ERRORS, MOST_NAMES = 5, 3
@@ -40,13 +41,13 @@ def show(root: str | Path, cells: bool = False, console: Console | None = None) 
     """
     now = time.time()
     found = overview(root, now)
-    (console or Console()).print(_page(root, found, cells, now), highlight=False)
+    terminal(console).print(_page(root, found, cells, now), highlight=False)
     return found.failed
 
 
 def watch(root: str | Path, cells: bool = False, console: Console | None = None) -> NoReturn:
     """Shows it again every few seconds, until Ctrl-C."""
-    with Live(console=console, auto_refresh=False) as live:
+    with Live(console=terminal(console), auto_refresh=False) as live:
         while True:
             now = time.time()
             live.update(_page(root, overview(root, now), cells, now), refresh=True)

@@ -5,13 +5,12 @@ from __future__ import annotations
 import argparse
 from collections.abc import Collection
 
-from rich.console import Console
-
 from tma_ray.campaign.costs.estimation import estimate
 from tma_ray.campaign.options import SCHEDULE, chosen_settings
 from tma_ray.campaign.releases.repeating import like_plan
 from tma_ray.campaign.script import run_plan
 from tma_ray.results import Results
+from tma_ray.terminal import terminal
 
 DECIDED = (
     *(
@@ -59,5 +58,5 @@ def run_like(place: str, core: Collection[str], options: argparse.Namespace) -> 
         options.seeds or (),
     )
     cost = estimate(plan, chosen_settings(options))
-    Console().print(cost.describe(), highlight=False, soft_wrap=True)
+    terminal().print(cost.describe(), highlight=False, soft_wrap=True)
     return run_plan(plan, options.results, options, cost.throughputs)
