@@ -131,7 +131,7 @@ def test_a_teacher_never_tested_among_letters_has_a_question_mark() -> None:
 
 def test_one_teacher_is_one_bar() -> None:
     figure = drawn(results({"a_plug_in_with_a_long_name": 20.0}))
-    assert [text.get_text() for text in figure.axes[0].get_yticklabels()] == ["a_plug_in_wit…"]
+    assert [text.get_text() for text in figure.axes[0].get_yticklabels()] == ["a_plug_in_with_a_long…"]
     assert png(figure) == png(drawn(results({"a_plug_in_with_a_long_name": 20.0})))
 
 

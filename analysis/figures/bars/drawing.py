@@ -80,7 +80,8 @@ def bars_with_pairs(
     axes.set_xlim(start, end + lane * (used + 0.5 if used else 0))
     axes.set_xticks([tick for tick in MaxNLocator(4).tick_values(start, end) if start <= tick <= end])
     axes.set_ylim(len(teachers) - 0.4, -0.6)
-    axes.set_yticks(range(len(teachers)), list(map(short_labels(teachers).get, teachers)))
+    names = short_labels(teachers)
+    axes.set_yticks(range(len(teachers)), [names[teacher] for teacher in teachers])
     notes = [f"{name}; whiskers: one {whisker.value}", *_notes([panel for _, panel in shown], brackets)]
     wide = int(figure.get_figwidth() * 17)
     figure.supxlabel("\n".join(line for note in notes for line in textwrap.wrap(note, wide)), fontsize=7)

@@ -16,7 +16,7 @@ from analysis.figures.elements.legends import legend, mark_handle, teacher_handl
 from analysis.figures.elements.lines import draw_line
 from analysis.figures.style import ONE_COLUMN, TWO_COLUMNS, styled
 from analysis.looks import MUTED, look
-from analysis.names import short_labels, teacher_order
+from analysis.names import label, short_labels, teacher_order
 
 ROOMY = 3
 """With so many columns of panels the corner above them has room for the legend."""
@@ -89,7 +89,7 @@ def _draw_pair(axes: Axes, table: pd.DataFrame, pair: tuple[str, str], measure: 
     """Draws two curves on axes that suit the whole table, with room for stars above."""
     for teacher in pair:
         rows = table[table["teacher"] == teacher]
-        draw_line(axes, rows, look(teacher), teacher, width=0.9)
+        draw_line(axes, rows, look(teacher), label(teacher), width=0.9)
     error = table["standard_error"].fillna(0.0)
     low, high = min(0.0, (table["mean"] - error).min()), (table["mean"] + error).max()
     axes.set_ylim(low, max(high, low + LEAST_PERCENT))
