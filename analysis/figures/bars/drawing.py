@@ -30,6 +30,10 @@ LANE = 0.055
 """Width of a lane of brackets or letters, over the length of the axis."""
 
 
+DOUBT = "\N{DAGGER}"
+"""Mark of a result that may be a slip of who published it."""
+
+
 class Whisker(StrEnum):
     """What whiskers show."""
 
@@ -84,19 +88,22 @@ def bars_with_pairs(
     axes.set_yticks(range(len(teachers)), [names[teacher] for teacher in teachers])
     notes = [f"{name}; whiskers: one {whisker.value}", *_notes([panel for _, panel in shown], brackets)]
     wide = int(figure.get_figwidth() * 17)
-    figure.supxlabel("\n".join(line for note in notes for line in textwrap.wrap(note, wide)), fontsize=7)
+    caption = "\n".join(line for note in notes for line in textwrap.wrap(note, wide))
+    figure.supxlabel(caption, fontsize=7, x=0.02, ha="left", linespacing=1.35)
     return figure
 
 
 def _table(table: pd.DataFrame, measure: str, whisker: Whisker, by: tuple[str, str]) -> pd.DataFrame:
-    """Returns `by`, teacher, mean and whisker, 0 where there is none."""
+    """Returns `by`, teacher, mean, whisker (0 where there is none) and doubt (empty where there is none)."""
     mean, std = f"{measure}_mean", f"{measure}_std"
     require(table, [*by, "teacher", "n", mean, std], "results")
     table = table[table[mean].notna()]
     require(table, [], f"results with {mean}")
     require_unique(table, [*by, "teacher"], "results")
     error = table[std] / (np.sqrt(table["n"]) if whisker is Whisker.ERROR else 1.0)
-    return table[[*by, "teacher"]].assign(mean=table[mean].astype(float), whisker=error.fillna(0.0))
+    doubt = table["doubt"].fillna("") if "doubt" in table else ""
+    columns = {"mean": table[mean].astype(float), "whisker": error.fillna(0.0), "doubt": doubt}
+    return table[[*by, "teacher"]].assign(**columns)
 
 
 def _grid(rows: Sequence[Sequence[BarPanel | None]], teachers: int) -> tuple[Figure, np.ndarray]:
@@ -149,6 +156,9 @@ def _draw_bars(axes: Axes, panel: BarPanel, teachers: Sequence[str]) -> None:
         axes.barh(place, mean, height=0.7, color=look(teacher).colour, alpha=0.75)
         if whisker > 0:
             axes.errorbar(mean, place, xerr=whisker, color=INK, capsize=1.5, linewidth=0.7, capthick=0.7)
+        if panel.rows["doubt"][teacher]:
+            place_of = {"xytext": (2, 0), "textcoords": "offset points", "va": "center", "fontsize": 7}
+            axes.annotate(DOUBT, (mean + whisker, place), gid=f"doubt-{teacher}", **place_of)
         if is_baseline(teacher):
             axes.axvline(mean, color=look(teacher).colour, linestyle=(0, (3, 2)), linewidth=0.7, zorder=0.5)
 
@@ -186,6 +196,8 @@ def _notes(panels: Sequence[BarPanel], brackets: bool) -> list[str]:
     test = f"(Welch, p\N{NO-BREAK SPACE}{sign}\N{NO-BREAK SPACE}0.05)."
     text = "Brackets join teachers that" if brackets else "Teachers that share a letter do not"
     notes = [f"{text} differ significantly {test}"]
+    if any(panel.rows["doubt"].astype(bool).any() for panel in panels):
+        notes.append(f"{DOUBT} A doubtful result: the tables say why.")
     untested = [(panel, pair) for panel in panels for pair in panel.untested]
     if untested:
         panel, (first, second) = untested[0]

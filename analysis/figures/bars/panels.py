@@ -24,7 +24,7 @@ class BarPanel:
 
     Attributes:
         titles: of its row and its column of panels.
-        rows: by teacher: mean and whisker; missing where results are.
+        rows: by teacher: mean, whisker and doubt; missing where results are.
         different: pairs that differ significantly.
         untested: pairs without a test.
     """
@@ -53,7 +53,7 @@ def bar_panels(table: pd.DataFrame, tests: pd.DataFrame, by: tuple[str, str]) ->
     """Returns rows of panels, all of one length; None for what is left over of the last row.
 
     Args:
-        table: `by`, teacher, mean and whisker.
+        table: `by`, teacher, mean, whisker and doubt.
         tests: `by`, first, second and p.
         by: columns that make rows and columns; rows are wrapped if there is a single column.
     """
@@ -69,7 +69,7 @@ def bar_panels(table: pd.DataFrame, tests: pd.DataFrame, by: tuple[str, str]) ->
 def _panel(
     table: pd.DataFrame, tests: pd.DataFrame, by: tuple[str, str], place: tuple[object, object]
 ) -> BarPanel:
-    rows = _at(table, by, place).set_index("teacher")[["mean", "whisker"]]
+    rows = _at(table, by, place).set_index("teacher")[["mean", "whisker", "doubt"]]
     here = _at(tests, by, place)
     here = here[here["first"].isin(rows.index) & here["second"].isin(rows.index)]
     tested = {frozenset(pair) for pair in _pairs(here[here["p"].notna()])}

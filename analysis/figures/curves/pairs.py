@@ -10,6 +10,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.layout_engine import ConstrainedLayoutEngine
 
+from analysis.figures.curves.matrix import difference_matrix
 from analysis.figures.elements.axes import LEAST_PERCENT, percent_axis, share_step_label, step_axis
 from analysis.figures.elements.checks import require, require_unique, significant
 from analysis.figures.elements.legends import legend, mark_handle, teacher_handles
@@ -17,6 +18,9 @@ from analysis.figures.elements.lines import draw_line
 from analysis.figures.style import ONE_COLUMN, TWO_COLUMNS, styled
 from analysis.looks import MUTED, look
 from analysis.names import label, short_labels, teacher_order
+
+LARGEST = 9
+"""With more rows of panels than these, a matrix of the last differences takes the place of curves."""
 
 ROOMY = 3
 """With so many columns of panels the corner above them has room for the legend."""
@@ -32,7 +36,8 @@ def pairwise_curves(
     """Draws a panel for every pair of teachers, with mean ± standard error of both against steps.
 
     Stars along the top of a panel mark the steps at which the two differ significantly, in the colour of
-    the one that is above. All panels have the same axes.
+    the one that is above. All panels have the same axes. Of more than `LARGEST` + 1
+    teachers, `difference_matrix` shows their last step.
 
     Args:
         curves: of ``pooled(runs, [measure], by=["step"])`` for one comparison: teacher, step, n, and
@@ -49,6 +54,8 @@ def pairwise_curves(
     if len(teachers) < 2:
         raise ValueError(f"curves of {len(teachers)} teachers: expected at least two, to compare them")
     size, tests = len(teachers) - 1, significant(tests)
+    if size > LARGEST:
+        return difference_matrix(table, tests, teachers, name)
     figure, grid = _grid(size)
     drawn, names = [], short_labels(teachers, 15)
     for row, column in itertools.product(range(size), repeat=2):

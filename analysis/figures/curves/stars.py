@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -13,6 +13,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.transforms import ScaledTranslation
 
+from analysis.data.reference import is_baseline
 from analysis.figures.elements.axes import percent_axis, share_step_label, step_axis
 from analysis.figures.elements.checks import require, require_unique, significant
 from analysis.figures.elements.legends import legend, legend_height, mark_handle
@@ -21,10 +22,13 @@ from analysis.figures.elements.lines import draw_line
 from analysis.figures.elements.task_planes import remark
 from analysis.figures.style import ONE_COLUMN, TWO_COLUMNS, styled
 from analysis.looks import INK
-from analysis.names import label, title
+from analysis.names import label, teacher_order, title
 
 EVERY = 5_000_000
 """Steps between two stars (paper, figures of Parkour)."""
+
+TOGETHER = 8
+"""Teachers beside Random in one panel; more of them are drawn in several, each with its own legend."""
 
 STAR_ROW = 6.5
 """Height of a row of stars, points."""
@@ -70,23 +74,56 @@ def curves_with_stars(panels: Sequence[CurvePanel], every: int = EVERY, columns:
     """
     if not panels:
         raise ValueError("no panels: expected at least one")
+    given = len(panels)
+    panels = [part for panel in panels for part in _parts(panel)]
     tables = [_table(panel) for panel in panels]
     if all(table.empty for table in tables):
         raise ValueError("no panel has results: expected at least one with something to draw")
     stars = [_stars(panel, every) for panel in panels]
     looks = LineLooks(line for table in tables for line in _lines(table))
     starred = [line for line in looks.lines if any(line in set(found["line"]) for found in stars)]
-    handles = [*map(looks.handle, looks.lines), *_star_handles(panels, stars)]
-    figure, grid = _grid(len(panels), min(columns, len(panels)), len(starred), handles)
+    split = len(panels) > given
+    handles = [*(() if split else map(looks.handle, looks.lines)), *_star_handles(panels, stars)]
+    columns = 1 if split else min(columns, len(panels))
+    figure, grid = _grid(len(panels), columns, 0 if split else len(starred), handles)
     last = max(table["step"].max() for table in tables if len(table))
     for axes, panel, table, found in zip(grid, panels, tables, stars, strict=True):
         _draw_panel(axes, panel, table, looks)
-        _draw_stars(axes, found, starred, looks)
-        axes.set_title(panel.title, fontsize=8, pad=4 + STAR_ROW * len(starred))
+        mine = [line for line in starred if not split or line in set(found["line"])]
+        _draw_stars(axes, found, mine, looks)
+        if split:
+            _own_legend(axes, table, looks)
+        axes.set_title(panel.title, fontsize=8, pad=4 + STAR_ROW * len(mine))
         step_axis(axes, last, ticks=5)
     share_step_label(figure, np.array(grid))
     legend(figure, handles, "outside upper center")
     return figure
+
+
+def _parts(panel: CurvePanel) -> list[CurvePanel]:
+    """Returns a panel of many teachers as several, each with the baseline and `TOGETHER` others."""
+    teachers = sorted(panel.curves["teacher"].unique(), key=teacher_order) if len(panel.curves) else []
+    others = [teacher for teacher in teachers if not is_baseline(teacher)]
+    if len(others) <= TOGETHER:
+        return [panel]
+    base = [teacher for teacher in teachers if is_baseline(teacher)]
+    groups = [others[start : start + TOGETHER] for start in range(0, len(others), TOGETHER)]
+    whose = None if panel.tests is None else panel.tests["teacher" if "teacher" in panel.tests else "first"]
+    return [
+        replace(
+            panel,
+            title=f"{panel.title} ({number} of {len(groups)})",
+            curves=panel.curves[panel.curves["teacher"].isin([*base, *group])],
+            tests=None if whose is None else panel.tests[whose.isin(group)],
+        )
+        for number, group in enumerate(groups, start=1)
+    ]
+
+
+def _own_legend(axes: Axes, table: pd.DataFrame, looks: LineLooks) -> None:
+    """Explains the lines of one of several panels of many teachers, beside it."""
+    handles = [looks.handle(line) for line in looks.lines if line in _lines(table)]
+    axes.legend(handles=handles, loc="center left", bbox_to_anchor=(1.03, 0.5), fontsize=6, handlelength=2.6)
 
 
 def _grid(count: int, columns: int, starred: int, handles: Sequence[Line2D]) -> tuple[Figure, list[Axes]]:

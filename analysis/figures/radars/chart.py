@@ -68,25 +68,43 @@ def radar(
     levels = [level.value for level in KnowledgeLevel if level.value in set(results["expert_knowledge"])]
     tests = significant(tests[(tests["environment"] == environment) & (tests["second"].map(is_baseline))])
     teachers = sorted(results["teacher"].unique(), key=teacher_order)
-    panels = {}
+    panels, doubts = {}, {}
     for level in levels:
         here = table[table["expert_knowledge"] == level]
         places = zip(here["teacher"].astype(str), here["challenge"].astype(str), strict=True)
         means = dict(zip(places, here[mean].astype(float), strict=True))
         mine = tests[tests["expert_knowledge"] == level]
+        doubts[level] = _doubts(here, names)
         panels[level] = ratios_of_random(means, mine, teachers, challenges, original)
     with shown_together(teachers):
-        return _drawn(panels, teachers, [find_challenge(environment, name).title for name in names])
+        return _drawn(panels, doubts, teachers, [find_challenge(environment, name).title for name in names])
 
 
-def _drawn(panels: dict[str, Ratios], teachers: Sequence[str], titles: Sequence[str]) -> Figure:
+def _doubts(here: pd.DataFrame, names: Sequence[str]) -> set[tuple[str, int]]:
+    """Returns teachers and axes of results that may be slips of who published them."""
+    rows = (
+        here[here["challenge"].isin(names) & here["doubt"].fillna("").ne("")] if "doubt" in here else here[:0]
+    )
+    return {(str(row["teacher"]), names.index(row["challenge"])) for _, row in rows.iterrows()}
+
+
+def _drawn(
+    panels: dict[str, Ratios],
+    doubts: dict[str, set[tuple[str, int]]],
+    teachers: Sequence[str],
+    titles: Sequence[str],
+) -> Figure:
     """Draws a row of panels, one for each level, for every `TOGETHER` teachers."""
     values = [value for panel in panels.values() for value in (*_values(panel), *panel.upper)]
     high = max(filter(math.isfinite, values), default=1.0)
     beyond = any(map(math.isinf, values))
     others = [teacher for teacher in teachers if not is_baseline(teacher)]
     groups = [others[start : start + TOGETHER] for start in range(0, len(others), TOGETHER)] or [[]]
-    notes = {level: textwrap.wrap("; ".join(panel.missing), 42) for level, panel in panels.items()}
+    said = {
+        level: [*panel.missing, *(["\N{DAGGER} doubtful result"] if doubts[level] else [])]
+        for level, panel in panels.items()
+    }
+    notes = {level: textwrap.wrap("; ".join(texts), 42) for level, texts in said.items()}
     width = TWO_COLUMNS if len(panels) > 1 else ONE_COLUMN
     below = 0.11 * max(map(len, notes.values()))
     named = [teacher_handles([BASELINE, *group]) for group in groups]
@@ -107,9 +125,20 @@ def _drawn(panels: dict[str, Ratios], teachers: Sequence[str], titles: Sequence[
             axes = RadarAxes(figure, centre, titles, high, beyond)
             axes.title(f"{'no' if level == KnowledgeLevel.NONE else level} expert knowledge".capitalize())
             _draw_panel(axes, panel, group)
+            axes.doubts(_places_of(doubts[level], panel, axes, group))
             if group is groups[-1]:
                 axes.note("\n".join(notes[level]))
     return figure
+
+
+def _places_of(
+    doubts: set[tuple[str, int]], panel: Ratios, axes: RadarAxes, group: Sequence[str]
+) -> Iterator[tuple[int, float]]:
+    """Yields axis and radius of the doubtful results of some teachers, and of Random."""
+    for teacher, axis in sorted(doubts):
+        if teacher in group or is_baseline(teacher):
+            value = panel.ratios[teacher][axis]
+            yield axis, axes.radius(value, panel.shares.get((teacher, axis), 1.0))
 
 
 def _values(panel: Ratios) -> Iterator[float]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import textwrap
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -153,6 +153,19 @@ class RadarAxes:
                 markeredgewidth=1.2,
                 zorder=4,
                 gid="upper",
+            )
+
+    def doubts(self, places: Iterable[tuple[int, float]]) -> None:
+        """Writes a dagger beside the mark at each axis and radius."""
+        for axis, radius in places:
+            self.axes.annotate(
+                "\N{DAGGER}",
+                (self.angles[axis], radius),
+                xytext=(3, 2),
+                textcoords="offset points",
+                fontsize=LABEL,
+                gid="doubt",
+                zorder=5,
             )
 
     def stars(self, stars: Sequence[Star]) -> None:
