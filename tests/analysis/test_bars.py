@@ -144,3 +144,12 @@ def test_what_cannot_be_drawn_is_refused() -> None:
         bars_with_pairs(table.assign(mastered_percent_mean=math.nan), tests)
     with pytest.raises(ValueError, match="several of mostly_trivial, low, random"):
         bars_with_pairs(pd.concat([table, table.head(1)]), tests)
+
+
+def test_doubtful_results_are_marked_and_explained() -> None:
+    table = results({"random": 20.0, "adr": 30.0})
+    marked = drawn(table.assign(doubt=["", "a slip"]))
+    marks = [text for text in marked.axes[0].texts if text.get_gid() == "doubt-adr"]
+    assert [text.get_text() for text in marks] == ["\N{DAGGER}"]
+    assert "\N{DAGGER} A doubtful result" in marked.get_supxlabel()
+    assert "\N{DAGGER}" not in drawn(table).get_supxlabel()

@@ -153,3 +153,28 @@ def test_pairs_need_two_teachers() -> None:
         pairwise_curves(two[two["teacher"] == "adr"], shown.tests)
     with pytest.raises(ValueError, match="at least one row"):
         pairwise_curves(two.head(0), shown.tests)
+
+
+def many(count: int) -> pd.DataFrame:
+    """Returns curves of so many teachers beside Random."""
+    names = ["random", *(f"teacher_{number:02}" for number in range(count))]
+    rows = [(name, "low", step, 4, float(step), 1.0) for name in names for step in (0, 1000)]
+    columns = ["teacher", "expert_knowledge", "step", "n", "mastered_percent_mean", "mastered_percent_std"]
+    return pd.DataFrame(rows, columns=columns)
+
+
+def test_curves_of_many_teachers_are_drawn_in_parts_with_random_in_each() -> None:
+    figure = curves_with_stars([CurvePanel("Original", many(39))])
+    legends = [[text.get_text() for text in axes.get_legend().get_texts()] for axes in figure.axes]
+    assert [len(names) for names in legends] == [9, 9, 9, 9, 8]
+    assert all("Random" in names for names in legends)
+    assert len({name for names in legends for name in names}) == 40
+
+
+def test_pairs_of_many_teachers_are_a_matrix_of_their_last_differences() -> None:
+    tests = pd.DataFrame({"first": ["teacher_00"], "second": ["random"], "step": [1000.0]})
+    figure = pairwise_curves(many(39), tests.assign(holm=0.01, difference=3.0))
+    axes = figure.axes[0]
+    assert axes.images[0].get_array().shape == (40, 40)
+    assert [list(line.get_xdata()) for line in axes.lines] == [[1, 0]]
+    assert len({text.get_text() for text in axes.get_yticklabels()}) == 40

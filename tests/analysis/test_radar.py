@@ -158,6 +158,14 @@ def test_many_teachers_are_drawn_in_rows_of_panels() -> None:
     assert {name for names in shown for name in names} == set(teachers)
 
 
+def test_doubtful_results_are_marked_and_explained() -> None:
+    figure = drawn(paper_frame())
+    marks = [[text for text in axes.texts if text.get_gid() == "doubt"] for axes in figure.axes]
+    assert [len(mine) for mine in marks] == [2, 0, 0]  # Random on mostly unfeasible and on mostly trivial
+    assert "\N{DAGGER} doubtful result" in notes_of(figure)
+    assert "\N{DAGGER}" not in notes_of(drawn(results(everywhere("random", 20.0))))
+
+
 def test_without_random_there_is_no_ratio() -> None:
     figure = drawn(results([*everywhere("random", 20.0)[1:], *everywhere("adr", 40.0)]))
     assert lines_of(figure)["adr"] == pytest.approx([math.nan, 2, 2, 2, 2], nan_ok=True)

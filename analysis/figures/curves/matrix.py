@@ -38,7 +38,7 @@ def difference_matrix(table: pd.DataFrame, tests: pd.DataFrame, teachers: Sequen
     for first, second in zip(found["first"], found["second"], strict=True):
         ends = places[first], places[second]
         axes.plot(ends, ends[::-1], linestyle="none", marker="o", markersize=2, color="black")
-    names = list(map(short_labels(teachers, 18).get, teachers))
+    names = [short_labels(teachers, 18)[teacher] for teacher in teachers]
     axes.set_xticks(range(len(teachers)), names, rotation=90, fontsize=5.5)
     axes.set_yticks(range(len(teachers)), names, fontsize=5.5)
     axes.set_title(f"Row minus column after {amount(last)} steps; dots: p < 0.05 after Holm", fontsize=7)
