@@ -6,6 +6,7 @@ import itertools
 import textwrap
 from collections.abc import Sequence
 from enum import StrEnum
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -157,7 +158,12 @@ def _draw_bars(axes: Axes, panel: BarPanel, teachers: Sequence[str]) -> None:
         if whisker > 0:
             axes.errorbar(mean, place, xerr=whisker, color=INK, capsize=1.5, linewidth=0.7, capthick=0.7)
         if panel.rows["doubt"][teacher]:
-            place_of = {"xytext": (2, 0), "textcoords": "offset points", "va": "center", "fontsize": 7}
+            place_of: dict[str, Any] = {
+                "xytext": (2, 0),
+                "textcoords": "offset points",
+                "va": "center",
+                "fontsize": 7,
+            }
             axes.annotate(DOUBT, (mean + whisker, place), gid=f"doubt-{teacher}", **place_of)
         if is_baseline(teacher):
             axes.axvline(mean, color=look(teacher).colour, linestyle=(0, (3, 2)), linewidth=0.7, zorder=0.5)

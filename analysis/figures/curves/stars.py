@@ -108,16 +108,22 @@ def _parts(panel: CurvePanel) -> list[CurvePanel]:
         return [panel]
     base = [teacher for teacher in teachers if is_baseline(teacher)]
     groups = [others[start : start + TOGETHER] for start in range(0, len(others), TOGETHER)]
-    whose = None if panel.tests is None else panel.tests["teacher" if "teacher" in panel.tests else "first"]
     return [
         replace(
             panel,
             title=f"{panel.title} ({number} of {len(groups)})",
             curves=panel.curves[panel.curves["teacher"].isin([*base, *group])],
-            tests=None if whose is None else panel.tests[whose.isin(group)],
+            tests=_tests_of(panel.tests, group),
         )
         for number, group in enumerate(groups, start=1)
     ]
+
+
+def _tests_of(tests: pd.DataFrame | None, teachers: Sequence[str]) -> pd.DataFrame | None:
+    """Returns the tests of some teachers against the baseline, or between their levels."""
+    if tests is None:
+        return None
+    return tests[tests["teacher" if "teacher" in tests else "first"].isin(teachers)]
 
 
 def _own_legend(axes: Axes, table: pd.DataFrame, looks: LineLooks) -> None:
