@@ -52,7 +52,7 @@ class RootSource:
     those that complete the most pools count, and of several the largest budget.
 
     Attributes:
-        note: which conditions count and that others do not, in words; empty where there are no others.
+        note: which conditions count and that others do not, in words; empty where all are alike.
     """
 
     def __init__(self, frames: Frames) -> None:
