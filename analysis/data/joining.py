@@ -71,6 +71,7 @@ def _cells(frames: Sequence[Frames], places: dict[str, int]) -> pd.DataFrame:
     state = cells[here].drop_duplicates("run_id").set_index("run_id")[STATE]
     away = ~here
     if away.any():
+        cells[STATE] = cells[STATE].astype(object)  # whole numbers of any width fit then
         cells.loc[away, STATE] = state.loc[cells.loc[away, "run_id"]].to_numpy(object)
     cells = cells.drop(columns="place").infer_objects()
     return cells.drop_duplicates([*GROUP, "run_id"]).reset_index(drop=True)

@@ -262,7 +262,7 @@ def test_watching_looks_again_until_it_is_stopped(
             run.publish()
 
     monkeypatch.setattr(points.time, "sleep", look)
-    assert main(["tensorboard", str(campaign.root), str(folder), "--watch"]) == 0
+    assert main(["tensorboard", str(campaign.root), str(folder), "--watch"]) == 130
     assert scalars(folder) == {NAME: expected([10, 20])}
     first, *others = capsys.readouterr().out.splitlines()
     assert first == f"runs with news: 0; to look at them: tensorboard --logdir {folder}"
@@ -295,7 +295,7 @@ def test_what_cannot_be_done_is_refused_before_anything_is_written(
     file.touch()
     for root, folder, message in (
         (tmp_path / "nowhere", tmp_path / "events", "a results root"),
-        (campaign.root, file, "choose another folder"),
+        (campaign.root, file, "expected a folder"),
         (campaign.root, "s3://bucket/events", "expected a folder of this machine"),
     ):
         assert main(["tensorboard", str(root), str(folder)]) == 2

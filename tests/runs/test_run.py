@@ -70,7 +70,7 @@ def test_seeds_differ_and_zero_is_one(tmp_path: Path) -> None:
         for part in ("teacher", "environment", "student")
     }
     assert len(draws) == 6
-    with pytest.raises(ValueError, match="seed -1"):
+    with pytest.raises(ValueError, match="seed = -1"):
         replace(first, seed=-1)
 
 

@@ -313,7 +313,7 @@ def test_an_mp4_is_the_same_for_the_same_seed(tmp_path: Path) -> None:
         ("-o a.gif --task 3,99", "obstacle_spacing = 99"),
         ("-o a.gif --size 20x20", "at least 400x320"),
         ("-o a.gif --size huge", "'huge'"),
-        ("-o a.gif --seed -1", "seed = -1"),
+        ("-o a.gif --seed -1", "--seed: '-1': expected a whole number"),
         ("-o a.gif --policy nobody --results missing", "a results root"),
         ("-o a.gif --environment parkuor", "parkour"),
     ],

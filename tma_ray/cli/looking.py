@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 from tma_ray.cli.json_output import add_json_option, print_json
 from tma_ray.cli.playing import TASK, add_episode, add_scene
 from tma_ray.cli.records import any_failed, claims_record, ranking_record, status_record
-from tma_ray.cli.reporting import add_report_command
+from tma_ray.cli.reporting import add_report_commands
 from tma_ray.cli.sources import add_sources, chosen_sources
 from tma_ray.command_line import CommandParser
 from tma_ray.commands.exits import FAILED
@@ -38,7 +38,7 @@ def add_commands(commands: Any) -> None:
         "ended it.",
         populate=_add_logs,
     )
-    add_report_command(commands)
+    add_report_commands(commands)
     _add_findings(commands)
 
 

@@ -1,4 +1,4 @@
-"""The command that writes the report of a results root, with the videos and the LaTeX that it may have."""
+"""The commands that write the report of a results root and print the leaderboard of releases."""
 
 from __future__ import annotations
 
@@ -22,8 +22,8 @@ EVERY = {".mp4": 3, ".gif": 8}
 """Steps from one frame to the next; a .gif takes far more room."""
 
 
-def add_report_command(commands: Any) -> None:
-    """Adds ``report`` to the subparsers `commands`."""
+def add_report_commands(commands: Any) -> None:
+    """Adds ``report`` and ``leaderboard`` to the subparsers `commands`."""
     commands.add_parser(
         "report",
         help="write the report of a results root",
@@ -35,6 +35,14 @@ def add_report_command(commands: Any) -> None:
             "tma-ray report results colleague",
             "tma-ray report results --output pages --latex",
         ),
+    )
+    commands.add_parser(
+        "leaderboard",
+        help="print ranks, results and cost of the teachers of releases",
+        description="Print the leaderboard of releases: the ranks of teachers over all challenges with what "
+        "of them is certain, their results on each challenge with intervals, and what their runs cost.",
+        populate=_add_leaderboard,
+        examples=("tma-ray leaderboard", "tma-ray leaderboard colleague"),
     )
 
 
@@ -101,3 +109,20 @@ def _video(root: str, wanted: WantedVideo, folder: Path) -> Video:
         policy=wanted.run_id, results=root, task=wanted.task, seed=world, steps=LONGEST, every=EVERY[ending]
     )
     return Video(wanted, file, render(settings, file).episodic_return)
+
+
+def _add_leaderboard(parser: CommandParser) -> None:
+    parser.add_argument(
+        "releases",
+        nargs="*",
+        metavar="BASELINE",
+        help="releases, or folders or addresses of results (default: those that ship with runs)",
+    )
+    parser.set_defaults(command=_leaderboard)
+
+
+def _leaderboard(options: argparse.Namespace) -> int:
+    from analysis.commands.leaderboard import show_leaderboards
+
+    show_leaderboards(options.releases)
+    return 0

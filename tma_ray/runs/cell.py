@@ -108,13 +108,11 @@ def effective_spec(cell: Cell, seed: int, schedule: Schedule, *, independent_lev
     teacher = make_teacher(cell.teacher, cell.teacher_hyperparameters)
     student = check_hyperparameters(cell.student, cell.student_hyperparameters)
     environment, options = environment_settings(cell.environment, cell.environment_options)
-    options |= {"embodiment": cell.embodiment} if cell.embodiment else {}
-    setting = _setting(cell, options)
-    if setting.embodiment:
-        options["embodiment"] = setting.embodiment
+    body = {"embodiment": cell.embodiment} if cell.embodiment else {}
+    setting = _setting(cell, options | body)
     if level is KnowledgeLevel.HIGH:
         _check_easy_task(environment, setting)
-    options, inputs = captured("environment", options)
+    options, inputs = captured("environment", options | (body and {"embodiment": setting.embodiment}))
     student_values, student_inputs = captured("student", as_plain_values(student))
     teacher_values, teacher_inputs = captured("teacher", hyperparameters_of(teacher))
     return RunSpec(

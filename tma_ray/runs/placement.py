@@ -77,9 +77,15 @@ def check_available(device: str) -> None:
     Raises:
         ValueError: the message says so.
     """
+    if not is_available(device):
+        raise ValueError(f"device {device!r}: torch finds none on this machine; use 'cpu'")
+
+
+def is_available(device: str) -> bool:
+    """Tells whether this machine has a device."""
     kind = device.partition(":")[0]
     if kind == "cpu":
-        return
+        return True
     import torch
 
     found: dict[str, Callable[[], bool]] = {
@@ -87,8 +93,7 @@ def check_available(device: str) -> None:
         "mps": torch.backends.mps.is_available,
         "xpu": torch.xpu.is_available,
     }
-    if not found[kind]():
-        raise ValueError(f"device {device!r}: torch finds none on this machine; use 'cpu'")
+    return found[kind]()
 
 
 def fingerprint(threads: int, device: str) -> str:

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
+from dataclasses import replace
 from typing import Any, NamedTuple
 
 from tma_ray.campaign.costs.measuring import measure_all
 from tma_ray.campaign.costs.memory import remember, remembered, speed_key
 from tma_ray.campaign.costs.speed import Source, Throughput, label_of
 from tma_ray.campaign.settings import Settings
+from tma_ray.runs.placement import is_available
 from tma_ray.runs.spec import RunSpec
 
 PATIENCE_SECONDS = 6.0
@@ -90,6 +92,8 @@ def shipped_speed(spec: RunSpec, settings: Settings) -> Throughput | None:
 def _speeds(
     examples: Mapping[Kind, RunSpec], settings: Settings, at_once: int, patience: float
 ) -> dict[Kind, Throughput]:
+    if not is_available(settings.device):  # as where a campaign is sent to a cluster with GPUs
+        settings = replace(settings, device="cpu", resources=replace(settings.resources, gpus=0))
     keys = {kind: speed_key(spec, settings, at_once) for kind, spec in examples.items()}
     before = remembered()
     shipped = {kind: shipped_speed(spec, settings) for kind, spec in examples.items()}

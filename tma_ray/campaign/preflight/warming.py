@@ -54,9 +54,14 @@ def warm_nodes(specs: Sequence[RunSpec], shipped: bool = True) -> None:
     for (node, recipe), spec in due.items():
         if (node, recipe) not in _tried:
             tasks[node].append(spec.to_dict())
+    _try_on(tasks, contents(specs), shipped)
+    _tried.update(due)
+
+
+def _try_on(tasks: Mapping[str, Sequence[dict[str, Any]]], files: Mapping[str, bytes], shipped: bool) -> None:
+    """Tries the specs of each node there, with the files that they read."""
     # One call a process: it would keep the plug-ins that it has imported. One process a node: starting
     # takes a process longer than trying.
-    files = contents(specs)
     task: Any = ray.remote(max_calls=1, num_cpus=0)(_try_all)
     started = [
         task.options(scheduling_strategy=NodeAffinitySchedulingStrategy(node, soft=True)).remote(
@@ -74,7 +79,6 @@ def warm_nodes(specs: Sequence[RunSpec], shipped: bool = True) -> None:
         raise ValueError(
             f"a plug-in or environment does not work on the workers: {type(cause).__name__}: {cause}{hint}"
         ) from error
-    _tried.update(due)
 
 
 def _try_all(specs: Sequence[dict[str, Any]], files: Mapping[str, bytes]) -> None:

@@ -61,6 +61,22 @@ class ReplacedWhileReadError(OSError):
     """An object is not the one any more whose size was asked for: the bytes may be those of half of it."""
 
 
+def read_object(filesystem: Any, path: str) -> bytes:
+    """Returns the bytes of one version of an object.
+
+    Raises:
+        ReplacedWhileReadError: another version came meanwhile.
+    """
+    with filesystem.open_input_file(path) as file:
+        data: bytes = file.read()
+        version = file.metadata()
+    # The size is asked for before the bytes: of an object that grew in between, only as many came.
+    with filesystem.open_input_file(path) as file:
+        if file.metadata() != version:
+            raise ReplacedWhileReadError
+    return data
+
+
 def open_bucket(uri: str) -> tuple[Any, str, str]:
     """Opens ``s3://bucket/folder`` or ``gs://bucket/folder`` with credentials of the environment.
 

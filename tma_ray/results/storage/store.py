@@ -19,10 +19,10 @@ from tma_ray.results.storage.errors import explained_disk
 from tma_ray.results.storage.object_store import (
     NO_BUCKET,
     ObjectStoreError,
-    ReplacedWhileReadError,
     explained,
     open_bucket,
     patiently,
+    read_object,
 )
 
 T = TypeVar("T")
@@ -161,17 +161,15 @@ class Store:
 
     def exists(self, path: str) -> bool:
         """Tells whether there is a file at `path`."""
-        return bool(self._kind(path) == fs.FileType.File)
+        return bool(self._info(path).type == fs.FileType.File)
 
     def size(self, path: str) -> int:
         """Returns how many bytes the file at `path` has, 0 where there is none."""
-        with self._explained(path):
-            return self.filesystem.get_file_info(self.full_path(path)).size or 0
+        return self._info(path).size or 0
 
     def modified_at(self, path: str) -> datetime | None:
         """Returns when the file at `path` was written, None where the storage does not say."""
-        with self._explained(path):
-            return cast("datetime | None", self.filesystem.get_file_info(self.full_path(path)).mtime)
+        return cast("datetime | None", self._info(path).mtime)
 
     def files(self, folder: str = "") -> tuple[str, ...]:
         """Returns the paths of all files below `folder`, sorted; none if it does not exist."""
@@ -231,7 +229,7 @@ class Store:
         On a disk a folder disappears at once, even while another process writes into it.
         """
         full = self.full_path(path)
-        kind = self._kind(path)
+        kind = self._info(path).type
         with self._explained(path):
             if kind == fs.FileType.File:
                 self.filesystem.delete_file(full)
@@ -268,16 +266,10 @@ class Store:
         return self._prefix + "/".join(parts)
 
     def _read(self, full: str) -> bytes:
+        if self.is_object_store:
+            return read_object(self.filesystem, full)
         with self.filesystem.open_input_file(full) as file:  # a stream would ask for it bit by bit
-            data = cast("bytes", file.read())
-            if not self.is_object_store:
-                return data
-            version = file.metadata()
-        # The size is asked for before the bytes: of an object that grew in between, only as many came.
-        with self.filesystem.open_input_file(full) as file:
-            if file.metadata() != version:
-                raise ReplacedWhileReadError
-        return data
+            return cast("bytes", file.read())
 
     def _refuse_links_out(self, path: str) -> None:
         """Refuses symbolic links that lead out of the root: it may be others' who made it.
@@ -288,9 +280,9 @@ class Store:
         if self._local and links_out(self.base, path):
             raise DamagedFileError(f"{self.where(path)} is damaged: a symbolic link leads out of the root")
 
-    def _kind(self, path: str) -> fs.FileType:
+    def _info(self, path: str) -> fs.FileInfo:
         with self._explained(path):
-            return self.filesystem.get_file_info(self.full_path(path)).type
+            return self.filesystem.get_file_info(self.full_path(path))
 
     def _explained(self, path: str) -> AbstractContextManager[None]:
         if self.is_object_store:
