@@ -18,6 +18,8 @@ from tma_ray.cli import main
 
 pytest.importorskip("wandb", reason="pip install 'tma_ray[dev]' brings the library")
 
+pytestmark = pytest.mark.slow  # the library starts a process of its own for every run, which writes its file
+
 
 @pytest.fixture(autouse=True)
 def no_account(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:

@@ -38,6 +38,8 @@ def folder(text: str) -> Path:
     Raises:
         argparse.ArgumentTypeError: it cannot be one.
     """
+    if "://" in text:
+        raise refused(text, "expected a folder of this machine")
     mode = _mode(text, "a folder")
     if mode is not None and not stat.S_ISDIR(mode):
         raise refused(text, "it is a file; expected a folder")

@@ -73,13 +73,17 @@ def pairwise_curves(
             axes.set_title(names[pair[0]], fontsize=6.5)
     share_step_label(figure, np.array(drawn))
     figure.supylabel(name, fontsize=8.5)
+    _add_legend(figure, teachers, size)
+    return figure
+
+
+def _add_legend(figure: Figure, teachers: list[str], size: int) -> None:
     handles = teacher_handles(teachers, marker="")
     handles.append(mark_handle("*", "differ at this step (p < 0.05)", color=MUTED))
     if size < ROOMY:
         legend(figure, handles, "outside upper center")
     else:
         figure.legend(handles=handles, loc="upper right", fontsize=7, labelspacing=0.35)
-    return figure
 
 
 def _table(curves: pd.DataFrame, measure: str) -> pd.DataFrame:

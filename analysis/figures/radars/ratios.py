@@ -64,14 +64,9 @@ def ratios_of_random(
         if any((teacher, name) in means for name in names)
     }
     gaps = {
-        (str(first), names.index(name)): float(difference)
-        for name, first, difference in zip(
-            tests["challenge"], tests["first"], tests["difference"], strict=True
-        )
-        if name in names
-    }
-    gaps = {
-        key: gap for key, gap in gaps.items() if key[0] in ratios and not math.isnan(ratios[key[0]][key[1]])
+        key: gap
+        for key, gap in _gaps(tests, names).items()
+        if key[0] in ratios and not math.isnan(ratios[key[0]][key[1]])
     }
     stars = [Star(*key) for key, gap in gaps.items() if gap > 0]
     best_of = {name: max(mean for (_, place), mean in means.items() if place == name) for _, name in means}
@@ -91,6 +86,16 @@ def ratios_of_random(
         set(gaps),
         [*_no_random(names, lower), *_random_at_0(names, lower, means), *_no_result(means, teachers, names)],
     )
+
+
+def _gaps(tests: pd.DataFrame, names: list[str]) -> dict[tuple[str, int], float]:
+    """Returns the tested differences from Random by teacher and axis."""
+    columns = tests["challenge"], tests["first"], tests["difference"]
+    return {
+        (str(first), names.index(name)): float(difference)
+        for name, first, difference in zip(*columns, strict=True)
+        if name in names
+    }
 
 
 def _ratio(mean: float, lower: float) -> float:

@@ -272,11 +272,7 @@ class Store:
             return cast("bytes", file.read())
 
     def _refuse_links_out(self, path: str) -> None:
-        """Refuses symbolic links that lead out of the root: it may be others' who made it.
-
-        Raises:
-            DamagedFileError: the message names the link.
-        """
+        """Refuses symbolic links that lead out of the root: it may be others' who made it."""
         if self._local and links_out(self.base, path):
             raise DamagedFileError(f"{self.where(path)} is damaged: a symbolic link leads out of the root")
 
@@ -295,8 +291,8 @@ class Store:
         return folder / uuid4().hex
 
     def _make_parent(self, full: str) -> None:
-        folder = PurePosixPath(full).parent
+        folder = str(PurePosixPath(full).parent)
         if self._local:
             make_folder(Path(folder))
         elif not self.is_object_store:  # they have no folders to make
-            self.filesystem.create_dir(str(folder), recursive=True)
+            self.filesystem.create_dir(folder, recursive=True)
