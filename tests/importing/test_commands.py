@@ -67,7 +67,7 @@ def test_what_was_not_imported_is_said_and_is_the_exit_status(
 
 def test_bad_input_is_refused_with_status_2(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert run("import", "results", tmp_path / "none", "-o", tmp_path / "root") == 2
-    assert "none': it does not exist" in capsys.readouterr().err
+    assert "argument SOURCE" in capsys.readouterr().err
     assert list(tmp_path.iterdir()) == []
 
 
