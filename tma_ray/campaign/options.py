@@ -228,8 +228,13 @@ def _add_resources(group: argparse._ActionsContainer) -> None:
         metavar="GIB",
         help="memory that a run occupies",
     )
-    device, where = Settings.device, "where networks live, as cpu or cuda"
-    group.add_argument("--device", type=parse_device, default=device, metavar="DEVICE", help=where)
+    add_device_option(group, Settings.device)
+
+
+def add_device_option(group: argparse._ActionsContainer, default: str) -> None:
+    """Adds the option that says on which device networks live."""
+    meaning = "where networks live, as cpu or cuda"
+    group.add_argument("--device", type=parse_device, default=default, metavar="DEVICE", help=meaning)
 
 
 def chosen_campaign(campaign: CampaignSpec, options: argparse.Namespace) -> CampaignSpec:

@@ -83,10 +83,10 @@ def _add_comparing(commands: Any) -> None:
 
 
 def _add_run(parser: CommandParser) -> None:
-    from tma_ray.campaign.option_values import parse_device
     from tma_ray.campaign.options import (
         YES,
         add_cell_options,
+        add_device_option,
         add_results_option,
         add_schedule_options,
         schedule_defaults,
@@ -103,13 +103,7 @@ def _add_run(parser: CommandParser) -> None:
     what.add_argument("--seed", type=SEED, default=0, metavar="N", help="seed of the run")
     add_schedule_options(what, schedule_defaults(Schedule()))
     how = parser.add_argument_group("how to run it")
-    how.add_argument(
-        "--device",
-        type=parse_device,
-        default=Placement.device,
-        metavar="DEVICE",
-        help="where networks live, as cpu or cuda",
-    )
+    add_device_option(how, Placement.device)
     how.add_argument(
         "--threads", type=PROCESSES, default=Placement.threads, metavar="N", help="torch's threads"
     )
