@@ -231,6 +231,12 @@ def test_stock_goes_on_from_a_lean_optimisers_state():
     assert {float(state["step"]) for state in stock.actor.optimizer.state.values()} == {4.0}
 
 
+def total(parts, log_std, hyper: PPOHyperparameters) -> torch.Tensor:
+    """Returns the loss (k,) that PPO minimises, for autograd to differentiate."""
+    entropy = torch.distributions.Normal(0, log_std.exp()).entropy().sum(dim=-1)
+    return parts.policy + hyper.value_coefficient * parts.value - hyper.entropy_coefficient * entropy
+
+
 def test_the_losses_of_stacked_runs_are_those_of_each_run():
     """Values and gradients, in float64; what autograd gives for a run does not depend on its neighbours."""
     hyper = PPOHyperparameters(hidden_units=(8, 6), entropy_coefficient=0.01)
@@ -240,7 +246,7 @@ def test_the_losses_of_stacked_runs_are_those_of_each_run():
     shapes = ((20, OBSERVATION), (20, ACTION), (20,), (20,), (20,), (20,))
     steps = Steps(*(0.3 * random(3, *shape, dtype=torch.float64) for shape in shapes))
     stacked = losses(forward(split(parameters, layout), steps.observations), log_std, steps, hyper)
-    gradients = torch.autograd.grad(stacked.total.sum(), (parameters, log_std))
+    gradients = torch.autograd.grad(total(stacked, log_std, hyper).sum(), (parameters, log_std))
     for run in range(3):
         own = Steps(*(column[run] for column in steps))
         outputs = forward(split(parameters[run], layout), own.observations)
@@ -248,7 +254,7 @@ def test_the_losses_of_stacked_runs_are_those_of_each_run():
         for part, whole in zip(alone, stacked, strict=True):
             torch.testing.assert_close(part, whole[run], rtol=1e-12, atol=1e-12)
         for gradient, whole in zip(gradients, (parameters, log_std), strict=True):
-            (expected,) = torch.autograd.grad(alone.total, whole, retain_graph=True)
+            (expected,) = torch.autograd.grad(total(alone, log_std, hyper)[run], whole, retain_graph=True)
             torch.testing.assert_close(gradient[run], expected[run], rtol=1e-10, atol=1e-12)
 
 
@@ -263,7 +269,7 @@ def test_ppos_gradient_is_autograds(runs, value_clip_range):
     old = torch.distributions.Normal(outputs[..., :-1], log_std.exp()[..., None, :]).log_prob(steps.actions)
     steps = steps._replace(old_log_prob=old.sum(dim=-1).detach() + 0.3 * steps.old_log_prob)
     parts = losses(outputs, log_std, steps, hyper)
-    by_outputs, by_log_std = torch.autograd.grad(parts.total.sum(), (outputs, log_std))
+    by_outputs, by_log_std = torch.autograd.grad(total(parts, log_std, hyper).sum(), (outputs, log_std))
     torch.testing.assert_close(parts.outputs_gradient, by_outputs, rtol=1e-10, atol=1e-14)
     torch.testing.assert_close(parts.log_std_gradient, by_log_std, rtol=1e-10, atol=1e-14)
     assert parts.clipped.min() > 0  # both sides of the clipping are met

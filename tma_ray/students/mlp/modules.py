@@ -69,16 +69,17 @@ class FlatParameters:
         self._keep(others)
 
     def backpropagate(
-        self, outputs: torch.Tensor, gradient: torch.Tensor, others: Sequence[torch.Tensor] = ()
+        self, kept: Sequence[torch.Tensor], gradient: torch.Tensor, others: Sequence[torch.Tensor] = ()
     ) -> None:
-        """Writes the gradient of a loss that was differentiated by hand.
+        """Writes the gradient of a loss of one network that was differentiated by hand.
 
         Args:
-            outputs: of `networks` (n, h).
+            kept: activations of the network in the forward pass.
             gradient: of the loss by the outputs (n, h).
             others: of the loss by each of `others`.
         """
-        torch.autograd.grad(outputs, [network.parameters for network in self.networks], gradient)
+        (network,) = self.networks
+        network.backpropagate(kept, gradient)
         self._keep(others)
 
     def _keep(self, others: Sequence[torch.Tensor]) -> None:

@@ -85,6 +85,29 @@ class Network:
         self.layer_gradients = split(self.gradient, layout)
         self._memory: dict[tuple[str, int], torch.Tensor] = {}
 
+    def activations(self, inputs: torch.Tensor) -> list[torch.Tensor]:
+        """Returns the inputs (n, ...) of every layer and the outputs (n, h), for `backpropagate`."""
+        return activations(self.layers, inputs, lambda *where: self._buffer("outputs", *where))
+
+    def backpropagate(self, kept: Sequence[torch.Tensor], gradient: torch.Tensor) -> torch.Tensor:
+        """Writes the parameters' gradient.
+
+        Args:
+            kept: the inputs of every layer in the last forward pass.
+            gradient: of the loss by the outputs (n, h).
+
+        Returns:
+            The loss's gradient by the first layer's outputs (n, h), which the next pass overwrites.
+        """
+        for index in range(len(self.layers) - 1, -1, -1):
+            weight_gradient, bias_gradient = self.layer_gradients[index]
+            torch.mm(gradient.t(), kept[index], out=weight_gradient)
+            torch.sum(gradient, dim=0, out=bias_gradient)
+            if index:
+                out = self._buffer("gradient", index - 1, gradient)
+                gradient = _through_relu(torch.mm(gradient, self.layers[index][0], out=out), kept[index])
+        return gradient
+
     def __call__(self, inputs: torch.Tensor) -> torch.Tensor:
         """Returns the outputs (n, h) for `inputs` (n, i), to be differentiated by both."""
         outputs: torch.Tensor = _lean_pass(inputs, self.parameters, self)
@@ -95,7 +118,7 @@ class Network:
         outputs: torch.Tensor = _lean_pass(inputs, self._frozen, self)
         return outputs
 
-    def buffer(self, use: str, index: int, like: torch.Tensor) -> torch.Tensor:
+    def _buffer(self, use: str, index: int, like: torch.Tensor) -> torch.Tensor:
         """Returns memory (n, h) for hidden layer `index`, kept for each `use`; n as in `like`."""
         shape = len(like), self.layout.sizes[index + 1]
         memory = self._memory.get((use, index))
@@ -105,11 +128,11 @@ class Network:
 
 
 class _LeanPass(torch.autograd.Function):
-    """Forward and backward pass of a `Network`."""
+    """Forward and backward pass of a `Network`, for autograd."""
 
     @staticmethod
     def forward(ctx: Any, inputs: torch.Tensor, parameters: torch.Tensor, network: Network) -> torch.Tensor:
-        *kept, outputs = activations(network.layers, inputs, lambda *where: network.buffer("outputs", *where))
+        *kept, outputs = network.activations(inputs)
         ctx.network = network
         ctx.save_for_backward(parameters, *kept)
         return outputs
@@ -118,17 +141,12 @@ class _LeanPass(torch.autograd.Function):
     def backward(ctx: Any, *gradients: torch.Tensor) -> tuple[torch.Tensor | None, torch.Tensor | None, None]:
         (gradient,), (_, *kept) = gradients, ctx.saved_tensors
         wants_inputs, wants_parameters, _ = ctx.needs_input_grad
-        layers = ctx.network.layers
+        network = ctx.network
         if not wants_parameters:
-            return _input_gradient(layers, kept, gradient), None, None
-        for index in range(len(layers) - 1, -1, -1):
-            weight_gradient, bias_gradient = ctx.network.layer_gradients[index]
-            torch.mm(gradient.t(), kept[index], out=weight_gradient)
-            torch.sum(gradient, dim=0, out=bias_gradient)
-            if index:
-                out = ctx.network.buffer("gradient", index - 1, gradient)
-                gradient = _through_relu(torch.mm(gradient, layers[index][0], out=out), kept[index])
-        return torch.mm(gradient, layers[0][0]) if wants_inputs else None, ctx.network.gradient, None
+            return _input_gradient(network.layers, kept, gradient), None, None
+        gradient = network.backpropagate(kept, gradient)
+        by_inputs = torch.mm(gradient, network.layers[0][0]) if wants_inputs else None
+        return by_inputs, network.gradient, None
 
 
 _lean_pass: Any = _LeanPass.apply

@@ -1,6 +1,7 @@
 """Loss of proximal policy optimisation and its gradient, of one run or of k stacked ones.
 
-Autograd could differentiate the loss; the gradient in closed form saves 3 to 5 % of a training step.
+The loss is policy + value coefficient * value - entropy coefficient * entropy of the actions. An update needs
+its gradient only, which is in closed form: that saves 3 to 8 % of a training step over autograd.
 Shapes are those of one run; stacked runs have (k, ...) of everything, and losses (k,).
 """
 
@@ -40,16 +41,14 @@ class Losses(NamedTuple):
     """Parts of the loss, and figures for logging, one number per run each; and the gradient.
 
     Attributes:
-        total: of which the gradient is; differentiable by autograd, too.
         policy: of the clipped surrogate objective.
         value: mean squared error.
         divergence: approximate Kullback-Leibler divergence from the old policy.
         clipped: share of ratios beyond the clip range.
-        outputs_gradient: of the total by the outputs (n, a + 1).
-        log_std_gradient: of the total by the log deviation (a,).
+        outputs_gradient: of the loss by the outputs (n, a + 1).
+        log_std_gradient: of the loss by the log deviation (a,).
     """
 
-    total: torch.Tensor
     policy: torch.Tensor
     value: torch.Tensor
     divergence: torch.Tensor
@@ -59,7 +58,7 @@ class Losses(NamedTuple):
 
 
 def losses(outputs: torch.Tensor, log_std: torch.Tensor, steps: Steps, hyper: PPOHyperparameters) -> Losses:
-    """Returns the loss of a mini-batch and its gradient (arXiv:1707.06347, equations 7 and 9).
+    """Returns the parts of a mini-batch's loss, and its gradient (arXiv:1707.06347, equations 7 and 9).
 
     Args:
         outputs: of the network: means of the actions, and the value (n, a + 1).
@@ -78,16 +77,13 @@ def losses(outputs: torch.Tensor, log_std: torch.Tensor, steps: Steps, hyper: PP
     surrogates = advantages * ratio, advantages * ratio.clamp(1 - clip, 1 + clip)
     value_error, free = _value_error(outputs[..., -1], steps, hyper.value_clip_range)
     policy, value = -torch.minimum(*surrogates).mean(dim=-1), value_error.square().mean(dim=-1)
-    entropy = (0.5 + _HALF_LOG_2PI + log_std).sum(dim=(-2, -1))
-    total = policy + hyper.value_coefficient * value - hyper.entropy_coefficient * entropy
-    with torch.no_grad():
-        divergence = (ratio - 1 - log_ratio).mean(dim=-1)
-        clipped = ((ratio - 1).abs() > clip).to(ratio.dtype).mean(dim=-1)
-        gradient, log_std_gradient = _policy_gradients(surrogates, error, deviation)
-        log_std_gradient -= hyper.entropy_coefficient
-        value_gradient = (2 * hyper.value_coefficient / error.shape[-2]) * value_error * free
-        gradient = torch.cat((gradient, value_gradient[..., None]), dim=-1)
-    return Losses(total, policy.detach(), value.detach(), divergence, clipped, gradient, log_std_gradient)
+    divergence = (ratio - 1 - log_ratio).mean(dim=-1)
+    clipped = ((ratio - 1).abs() > clip).to(ratio.dtype).mean(dim=-1)
+    gradient, log_std_gradient = _policy_gradients(surrogates, error, deviation)
+    log_std_gradient -= hyper.entropy_coefficient
+    value_gradient = (2 * hyper.value_coefficient / error.shape[-2]) * value_error * free
+    gradient = torch.cat((gradient, value_gradient[..., None]), dim=-1)
+    return Losses(policy, value, divergence, clipped, gradient, log_std_gradient)
 
 
 def log_density(error: torch.Tensor, log_std: torch.Tensor) -> torch.Tensor:
