@@ -18,11 +18,14 @@ class MatmulPrecision(StrEnum):
 
     Attributes:
         HIGHEST: in float32.
+        HIGH: rounded to TensorFloat32 (10 bits of mantissa), summed in float32, where a GPU has tensor cores
+            for it; no different on a CPU.
         MEDIUM: rounded to bfloat16, summed in float32: about twice as fast where the processor has AMX or
             the GPU has tensor cores, and no different where torch has no such kernels.
     """
 
     HIGHEST = "highest"
+    HIGH = "high"
     MEDIUM = "medium"
 
 

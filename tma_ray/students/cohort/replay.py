@@ -1,0 +1,215 @@
+"""Replay memory of many runs on the learner's device, every observation stored once."""
+
+from __future__ import annotations
+
+from collections import deque
+from typing import NamedTuple
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+
+from tma_ray.students.cohort.transfer import empty, upload
+from tma_ray.students.sac.losses import Transitions
+
+
+class ReplayContents(NamedTuple):
+    """The transitions that a run keeps, oldest first, on the host.
+
+    Attributes:
+        observations: rows (r, o), in order of time.
+        rows: row of each transition's observation (n,); its next observation is in the row after it.
+        actions: in [-1, 1] (n, a).
+        rewards: (n,).
+        terminated: (n,) bool.
+    """
+
+    observations: NDArray[np.float32]
+    rows: NDArray[np.int64]
+    actions: NDArray[np.float32]
+    rewards: NDArray[np.float32]
+    terminated: NDArray[np.bool_]
+
+
+class _Piece(NamedTuple):
+    """Consecutive transitions in consecutive rows, with one row more for the last observation."""
+
+    first: int
+    row: int
+    length: int
+
+
+class _Track:
+    """What a run keeps: numbers of transitions, and rows, both counted since it joined."""
+
+    def __init__(self) -> None:
+        self.count, self.tail = 0, 0  # transitions and rows so far
+        self.pieces: deque[_Piece] = deque()
+
+    def add(self, length: int) -> None:
+        self.pieces.append(_Piece(self.count, self.tail, length))
+        self.count += length
+        self.tail += length + 1
+
+    def forget(self, kept: int) -> None:
+        """Drops the pieces that have no transition among the newest `kept`."""
+        while self.pieces and self.pieces[0].first + self.pieces[0].length <= self.count - kept:
+            self.pieces.popleft()
+
+    def head(self, kept: int) -> int:
+        """Returns the row of the oldest of the newest `kept` transitions."""
+        oldest = self.count - kept
+        for first, row, length in self.pieces:
+            if oldest < first + length:
+                return row + max(0, oldest - first)
+        return self.tail
+
+
+class StackedReplay:
+    """A ring of transitions for each of k runs; the next observation is in the following row.
+
+    An episode of n transitions takes n + 1 rows. There is room for some more rows than transitions; where
+    episodes are so short that it does not suffice, all runs' memory grows, for which it moves.
+
+    Args:
+        width: number of runs k.
+        capacity: transitions kept per run.
+        sizes: lengths o of an observation and a of an action.
+        device: where the memory is. On a CPU it is touched only as it fills.
+
+    Attributes:
+        kept: transitions of each run, at least 1 so that there is always one to draw (k,).
+        counts: transitions since the run joined (k,).
+        moves: number of times that the memory has moved.
+    """
+
+    def __init__(self, width: int, capacity: int, sizes: tuple[int, int], device: torch.device) -> None:
+        self._capacity, (self._o, self._a), self._device = capacity, sizes, device
+        self._tracks = [_Track() for _ in range(width)]
+        self._rows = capacity + capacity // 32 + 8
+        self._table = empty((width, capacity), torch.int32, device)
+        self._memory = empty((width, self._rows, self._o + self._a + 2), torch.float32, device)
+        self.kept = torch.ones(width, dtype=torch.int64, device=device)
+        self.counts = torch.ones(width, dtype=torch.int64, device=device)
+        self.moves = 0
+
+    def clear(self, slot: int) -> None:
+        """Forgets all transitions of the run in `slot`."""
+        self._tracks[slot] = _Track()
+        self._memory[slot, :2].zero_()
+        self._table[slot, :1].zero_()
+        self._announce(slot)
+
+    def store(
+        self,
+        slot: int,
+        observations: NDArray[np.float32],
+        actions: NDArray[np.float32],
+        rewards: NDArray[np.float32],
+        terminated: bool,
+    ) -> None:
+        """Appends consecutive transitions of the run in `slot`, and forgets its oldest beyond the capacity.
+
+        Args:
+            slot: of the run.
+            observations: of each transition, and the last one's next (n + 1, o).
+            actions: in [-1, 1] (n, a).
+            rewards: (n,).
+            terminated: nothing follows the last transition.
+        """
+        ends = np.zeros(len(rewards), dtype=np.bool_)
+        ends[-1:] = terminated
+        self._append(slot, observations, actions, rewards, ends)
+
+    def _append(
+        self,
+        slot: int,
+        observations: NDArray[np.float32],
+        actions: NDArray[np.float32],
+        rewards: NDArray[np.float32],
+        ends: NDArray[np.bool_],
+    ) -> None:
+        length, keep = len(rewards), min(len(rewards), self._capacity)
+        if not length:
+            return
+        packed = np.zeros((keep + 1, self._memory.shape[2]), dtype=np.float32)
+        packed[:, : self._o] = observations[length - keep :]
+        packed[:-1, self._o : -2] = actions[length - keep :]
+        packed[:-1, -2], packed[:-1, -1] = rewards[length - keep :], ends[length - keep :]
+        self._make_room(slot, keep)
+        track = self._tracks[slot]
+        first, row = track.count, track.tail
+        track.add(keep)
+        track.forget(self._capacity)
+        self._write(self._memory[slot], row, upload(packed, self._device))
+        rows = torch.arange(row, row + keep, device=self._device) % self._rows
+        self._write(self._table[slot], first, rows.to(torch.int32))
+        self._announce(slot)
+
+    def contents(self, slot: int) -> ReplayContents:
+        """Returns the transitions that the run in `slot` keeps."""
+        track = self._tracks[slot]
+        kept = min(track.count, self._capacity)
+        head = track.head(kept)
+        rows = [np.arange(max(row, head), row + length) - head for first, row, length in track.pieces]
+        taken = torch.arange(head, track.tail, device=self._device) % self._rows
+        packed = self._memory[slot].index_select(0, taken).cpu().numpy()
+        starts = np.concatenate([np.zeros(0, np.int64), *rows])
+        own = packed[starts]
+        actions, rewards, terminated = own[:, self._o : -2], own[:, -2], own[:, -1] > 0
+        return ReplayContents(packed[:, : self._o].copy(), starts, actions.copy(), rewards.copy(), terminated)
+
+    def fill(self, slot: int, contents: ReplayContents) -> None:
+        """Gives the run in `slot` the transitions of another memory's `contents`, and no others."""
+        self.clear(slot)
+        breaks = (np.diff(contents.rows) != 1).nonzero()[0] + 1
+        for numbers in np.split(np.arange(len(contents.rows)), breaks):
+            if len(numbers):
+                first = contents.rows[numbers[0]]
+                piece = contents.observations[first : first + len(numbers) + 1]
+                actions, rewards = contents.actions[numbers], contents.rewards[numbers]
+                self._append(slot, piece, actions, rewards, contents.terminated[numbers])
+
+    def newest(self, ages: torch.Tensor) -> torch.Tensor:
+        """Returns where the transitions of `ages` (k, n) are in the ring; 0 is the newest one's age."""
+        return (self.counts[:, None] - 1 - ages) % self._capacity
+
+    def gather(self, ring: torch.Tensor, dtype: torch.dtype) -> Transitions:
+        """Returns the transitions at places `ring` (k, n), which `newest` gives."""
+        (width, count), rows = ring.shape, self._table.gather(1, ring).long()
+        following, base = rows + 1, torch.arange(width, device=self._device)[:, None] * self._rows
+        following = torch.where(following == self._rows, 0, following)
+        memory = self._memory.flatten(0, 1)
+        own = memory.index_select(0, (rows + base).flatten()).view(width, count, -1).to(dtype)
+        after = memory.index_select(0, (following + base).flatten()).view(width, count, -1).to(dtype)
+        actions, rewards, terminated = torch.split(own[..., self._o :], [self._a, 1, 1], dim=-1)
+        return Transitions(own[..., : self._o], actions, after[..., : self._o], terminated, rewards)
+
+    def _write(self, memory: torch.Tensor, start: int, values: torch.Tensor) -> None:
+        """Writes `values` to the ring `memory` from place `start`, counted through all rounds."""
+        start %= len(memory)
+        fits = min(len(values), len(memory) - start)
+        memory[start : start + fits].copy_(values[:fits])
+        if fits < len(values):
+            memory[: len(values) - fits].copy_(values[fits:])
+
+    def _announce(self, slot: int) -> None:
+        count = self._tracks[slot].count
+        self.counts[slot].fill_(max(count, 1))
+        self.kept[slot].fill_(max(min(count, self._capacity), 1))
+
+    def _make_room(self, slot: int, length: int) -> None:
+        """Grows the memory if the newest transitions have too few rows with `length` more."""
+        track = self._tracks[slot]
+        needed = track.tail + length + 1 - track.head(max(0, self._capacity - length))
+        if needed > self._rows:
+            self._grow(max(needed, self._rows + self._rows // 4))
+
+    def _grow(self, rows: int) -> None:
+        kept = [self.contents(slot) for slot in range(len(self._tracks))]
+        width, _, size = self._memory.shape
+        self._rows = rows
+        self._memory = empty((width, rows, size), torch.float32, self._device)
+        for slot, contents in enumerate(kept):
+            self.fill(slot, contents)
+        self.moves += 1

@@ -1,0 +1,246 @@
+"""Soft actor-critic of many runs at once: networks, optimisers and replay are rows of the same tensors."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from functools import partial
+from typing import NamedTuple
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+
+from tma_ray.students.cohort.execution import Repeated, compile_if, precision
+from tma_ray.students.cohort.networks import stacked_pass, twin_pass
+from tma_ray.students.cohort.philox import Purpose, integers_below, standard_normals, words, words_of
+from tma_ray.students.cohort.replay import ReplayContents, StackedReplay
+from tma_ray.students.cohort.sac_update import SACLayouts, StackedSACUpdate
+from tma_ray.students.cohort.transfer import upload
+from tma_ray.students.hyperparameters import MatmulPrecision, SACHyperparameters
+from tma_ray.students.sac.losses import soft_values, squashed_draw
+
+
+class SACNetworks(NamedTuple):
+    """What a run has learned, on the host: flat parameters without padding, as a run alone has them.
+
+    Attributes:
+        actor: parameters (p,).
+        critics: parameters of both critics (2, q).
+        targets: parameters of both target critics (2, q).
+        actor_mean: of Adam (p,).
+        actor_square: of Adam (p,).
+        critics_mean: of Adam (2, q).
+        critics_square: of Adam (2, q).
+        step: of both optimisers, since the networks are new.
+        number: updates of the run so far, which random draws are keyed by.
+    """
+
+    actor: NDArray[np.floating]
+    critics: NDArray[np.floating]
+    targets: NDArray[np.floating]
+    actor_mean: NDArray[np.floating]
+    actor_square: NDArray[np.floating]
+    critics_mean: NDArray[np.floating]
+    critics_square: NDArray[np.floating]
+    step: int
+    number: int
+
+
+class StackedSAC:
+    """SAC of up to `width` runs, each in a slot: what a run learns does not depend on the others by a bit.
+
+    An update trains the runs that owe one, always at the full width: idle slots take part in the products,
+    and nothing of them changes. Random draws come from Philox, keyed by run and by the number of its update.
+
+    Args:
+        sizes: lengths o of an observation and a of an action.
+        hyper: of the student.
+        width: number of slots k.
+        capacity: transitions kept per run.
+        device: where to learn.
+        dtype: of parameters, losses and optimisers.
+        compiled: the update is compiled by torch, which takes minutes once; a string is the compiler's mode.
+
+    Attributes:
+        owed: updates that are due, by slot (k,).
+    """
+
+    def __init__(
+        self,
+        sizes: tuple[int, int],
+        hyper: SACHyperparameters,
+        width: int,
+        capacity: int,
+        device: torch.device,
+        dtype: torch.dtype = torch.float32,
+        compiled: bool | str = False,
+    ) -> None:
+        self.owed = np.zeros(width, dtype=np.int64)
+        self._sizes, self._hyper, self._device, self._dtype = sizes, hyper, device, dtype
+        self._layouts = SACLayouts.of(sizes, hyper.hidden_units)
+        like = torch.empty(0, dtype=dtype, device=device)
+        self._update = StackedSACUpdate(self._layouts, hyper, width, like, compiled)
+        self._replay = StackedReplay(width, capacity, sizes, device)
+        self._owed, self._numbers = torch.zeros(2, width, dtype=torch.int64, device=device)
+        self._keys = torch.zeros(width, 2, dtype=torch.int64, device=device)
+        self._places = [torch.from_numpy(layout.places()).to(device) for layout in self._layouts]
+        self._draw_once = compile_if(compiled, self._draw)
+        self._repeated = Repeated(self._advance_once, hyper.matmul_precision, device)
+        self._moves = 0
+
+    def join(self, slot: int, networks: SACNetworks, key: int) -> None:
+        """Gives the idle `slot` to a run, which has no replay yet.
+
+        Args:
+            slot: which one.
+            networks: of the run.
+            key: of the run's random draws, 64 bits.
+        """
+        self.leave(slot)
+        actor, critic = self._places
+        for values, memory in zip(networks[:-2], self._memories(), strict=True):
+            row = memory.detach()[slot]
+            row[..., actor if row.ndim == 1 else critic] = upload(values, self._device).to(self._dtype)
+        self._update.steps[slot].fill_(networks.step)
+        self._numbers[slot].fill_(networks.number)
+        for word, half in enumerate(words_of(key)):
+            self._keys[slot, word].fill_(half)
+
+    def leave(self, slot: int) -> None:
+        """Makes `slot` idle: it owes nothing, has no replay, and all its parameters are 0."""
+        self.owed[slot] = 0
+        self._owed[slot].fill_(0)
+        self._replay.clear(slot)
+        for memory in (*self._memories(), self._update.losses):
+            memory.detach()[slot].zero_()
+
+    def store(
+        self,
+        slot: int,
+        observations: NDArray[np.float32],
+        actions: NDArray[np.float32],
+        rewards: NDArray[np.float32],
+        terminated: bool,
+    ) -> None:
+        """Adds consecutive transitions to the replay of `slot`: an episode, or a part of one.
+
+        Args:
+            slot: of the run.
+            observations: of each transition, and the last one's next (n + 1, o).
+            actions: in [-1, 1] (n, a).
+            rewards: (n,).
+            terminated: nothing follows the last transition; False of an episode that is cut or goes on.
+        """
+        self._replay.store(slot, observations, actions, rewards, terminated)
+        self._follow_memory()
+
+    def owe(self, slot: int, updates: int) -> None:
+        """Adds `updates` to what is due to the run in `slot`."""
+        self.owed[slot] += updates
+        self._owed[slot].add_(updates)
+
+    def advance(self, updates: int) -> None:
+        """Makes up to `updates` updates, each of all runs that owe one; a GPU is not waited for."""
+        updates = min(updates, int(self.owed.max()))
+        if not updates:
+            return
+        if self._repeated.wants_capture:
+            owed = self._owed.clone()
+            self._owed.zero_()  # nothing changes by the executions before the capture
+            self._repeated.capture()
+            self._owed.copy_(owed)
+        self._repeated(updates)
+        np.maximum(self.owed - updates, 0, out=self.owed)
+
+    def actors(self, slots: Sequence[int]) -> torch.Tensor:
+        """Returns the actors' parameters of `slots`, without padding and on the device (len(slots), p)."""
+        rows = upload(np.array(slots, dtype=np.int64), self._device)
+        return self._update.actor.detach().index_select(0, rows).index_select(1, self._places[0])
+
+    def networks(self, slot: int) -> SACNetworks:
+        """Returns what the run in `slot` has learned."""
+        actor, critic = self._places
+        rows = [memory.detach()[slot] for memory in self._memories()]
+        arrays = (row[..., actor if row.ndim == 1 else critic].cpu().numpy() for row in rows)
+        counts = int(self._update.steps[slot]), int(self._numbers[slot])
+        return SACNetworks._make((*arrays, *counts))
+
+    def replay(self, slot: int) -> ReplayContents:
+        """Returns the transitions that the run in `slot` keeps."""
+        return self._replay.contents(slot)
+
+    def fill(self, slot: int, contents: ReplayContents) -> None:
+        """Gives the run in `slot` the transitions that `replay` returned, and no others."""
+        self._replay.fill(slot, contents)
+        self._follow_memory()
+
+    def values(
+        self, slot: int, observations: NDArray[np.float32], noise: NDArray[np.floating] | None = None
+    ) -> NDArray[np.float64]:
+        """Returns V(s) (n,) of the run in `slot`, entropy bonus included.
+
+        Args:
+            slot: of the run.
+            observations: (n, o).
+            noise: standard normal, of the actions that V averages over (m, n, a); by default that of the
+                run's key and its number of updates, `value_samples` actions a state.
+        """
+        hyper, one = self._hyper, slice(slot, slot + 1)
+        inputs = upload(observations, self._device)[None].to(self._dtype)
+        if noise is None:
+            drawn = self._value_noise(one, len(observations))
+        else:
+            drawn = upload(noise, self._device).to(self._dtype)
+        total = torch.zeros(len(observations), dtype=torch.float64, device=self._device)
+        with torch.no_grad(), precision(MatmulPrecision.HIGHEST):
+            actor, critic = self._layouts
+            outputs = stacked_pass(self._update.actor[one], actor, inputs, self._dtype)
+            targets = partial(twin_pass, self._update.critics[one], critic, hidden=self._dtype)
+            for sample in drawn:
+                draw = squashed_draw(outputs, sample[None], hyper.log_std)
+                total += soft_values(targets, inputs, draw, hyper.entropy_coefficient)[0, :, 0]
+        values: NDArray[np.float64] = (total / len(drawn)).cpu().numpy()
+        return values
+
+    def figures(self, slot: int) -> dict[str, float]:
+        """Returns the losses of critics and actor at the last update of the run in `slot`."""
+        critics, actor = self._update.losses[slot].tolist()
+        return {"critic_loss": critics, "actor_loss": actor}
+
+    def _memories(self) -> list[torch.Tensor]:
+        """Returns what each slot has a row of, in the order of `SACNetworks`."""
+        update = self._update
+        actor, critics = update.actor_adam, update.critic_adam
+        networks = [update.actor, update.critics, update.targets]
+        return [*networks, actor.mean, actor.square, critics.mean, critics.square]
+
+    def _follow_memory(self) -> None:
+        """Drops the captured graph if the replay, which it reads, has moved."""
+        if self._replay.moves != self._moves:
+            self._repeated.forget()
+            self._moves = self._replay.moves
+
+    def _advance_once(self) -> None:
+        """Makes one update; reads and writes nothing of the host."""
+        ring, noise, next_noise, active = self._draw_once()
+        batch = self._replay.gather(ring, self._dtype)
+        self._update(batch, noise, next_noise, active)
+        self._numbers.add_(active.long())
+        self._owed.sub_(active.long())
+
+    def _draw(self) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor, torch.Tensor]:
+        """Returns places in the replay (k, n), noise and next noise (k, n, a), and who takes part (k,)."""
+        batch, action = self._hyper.batch_size, self._sizes[1]
+        drawn = words(self._keys, self._numbers, Purpose.BATCH, batch)
+        ring = self._replay.newest(integers_below(self._replay.kept, drawn))
+        drawn = words(self._keys, self._numbers, Purpose.NOISE, 2 * batch * action)
+        noise = standard_normals(drawn, self._dtype).view(len(drawn), 2, batch, action)
+        return ring, noise[:, 0], noise[:, 1], self._owed > 0
+
+    def _value_noise(self, one: slice, states: int) -> torch.Tensor:
+        """Returns noise (m, n, a) for the values of n `states`, the same until the next update."""
+        shape = self._hyper.value_samples, states, self._sizes[1]
+        count = math.prod(shape)
+        drawn = words(self._keys[one], self._numbers[one], Purpose.VALUES, count + count % 2)
+        return standard_normals(drawn, self._dtype)[0, :count].view(shape)
