@@ -12,13 +12,13 @@ from torch import nn
 from tma_ray.students import Transition
 from tma_ray.students.hyperparameters import LogStd
 from tma_ray.students.ppo.trunk import Trunk
-from tma_ray.students.randomness import streams
+from tma_ray.students.streams import StudentStreams
 from tma_ray.students.sac.policy import POLICIES
 
 
 def generators(seed: int) -> list[np.random.Generator]:
     """The student's exploration and mini-batch streams, once more."""
-    return [np.random.default_rng(child) for child in streams(np.random.SeedSequence(seed), 4)[1:3]]
+    return [np.random.default_rng(child) for child in StudentStreams.of(np.random.SeedSequence(seed))[1:3]]
 
 
 def assert_same_networks(student, stock, atol: float = 1e-7) -> None:

@@ -66,7 +66,7 @@ class Attempt:
         self._checkpoints = Checkpoints(store, spec.run_id, number)
         fetch(store, spec)
         writer = RunWriter(store, spec.run_id, number)
-        self._run = Run(spec, teacher, writer, self._placement.device, self._placement.threads)
+        self._run = Run(spec, teacher, writer, self._placement)
         self._resume()
         self._started, self._first_step = time.monotonic(), self._run.progress.step
         self._saved_at, self._saved_evaluations = self._started, self._run.progress.evaluations

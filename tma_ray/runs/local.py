@@ -13,6 +13,7 @@ from tma_ray.runs.placement import Placement, Status
 from tma_ray.runs.run_log import RunLog
 from tma_ray.runs.spec import RunSpec
 from tma_ray.runs.teaching import InlineTeacher
+from tma_ray.students.players import LearnerLostError
 
 
 def run_locally(
@@ -36,6 +37,7 @@ def run_locally(
 
     Raises:
         StorageError: the root refused to take what was written for long; the run can be taken up again.
+        LearnerLostError: the learner of its cohort is gone; likewise.
         Exception: whatever the run's parts raise, after the run is marked as failed.
     """
     if committer.done([spec.run_id]):
@@ -68,7 +70,7 @@ def _attempt(
         if final is not None:
             retry(lambda: committer.finish(record, number, final), placement.outage_seconds, should_stop)
             Checkpoints(committer.store, spec.run_id, number).drop()
-    except StorageError:
+    except (StorageError, LearnerLostError):
         outcome = AttemptOutcome.LOST
         raise
     except Exception:

@@ -11,6 +11,7 @@ from pathlib import Path
 from tma_ray.commands.installed import installed_version
 from tma_ray.commands.quantities import PROCESSES, SECONDS
 from tma_ray.part_names import nearest
+from tma_ray.students import Learner
 
 DEVICES = ("cpu", "cuda", "mps", "xpu")
 """Kinds that torch knows and a student can train on; Ray counts CUDA's and Intel's as GPUs."""
@@ -27,12 +28,14 @@ class Placement:
         threads: torch's threads of the run.
         checkpoint_seconds: longest time between two checkpoints, s; taken at episode ends.
         outage_seconds: how long a storage may refuse to take what is written before the attempt ends, s.
+        learner: of the cohort in which the student learns; None if it learns alone, on `device`.
     """
 
     device: str = "cpu"
     threads: int = 1
     checkpoint_seconds: float = 600.0
     outage_seconds: float = 1800.0
+    learner: Learner | None = None
 
     def __post_init__(self) -> None:
         check_device(self.device)

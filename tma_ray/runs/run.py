@@ -11,14 +11,15 @@ import numpy as np
 from tma_ray.envs import make_environment
 from tma_ray.part_names import base_name
 from tma_ray.results import RunWriter, Table, teacher_log_row
-from tma_ray.runs.evaluation import Evaluation
+from tma_ray.runs.evaluation import Environment, Evaluation
 from tma_ray.runs.inputs import arguments
+from tma_ray.runs.placement import Placement
 from tma_ray.runs.plugins import import_plugins
 from tma_ray.runs.recording import Recorder
 from tma_ray.runs.spec import RunSpec
 from tma_ray.runs.streams import Streams, landscape_of, placement_generator
 from tma_ray.runs.teaching import Reply, TeacherLink
-from tma_ray.students import Transition, make_student
+from tma_ray.students import Student, Transition, make_player, make_student
 from tma_ray.tasks import Answer, Episode, Query, QueryKind, Task, TeacherUpdate
 
 STUDENT = "student"
@@ -60,15 +61,14 @@ class Run:
         spec: what to run.
         teacher: the link to the teacher of `spec`.
         writer: takes the rows of the result tables.
-        device: torch's name of where the student's networks live.
-        threads: torch's threads.
+        placement: device, threads and cohort of the student.
 
     Raises:
         ValueError: environment or student is a plug-in with another source than planned.
     """
 
     def __init__(
-        self, spec: RunSpec, teacher: TeacherLink, writer: RunWriter, device: str = "cpu", threads: int = 1
+        self, spec: RunSpec, teacher: TeacherLink, writer: RunWriter, placement: Placement | None = None
     ) -> None:
         self.spec = spec
         self.teacher = teacher
@@ -78,15 +78,7 @@ class Run:
         self.environment = make_environment(spec.environment, **arguments(spec, "environment"))
         streams = Streams.of(spec)
         self._episode_seeds = np.random.default_rng(streams.environment)
-        self.student = make_student(
-            base_name(spec.student),
-            self.environment.observation_space,
-            self.environment.action_space,
-            streams.student,
-            arguments(spec, "student"),
-            device,
-            threads,
-        )
+        self.student = _student(spec, self.environment, streams.student, placement or Placement())
         self._landscape = landscape_of(spec, placement_generator(spec))
         self._evaluation = Evaluation(spec)
         self._next_event = 0
@@ -263,3 +255,14 @@ class Run:
     def _log(self, updates: tuple[TeacherUpdate, ...]) -> None:
         position = self.progress.step, self.progress.episodes
         self.writer.add(Table.TEACHER_LOG, [teacher_log_row(*position, update) for update in updates])
+
+
+def _student(
+    spec: RunSpec, environment: Environment, seed: np.random.SeedSequence, placement: Placement
+) -> Student:
+    """Returns the student of `spec`, which learns alone or in the cohort of `placement`."""
+    parts = base_name(spec.student), environment.observation_space, environment.action_space, seed
+    hyperparameters = arguments(spec, "student")
+    if placement.learner is not None:
+        return make_player(*parts, hyperparameters, placement.learner)
+    return make_student(*parts, hyperparameters, placement.device, placement.threads)

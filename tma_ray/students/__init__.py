@@ -11,10 +11,12 @@ from tma_ray.students.catalogue import (
     policy_layers,
 )
 from tma_ray.students.hyperparameters import PPOHyperparameters, SACHyperparameters
+from tma_ray.students.players import Learner, make_player
 from tma_ray.students.policy_files import PolicyFileError, StoredPolicy, read_policy, write_policy
 
 __all__ = [
     "STUDENTS",
+    "Learner",
     "PPOHyperparameters",
     "Policy",
     "PolicyFileError",
@@ -26,6 +28,7 @@ __all__ = [
     "check_hyperparameters",
     "default_hyperparameters",
     "load_policy",
+    "make_player",
     "make_student",
     "policy_layers",
     "read_policy",

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import json
 import math
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
 from tma_ray.jit import kernel
-from tma_ray.students.base import Observations
+from tma_ray.students.base import Observations, Transition
 
 EPSILON = 1e-8
 """Added to every variance before its root is taken."""
@@ -64,6 +65,24 @@ class Normaliser:
     def end_episode(self) -> None:
         """Starts the discounted return of the next episode."""
         self._discounted_return = 0.0
+
+    def count_in(self, transition: Transition, value: Callable[[Observations], float]) -> float:
+        """Counts one more step, after the first observation of its episode; returns its normalised reward.
+
+        Args:
+            transition: the step.
+            value: of an observation (o,), in normalised reward, which a time limit adds to the last reward.
+        """
+        ended = transition.terminated or transition.truncated
+        if not ended:
+            self.update(transition.next_observation)
+        self.update_reward(transition.reward)
+        reward = self.normalise_reward(transition.reward)
+        if ended:
+            self.end_episode()
+        if transition.truncated and not transition.terminated:
+            reward += self.gamma * value(transition.next_observation)
+        return reward
 
     def normalise(self, observations: Observations) -> Observations:
         """Returns `observations` (..., o) normalised and clipped."""

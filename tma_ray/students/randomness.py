@@ -9,11 +9,6 @@ import numpy as np
 import torch
 
 
-def streams(seed: np.random.SeedSequence, count: int) -> list[np.random.SeedSequence]:
-    """Returns `count` children of `seed`, which does not change: the same seed, the same children."""
-    return [np.random.SeedSequence(seed.entropy, spawn_key=(*seed.spawn_key, k)) for k in range(count)]
-
-
 class TorchStream:
     """A state of torch's global generator, swapped in only while stable-baselines3 runs.
 

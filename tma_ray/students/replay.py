@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -95,6 +96,55 @@ class ReplayBuffer:
         self._size += 1
         self._added += 1
         self._filled = max(self._filled, row + 1)
+
+    def extend(
+        self,
+        observations: Observations,
+        actions: NDArray[np.float32],
+        rewards: NDArray[np.float32],
+        terminated: bool,
+    ) -> None:
+        """Stores n consecutive transitions of an episode, as n calls of `add` would.
+
+        Args:
+            observations: what was acted on, and the last next observation (n + 1, o).
+            actions: in the network's range [-1, 1] (n, a).
+            rewards: (n,).
+            terminated: of the last transition; the others are not.
+        """
+        count, row = len(actions), self._row
+        if self._size + count >= self._rows or row + count >= self._rows:  # at the seam, or full
+            for k in range(count):
+                last = terminated and k == count - 1
+                step = Transition(
+                    observations[k], actions[k], float(rewards[k]), observations[k + 1], last, False
+                )
+                self.add(step, actions[k])
+            return
+        if self._size and not (self._observations[row] == observations[0]).all():
+            self._keep_ending(row)
+        rows = slice(row, row + count)
+        self._observations[row : row + count + 1] = observations
+        self._actions[rows] = actions
+        self._rewards[rows] = rewards
+        self._terminated[rows] = False
+        self._terminated[row + count - 1] = terminated
+        self._ending[rows] = 0
+        self._row = row + count
+        self._size += count
+        self._added += count
+        self._filled = max(self._filled, self._row)
+
+    def pieces(self) -> Iterator[tuple[Observations, NDArray[np.float32], NDArray[np.float32], bool]]:
+        """Yields all transitions, oldest first, in pieces of episodes that `extend` takes."""
+        rows = (self._row - np.arange(self._size, 0, -1)) % self._rows
+        ends = self._terminated[rows] | (self._ending[rows] > 0)
+        for piece in np.split(rows, ends.nonzero()[0] + 1):
+            if len(piece):
+                last = self._next_observations(piece[-1:])
+                observations = np.concatenate((self._observations[piece], last))
+                terminated = bool(self._terminated[piece[-1]])
+                yield observations, self._actions[piece], self._rewards[piece], terminated
 
     def sample(self, batch_size: int, env: None = None) -> ReplayBufferSamples:
         """Returns `batch_size` transitions drawn uniformly with replacement, as float32 tensors.

@@ -1,17 +1,19 @@
-"""The steps between two PPO updates, with their returns and advantages."""
+"""The steps between two PPO updates, with their returns and advantages. Imports torch for batches only."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import Any, TypeAlias
+from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
-import torch
 from numpy.typing import NDArray
-from stable_baselines3.common.type_aliases import RolloutBufferSamples
 
 from tma_ray.jit import kernel
 from tma_ray.students.base import Actions, Observations
+
+if TYPE_CHECKING:
+    import torch
+    from stable_baselines3.common.type_aliases import RolloutBufferSamples
 
 Judgement: TypeAlias = tuple[float, float]
 """What the networks say of a step: value of its observation, log probability of its action."""
@@ -38,7 +40,7 @@ class Rollout:
         observation_size: int,
         action_size: int,
         generator: np.random.Generator,
-        device: torch.device,
+        device: torch.device | None = None,
     ) -> None:
         self._generator = generator
         self._device = device
@@ -103,14 +105,24 @@ class Rollout:
 
     def get(self, batch_size: int | None = None) -> Iterator[RolloutBufferSamples]:
         """Yields all steps once, shuffled, in mini-batches of tensors; without a size, in a single one."""
-        order = self._generator.permutation(len(self.rewards))
-        columns = (
-            *(self.observations, self.actions, self.values),
-            *(self.log_probabilities, self.advantages, self.returns),
-        )
+        import torch
+        from stable_baselines3.common.type_aliases import RolloutBufferSamples
+
+        order, columns = self.shuffled(), self.columns()
         for start in range(0, len(order), batch_size or len(order)):
             rows = order[start : start + (batch_size or len(order))]
             yield RolloutBufferSamples(*(torch.from_numpy(c[rows]).to(self._device) for c in columns))
+
+    def shuffled(self) -> NDArray[np.int64]:
+        """Draws the order (n,) in which one epoch passes over the steps."""
+        return self._generator.permutation(len(self.rewards))
+
+    def columns(self) -> tuple[NDArray[np.float32], ...]:
+        """Returns all that a mini-batch holds of the n steps, in the order of `ppo.losses.Steps`."""
+        return (
+            *(self.observations, self.actions, self.values),
+            *(self.log_probabilities, self.advantages, self.returns),
+        )
 
     def state(self) -> dict[str, Any]:
         """Returns the steps so far, by name of the column."""

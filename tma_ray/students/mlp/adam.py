@@ -33,6 +33,25 @@ class FlatAdam:
         take_step(self._adam)
         self._steps += 1
 
+    @property
+    def moments(self) -> tuple[torch.Tensor, torch.Tensor]:
+        """Running means of the gradient and of its square (p,); zeros before the first step."""
+        return self._mean, self._square
+
+    @property
+    def steps(self) -> int:
+        """Number of steps taken."""
+        return int(self._steps[0])
+
+    def put(self, mean: torch.Tensor, square: torch.Tensor, steps: int) -> None:
+        """Takes over moments (p,) and a number of steps, of an optimiser elsewhere."""
+        self._mean.copy_(mean)
+        self._square.copy_(square)
+        if steps:
+            self._share(float(steps))
+        else:
+            self._optimiser.state.clear()
+
     def restore(self) -> None:
         """Takes over the optimiser's state after it was loaded."""
         self._mean, self._square = (torch.zeros_like(self._flat.values) for _ in range(2))

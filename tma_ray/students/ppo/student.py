@@ -118,14 +118,7 @@ class PPO(StableBaselinesStudent[PPOHyperparameters, stable_baselines3.PPO]):
 
     def observe(self, transition: Transition) -> None:  # noqa: D102
         ended = transition.terminated or transition.truncated
-        if not ended:
-            self.normaliser.update(transition.next_observation)
-        self.normaliser.update_reward(transition.reward)
-        reward = self.normaliser.normalise_reward(transition.reward)
-        if ended:
-            self.normaliser.end_episode()
-        if transition.truncated and not transition.terminated:
-            reward += self.gamma * self._normalised_values(transition.next_observation).item()
+        reward = self.normaliser.count_in(transition, self._value)
         step = self._step
         self._rollout.add(step.observation, step.sampled, reward, ended, step.judged)
         self._episode_starts = ended
@@ -199,6 +192,9 @@ class PPO(StableBaselinesStudent[PPOHyperparameters, stable_baselines3.PPO]):
         with self._updating():
             self._train()
         self._rollout.clear()
+
+    def _value(self, observation: Observations) -> float:
+        return float(self._normalised_values(observation).item())
 
     def _normalised_values(self, observations: Observations) -> NDArray[np.float64]:
         normalised = self.normaliser.normalise(observations)

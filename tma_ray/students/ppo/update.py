@@ -23,6 +23,10 @@ class PPOUpdate:
         model: a set-up stable-baselines3 PPO.
         parameters: its network's, whose outputs are means and value, and its log deviation.
         hyperparameters: of the student.
+
+    Attributes:
+        flat: the parameters, as given.
+        adam: their optimiser.
     """
 
     def __init__(
@@ -31,13 +35,13 @@ class PPOUpdate:
         parameters: FlatParameters,
         hyperparameters: PPOHyperparameters,
     ) -> None:
-        self._flat = parameters
-        self._adam = FlatAdam(model.policy.optimizer, parameters)
+        self.flat = parameters
+        self.adam = FlatAdam(model.policy.optimizer, parameters)
         self._model, self._hyper = model, hyperparameters
 
     def restore(self) -> None:
         """Takes over the optimiser's state after the model was loaded."""
-        self._adam.restore()
+        self.adam.restore()
 
     def __call__(self, rollout: Rollout) -> None:
         """Passes several times over the finished `rollout`."""
@@ -47,18 +51,18 @@ class PPOUpdate:
         names = ("policy_gradient_loss", "value_loss", "approx_kl", "clip_fraction")
         for name, values in zip(names, list(zip(*parts, strict=True))[:4], strict=True):
             model.logger.record(f"train/{name}", torch.stack(values).mean().item())
-        model.logger.record("train/std", self._flat.others[0].detach().exp().mean().item())
+        model.logger.record("train/std", self.flat.others[0].detach().exp().mean().item())
         variance = explained_variance(rollout.values, rollout.returns)
         model.logger.record("train/explained_variance", variance)
 
     @torch.no_grad()  # the gradient is in closed form; recording for autograd costs a twentieth of a step
     def train_on(self, batch: RolloutBufferSamples) -> Losses:
         """Takes one optimiser step on the mini-batch `batch`; returns the losses before it."""
-        (network,), (log_std,) = self._flat.networks, self._flat.others
+        (network,), (log_std,) = self.flat.networks, self.flat.others
         kept = network.activations(batch.observations)
         parts = losses(kept[-1], log_std, Steps(*batch), self._hyper)
-        self._flat.backpropagate(kept, parts.outputs_gradient, [parts.log_std_gradient])
-        norm = torch.linalg.vector_norm(self._flat.gradient)
-        self._flat.gradient.mul_(torch.clamp(self._hyper.max_gradient_norm / (norm + 1e-6), max=1.0))
-        self._adam.step()
+        self.flat.backpropagate(kept, parts.outputs_gradient, [parts.log_std_gradient])
+        norm = torch.linalg.vector_norm(self.flat.gradient)
+        self.flat.gradient.mul_(torch.clamp(self._hyper.max_gradient_norm / (norm + 1e-6), max=1.0))
+        self.adam.step()
         return parts

@@ -2,11 +2,17 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 
 from tma_ray.jit import kernel
 from tma_ray.students.base import Actions, Observations
+from tma_ray.students.hyperparameters import SACHyperparameters, UpdateSchedule
 from tma_ray.students.mlp.rows import FloatArray, RowArrays, apply_row
+
+LOG_STD_RANGE = -20.0, 2.0
+"""Bounds of the log deviation."""
 
 
 @kernel
@@ -39,3 +45,22 @@ def squashed_action(
             log_deviation = low + np.float32(0.5) * (high - low) * (np.tanh(output) + np.float32(1))
         actions[k] = np.tanh(outputs[k] + np.exp(log_deviation) * noise[k])
     return actions
+
+
+def between(low: Actions, high: Actions, actions: Actions) -> Actions:
+    """Returns `actions` mapped from [-1, 1] to [low, high]."""
+    return low + np.float32(0.5) * (actions + 1) * (high - low)
+
+
+def updates_due(hyper: SACHyperparameters, steps: int, episode_steps: int, ended: bool) -> int:
+    """Returns how many updates follow a step.
+
+    Args:
+        hyper: of the student.
+        steps: of the run, this one included.
+        episode_steps: of the episode, likewise.
+        ended: an episode ended with the step.
+    """
+    if hyper.updates is UpdateSchedule.EPISODE_END:
+        return math.ceil(episode_steps / hyper.steps_per_update) if ended else 0
+    return int(steps > hyper.exploration_steps and steps % hyper.steps_per_update == 0)

@@ -14,9 +14,7 @@ from typing import NamedTuple, TypeAlias
 import torch
 
 from tma_ray.students.hyperparameters import LogStd
-
-LOG_STD_RANGE = -20.0, 2.0
-"""Bounds of the log deviation."""
+from tma_ray.students.sac.acting import LOG_STD_RANGE
 
 SQUASH_EPSILON = 1e-6
 """Keeps the logarithm of the squashing's derivative finite, as in stable-baselines3."""

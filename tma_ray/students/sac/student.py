@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from pathlib import Path
 from typing import Any
 
@@ -20,14 +19,14 @@ from tma_ray.students.greedy_network import (
     stored_parameters,
     tensor_kinds,
 )
-from tma_ray.students.hyperparameters import LogStd, SACHyperparameters, UpdateSchedule
+from tma_ray.students.hyperparameters import LogStd, SACHyperparameters
 from tma_ray.students.layers import in_a_row, unscale
 from tma_ray.students.mlp.modules import FlatParameters, as_modules, blocks_of
 from tma_ray.students.mlp.network import as_batch
 from tma_ray.students.policy_files import read_policy
 from tma_ray.students.replay import ReplayBuffer
-from tma_ray.students.sac.acting import squashed_action
-from tma_ray.students.sac.losses import LOG_STD_RANGE, joined, soft_values, squashed_draw
+from tma_ray.students.sac.acting import LOG_STD_RANGE, between, squashed_action, updates_due
+from tma_ray.students.sac.losses import joined, soft_values, squashed_draw
 from tma_ray.students.sac.policy import POLICIES
 from tma_ray.students.sac.update import SACUpdate
 from tma_ray.students.sb3.stable_baselines import Experience, StableBaselinesStudent
@@ -113,19 +112,36 @@ class SAC(StableBaselinesStudent[SACHyperparameters, stable_baselines3.SAC]):
         self._steps += 1
         self._episode_steps += 1
         ended = transition.terminated or transition.truncated
-        updates = self._due(ended)
+        updates = updates_due(self.hyperparameters, self._steps, self._episode_steps, ended)
         if ended:
             self._episode_steps = 0
         if updates:
             with self._updating():
                 self._train(updates)
 
-    def _due(self, ended: bool) -> int:
-        """Returns how many updates follow the step, with which an episode may have `ended`."""
-        hyper = self.hyperparameters
-        if hyper.updates is UpdateSchedule.EPISODE_END:
-            return math.ceil(self._episode_steps / hyper.steps_per_update) if ended else 0
-        return int(self._steps > hyper.exploration_steps and self._steps % hyper.steps_per_update == 0)
+    @property
+    def update(self) -> SACUpdate:
+        """Networks and optimisers, as flat parameters; whoever changes them calls `changed`."""
+        return self._update
+
+    @property
+    def replay(self) -> ReplayBuffer:
+        """Stored transitions."""
+        return self._replay
+
+    @property
+    def steps(self) -> int:
+        """Environment steps so far; those of an unfinished episode are forgotten when it is set."""
+        return self._steps
+
+    @steps.setter
+    def steps(self, steps: int) -> None:
+        self._steps, self._episode_steps = steps, 0
+
+    def changed(self, updates: int) -> None:
+        """Takes over parameters that were changed from outside, by so many `updates` in all."""
+        self.model._n_updates = updates
+        self._refresh()
 
     def act_greedily(self, observations: Observations) -> Actions:  # noqa: D102
         return self._unscale(self._greedy(observations, squash=True))
@@ -164,7 +180,7 @@ class SAC(StableBaselinesStudent[SACHyperparameters, stable_baselines3.SAC]):
 
         def act(observations: Observations) -> Actions:
             check_rows(observations, size)
-            return _between(low, high, network(observations, squash=True))
+            return between(low, high, network(observations, squash=True))
 
         return act
 
@@ -189,7 +205,7 @@ class SAC(StableBaselinesStudent[SACHyperparameters, stable_baselines3.SAC]):
 
     def _unscale(self, actions: Actions) -> Actions:
         """Returns `actions` mapped from [-1, 1] to the action space."""
-        return _between(self._low, self._high, actions)
+        return between(self._low, self._high, actions)
 
 
 class StockSAC(SAC):
@@ -203,8 +219,3 @@ class StockSAC(SAC):
 
     def _train(self, updates: int) -> None:
         self.model.train(gradient_steps=updates, batch_size=self.hyperparameters.batch_size)
-
-
-def _between(low: Actions, high: Actions, actions: Actions) -> Actions:
-    """Returns `actions` mapped from [-1, 1] to [low, high]."""
-    return low + np.float32(0.5) * (actions + 1) * (high - low)

@@ -27,6 +27,13 @@ class SACUpdate:
         actor: the parameters of its actor.
         critics: the parameters of its critics.
         hyperparameters: of the student.
+
+    Attributes:
+        actor: as given.
+        critics: as given.
+        targets: the parameters of the target critics.
+        actor_adam: optimiser of the actor.
+        critic_adam: optimiser of the critics.
     """
 
     def __init__(
@@ -36,16 +43,16 @@ class SACUpdate:
         critics: FlatParameters,
         hyperparameters: SACHyperparameters,
     ) -> None:
-        self._actor, self._critics = actor, critics
-        self._targets = FlatParameters([blocks_of(network) for network in model.critic_target.q_networks])
-        self._actor_adam = FlatAdam(model.actor.optimizer, self._actor)
-        self._critic_adam = FlatAdam(model.critic.optimizer, self._critics)
+        self.actor, self.critics = actor, critics
+        self.targets = FlatParameters([blocks_of(network) for network in model.critic_target.q_networks])
+        self.actor_adam = FlatAdam(model.actor.optimizer, self.actor)
+        self.critic_adam = FlatAdam(model.critic.optimizer, self.critics)
         self._model, self._hyper = model, hyperparameters
 
     def restore(self) -> None:
         """Takes over the optimisers' states after the model was loaded."""
-        self._actor_adam.restore()
-        self._critic_adam.restore()
+        self.actor_adam.restore()
+        self.critic_adam.restore()
 
     def __call__(self, samples: ReplayBufferSamples) -> None:
         """Takes one step of the critics, of the actor and of the targets; draws from torch's generator."""
@@ -53,28 +60,28 @@ class SACUpdate:
         noise, next_noise = (torch.randn_like(batch.actions) for _ in range(2))
         critics = self._train_critics(batch, next_noise)
         actor = self._train_actor(batch.observations, noise)
-        self._targets.values.lerp_(self._critics.values, self._hyper.target_rate)
+        self.targets.values.lerp_(self.critics.values, self._hyper.target_rate)
         self._model._n_updates += 1
         self._model.logger.record("train/critic_loss", critics.item())
         self._model.logger.record("train/actor_loss", actor.item())
 
     def _train_critics(self, batch: Transitions, noise: torch.Tensor) -> torch.Tensor:
-        hyper, (actor,) = self._hyper, self._actor.networks
+        hyper, (actor,) = self._hyper, self.actor.networks
         with torch.no_grad():
             draw = squashed_draw(actor(batch.next_observations), noise, hyper.log_std)
-            targets = joined([network.frozen for network in self._targets.networks])
+            targets = joined([network.frozen for network in self.targets.networks])
             values = soft_values(targets, batch.next_observations, draw, hyper.entropy_coefficient)
             goals = batch.rewards + (1 - batch.dones) * hyper.gamma * values
-        loss = critic_loss(joined(self._critics.networks), batch, goals)
-        self._critics.differentiate(loss)
-        self._critic_adam.step()
+        loss = critic_loss(joined(self.critics.networks), batch, goals)
+        self.critics.differentiate(loss)
+        self.critic_adam.step()
         return loss
 
     def _train_actor(self, observations: torch.Tensor, noise: torch.Tensor) -> torch.Tensor:
-        hyper, (actor,) = self._hyper, self._actor.networks
-        critics = joined([network.frozen for network in self._critics.networks])
+        hyper, (actor,) = self._hyper, self.actor.networks
+        critics = joined([network.frozen for network in self.critics.networks])
         draw = squashed_draw(actor(observations), noise, hyper.log_std)
         loss = actor_loss(critics, observations, draw, hyper.entropy_coefficient)
-        self._actor.differentiate(loss)
-        self._actor_adam.step()
+        self.actor.differentiate(loss)
+        self.actor_adam.step()
         return loss

@@ -11,7 +11,7 @@ from typing import Any, Generic, NamedTuple, Protocol, TypeVar
 
 import numpy as np
 import torch
-from gymnasium import Space, spaces
+from gymnasium import Space
 from numpy.typing import NDArray
 from stable_baselines3.common.base_class import BaseAlgorithm
 from stable_baselines3.common.logger import Logger
@@ -20,7 +20,9 @@ from tma_ray.optimisers import leave_compiler_out
 from tma_ray.students.base import Student
 from tma_ray.students.hyperparameters import MatmulPrecision, as_plain_values
 from tma_ray.students.policy_files import write_policy
-from tma_ray.students.randomness import TorchStream, streams
+from tma_ray.students.randomness import TorchStream
+from tma_ray.students.spaces import checked_spaces
+from tma_ray.students.streams import StudentStreams
 
 leave_compiler_out()
 
@@ -80,21 +82,18 @@ class StableBaselinesStudent(Student, Generic[H, M]):
         device: str = "cpu",
         threads: int = 1,
     ) -> None:
-        self.observation_space = _checked_box(observation_space, "observation")
-        self.action_space = _checked_box(action_space, "action")
-        if not self.action_space.is_bounded():
-            raise ValueError(f"action space {self.action_space}: expected finite bounds")
+        self.observation_space, self.action_space = checked_spaces(observation_space, action_space)
         self._low = np.asarray(self.action_space.low, dtype=np.float32)
         self._high = np.asarray(self.action_space.high, dtype=np.float32)
         self.hyperparameters = hyperparameters
         self.gamma = hyperparameters.gamma
         self.device = torch.device(device)
         torch.set_num_threads(threads)
-        networks, exploration, batches, values = streams(seed, 4)
-        self._torch_stream = TorchStream(networks, self.device)
-        self._exploration = np.random.default_rng(exploration)
-        self._batches = np.random.default_rng(batches)
-        self._values = np.random.default_rng(values)
+        streams = StudentStreams.of(seed)
+        self._torch_stream = TorchStream(streams.networks, self.device)
+        self._exploration = np.random.default_rng(streams.exploration)
+        self._batches = np.random.default_rng(streams.batches)
+        self._values = np.random.default_rng(streams.values)
         self._start()
         self._build()
 
@@ -213,9 +212,3 @@ class StableBaselinesStudent(Student, Generic[H, M]):
             self.model._setup_model()
         self.model.set_logger(Logger(folder=None, output_formats=[]))
         self._connect()
-
-
-def _checked_box(space: Space[Any], kind: str) -> spaces.Box:
-    if not isinstance(space, spaces.Box) or len(space.shape) != 1 or space.dtype != np.float32:
-        raise ValueError(f"{kind} space {space}: expected a one-dimensional float32 Box")
-    return space

@@ -1,0 +1,153 @@
+"""The places of runs in a stacked learner: conversion from and to students that learn alone."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from pathlib import Path
+from typing import Any, Generic, TypeVar
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+
+from tma_ray.students.cohort.sac import SACNetworks, StackedSAC
+from tma_ray.students.players import Membership, PlayerState
+from tma_ray.students.sac.student import SAC
+from tma_ray.students.streams import update_key
+
+S = TypeVar("S", bound=StackedSAC)
+H = TypeVar("H", bound=SAC)
+
+
+class Seat(ABC, Generic[S, H]):
+    """A slot of a stack, with the student that owns the run's networks whenever they are not in the stack.
+
+    That student makes the initial weights, writes and reads the files: a run may move out of a cohort and
+    into one.
+
+    Args:
+        membership: of the player.
+        stack: with room for it.
+        slot: of the stack, idle before.
+    """
+
+    student_type: type[H]
+
+    def __init__(self, membership: Membership, stack: S, slot: int) -> None:
+        self.stack, self.slot = stack, slot
+        self._key = update_key(membership.seed)
+        self.student = self.student_type(
+            membership.observation_space, membership.action_space, membership.hyperparameters, membership.seed
+        )
+        self._enter()
+
+    @abstractmethod
+    def learn(self, experience: tuple[Any, ...], updates: int) -> None:
+        """Stores what a player hands over; `updates` are due from now on."""
+
+    @abstractmethod
+    def _enter(self) -> None:
+        """Copies the student's networks and experience into the stack."""
+
+    @abstractmethod
+    def _copy_back(self) -> None:
+        """Copies the networks of the stack into the student."""
+
+    @abstractmethod
+    def _put(self, state: PlayerState) -> None:
+        """Gives the player's half of the state to the student."""
+
+    @abstractmethod
+    def _player_state(self) -> dict[str, Any]:
+        """Returns the player's half of the student's experience."""
+
+    def leave(self) -> None:
+        """Frees the slot."""
+        self.stack.leave(self.slot)
+
+    def weights(self) -> NDArray[np.float32]:
+        """Returns the parameters that the player acts with."""
+        return self.stack.actors([self.slot])[0].numpy(force=True)
+
+    def values(self, observations: NDArray[np.float32]) -> NDArray[np.float64]:
+        """Returns the state values (n,) of `observations` (n, o)."""
+        self._copy_back()
+        return self.student.state_values(observations)
+
+    def reset(self) -> None:
+        """Starts networks, optimisers and stored experience anew."""
+        self.student.reset()
+        self._enter()
+
+    def save(self, folder: Path, state: PlayerState, incremental: bool) -> tuple[str, ...]:
+        """Writes the student's complete state."""
+        self._copy_back()
+        self._put(state)
+        for generator, saved in zip(self.student._generators[:2], state.generators[:2], strict=True):
+            generator.bit_generator.state = saved
+        return self.student.save(folder, incremental)
+
+    def load(self, folder: Path) -> PlayerState:
+        """Takes over the state in `folder`; returns the player's half."""
+        self.student.load(folder)
+        self._enter()
+        generators = [dict(each.bit_generator.state) for each in self.student._generators]
+        return PlayerState(generators, self._player_state())
+
+    def save_policy(self, folder: Path, state: PlayerState) -> None:
+        """Writes the greedy policy."""
+        self._copy_back()
+        self._put(state)
+        self.student.save_policy(folder)
+
+
+class SACSeat(Seat[StackedSAC, SAC]):
+    """A run of SAC in a stack. The student keeps a copy of the replay, for checkpoints."""
+
+    student_type = SAC
+
+    def learn(self, experience: tuple[Any, ...], updates: int) -> None:  # noqa: D102
+        self.student.replay.extend(*experience)
+        self.stack.store(self.slot, *experience)
+        self.stack.owe(self.slot, updates)
+
+    def _enter(self) -> None:
+        update = self.student.update
+        actor, critics = update.actor_adam.moments, update.critic_adam.moments
+        networks = SACNetworks(
+            *(_array(update.actor.values), _pair(update.critics.values), _pair(update.targets.values)),
+            *(*map(_array, actor), *map(_pair, critics)),
+            step=update.actor_adam.steps,
+            number=self.student.model._n_updates,
+        )
+        self.stack.join(self.slot, networks, self._key)
+        for piece in self.student.replay.pieces():
+            self.stack.store(self.slot, *piece)
+
+    def _copy_back(self) -> None:
+        update, networks = self.student.update, self.stack.networks(self.slot)
+        own = update.actor, update.critics, update.targets
+        for flat, values in zip(own, networks[:3], strict=True):
+            flat.values.copy_(_flat(values))
+        update.actor_adam.put(_flat(networks.actor_mean), _flat(networks.actor_square), networks.step)
+        update.critic_adam.put(_flat(networks.critics_mean), _flat(networks.critics_square), networks.step)
+        self.student.changed(networks.number)
+
+    def _put(self, state: PlayerState) -> None:
+        self.student.steps = state.experience["steps"]
+
+    def _player_state(self) -> dict[str, Any]:
+        return {"steps": self.student.steps}
+
+
+def _array(values: torch.Tensor) -> NDArray[np.float32]:
+    return values.detach().numpy(force=True)
+
+
+def _pair(values: torch.Tensor) -> NDArray[np.float32]:
+    """Returns the parameters (2q,) of two networks in a row each (2, q)."""
+    return _array(values).reshape(2, -1)
+
+
+def _flat(values: NDArray[np.floating]) -> torch.Tensor:
+    return torch.from_numpy(values).reshape(-1)

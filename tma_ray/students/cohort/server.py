@@ -1,0 +1,173 @@
+"""The learner of a cohort: takes experience from players, updates all that owe, hands weights back."""
+
+from __future__ import annotations
+
+import threading
+import time
+import traceback
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from multiprocessing.connection import Connection, Listener, Pipe, wait
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+
+from tma_ray.students.cohort.deliveries import Delivery, Pace
+from tma_ray.students.cohort.seats import Seat
+from tma_ray.students.players.settings import CohortSettings
+from tma_ray.students.cohort.stacks import Stacks
+from tma_ray.students.players import Learner, Membership, PlayerState
+
+MOST_AT_ONCE = 8
+"""Updates between two looks at what players ask."""
+
+_LATER = object()
+"""Stands for a reply that follows when the updates are made."""
+
+
+class LearnerServer:
+    """Serves the players that connect, each over its own connection, one request at a time.
+
+    A player has its weights as soon as the updates are made that it owes; in between the learner goes on
+    with others. A player that leaves or dies frees its slot.
+
+    Args:
+        learner: address to listen at.
+        settings: of the cohort.
+    """
+
+    def __init__(self, learner: Learner, settings: CohortSettings) -> None:
+        torch.set_num_threads(settings.threads)
+        self._stacks = Stacks(settings)
+        self._pace = Pace(torch.device(settings.device), most=2)
+        self._seats: dict[Connection, Seat] = {}
+        self._learning: dict[tuple[int, int], Connection] = {}
+        self._deliveries: list[Delivery[Connection]] = []
+        self._listener = Listener(learner.address, family="AF_UNIX", authkey=learner.key, backlog=256)
+        self._arrivals, inbox = Pipe(duplex=False)
+        self._connections: list[Connection] = [self._arrivals]
+        self._new: list[Connection] = []
+        threading.Thread(target=self._accept, args=(inbox,), daemon=True).start()
+        self.seconds = dict.fromkeys(("updates", "requests", "deliveries", "waiting"), 0.0)
+
+    def serve(self, should_stop: Callable[[], bool], poll_seconds: float = 0.5) -> None:
+        """Serves until `should_stop`, which is asked about every `poll_seconds`, s."""
+        while not should_stop():
+            idle = not self._learning and not self._deliveries
+            with self._clock("waiting"):
+                ready = wait(self._connections, timeout=poll_seconds if idle else 0)
+            with self._clock("requests"):
+                for connection in ready:
+                    self._handle(connection)
+            with self._clock("updates"):
+                self._update()
+            with self._clock("deliveries"):
+                self._deliver()
+
+    @contextmanager
+    def _clock(self, part: str) -> Iterator[None]:
+        """Adds the time that the block takes to `seconds`."""
+        started = time.perf_counter()
+        yield
+        self.seconds[part] += time.perf_counter() - started
+
+    def _accept(self, inbox: Connection) -> None:
+        while True:
+            try:
+                self._new.append(self._listener.accept())
+            except Exception:  # a stranger without the key, or one that went away
+                time.sleep(0.01)
+                continue
+            inbox.send(None)
+
+    def _handle(self, connection: Any) -> None:
+        if connection is self._arrivals:
+            self._arrivals.recv()
+            self._connections.append(self._new.pop(0))
+            return
+        try:
+            request, *arguments = connection.recv()
+        except (EOFError, OSError):
+            self._dismiss(connection)
+            return
+        try:
+            reply = getattr(self, f"_{request}_for")(connection, *arguments)
+        except Exception:
+            self._send(connection, (False, traceback.format_exc()))
+        else:
+            if reply is not _LATER:
+                self._send(connection, (True, reply))
+
+    def _send(self, connection: Connection, message: tuple[bool, Any]) -> None:
+        try:
+            connection.send(message)
+        except OSError:
+            self._dismiss(connection)
+
+    def _dismiss(self, connection: Connection) -> None:
+        if connection in self._connections:
+            self._connections.remove(connection)
+        seat = self._seats.pop(connection, None)
+        if seat is not None:
+            self._learning.pop((id(seat.stack), seat.slot), None)
+            self._stacks.leave(seat)
+        connection.close()
+
+    def _update(self) -> None:
+        """Makes some of the updates that are due, and starts to copy the weights of who owes no more."""
+        for stack in self._stacks.stacks:
+            owed = stack.owed[stack.owed > 0]
+            if not len(owed):
+                continue
+            before = stack.owed > 0
+            stack.advance(min(MOST_AT_ONCE, int(owed.min())))
+            finished: list[int] = np.flatnonzero(before & (stack.owed == 0)).tolist()
+            if finished:
+                receivers = [self._learning.pop((id(stack), slot)) for slot in finished]
+                self._deliveries.append(Delivery.of(receivers, stack.actors(finished)))
+            self._pace.keep()
+
+    def _deliver(self) -> None:
+        under_way, self._deliveries = self._deliveries, []
+        for delivery in under_way:
+            if not delivery.arrived:
+                self._deliveries.append(delivery)
+                continue
+            for connection, weights in zip(delivery.receivers, delivery.rows.numpy(), strict=True):
+                self._send(connection, (True, weights))
+
+    def _join_for(self, connection: Connection, membership: Membership) -> Any:
+        self._seats[connection] = self._stacks.seat(membership)
+        return self._seats[connection].weights()
+
+    def _learn_for(self, connection: Connection, experience: tuple[Any, ...], updates: int) -> Any:
+        seat = self._seats[connection]
+        seat.learn(experience, updates)
+        if not updates:
+            return None
+        self._learning[id(seat.stack), seat.slot] = connection
+        return _LATER
+
+    def _values_for(self, connection: Connection, observations: Any) -> Any:
+        return self._seats[connection].values(observations)
+
+    def _reset_for(self, connection: Connection) -> Any:
+        self._seats[connection].reset()
+        return self._seats[connection].weights()
+
+    def _save_for(self, connection: Connection, folder: Path, state: PlayerState, incremental: bool) -> Any:
+        return self._seats[connection].save(folder, state, incremental)
+
+    def _load_for(self, connection: Connection, folder: Path) -> Any:
+        seat = self._seats[connection]
+        state = seat.load(folder)
+        return seat.weights(), state
+
+    def _save_policy_for(self, connection: Connection, folder: Path, state: PlayerState) -> Any:
+        return self._seats[connection].save_policy(folder, state)
+
+    def _scalars_for(self, connection: Connection) -> Any:
+        seat = self._seats[connection]
+        return seat.stack.figures(seat.slot)

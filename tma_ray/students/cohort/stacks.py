@@ -1,0 +1,75 @@
+"""The stacks of a cohort: one for each kind of student, made when its first run joins."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import torch
+
+from tma_ray.students.cohort.sac import StackedSAC
+from tma_ray.students.cohort.seats import SACSeat, Seat
+from tma_ray.students.players.settings import CohortSettings
+from tma_ray.students.players import Membership
+
+KINDS: dict[str, tuple[type[Any], type[Seat[Any, Any]]]] = {
+    "sac": (StackedSAC, SACSeat),
+}
+"""Stacked learner, and the seats in it, by the student's name."""
+
+
+class Stacks:
+    """The stacks of a learner. Runs share one if student, sizes and hyper-parameters are equal.
+
+    Args:
+        settings: of the cohort.
+
+    Attributes:
+        stacks: in the order in which they were made.
+    """
+
+    def __init__(self, settings: CohortSettings) -> None:
+        self._settings = settings
+        self.stacks: list[Any] = []
+        self._by_kind: dict[Any, Any] = {}
+        self._free: dict[int, list[int]] = {}
+
+    def seat(self, membership: Membership) -> Seat[Any, Any]:
+        """Returns a seat for a new player.
+
+        Raises:
+            RuntimeError: all slots of its stack are taken.
+        """
+        stack_type, seat_type = KINDS[membership.student]
+        sizes = membership.observation_space.shape[0], membership.action_space.shape[0]
+        kind = membership.student, sizes, membership.hyperparameters
+        if kind not in self._by_kind:
+            self._by_kind[kind] = self._new(stack_type, sizes, membership.hyperparameters)
+        stack = self._by_kind[kind]
+        free = self._free[id(stack)]
+        if not free:
+            raise RuntimeError(f"all {self._settings.width} slots for {membership.student} are taken")
+        slot = free.pop(0)
+        try:
+            return seat_type(membership, stack, slot)
+        except Exception:
+            free.append(slot)
+            raise
+
+    def leave(self, seat: Seat[Any, Any]) -> None:
+        """Frees the slot of `seat`."""
+        seat.leave()
+        self._free[id(seat.stack)].append(seat.slot)
+
+    def _new(self, stack_type: type[Any], sizes: tuple[int, int], hyperparameters: Any) -> Any:
+        settings = self._settings
+        stack = stack_type(
+            sizes,
+            hyperparameters,
+            settings.width,
+            *((hyperparameters.buffer_size,) if stack_type is StackedSAC else ()),
+            device=torch.device(settings.device),
+            compiled=settings.compiled,
+        )
+        self.stacks.append(stack)
+        self._free[id(stack)] = list(range(settings.width))
+        return stack

@@ -1,0 +1,26 @@
+"""Students whose networks learn in another process: they act and collect. Importing this package imports no torch."""
+
+from __future__ import annotations
+
+from tma_ray.students.players.catalogue import COHORT_STUDENTS, make_player
+from tma_ray.students.players.link import (
+    Learner,
+    LearnerError,
+    LearnerLink,
+    LearnerLostError,
+    Membership,
+    PlayerState,
+)
+from tma_ray.students.players.settings import CohortSettings
+
+__all__ = [
+    "COHORT_STUDENTS",
+    "CohortSettings",
+    "Learner",
+    "LearnerError",
+    "LearnerLink",
+    "LearnerLostError",
+    "Membership",
+    "PlayerState",
+    "make_player",
+]

@@ -1,0 +1,49 @@
+"""Students that can learn in a cohort, by name. Imports no torch."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+from gymnasium import Space
+
+from tma_ray.students.catalogue import check_hyperparameters
+from tma_ray.students.players.base import Player
+from tma_ray.students.players.link import Learner, Membership, SocketLink
+from tma_ray.students.players.ppo import PPOPlayer
+from tma_ray.students.players.sac import SACPlayer
+from tma_ray.students.spaces import checked_spaces
+
+COHORT_STUDENTS: dict[str, type[Player]] = {"ppo": PPOPlayer, "sac": SACPlayer}
+"""The acting half of each student that has a stacked learner."""
+
+
+def make_player(
+    name: str,
+    observation_space: Space[Any],
+    action_space: Space[Any],
+    seed: np.random.SeedSequence,
+    hyperparameters: Mapping[str, Any] | None,
+    learner: Learner,
+) -> Player:
+    """Returns a new player that has joined the cohort of `learner`.
+
+    Args:
+        name: a key of `COHORT_STUDENTS`.
+        observation_space: a one-dimensional box, of size o.
+        action_space: a bounded one-dimensional box, of size a.
+        seed: as for `make_student`, whose student draws the same initial weights and the same noise.
+        hyperparameters: values that differ from the student's defaults.
+        learner: of the cohort.
+
+    Raises:
+        ValueError: a student without a stacked learner, or what `make_student` refuses.
+        LearnerLostError: nothing listens at the learner's address.
+        LearnerError: the learner has no slot left.
+    """
+    if name not in COHORT_STUDENTS:
+        raise ValueError(f"student {name!r} cannot learn in a cohort: {', '.join(COHORT_STUDENTS)} can")
+    spaces = checked_spaces(observation_space, action_space)
+    membership = Membership(name, *spaces, check_hyperparameters(name, hyperparameters), seed)
+    return COHORT_STUDENTS[name](membership, SocketLink(learner))

@@ -1,0 +1,169 @@
+"""The connection of a player to the learner of its cohort. Imports no torch."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from multiprocessing.connection import Client
+from pathlib import Path
+from typing import Any, NamedTuple, Protocol
+
+import numpy as np
+from gymnasium import spaces
+from numpy.typing import NDArray
+
+from tma_ray.students.base import Observations
+
+Weights = NDArray[np.float32]
+"""Parameters that a player acts with (p,), in the layout of its network."""
+
+
+class LearnerError(RuntimeError):
+    """The learner refused or failed at what a player asked for; the message has its traceback."""
+
+
+class LearnerLostError(ConnectionError):
+    """The learner does not answer: its process, or its machine, has ended. The run can be taken up again."""
+
+
+@dataclass(frozen=True)
+class Learner:
+    """Address of the learner of a cohort on this machine.
+
+    Attributes:
+        address: path of its socket.
+        key: secret that both sides prove to know; never shown.
+    """
+
+    address: str
+    key: bytes = field(repr=False)
+
+
+class Membership(NamedTuple):
+    """All that the learner has to know of a player that joins.
+
+    Attributes:
+        student: name in the student registry.
+        observation_space: a one-dimensional box.
+        action_space: a bounded one-dimensional box.
+        hyperparameters: of the student.
+        seed: source of all the student's randomness.
+    """
+
+    student: str
+    observation_space: spaces.Box
+    action_space: spaces.Box
+    hyperparameters: Any
+    seed: np.random.SeedSequence
+
+
+class PlayerState(NamedTuple):
+    """The player's half of a student's state, which the learner writes together with its own.
+
+    Attributes:
+        generators: states of exploration, mini-batches and state values, in this order.
+        experience: counters, statistics and steps, by the name that the student's own code gives them.
+    """
+
+    generators: list[dict[str, Any]]
+    experience: dict[str, Any]
+
+
+class LearnerLink(Protocol):
+    """The learning half of a student, in this process or another.
+
+    Every call returns when it is done.
+
+    Raises:
+        LearnerError: by any call: the learner refuses, or fails at it.
+        LearnerLostError: by any call: the learner is gone.
+    """
+
+    def join(self, membership: Membership) -> Weights:
+        """Takes a slot of the cohort; returns the initial weights."""
+
+    def learn(self, experience: tuple[Any, ...], updates: int) -> Weights | None:
+        """Hands over experience and makes the updates that are due.
+
+        Returns:
+            The new weights; None without updates.
+        """
+
+    def values(self, observations: Observations) -> NDArray[np.float64]:
+        """Returns the state values (n,) of `observations` (n, o)."""
+
+    def reset(self) -> Weights:
+        """Starts networks, optimisers and stored experience anew; returns the weights."""
+
+    def save(self, folder: Path, state: PlayerState, incremental: bool) -> tuple[str, ...]:
+        """Writes the student's complete state, as `Student.save`; returns the files left out."""
+
+    def load(self, folder: Path) -> tuple[Weights, PlayerState]:
+        """Takes over the state in `folder`; returns the weights and the player's half."""
+
+    def save_policy(self, folder: Path, state: PlayerState) -> None:
+        """Writes the greedy policy, as `Student.save_policy`."""
+
+    def scalars(self) -> dict[str, float]:
+        """Returns figures about the last update."""
+
+
+class SocketLink:
+    """A `LearnerLink` over a socket of this machine; leaves the cohort when it is closed or its process ends.
+
+    Args:
+        learner: where to connect.
+
+    Raises:
+        LearnerLostError: nothing listens there.
+    """
+
+    def __init__(self, learner: Learner) -> None:
+        try:
+            self._connection = Client(learner.address, family="AF_UNIX", authkey=learner.key)
+        except (OSError, EOFError) as error:
+            raise LearnerLostError(f"no learner listens at {learner.address}") from error
+
+    def close(self) -> None:
+        """Leaves the cohort."""
+        self._connection.close()
+
+    def join(self, membership: Membership) -> Weights:  # noqa: D102
+        weights: Weights = self._call("join", membership)
+        return weights
+
+    def learn(self, experience: tuple[Any, ...], updates: int) -> Weights | None:  # noqa: D102
+        weights: Weights | None = self._call("learn", experience, updates)
+        return weights
+
+    def values(self, observations: Observations) -> NDArray[np.float64]:  # noqa: D102
+        values: NDArray[np.float64] = self._call("values", observations)
+        return values
+
+    def reset(self) -> Weights:  # noqa: D102
+        weights: Weights = self._call("reset")
+        return weights
+
+    def save(self, folder: Path, state: PlayerState, incremental: bool) -> tuple[str, ...]:  # noqa: D102
+        unchanged: tuple[str, ...] = self._call("save", folder, state, incremental)
+        return unchanged
+
+    def load(self, folder: Path) -> tuple[Weights, PlayerState]:  # noqa: D102
+        loaded: tuple[Weights, PlayerState] = self._call("load", folder)
+        return loaded
+
+    def save_policy(self, folder: Path, state: PlayerState) -> None:  # noqa: D102
+        self._call("save_policy", folder, state)
+
+    def scalars(self) -> dict[str, float]:  # noqa: D102
+        figures: dict[str, float] = self._call("scalars")
+        return figures
+
+    def _call(self, request: str, *arguments: Any) -> Any:
+        try:
+            self._connection.send((request, *arguments))
+            succeeded, result = self._connection.recv()
+        except (OSError, EOFError) as error:
+            raise LearnerLostError(f"the learner of the cohort ended during {request!r}") from error
+        if not succeeded:
+            raise LearnerError(f"the learner of the cohort failed:\n{result}")
+        return result
