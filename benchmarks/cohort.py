@@ -2,8 +2,8 @@
 
     python benchmarks/cohort.py --device cuda --widths 16,48 --precisions highest,high,medium --compiled 0,1
 
-Measures an update of all slots for each width and precision, and what it could feed in environment steps; checks that
-a run learns the same bits alone and with full neighbours. Prints a table last, and writes JSON to ``--output``.
+Measures an update of all slots for each width and precision, and what it could feed in environment steps;
+checks that a run learns the same bits alone and with full neighbours. Writes JSON to ``--output``.
 """
 
 from __future__ import annotations
@@ -33,7 +33,9 @@ def networks(generator: np.random.Generator, stack: StackedSAC, slot: int) -> SA
     """Returns random networks of the sizes that `stack` has."""
     like = stack.networks(slot)
     arrays = [np.asarray(0.05 * generator.standard_normal(part.shape), np.float32) for part in like[:3]]
-    return SACNetworks(*arrays, *(np.zeros_like(part) for part in like[3:7]), step=0, number=0)
+    actor, critics, targets = arrays
+    zeros = np.zeros_like(actor), np.zeros_like(critics)
+    return SACNetworks(actor, critics, targets, zeros[0], zeros[0], zeros[1], zeros[1], 0, 0)
 
 
 def fill(stack: StackedSAC, slot: int, seed: int) -> None:
@@ -57,9 +59,7 @@ def stack_of(options: argparse.Namespace, width: int, precision: str, compiled: 
     """Returns an empty stack."""
     hyper = SACHyperparameters(matmul_precision=MatmulPrecision(precision))
     keywords: dict[str, Any] = {"compiled": options.mode or compiled} if compiled else {}
-    return StackedSAC(
-        SIZES, hyper, width, 100_000, torch.device(options.device), **keywords
-    )
+    return StackedSAC(SIZES, hyper, width, 100_000, torch.device(options.device), **keywords)
 
 
 def speed(options: argparse.Namespace, width: int, precision: str, compiled: bool) -> dict[str, Any]:

@@ -1,4 +1,4 @@
-"""Command line of benchmarks that run in processes of one machine, without Ray: for bare machines with a GPU."""
+"""Command line of benchmarks that run in processes of one machine, without Ray."""
 
 from __future__ import annotations
 
@@ -13,6 +13,7 @@ from tma_ray.results import Committer, Lease
 from tma_ray.runs import Placement
 from tma_ray.runs.pool import PoolReport, cohort, run_in_processes
 from tma_ray.students.players import CohortSettings
+from tma_ray.students.players.link import account
 
 REPORT_SECONDS = 20.0
 """Time between two lines of progress, s."""
@@ -44,9 +45,14 @@ def execute(plan: Plan, options: argparse.Namespace) -> PoolReport:
         placement = Placement(options.device)
         if options.cohort:
             settings = CohortSettings(options.device, options.cohort, options.compiled)
-            placement = replace(placement, device="cpu", learner=stack.enter_context(cohort(settings)))
+            learner = stack.enter_context(cohort(settings))
+            placement = replace(placement, device="cpu", learner=learner)
+            stack.callback(lambda: print({part: round(s, 1) for part, s in account(learner).items()}))
         show = _printer(len(runs), lease.keep)
-        stop: Callable[[], bool] = lambda: time.monotonic() > deadline or lease.asked_to_stop()
+
+        def stop() -> bool:
+            return time.monotonic() > deadline or lease.asked_to_stop()
+
         return run_in_processes(runs, options.results, options.processes, placement, stop, show)
 
 

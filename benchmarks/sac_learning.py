@@ -3,9 +3,9 @@
     python benchmarks/sac_learning.py --parts easy,original --seeds 5 --device cuda --cohort 32 --compiled \
         --processes 28 --minutes 9 --results build/sac_learning
 
-Part "easy": Random on the easy task space, 1.5 million steps, in both variants of the log deviation. Part "original":
-Random and ALP-GMM on the original space, 3 million steps. Prints every seed's mastered share and mean return over the
-steps, and their means over seeds with intervals; writes them to ``curves.json`` in the results root.
+Part "easy": Random on the easy task space, 1.5 million steps, in both variants of the log deviation. Part
+"original": Random and ALP-GMM on the original space, 3 million steps. Prints every seed's mastered share and
+mean return over the steps; writes them to ``curves.json`` in the results root.
 """
 
 from __future__ import annotations
@@ -60,7 +60,8 @@ def curves(root: str) -> pd.DataFrame:
     means = rows.groupby(["run_id", "step"], observed=True)[["episodic_return", "mastered"]].mean()
     names = ["run_id", "challenge", "teacher", "student", "seed"]
     runs = results.table(Table.CELLS).to_pandas()[names].drop_duplicates("run_id")
-    return means.reset_index().merge(runs, on="run_id")
+    joined: pd.DataFrame = means.reset_index().merge(runs, on="run_id")
+    return joined
 
 
 def main() -> int:

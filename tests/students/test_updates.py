@@ -12,8 +12,8 @@ from torch import nn
 from tma_ray.students import Transition
 from tma_ray.students.hyperparameters import LogStd
 from tma_ray.students.ppo.trunk import Trunk
-from tma_ray.students.streams import StudentStreams
 from tma_ray.students.sac.policy import POLICIES
+from tma_ray.students.streams import StudentStreams
 
 
 def generators(seed: int) -> list[np.random.Generator]:

@@ -30,12 +30,12 @@ def test_known_answers(counter, key, answer):
 
 
 def test_words_are_those_of_the_counter_whatever_the_other_runs():
-    """Counter: position, update number in two words, purpose; the count cuts the last block."""
+    """Counter: low word of the number, position, high word, purpose; the count cuts the last block."""
     key, number = 0x123456789ABCDEF0, 2**40 + 7
     keys = torch.tensor([words_of(5), words_of(key)])
     drawn = words(keys, torch.tensor([3, number]), Purpose.NOISE, 11)
-    others = *words_of(number), int(Purpose.NOISE)
-    counters = torch.arange(3), *map(torch.tensor, others)
+    low, high, purpose = map(torch.tensor, (*words_of(number), int(Purpose.NOISE)))
+    counters = low, torch.arange(3), high, purpose
     alone = philox(counters, tuple(torch.tensor(word) for word in words_of(key)))
     assert drawn.shape == (2, 11)
     assert torch.equal(drawn[1], alone.flatten()[:11])

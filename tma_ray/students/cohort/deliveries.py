@@ -31,14 +31,19 @@ class Delivery(NamedTuple, Generic[T]):
             return cls(receivers, rows.to("cpu"), None)
         memory = torch.empty(rows.shape, dtype=rows.dtype, pin_memory=True)
         memory.copy_(rows, non_blocking=True)
-        arrival = torch.cuda.Event()
-        arrival.record()
-        return cls(receivers, memory, arrival)
+        return cls(receivers, memory, recorded())
 
     @property
     def arrived(self) -> bool:
         """True if the rows may be read."""
-        return self.arrival is None or self.arrival.query()
+        return self.arrival is None or bool(self.arrival.query())  # type: ignore[no-untyped-call]
+
+
+def recorded() -> torch.cuda.Event:
+    """Returns a mark in the work that the GPU was asked to do."""
+    event = torch.cuda.Event()  # type: ignore[no-untyped-call]
+    event.record()
+    return event
 
 
 class Pace:
@@ -59,8 +64,6 @@ class Pace:
         """Marks the end of a piece of work, and waits while too many are under way."""
         if not self._waits:
             return
-        event = torch.cuda.Event()
-        event.record()
-        self._events.append(event)
+        self._events.append(recorded())
         if len(self._events) > self._most:
             self._events.popleft().synchronize()

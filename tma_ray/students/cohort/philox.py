@@ -59,7 +59,8 @@ def words(keys: torch.Tensor, numbers: torch.Tensor, purpose: Purpose, count: in
     """Returns random words (k, count) for the update `numbers` (k,) of runs with `keys` (k, 2)."""
     blocks = torch.arange(-(-count // 4), device=keys.device)
     low, high = (numbers & _WORD)[:, None], (numbers >> 32 & _WORD)[:, None]
-    counters = blocks, low, high, torch.full_like(low, int(purpose))
+    # the block is the second word, which no round multiplies: torch's compiler would do that in 32 bits
+    counters = low, blocks, high, torch.full_like(low, int(purpose))
     drawn = philox(counters, (keys[:, :1], keys[:, 1:])).flatten(1)
     return drawn[:, :count]
 

@@ -115,8 +115,13 @@ class SACSeat(Seat[StackedSAC, SAC]):
         update = self.student.update
         actor, critics = update.actor_adam.moments, update.critic_adam.moments
         networks = SACNetworks(
-            *(_array(update.actor.values), _pair(update.critics.values), _pair(update.targets.values)),
-            *(*map(_array, actor), *map(_pair, critics)),
+            actor=_array(update.actor.values),
+            critics=_pair(update.critics.values),
+            targets=_pair(update.targets.values),
+            actor_mean=_array(actor[0]),
+            actor_square=_array(actor[1]),
+            critics_mean=_pair(critics[0]),
+            critics_square=_pair(critics[1]),
             step=update.actor_adam.steps,
             number=self.student.model._n_updates,
         )

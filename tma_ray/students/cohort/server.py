@@ -16,9 +16,9 @@ import torch
 
 from tma_ray.students.cohort.deliveries import Delivery, Pace
 from tma_ray.students.cohort.seats import Seat
-from tma_ray.students.players.settings import CohortSettings
 from tma_ray.students.cohort.stacks import Stacks
 from tma_ray.students.players import Learner, Membership, PlayerState
+from tma_ray.students.players.settings import CohortSettings
 
 MOST_AT_ONCE = 8
 """Updates between two looks at what players ask."""
@@ -42,7 +42,7 @@ class LearnerServer:
         torch.set_num_threads(settings.threads)
         self._stacks = Stacks(settings)
         self._pace = Pace(torch.device(settings.device), most=2)
-        self._seats: dict[Connection, Seat] = {}
+        self._seats: dict[Connection, Seat[Any, Any]] = {}
         self._learning: dict[tuple[int, int], Connection] = {}
         self._deliveries: list[Delivery[Connection]] = []
         self._listener = Listener(learner.address, family="AF_UNIX", authkey=learner.key, backlog=256)
@@ -167,6 +167,9 @@ class LearnerServer:
 
     def _save_policy_for(self, connection: Connection, folder: Path, state: PlayerState) -> Any:
         return self._seats[connection].save_policy(folder, state)
+
+    def _account_for(self, _: Connection) -> Any:
+        return dict(self.seconds)
 
     def _scalars_for(self, connection: Connection) -> Any:
         seat = self._seats[connection]

@@ -8,8 +8,8 @@ import torch
 
 from tma_ray.students.cohort.sac import StackedSAC
 from tma_ray.students.cohort.seats import SACSeat, Seat
-from tma_ray.students.players.settings import CohortSettings
 from tma_ray.students.players import Membership
+from tma_ray.students.players.settings import CohortSettings
 
 KINDS: dict[str, tuple[type[Any], type[Seat[Any, Any]]]] = {
     "sac": (StackedSAC, SACSeat),

@@ -1,4 +1,4 @@
-"""Students whose networks learn in another process: they act and collect. Importing this package imports no torch."""
+"""Students whose networks learn in another process: they act and collect. They import no torch."""
 
 from __future__ import annotations
 

@@ -47,11 +47,12 @@ class Player(Student):
         layout = Layout((*space.shape, *membership.hyperparameters.hidden_units, outputs))
         self._network = ArrayNetwork(layout)
         self._link = link
-        self._start(membership)
+        self._observation_size = space.shape[0]
+        self._start()
         self._take_over(link.join(membership))
 
     @abstractmethod
-    def _start(self, membership: Membership) -> None:
+    def _start(self) -> None:
         """Makes what lives as long as the student: statistics, counters and empty memory for experience."""
 
     @abstractmethod

@@ -107,6 +107,18 @@ class LearnerLink(Protocol):
         """Returns figures about the last update."""
 
 
+def account(learner: Learner) -> dict[str, float]:
+    """Returns how long the learner has been at each part of its work, s.
+
+    Raises:
+        LearnerLostError: it does not answer.
+    """
+    link = SocketLink(learner)
+    seconds: dict[str, float] = link._call("account")
+    link.close()
+    return seconds
+
+
 class SocketLink:
     """A `LearnerLink` over a socket of this machine; leaves the cohort when it is closed or its process ends.
 

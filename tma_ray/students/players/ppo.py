@@ -11,22 +11,21 @@ from tma_ray.students.base import Actions, Observations, Transition
 from tma_ray.students.hyperparameters import PPOHyperparameters
 from tma_ray.students.normaliser import Normaliser
 from tma_ray.students.players.base import Player
-from tma_ray.students.players.link import Membership, Weights
+from tma_ray.students.players.link import Weights
 from tma_ray.students.ppo.acting import exploring_step
 from tma_ray.students.rollout import Rollout
 
 
 class PPOPlayer(Player):
-    """Acts as `tma_ray.students.ppo.student.PPO`, and hands over whole rollouts with the order of their updates."""
+    """Acts as `tma_ray.students.ppo.student.PPO`, and hands over whole rollouts in the order of updates."""
 
     algorithm_version = PPOHyperparameters.algorithm_version
     hyperparameters_type = PPOHyperparameters
     outputs_per_action = 1
     further_outputs = 1
 
-    def _start(self, membership: Membership) -> None:
-        hyper = self.hyperparameters
-        size = membership.observation_space.shape[0]
+    def _start(self) -> None:
+        hyper, size = self.hyperparameters, self._observation_size
         self.normaliser = Normaliser(size, hyper.gamma, hyper.observation_clip, hyper.reward_clip)
         self._rollout = Rollout(hyper.steps_per_update, size, self._low.size, self._batches)
         self._episode_starts = True

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from tma_ray.students.base import Actions, Observations, Transition
 from tma_ray.students.hyperparameters import LogStd, SACHyperparameters
 from tma_ray.students.players.base import Player
-from tma_ray.students.players.link import Membership, Weights
+from tma_ray.students.players.link import Weights
 from tma_ray.students.sac.acting import LOG_STD_RANGE, between, squashed_action, updates_due
 
 
@@ -22,7 +22,7 @@ class SACPlayer(Player):
     outputs_per_action = 2
     further_outputs = 0
 
-    def _start(self, membership: Membership) -> None:
+    def _start(self) -> None:
         self._steps, self._episode_steps = 0, 0
         self._forget()
 
