@@ -177,8 +177,8 @@ class StackedReplay:
     def gather(self, ring: torch.Tensor, dtype: torch.dtype) -> Transitions:
         """Returns the transitions at places `ring` (k, n), which `newest` gives."""
         (width, count), rows = ring.shape, self._table.gather(1, ring).long()
-        following, base = rows + 1, torch.arange(width, device=self._device)[:, None] * self._rows
-        following = torch.where(following == self._rows, 0, following)
+        following = (rows + 1) % self._rows
+        base = torch.arange(width, device=self._device)[:, None] * self._rows
         memory = self._memory.flatten(0, 1)
         own = memory.index_select(0, (rows + base).flatten()).view(width, count, -1).to(dtype)
         after = memory.index_select(0, (following + base).flatten()).view(width, count, -1).to(dtype)

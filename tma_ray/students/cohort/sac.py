@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from functools import partial
 from typing import NamedTuple
 
@@ -11,12 +10,12 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
-from tma_ray.students.cohort.execution import Repeated, compile_if, precision
+from tma_ray.students.cohort.execution import compile_if, precision
+from tma_ray.students.cohort.learner import Device, Stack, StackedLearner
 from tma_ray.students.cohort.networks import stacked_pass, twin_pass
 from tma_ray.students.cohort.philox import Purpose, integers_below, standard_normals, words, words_of
 from tma_ray.students.cohort.replay import ReplayContents, StackedReplay
 from tma_ray.students.cohort.sac_update import SACLayouts, StackedSACUpdate
-from tma_ray.students.cohort.transfer import upload
 from tma_ray.students.hyperparameters import MatmulPrecision, SACHyperparameters
 from tma_ray.students.sac.losses import soft_values, squashed_draw
 
@@ -47,11 +46,8 @@ class SACNetworks(NamedTuple):
     number: int
 
 
-class StackedSAC:
-    """SAC of up to `width` runs, each in a slot: what a run learns does not depend on the others by a bit.
-
-    An update trains the runs that owe one, always at the full width: idle slots take part in the products,
-    and nothing of them changes. Random draws come from Philox, keyed by run and by the number of its update.
+class StackedSAC(StackedLearner):
+    """SAC of many runs; random draws come from Philox, keyed by run and by the number of its update.
 
     Args:
         sizes: lengths o of an observation and a of an action.
@@ -76,17 +72,16 @@ class StackedSAC:
         dtype: torch.dtype = torch.float32,
         compiled: bool | str = False,
     ) -> None:
-        self.owed = np.zeros(width, dtype=np.int64)
-        self._sizes, self._hyper, self._device, self._dtype = sizes, hyper, device, dtype
+        super().__init__(width, Device(device, dtype, hyper.matmul_precision))
+        self._action_size, self._hyper = sizes[1], hyper
         self._layouts = SACLayouts.of(sizes, hyper.hidden_units)
         like = torch.empty(0, dtype=dtype, device=device)
         self._update = StackedSACUpdate(self._layouts, hyper, width, like, compiled)
         self._replay = StackedReplay(width, capacity, sizes, device)
-        self._owed, self._numbers = torch.zeros(2, width, dtype=torch.int64, device=device)
+        self._numbers = torch.zeros(width, dtype=torch.int64, device=device)
         self._keys = torch.zeros(width, 2, dtype=torch.int64, device=device)
         self._places = [torch.from_numpy(layout.places()).to(device) for layout in self._layouts]
         self._draw_once = compile_if(compiled, self._draw)
-        self._repeated = Repeated(self._advance_once, hyper.matmul_precision, device)
         self._moves = 0
 
     def join(self, slot: int, networks: SACNetworks, key: int) -> None:
@@ -98,22 +93,14 @@ class StackedSAC:
             key: of the run's random draws, 64 bits.
         """
         self.leave(slot)
-        actor, critic = self._places
-        for values, memory in zip(networks[:-2], self._memories(), strict=True):
-            row = memory.detach()[slot]
-            row[..., actor if row.ndim == 1 else critic] = upload(values, self._device).to(self._dtype)
-        self._update.steps[slot].fill_(networks.step)
-        self._numbers[slot].fill_(networks.number)
+        self._write(slot, networks)
         for word, half in enumerate(words_of(key)):
             self._keys[slot, word].fill_(half)
 
-    def leave(self, slot: int) -> None:
-        """Makes `slot` idle: it owes nothing, has no replay, and all its parameters are 0."""
-        self.owed[slot] = 0
-        self._owed[slot].fill_(0)
+    def leave(self, slot: int) -> None:  # noqa: D102
+        super().leave(slot)
         self._replay.clear(slot)
-        for memory in (*self._memories(), self._update.losses):
-            memory.detach()[slot].zero_()
+        self._update.losses[slot].zero_()
 
     def store(
         self,
@@ -135,36 +122,9 @@ class StackedSAC:
         self._replay.store(slot, observations, actions, rewards, terminated)
         self._follow_memory()
 
-    def owe(self, slot: int, updates: int) -> None:
-        """Adds `updates` to what is due to the run in `slot`."""
-        self.owed[slot] += updates
-        self._owed[slot].add_(updates)
-
-    def advance(self, updates: int) -> None:
-        """Makes up to `updates` updates, each of all runs that owe one; a GPU is not waited for."""
-        updates = min(updates, int(self.owed.max()))
-        if not updates:
-            return
-        if self._repeated.wants_capture:
-            owed = self._owed.clone()
-            self._owed.zero_()  # nothing changes by the executions before the capture
-            self._repeated.capture()
-            self._owed.copy_(owed)
-        self._repeated(updates)
-        np.maximum(self.owed - updates, 0, out=self.owed)
-
-    def actors(self, slots: Sequence[int]) -> torch.Tensor:
-        """Returns the actors' parameters of `slots`, without padding and on the device (len(slots), p)."""
-        rows = upload(np.array(slots, dtype=np.int64), self._device)
-        return self._update.actor.detach().index_select(0, rows).index_select(1, self._places[0])
-
     def networks(self, slot: int) -> SACNetworks:
         """Returns what the run in `slot` has learned."""
-        actor, critic = self._places
-        rows = [memory.detach()[slot] for memory in self._memories()]
-        arrays = (row[..., actor if row.ndim == 1 else critic].cpu().numpy() for row in rows)
-        counts = int(self._update.steps[slot]), int(self._numbers[slot])
-        return SACNetworks._make((*arrays, *counts))
+        return SACNetworks._make(self._read(slot))
 
     def replay(self, slot: int) -> ReplayContents:
         """Returns the transitions that the run in `slot` keeps."""
@@ -187,11 +147,8 @@ class StackedSAC:
                 run's key and its number of updates, `value_samples` actions a state.
         """
         hyper, one = self._hyper, slice(slot, slot + 1)
-        inputs = upload(observations, self._device)[None].to(self._dtype)
-        if noise is None:
-            drawn = self._value_noise(one, len(observations))
-        else:
-            drawn = upload(noise, self._device).to(self._dtype)
+        inputs = self._rows(observations)[None]
+        drawn = self._value_noise(one, len(observations)) if noise is None else self._rows(noise)
         total = torch.zeros(len(observations), dtype=torch.float64, device=self._device)
         with torch.no_grad(), precision(MatmulPrecision.HIGHEST):
             actor, critic = self._layouts
@@ -208,12 +165,15 @@ class StackedSAC:
         critics, actor = self._update.losses[slot].tolist()
         return {"critic_loss": critics, "actor_loss": actor}
 
-    def _memories(self) -> list[torch.Tensor]:
-        """Returns what each slot has a row of, in the order of `SACNetworks`."""
-        update = self._update
-        actor, critics = update.actor_adam, update.critic_adam
-        networks = [update.actor, update.critics, update.targets]
-        return [*networks, actor.mean, actor.square, critics.mean, critics.square]
+    def _stacks(self) -> list[Stack]:
+        update, (actor, critic) = self._update, self._places
+        networks = Stack(update.actor, actor), Stack(update.critics, critic), Stack(update.targets, critic)
+        actors, critics = update.actor_adam, update.critic_adam
+        moments = [Stack(moment, actor) for moment in (actors.mean, actors.square)]
+        return [*networks, *moments, *(Stack(moment, critic) for moment in (critics.mean, critics.square))]
+
+    def _counters(self) -> list[torch.Tensor]:
+        return [self._update.steps, self._numbers]
 
     def _follow_memory(self) -> None:
         """Drops the captured graph if the replay, which it reads, has moved."""
@@ -222,7 +182,6 @@ class StackedSAC:
             self._moves = self._replay.moves
 
     def _advance_once(self) -> None:
-        """Makes one update; reads and writes nothing of the host."""
         ring, noise, next_noise, active = self._draw_once()
         batch = self._replay.gather(ring, self._dtype)
         self._update(batch, noise, next_noise, active)
@@ -231,7 +190,7 @@ class StackedSAC:
 
     def _draw(self) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor, torch.Tensor]:
         """Returns places in the replay (k, n), noise and next noise (k, n, a), and who takes part (k,)."""
-        batch, action = self._hyper.batch_size, self._sizes[1]
+        batch, action = self._hyper.batch_size, self._action_size
         drawn = words(self._keys, self._numbers, Purpose.BATCH, batch)
         ring = self._replay.newest(integers_below(self._replay.kept, drawn))
         drawn = words(self._keys, self._numbers, Purpose.NOISE, 2 * batch * action)
@@ -240,7 +199,7 @@ class StackedSAC:
 
     def _value_noise(self, one: slice, states: int) -> torch.Tensor:
         """Returns noise (m, n, a) for the values of n `states`, the same until the next update."""
-        shape = self._hyper.value_samples, states, self._sizes[1]
+        shape = self._hyper.value_samples, states, self._action_size
         count = math.prod(shape)
         drawn = words(self._keys[one], self._numbers[one], Purpose.VALUES, count + count % 2)
         return standard_normals(drawn, self._dtype)[0, :count].view(shape)

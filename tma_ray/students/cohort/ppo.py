@@ -1,0 +1,163 @@
+"""Proximal policy optimisation of many runs at once."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+
+from tma_ray.students.cohort.adam import keep
+from tma_ray.students.cohort.execution import precision
+from tma_ray.students.cohort.learner import Device, Stack, StackedLearner
+from tma_ray.students.cohort.networks import stacked_pass
+from tma_ray.students.cohort.padding import PaddedLayout
+from tma_ray.students.cohort.ppo_update import StackedPPOUpdate
+from tma_ray.students.cohort.transfer import upload
+from tma_ray.students.hyperparameters import MatmulPrecision, PPOHyperparameters
+from tma_ray.students.mlp.layout import Layout
+from tma_ray.students.ppo.losses import Steps
+
+FIGURES = "policy_gradient_loss", "value_loss", "approx_kl", "clip_fraction"
+
+
+class PPONetworks(NamedTuple):
+    """What a run has learned, on the host: flat parameters without padding, as a run alone has them.
+
+    Attributes:
+        parameters: of the network, whose outputs are means and value, and the log deviation (p,).
+        mean: of Adam (p,).
+        square: of Adam (p,).
+        step: of Adam, since the networks are new.
+    """
+
+    parameters: NDArray[np.floating]
+    mean: NDArray[np.floating]
+    square: NDArray[np.floating]
+    step: int
+
+
+class RolloutColumns(NamedTuple):
+    """The steps between two updates; a `Rollout` that is finished has these attributes.
+
+    Attributes:
+        observations: normalised (n, o).
+        actions: as sampled (n, a).
+        values: of the observations (n,).
+        log_probabilities: of the actions (n,).
+        advantages: not normalised (n,).
+        returns: advantages plus values (n,).
+    """
+
+    observations: NDArray[np.float32]
+    actions: NDArray[np.float32]
+    values: NDArray[np.float32]
+    log_probabilities: NDArray[np.float32]
+    advantages: NDArray[np.float32]
+    returns: NDArray[np.float32]
+
+
+class StackedPPO(StackedLearner):
+    """PPO of many runs; an update is a step of the optimiser on one mini-batch.
+
+    Args:
+        sizes: lengths o of an observation and a of an action.
+        hyper: of the student.
+        width: number of slots k.
+        device: where to learn.
+        dtype: of parameters, losses and optimisers.
+        compiled: the update is compiled by torch, which takes minutes once; a string is the compiler's mode.
+
+    Attributes:
+        owed: updates that are due, by slot (k,).
+    """
+
+    def __init__(
+        self,
+        sizes: tuple[int, int],
+        hyper: PPOHyperparameters,
+        width: int,
+        device: torch.device,
+        dtype: torch.dtype = torch.float32,
+        compiled: bool | str = False,
+    ) -> None:
+        super().__init__(width, Device(device, dtype, hyper.matmul_precision))
+        (observation, action), steps = sizes, hyper.steps_per_update
+        self._hyper, self._split = hyper, [observation, action, 1, 1, 1, 1]
+        self._layout = PaddedLayout.of(Layout((observation, *hyper.hidden_units, action + 1)), action)
+        self._places = torch.from_numpy(self._layout.places()).to(device)
+        like = torch.empty(0, dtype=dtype, device=device)
+        self._update = StackedPPOUpdate(self._layout, hyper, width, like, compiled)
+        self._memory = torch.zeros(width, steps, sum(self._split), device=device)
+        self._orders = torch.zeros(width, hyper.epochs * steps, dtype=torch.int32, device=device)
+        self._positions = torch.zeros(width, dtype=torch.int64, device=device)
+        self._sums = like.new_zeros(width, len(FIGURES))
+
+    def join(self, slot: int, networks: PPONetworks) -> None:
+        """Gives the idle `slot` to a run with these `networks`."""
+        self.leave(slot)
+        self._write(slot, networks)
+
+    def leave(self, slot: int) -> None:  # noqa: D102
+        super().leave(slot)
+        for memory in (self._memory, self._orders, self._positions, self._sums):
+            memory[slot].zero_()
+
+    def store(self, slot: int, rollout: RolloutColumns, orders: NDArray[np.integer]) -> None:
+        """Gives the run in `slot` a rollout to learn from, for which it owes all the updates.
+
+        Args:
+            slot: of the run, which owes nothing from before.
+            rollout: `steps_per_update` steps n.
+            orders: of the steps in each epoch, cut into mini-batches (epochs, n).
+        """
+        assert not self.owed[slot]
+        columns = [column.reshape(len(column), -1) for column in rollout]
+        self._memory[slot].copy_(upload(np.concatenate(columns, axis=1), self._device))
+        self._orders[slot].copy_(upload(orders.reshape(-1).astype(np.int32), self._device))
+        self._positions[slot].fill_(0)
+        self._sums[slot].zero_()
+        self.owe(slot, orders.size // self._hyper.batch_size)
+
+    def networks(self, slot: int) -> PPONetworks:
+        """Returns what the run in `slot` has learned."""
+        return PPONetworks._make(self._read(slot))
+
+    def values(self, slot: int, observations: NDArray[np.float32]) -> NDArray[np.float64]:
+        """Returns the values (n,) of normalised `observations` (n, o), in normalised reward."""
+        with torch.no_grad(), precision(MatmulPrecision.HIGHEST):
+            parameters = self._update.parameters[slot : slot + 1]
+            outputs = stacked_pass(parameters, self._layout, self._rows(observations)[None], self._dtype)
+        values: NDArray[np.float64] = outputs[0, :, -1].double().cpu().numpy()
+        return values
+
+    def figures(self, slot: int) -> dict[str, float]:
+        """Returns means over the updates by the last rollout of the run in `slot`."""
+        means = (self._sums[slot] / self._positions[slot].clamp(min=1)).tolist()
+        return dict(zip(FIGURES, means, strict=True))
+
+    def _stacks(self) -> list[Stack]:
+        update = self._update
+        memories = update.parameters, update.adam.mean, update.adam.square
+        return [Stack(memory, self._places) for memory in memories]
+
+    def _counters(self) -> list[torch.Tensor]:
+        return [self._update.steps]
+
+    def _advance_once(self) -> None:
+        active = self._owed > 0
+        figures = self._update(self._batch(), active)
+        keep(self._sums, self._sums + figures, active[:, None])
+        self._positions.add_(active.long())
+        self._owed.sub_(active.long())
+
+    def _batch(self) -> Steps:
+        """Returns the mini-batch of each run that comes next (k, n, ...)."""
+        (width, count), size = self._orders.shape, self._hyper.batch_size
+        taken = torch.arange(size, device=self._device) + self._positions[:, None] * size
+        rows = self._orders.gather(1, taken % count).long()
+        base = torch.arange(width, device=self._device)[:, None] * self._memory.shape[1]
+        packed = self._memory.flatten(0, 1).index_select(0, (rows + base).flatten())
+        columns = torch.split(packed.view(width, size, -1).to(self._dtype), self._split, dim=-1)
+        return Steps(*columns[:2], *(column[..., 0] for column in columns[2:]))
