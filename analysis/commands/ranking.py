@@ -36,7 +36,7 @@ def show_ranking(sources: Sources, share: float = 1.0, console: Console | None =
         ResultsRootError: no results root at that place.
     """
     console, frames = terminal(console), read(sources)
-    runs = runs_after(frames, share)
+    runs = runs_after(frames, share, training=False)
     table = ranked(runs)
     if table[f"{MEASURE}_mean"].notna().sum() == 0:
         console.print("No run has been evaluated to its end here.")
@@ -48,7 +48,7 @@ def show_ranking(sources: Sources, share: float = 1.0, console: Console | None =
             console.print(
                 f"  not tested: {', '.join(teachers)}: {reason}", style="dim", highlight=False, markup=False
             )
-    for note in (*_notes(table), *frames.notes):
+    for note in (*_notes(table), *frames.told, *frames.left_out):
         console.print(note, style="dim", highlight=False, markup=False)
     for sentence in [*headlines(runs), *sentences(table)]:
         console.print(sentence, highlight=False, markup=False)

@@ -24,6 +24,8 @@ def pairwise(
     reference: str | None = None,
     within: Sequence[str] = COMPARED,
     between: str = "teacher",
+    *,
+    detectable: bool = True,
 ) -> pd.DataFrame:
     """Returns Welch's t-test between groups of runs, one row a pair.
 
@@ -37,6 +39,7 @@ def pairwise(
         reference: the group that all others are tested against, such as "random"; None for all pairs.
         within: columns that groups must have in common to be compared.
         between: column that tells groups apart: teacher, or expert_knowledge (with teacher among `within`).
+        detectable: whether that column is computed, which takes longer than the tests.
 
     Returns:
         `within`, measure, first, second (the reference, if there is one), the columns of
@@ -45,7 +48,7 @@ def pairwise(
         - uncounted: runs of both without the measure, or not yet at the step; while there are any, the
           test is not the last word;
         - detectable: smallest difference that so many runs with these standard deviations find with power
-          0.8; NaN without a test;
+          0.8; NaN without a test, or if it is not computed;
         - holm: p adjusted for all tests that have `within` in common, step left out, so that all pairs and
           steps of a comparison are one family.
     """
@@ -62,7 +65,11 @@ def pairwise(
         }
         for first, second in pairs_of(list(samples), reference):
             other = samples.get(second) or _sample(group.head(0), measure, parts)
-            row = shared | {"first": first, "second": second} | _compared(samples[first], other)
+            row = (
+                shared
+                | {"first": first, "second": second}
+                | _compared(samples[first], other, detectable=detectable)
+            )
             rows.append(row if second in samples else row | {"reason": nobody(second)})
     own = ["measure", "first", "second", *Comparison.__dataclass_fields__, "uncounted", "detectable"]
     table = pd.DataFrame(rows, columns=[*within, *own])
@@ -101,16 +108,16 @@ def _sample(rows: pd.DataFrame, measure: str, parts: Sequence[str]) -> _Sample:
     return _Sample(values, frozenset(zip(*columns, strict=True)), uncounted)
 
 
-def _compared(first: _Sample, second: _Sample) -> dict[str, object]:
+def _compared(first: _Sample, second: _Sample, *, detectable: bool) -> dict[str, object]:
     """Returns the test of two groups, what it left out, and the difference that it could find."""
-    comparison, detectable = welch(first.values, second.values), math.nan
+    comparison, smallest = welch(first.values, second.values), math.nan
     if not comparison.reason and first.parts != second.parts:
         sizes = len(first.values), len(second.values)
         comparison = Comparison(*sizes, comparison.difference, reason=OTHER_PARTS)
-    if not comparison.reason:
-        detectable = detectable_difference(describe(first.values), describe(second.values))
+    if detectable and not comparison.reason:
+        smallest = detectable_difference(describe(first.values), describe(second.values))
     uncounted = first.uncounted + second.uncounted
-    return vars(comparison) | {"uncounted": uncounted, "detectable": detectable}
+    return vars(comparison) | {"uncounted": uncounted, "detectable": smallest}
 
 
 def nobody(reference: str) -> str:

@@ -32,13 +32,13 @@ def ranking(frames: Frames, share: float = 1.0) -> pd.DataFrame:
         a comparison), and of Welch's test against Random: difference, low, high, p, reason, and holm: p
         adjusted for all teachers of the comparison. Best first.
     """
-    return ranked(runs_after(frames, share))
+    return ranked(runs_after(frames, share, training=False))
 
 
 def ranked(runs: pd.DataFrame) -> pd.DataFrame:
     """Returns the rows of `ranking`, from runs of `student_pools.runs_after`."""
     table = pooled(runs, [MEASURE])
-    tests = pairwise(runs, MEASURE, "random").rename(columns={"first": "teacher"})
+    tests = pairwise(runs, MEASURE, "random", detectable=False).rename(columns={"first": "teacher"})
     columns = ["difference", "low", "high", "p", "holm", "reason"]
     table = table.merge(tests[[*POOLED, *columns]], on=POOLED, how="left")
     table["reason"] = table["reason"].fillna("")

@@ -46,29 +46,36 @@ def evaluation_measures(evaluations: pd.DataFrame) -> pd.DataFrame:
     return sums.astype({"run_id": object})
 
 
-def not_finite_warnings(measured: pd.DataFrame, training: pd.DataFrame) -> list[str]:
-    """Returns sentences on the returns that are NaN or infinite, with their number and whose they are.
+def evaluation_warnings(measured: pd.DataFrame) -> list[str]:
+    """Returns a sentence on the returns that are NaN or infinite, with their number and whose they are.
 
     Args:
         measured: of `evaluation_measures`.
-        training: run_id and mean_return of each window.
     """
-    found = []
     excluded = measured[measured["not_finite"] > 0]
-    if len(excluded):
-        found.append(
-            f"{excluded['not_finite'].sum():,} returns of {_count(len(excluded), 'evaluation')} are NaN or "
-            f"infinite; these evaluations are excluded ({_named(excluded['run_id'])})."
-        )
+    if excluded.empty:
+        return []
+    return [
+        f"{excluded['not_finite'].sum():,} returns of {_count(len(excluded), 'evaluation')} are NaN or "
+        f"infinite; these evaluations are excluded ({_named(excluded['run_id'])})."
+    ]
+
+
+def training_warnings(training: pd.DataFrame) -> list[str]:
+    """Returns a sentence on the windows of training whose mean return is NaN or infinite.
+
+    Args:
+        training: run_id, episodes and mean_return of each window.
+    """
     windows = training[training["mean_return"].notna() & ~np.isfinite(training["mean_return"].astype(float))]
     nans = training[training["mean_return"].isna() & (training["episodes"] > 0)]
-    if len(windows) + len(nans):
-        runs = pd.concat([windows["run_id"], nans["run_id"]]).astype(str)
-        found.append(
-            f"{_count(len(windows) + len(nans), 'window')} of training with a mean return that is NaN or "
-            f"infinite: excluded ({_named(runs)})."
-        )
-    return found
+    if not len(windows) + len(nans):
+        return []
+    runs = pd.concat([windows["run_id"], nans["run_id"]]).astype(str)
+    return [
+        f"{_count(len(windows) + len(nans), 'window')} of training with a mean return that is NaN or "
+        f"infinite: excluded ({_named(runs)})."
+    ]
 
 
 def _sums(values: NDArray[np.number], starts: NDArray[np.int64]) -> NDArray[np.number]:

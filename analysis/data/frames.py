@@ -14,10 +14,10 @@ from typing import Any, Concatenate, ParamSpec
 import numpy as np
 import pandas as pd
 
-from analysis.data.evaluations import evaluation_measures, not_finite_warnings
+from analysis.data.evaluations import evaluation_measures, evaluation_warnings, training_warnings
 from analysis.data.identity import CONDITIONS, experiments_apart, identity, named_apart
 from tma_ray.decoding import DamagedFileError, decode_json
-from tma_ray.results import CHIPMUNK, Results, Table
+from tma_ray.results import CHIPMUNK, SCHEMAS, Results, Table
 from tma_ray.tasks import MASTERY_RETURN
 
 COMPARISON = [
@@ -43,40 +43,60 @@ STATUSES = ("done", "running", "failed", "waiting")
 
 @dataclass(frozen=True)
 class Frames:
-    """The results of one root. Long tables that hold tasks are read run by run, when asked for.
+    """The results of one root. Tables that not all need, and those that hold tasks, are read when asked for.
 
     Attributes:
         cells: one row per cell and run: `GROUP`, campaign, seed, run_id, status, error, spec, steps,
             test_set, physics_version, and of the spec `SETTINGS`: engine (what simulated the worlds),
             mastery_threshold, settings and identity. Names that would stand for several things are split:
             see `identity.named_apart`.
-        attempts: as stored.
         evaluations: run_id, step, test_set, task_index, episodic_return, and mastered: whether that
             is over the threshold of its run.
         measured: one row per run and evaluation, of `evaluations.evaluation_measures`: computed once.
-        training: as stored.
         test_tasks: test_set, task_index, task (float32 (d,)).
-        warnings: what a reader must know before trusting a comparison.
+        told: what a reader must know of cells and evaluations before trusting a comparison.
         results: where the long tables are read from.
         elsewhere: where those of a run are read from that other results hold, of several joined roots.
     """
 
     cells: pd.DataFrame
-    attempts: pd.DataFrame
     evaluations: pd.DataFrame
     measured: pd.DataFrame
-    training: pd.DataFrame
     test_tasks: pd.DataFrame
     results: Results = field(repr=False)
-    warnings: tuple[str, ...] = ()
+    told: tuple[str, ...] = ()
     elsewhere: Mapping[str, Results] = field(default_factory=dict, repr=False)
     _computed: dict[Any, Any] = field(default_factory=dict, init=False, repr=False, compare=False)
 
     @property
+    def warnings(self) -> tuple[str, ...]:
+        """All that a reader must know before trusting a comparison, of training too."""
+        return (*self.told, *training_warnings(self.training))
+
+    @property
+    def left_out(self) -> tuple[str, ...]:
+        """Sentences on files that could not be read, of those that have been asked for."""
+        places = {id(each): each for each in (self.results, *self.elsewhere.values())}.values()
+        return tuple(dict.fromkeys(text for each in places for text in each.problems))
+
+    @property
     def notes(self) -> tuple[str, ...]:
         """All that a reader must know: the warnings, and which files were left out."""
-        places = {id(each): each for each in (self.results, *self.elsewhere.values())}.values()
-        return tuple(dict.fromkeys([*self.warnings, *(text for each in places for text in each.problems)]))
+        return (*self.warnings, *self.left_out)
+
+    @functools.cached_property
+    def training(self) -> pd.DataFrame:
+        """Windows of training of all runs, as stored."""
+        return self._rows(Table.TRAINING, list(SCHEMAS[Table.TRAINING].names), self._run_ids)
+
+    @functools.cached_property
+    def attempts(self) -> pd.DataFrame:
+        """Attempts at all runs, as stored."""
+        return self._rows(Table.ATTEMPTS, list(SCHEMAS[Table.ATTEMPTS].names), self._run_ids)
+
+    @property
+    def _run_ids(self) -> list[str]:
+        return list(self.cells["run_id"].unique())
 
     def results_of(self, run_id: str) -> Results:
         """Returns the results that hold a run."""
@@ -150,17 +170,15 @@ def load(root: str | Path) -> Frames:
     columns = ["run_id", "step", "test_set", "task_index", "episodic_return"]
     evaluations = _frame(results, Table.EVALUATIONS, columns)
     evaluations["mastered"] = evaluations["episodic_return"] > _thresholds(evaluations, runs)
-    measured, training = evaluation_measures(evaluations), _frame(results, Table.TRAINING)
-    warnings = *cell_warnings(cells, evaluations), *not_finite_warnings(measured, training)
+    measured = evaluation_measures(evaluations)
+    told = *cell_warnings(cells, evaluations), *evaluation_warnings(measured)
     return Frames(
         cells=cells,
-        attempts=_frame(results, Table.ATTEMPTS),
         evaluations=evaluations,
         measured=measured,
-        training=training,
         test_tasks=_test_tasks(results, evaluations),
         results=results,
-        warnings=(*warnings, *split, *apart),
+        told=(*told, *split, *apart),
     )
 
 

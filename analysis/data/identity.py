@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+import re
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from functools import cache
@@ -80,15 +81,19 @@ def named_apart(cells: Sequence[pd.DataFrame]) -> tuple[list[pd.DataFrame], tupl
         The same rows with other names, and a sentence for each new name.
     """
     frames = [_with_plain_names(frame) for frame in cells]
-    known = pd.concat([frame[_identified(frame)] for frame in frames], ignore_index=True)
+    identified = [_identified(frame) for frame in frames]
+    known = pd.concat(
+        [frame[apart] for frame, apart in zip(frames, identified, strict=True)], ignore_index=True
+    )
     known = known.drop_duplicates("run_id")
     said: list[str] = []
     for column in NAMED:
-        names = _names(known, column)
-        for frame in frames:
-            rows = zip(_variants(frame, column), frame[column], _identified(frame), strict=True)
-            frame[column] = [names.get(variant, name) if apart else name for variant, name, apart in rows]
-        renamed = known.assign(to=[names.get(variant, "") for variant in _variants(known, column)])
+        variants = _variants(known, column)
+        names = _names(variants)
+        for frame, apart in zip(frames, identified, strict=True):
+            rows = zip(_variants(frame, column), frame[column], apart, strict=True)
+            frame[column] = [names.get(variant, name) if mine else name for variant, name, mine in rows]
+        renamed = known.assign(to=[names.get(variant, "") for variant in variants])
         for (name, to), runs in renamed[renamed["to"] != ""].groupby([column, "to"]):
             said.append(f"{_runs(len(runs))} of {column} {name!r} stand apart as {to!r}.")
     return frames, tuple(said)
@@ -132,7 +137,9 @@ def searches() -> list[Matrix]:
 def of_searches(experiments: pd.Series) -> pd.Series:
     """Returns which of `experiments` are points of a search, by their names."""
     names = "|".join(matrix.name for matrix in searches())
-    return experiments.str.fullmatch(rf"({names})(_\d+)?( \(.*\))?").astype(bool)
+    search = re.compile(rf"({names})(_\d+)?( \(.*\))?")
+    found = {name: search.fullmatch(name) is not None for name in experiments.unique()}
+    return experiments.map(found).astype(bool)
 
 
 def _of_part(spec: Mapping[str, Any], part: str, files: Mapping[str, str]) -> dict[str, Any]:
@@ -178,14 +185,16 @@ def _identified(cells: pd.DataFrame) -> pd.Series:
 def _variants(cells: pd.DataFrame, column: str) -> list[tuple[Any, ...]]:
     """Returns where the name of each row is one name, the name, and the settings that it stands for."""
     places = [*WITHIN, "environment"] if column == "challenge" else WITHIN
-    rows = cells[[*places, column, "identity"]].itertuples(index=False, name=None)
-    return [(*key, _settings(text, column)) for *key, text in rows]
+    codes, texts = pd.factorize(cells["identity"], use_na_sentinel=False)  # long, and few
+    settings = [_settings(text, column) for text in texts]
+    columns = [cells[name].to_numpy(object) for name in (*places, column)]
+    return [(*key, settings[code]) for *key, code in zip(*columns, codes, strict=True)]
 
 
-def _names(known: pd.DataFrame, column: str) -> dict[tuple[Any, ...], str]:
+def _names(of_runs: Sequence[tuple[Any, ...]]) -> dict[tuple[Any, ...], str]:
     """Returns the new name of each variant but that of most runs, by `WITHIN`, old name and settings."""
     variants: dict[tuple[Any, ...], Counter[str]] = {}
-    for *key, settings in _variants(known, column):
+    for *key, settings in of_runs:
         variants.setdefault(tuple(key), Counter())[settings] += 1
     return {
         (*key, settings): name

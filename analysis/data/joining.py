@@ -33,17 +33,17 @@ def joined(frames: Sequence[Frames]) -> Frames:
         name: pd.concat(
             [_of(getattr(each, name), place, places) for place, each in enumerate(frames)], ignore_index=True
         )
-        for name in ("attempts", "evaluations", "measured", "training")
+        for name in ("evaluations", "measured")
     }
     test_tasks = pd.concat([each.test_tasks for each in frames], ignore_index=True)
-    told = [text for each in frames for text in each.warnings]
-    warnings = (*told, *cell_warnings(cells, tables["evaluations"]), *split, *apart)
+    of_each = [text for each in frames for text in each.told]
+    told = (*of_each, *cell_warnings(cells, tables["evaluations"]), *split, *apart)
     return Frames(
         cells=cells,
         **tables,
         test_tasks=test_tasks.drop_duplicates(["test_set", "task_index"]).reset_index(drop=True),
         results=first.results,
-        warnings=tuple(dict.fromkeys(warnings)),
+        told=tuple(dict.fromkeys(told)),
         elsewhere={run_id: _results(frames[place], run_id) for run_id, place in places.items() if place},
     )
 

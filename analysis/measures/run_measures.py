@@ -14,6 +14,8 @@ from analysis.measures.training import training_curves
 NOT_FINITE = "returns not finite"
 """Why a run has no measures whose last evaluation has returns that are NaN or infinite."""
 
+TRAINING_RETURN = "training_return"
+
 SHARES = (0.5, 0.9)
 """Shares of what a run masters in the end, of which it is measured when they are reached."""
 
@@ -26,7 +28,7 @@ def measure_names(shares: Sequence[float] = SHARES) -> list[str]:
         "mastered_area",
         *map(steps_to, shares),
         "forgotten_percent",
-        "training_return",
+        TRAINING_RETURN,
     ]
 
 
@@ -37,7 +39,12 @@ def steps_to(share: float) -> str:
 
 @computed_once
 def run_measures(
-    frames: Frames, at: int | None = None, shares: Sequence[float] = SHARES, share: float = 1.0
+    frames: Frames,
+    at: int | None = None,
+    shares: Sequence[float] = SHARES,
+    share: float = 1.0,
+    *,
+    training: bool = True,
 ) -> pd.DataFrame:
     """Returns one row per run, with what it came to at the end of its budget.
 
@@ -47,6 +54,7 @@ def run_measures(
             count once they have been evaluated there. None for each run's own budget.
         shares: of the final mastered %, each of which gets a column `steps_to`.
         share: of each run's own budget after which it is measured, likewise; 1 for all of it.
+        training: whether there is a column training_return, for which more files are read.
 
     Returns:
         Sorted by run_id, with the columns
@@ -78,9 +86,11 @@ def run_measures(
         limits = evaluations["run_id"].map(rows["steps"]).astype(float)
         evaluations = evaluations[evaluations["step"] <= limits]
     rows["forgotten_percent"] = _forgotten(evaluations, within)
-    rows["training_return"] = _training_return(frames, rows[rows["reason"] == ""])
-    rows.loc[rows["reason"] != "", measure_names(shares)] = np.nan
-    return rows.reset_index()[["run_id", "steps", "step", *measure_names(shares), "reason"]]
+    measures = [name for name in measure_names(shares) if training or name != TRAINING_RETURN]
+    if training:
+        rows[TRAINING_RETURN] = _training_return(frames, rows[rows["reason"] == ""])
+    rows.loc[rows["reason"] != "", measures] = np.nan
+    return rows.reset_index()[["run_id", "steps", "step", *measures, "reason"]]
 
 
 @computed_once

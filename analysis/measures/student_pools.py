@@ -25,9 +25,15 @@ RELEASED_MATRICES = tuple(
 """The paper's matrices with the bodies that the original release ran."""
 
 
-def runs_after(frames: Frames, share: float = 1.0) -> pd.DataFrame:
-    """Returns `result_runs` after a share of the budget of each run; 1 for the ends of runs."""
-    return result_runs(frames, run_measures(frames, share=share))
+def runs_after(frames: Frames, share: float = 1.0, *, training: bool = True) -> pd.DataFrame:
+    """Returns `result_runs` after a share of the budget of each run; 1 for the ends of runs.
+
+    Args:
+        frames: what was run.
+        share: of each run's own budget.
+        training: of `run_measures`.
+    """
+    return result_runs(frames, run_measures(frames, share=share, training=training))
 
 
 def result_runs(frames: Frames, values: pd.DataFrame) -> pd.DataFrame:

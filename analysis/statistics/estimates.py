@@ -17,7 +17,7 @@ from typing import Any, TypeAlias
 import numpy as np
 import pandas as pd
 from numpy.typing import ArrayLike, NDArray
-from scipy import optimize, special, stats
+from scipy import special
 
 from analysis.statistics.samples import CONFIDENCE
 
@@ -55,6 +55,8 @@ class Estimate:
 
 def interquartile_mean(values: ArrayLike, axis: int = -1) -> Any:
     """Returns the mean of the middle half: a quarter of the values, rounded down, is cut at each end."""
+    from scipy import stats  # it takes a second to import, like `optimize`
+
     return stats.trim_mean(np.asarray(values, dtype=float), TRIMMED, axis=axis)
 
 
@@ -167,6 +169,8 @@ def _superiority(values: Floats, others: Floats) -> float:
 
 def _newcombe(share: float, n: int, m: int) -> tuple[float, float]:
     """Returns the interval of a probability of improvement that was estimated from n times m pairs."""
+    from scipy import optimize
+
     mean, quantile = (n + m) / 2 - 1, float(special.stdtrit(n + m - 2, TAIL))
 
     def excess(chance: float) -> float:

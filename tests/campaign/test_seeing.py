@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import os
 import time
 from dataclasses import replace
 from pathlib import Path
@@ -15,7 +16,7 @@ from test_campaign import campaign, execute, idle, lingering, settings
 
 from tma_ray.campaign.execution import execute_plan
 from tma_ray.campaign.monitor import history, status
-from tma_ray.campaign.monitor.overview import overview
+from tma_ray.campaign.monitor.overview import Observer, overview
 from tma_ray.campaign.monitor.progress import Snapshot
 from tma_ray.campaign.rerun import rerun_plan
 from tma_ray.campaign.settings import TeacherPlacement
@@ -175,3 +176,23 @@ def test_a_campaign_that_is_asked_to_stop_leaves_checkpoints_and_goes_on_later(t
     with pytest.raises(NotRunningError):
         ask_to_stop(Store.open(tmp_path / "root"))
     assert execute(what, tmp_path / "root", teachers=TeacherPlacement.INLINE).done == 1
+
+
+def test_a_status_that_is_watched_reads_only_what_has_changed(
+    one_failed: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for path in one_failed.rglob("*"):
+        os.utime(path, (1_000_000_000, 1_000_000_000))
+    observer, now = Observer(one_failed), time.time()
+    first, read, read_bytes = observer.look(now), [], Store.read_bytes
+    monkeypatch.setattr(Store, "read_bytes", lambda store, path: read.append(path) or read_bytes(store, path))
+    assert observer.look(now) == first
+    assert set(read) == {"root.json", "heartbeat.json"}
+    read.clear()
+    failed = next(run for run in Results.open(one_failed).runs() if run.status is RunStatus.FAILED)
+    path = f"manifests/{failed.run.run_id}.json"
+    (one_failed / path).write_bytes(replace(failed, error="another").to_bytes())
+    read.clear()
+    changed = observer.look(now)
+    assert set(read) == {"root.json", "heartbeat.json", path}
+    assert changed == overview(one_failed, now) != first

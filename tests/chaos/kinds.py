@@ -14,7 +14,7 @@ from pathlib import Path
 
 import psutil
 from faults import Site, kill, wait_for
-from nodes import Nodes, living
+from nodes import Nodes
 from saboteur import FULL_DISK, HOLD
 from suite.object_server import ObjectServer
 
@@ -168,7 +168,7 @@ def node_frozen(scene: Scene, injections: int) -> None:
         finally:
             scene.nodes.thaw(frozen)
         if given_away:  # what was on it ends by itself: its successors hold the runs
-            wait_for(lambda frozen=frozen: not living(frozen))
+            wait_for(lambda frozen=frozen: scene.nodes.ended(frozen))
             scene.nodes.kill(number)
     scene.finish(driver)
 

@@ -5,6 +5,7 @@ Ray keeps one connection per process, and tests of other folders have theirs.
 
 from __future__ import annotations
 
+import itertools
 import multiprocessing
 import os
 import signal
@@ -76,6 +77,14 @@ class Nodes:
     def thaw(self, processes: set[int]) -> None:
         """Lets stopped processes go on."""
         _signal(processes, signal.SIGCONT)
+
+    def ended(self, processes: set[int]) -> bool:
+        """Tells whether all of some processes have ended.
+
+        A raylet that nobody waits for stays a zombie, which its workers take for alive.
+        """
+        self._ask("reap")
+        return not living(processes)
 
     def processes(self, number: int) -> set[int]:
         """Returns the ids of all processes of a node: raylet, agents and workers."""
@@ -179,4 +188,9 @@ def _do(cluster: Any, nodes: dict[int, Any], name: str, *arguments: int) -> Any:
         cluster.remove_node(nodes[arguments[0]], allow_graceful=False)
         nodes[arguments[0]] = None
         return None
-    return [number for number, node in nodes.items() if node is not None]
+    alive = {number: node for number, node in nodes.items() if node is not None}
+    if name == "reap":
+        for node in alive.values():
+            for started in itertools.chain.from_iterable(node.all_processes.values()):
+                started.process.poll()
+    return list(alive)

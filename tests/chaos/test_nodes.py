@@ -6,7 +6,7 @@ import time
 
 import pytest
 from faults import Fault, Site, wait_for
-from nodes import Nodes, living
+from nodes import Nodes
 from saboteur import HOLD
 from test_processes import check
 
@@ -66,7 +66,7 @@ def test_a_frozen_node_that_thaws_after_its_runs_were_given_away(
         wait_for(lambda: clustered.taken_up(1))
     finally:
         nodes.thaw(frozen)
-    wait_for(lambda: not living(frozen))  # they find their successors and end
+    wait_for(lambda: nodes.ended(frozen))  # they find their successors and end
     clustered.withdraw(HOLD)
     clustered.finish(driver)
     nodes.kill(number)

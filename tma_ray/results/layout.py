@@ -31,6 +31,8 @@ LOGS: Final = "logs"
 LONGEST_ID: Final = 200
 """Characters of an id: with its ending it is a file name on every disk."""
 
+_ID: Final = re.compile(rf"[0-9a-zA-Z_-]{{1,{LONGEST_ID}}}")
+
 
 @dataclass(frozen=True)
 class RootFile:
@@ -144,7 +146,7 @@ def check_id(name: str) -> str:
     Raises:
         ValueError: anything but letters, digits, "_" and "-", or too many of them.
     """
-    if not re.fullmatch(rf"[0-9a-zA-Z_-]{{1,{LONGEST_ID}}}", name):
+    if not _ID.fullmatch(name):
         raise ValueError(
             f"id {name!r:.60} is part of file names: use up to {LONGEST_ID} letters, digits, '_' and '-'"
         )

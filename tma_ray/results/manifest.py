@@ -5,7 +5,6 @@ from __future__ import annotations
 import hashlib
 import json
 from dataclasses import asdict, dataclass, replace
-from pathlib import PurePosixPath
 from typing import Any, Final, Self
 
 from tma_ray.decoding import DamagedFileError, Natural, Sha256, SmallNatural, decode_json
@@ -135,7 +134,7 @@ class Manifest:
 
     def row(self) -> dict[str, Any]:
         """Returns the row of the table of runs."""
-        return {**asdict(self.run), "status": self.status.value, "error": self.error}
+        return {**vars(self.run), "status": self.status.value, "error": self.error}
 
 
 def load_manifest(store: Store, path: str) -> Manifest:
@@ -147,7 +146,7 @@ def load_manifest(store: Store, path: str) -> Manifest:
     """
     manifest = decode_json(store.read_bytes(path), Manifest, store.where(path))
     try:
-        manifest.check(PurePosixPath(path).name.removesuffix(".json"))
+        manifest.check(path.rpartition("/")[2].removesuffix(".json"))
     except ValueError as error:
         raise DamagedFileError(f"{store.where(path)} is damaged: {error}") from error
     return manifest

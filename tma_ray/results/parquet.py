@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Iterable, Iterator, Sequence
+from functools import cache
 from typing import Any, Final
 
 import pyarrow as pa
 import pyarrow.parquet as pq
 
 from tma_ray.decoding import DamagedFileError
-from tma_ray.results.rows import completed
+from tma_ray.results.rows import completed, selected
 from tma_ray.results.schema import SCHEMAS, VERSION_KEY, Table
 
 ROW_GROUP_ROWS: Final = 1 << 17
@@ -170,10 +171,17 @@ def _present(file: pq.ParquetFile, columns: Sequence[str]) -> list[str]:
 
 
 def _completed(table: Table, columns: Sequence[str], rows: pa.Table) -> pa.Table:
+    if rows.schema.equals(_selected(table, tuple(columns))):  # nearly always, and files are many
+        return rows
     try:
         return completed(SCHEMAS[table], columns, rows)
     except KeyError as error:
         raise DamagedFileError(f"it has no column {error}, which {table} has always had") from error
+
+
+@cache
+def _selected(table: Table, columns: tuple[str, ...]) -> pa.Schema:
+    return selected(SCHEMAS[table], columns)
 
 
 def _write_group(writer: pq.ParquetWriter, table: Table, parts: Sequence[pa.Table]) -> None:

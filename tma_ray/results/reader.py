@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 import warnings
 from collections.abc import Callable, Collection, Iterable, Sequence
 from concurrent.futures import ThreadPoolExecutor
@@ -42,6 +43,12 @@ RUN_ID: Final = "run_id"
 
 _THREADS: Final = 16  # more than cores: they wait for disks and object stores
 
+_SETTLED_NS: Final = 5_000_000_000
+"""Age of a file from which its successor would have another time, ns: some storages tell only seconds."""
+
+_SMALL_ROWS: Final = 20_000
+"""Rows up to which a file is decoded sooner than handed to a thread."""
+
 
 class Results:
     """The runs of a results root as they stood when it was opened.
@@ -51,6 +58,7 @@ class Results:
 
     Args:
         store: the results root.
+        before: an earlier look at the same root, whose manifests are taken where theirs have not changed.
 
     Raises:
         ResultsRootError: there is none, or one of another version.
@@ -59,14 +67,21 @@ class Results:
         problems: a message for each file that was left out.
     """
 
-    def __init__(self, store: Store) -> None:
+    def __init__(self, store: Store, before: Results | None = None) -> None:
         check_root(store)
         self.store = store
         self.problems: list[str] = []
-        # Threads wait for object stores; for small local files they would wait for each other.
-        threads = _THREADS if store.is_object_store else 1
-        found = self._map(self._load, store.files(MANIFESTS), threads)
-        self._manifests = tuple(manifest for manifest in found if manifest is not None)
+        known, now = before._known if before is not None else {}, time.time_ns()
+        stamps = store.stamps(MANIFESTS)
+        new = [path for path, stamp in stamps.items() if (path, stamp) not in known]
+        read = dict(zip(new, self._map(self._load, new, self._threads()), strict=True))
+        found = {key: known[key] if key in known else read[key[0]] for key in stamps.items()}
+        self._manifests = tuple(manifest for manifest in found.values() if manifest is not None)
+        self._known = {
+            (path, (at, size)): manifest
+            for (path, (at, size)), manifest in found.items()
+            if manifest is not None and at is not None and now - at > _SETTLED_NS
+        }
 
     @classmethod
     def open(cls, uri: str | Path) -> Self:
@@ -118,7 +133,11 @@ class Results:
         # Ids are known without reading them, and there are tens of millions.
         read = [name for name in names if name != RUN_ID] or names
         shared = self._shared(chosen, table, read)
-        per_run = self._map(lambda manifest: self._run_rows(manifest, table, read, shared), chosen)
+        per_run = self._map(
+            lambda manifest: self._run_rows(manifest, table, read, shared),
+            chosen,
+            self._threads(file.rows for manifest in chosen for file in manifest.files if file.table is table),
+        )
         rows = _joined(table, read, [rows for found in per_run for rows in found])
         rows = by_appearance(rows) if shared else rows
         if read == names:
@@ -132,7 +151,7 @@ class Results:
             rows = to_arrow(table, SCHEMAS[table], [manifest.row() for manifest in self.runs()])
         else:
             paths = self._paths_about(table, run_ids)
-            found = self._map(lambda path: self._file_rows(table, path), paths)
+            found = self._map(lambda path: self._file_rows(table, path), paths, self._threads())
             rows = _joined(table, SCHEMAS[table].names, [part for part in found if part is not None])
             rows = _each_once(rows) if table is Table.ATTEMPTS else rows
         if run_ids is None:
@@ -204,6 +223,10 @@ class Results:
         problem = f"{where} was left out: {damage_reason(error, where)}"
         if problem not in self.problems:
             self.problems.append(problem)
+
+    def _threads(self, rows: Iterable[int] = ()) -> int:
+        """Returns how many threads read files of so many rows: for small local ones they only cost time."""
+        return _THREADS if self.store.is_object_store or max(rows, default=0) > _SMALL_ROWS else 1
 
     def _map(self, function: Callable[[S], T], items: Iterable[S], threads: int = _THREADS) -> list[T]:
         """Returns the results in the order of `items`, computed in threads; warns of new problems."""

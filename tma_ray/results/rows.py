@@ -35,8 +35,10 @@ def to_arrow(table: Table, schema: pa.Schema, rows: Sequence[Mapping[str, Any]])
         ValueError: a column missing, unknown, or of a wrong type; the message names table and column.
     """
     defaults = _defaults(schema)
+    known, needed = set(schema.names), [f.name for f in schema if not f.nullable and f.name not in defaults]
     for row in rows:
-        _check_names(table, schema, {**defaults, **row})
+        if not known.issuperset(row) or any(row.get(name) is None for name in needed):
+            raise _wrong_names(table, schema, {**defaults, **row})
     columns = [
         _column(table, field, [row.get(field.name, defaults.get(field.name)) for row in rows])
         for field in schema
@@ -62,9 +64,12 @@ def completed(schema: pa.Schema, names: Sequence[str], rows: pa.Table) -> pa.Tab
         else:
             value = pa.array([default_of(field)], field.type)
             columns.append(value.take(pa.array(np.zeros(len(rows), np.int32))))
-    return pa.Table.from_arrays(
-        columns, schema=pa.schema([schema.field(name) for name in names], schema.metadata)
-    )
+    return pa.Table.from_arrays(columns, schema=selected(schema, names))
+
+
+def selected(schema: pa.Schema, names: Sequence[str]) -> pa.Schema:
+    """Returns the columns `names` of `schema`, in their order."""
+    return pa.schema([schema.field(name) for name in names], schema.metadata)
 
 
 def _typed(column: pa.ChunkedArray, kind: pa.DataType) -> pa.ChunkedArray:
@@ -82,14 +87,13 @@ def _defaults(schema: pa.Schema) -> dict[str, Any]:
     return found
 
 
-def _check_names(table: Table, schema: pa.Schema, row: Mapping[str, Any]) -> None:
+def _wrong_names(table: Table, schema: pa.Schema, row: Mapping[str, Any]) -> ValueError:
     unknown = [name for name in row if name not in schema.names]
     missing = [field.name for field in schema if not field.nullable and row.get(field.name) is None]
-    if unknown or missing:
-        raise ValueError(
-            f"a row of {table} has the columns {', '.join(schema.names)}; "
-            f"missing: {', '.join(missing) or 'none'}; unknown: {', '.join(unknown) or 'none'}"
-        )
+    return ValueError(
+        f"a row of {table} has the columns {', '.join(schema.names)}; "
+        f"missing: {', '.join(missing) or 'none'}; unknown: {', '.join(unknown) or 'none'}"
+    )
 
 
 def _column(table: Table, field: pa.Field, values: list[Any]) -> pa.Array:

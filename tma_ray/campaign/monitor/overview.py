@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from itertools import chain
 from pathlib import Path
-from typing import Any
+from typing import Any, Generic, TypeVar
 
-from tma_ray.results import Heartbeat, Manifest, Results, RunProgress, RunStatus, Table
+from tma_ray.results import TABLES, Heartbeat, Manifest, Results, RunProgress, RunStatus, Store, Table
+
+T = TypeVar("T")
 
 INTERRUPTED = "interrupted"
 """A run that has been started and is not done, and whose last attempt or campaign has ended."""
@@ -59,25 +61,75 @@ class Overview:
 
 def overview(root: str | Path, now: float) -> Overview:
     """Returns what is known of the runs of a root at `now`, s since 1970."""
-    results = Results.open(root)
-    heartbeat = Heartbeat.load(results.store)
-    running = heartbeat.runs if heartbeat is not None and heartbeat.alive(now) else None
-    steps, outcomes = _published_steps(results), _last_outcomes(results)
-    states = {
-        manifest.run.run_id: _state(
-            manifest,
-            steps.get(manifest.run.run_id, 0),
-            outcomes.get(manifest.run.run_id),
-            running,
-        )
-        for manifest in results.runs()
-    }
-    campaigns: dict[str, dict[tuple[str, ...], list[RunState]]] = {}
-    for row in results.table(Table.CELLS).to_pylist():
-        cells = campaigns.setdefault(row["campaign"], {})
-        state = states.get(row["run_id"], RunState(row["run_id"], WAITING, 0, 0))
-        cells.setdefault(_cell(row), []).append(state)
-    return Overview(campaigns, heartbeat)
+    return Observer(root).look(now)
+
+
+class Observer:
+    """Looks at a root again and again, and reads only what has changed since the last look.
+
+    Args:
+        root: folder or URI of a results root.
+    """
+
+    def __init__(self, root: str | Path) -> None:
+        self._store = Store.open(root)
+        self._results: Results | None = None
+        self._steps: dict[str, tuple[Manifest, int]] = {}
+        self._outcomes = _Kept(self._store, Table.ATTEMPTS, _last_outcomes)
+        self._cells = _Kept(self._store, Table.CELLS, _rows_of_cells)
+
+    def look(self, now: float) -> Overview:
+        """Returns what is known of the runs at `now`, s since 1970.
+
+        Raises:
+            ResultsRootError: there is no root, or one of another version.
+        """
+        self._results = results = Results(self._store, self._results)
+        heartbeat = Heartbeat.load(self._store)
+        running = heartbeat.runs if heartbeat is not None and heartbeat.alive(now) else None
+        steps, outcomes = self._published_steps(results), self._outcomes.of(results)
+        states = {
+            manifest.run.run_id: _state(
+                manifest,
+                steps.get(manifest.run.run_id, 0),
+                outcomes.get(manifest.run.run_id),
+                running,
+            )
+            for manifest in results.runs()
+        }
+        campaigns: dict[str, dict[tuple[str, ...], list[RunState]]] = {}
+        for row in self._cells.of(results):
+            cells = campaigns.setdefault(row["campaign"], {})
+            state = states.get(row["run_id"], RunState(row["run_id"], WAITING, 0, 0))
+            cells.setdefault(_cell(row), []).append(state)
+        return Overview(campaigns, heartbeat)
+
+    def _published_steps(self, results: Results) -> dict[str, int]:
+        """Returns the step of the last published episode of every unfinished run."""
+        unfinished = _unfinished(results)
+        new = [
+            run for run, manifest in unfinished.items() if self._steps.get(run, (None, 0))[0] is not manifest
+        ]
+        if new:
+            rows = results.table(Table.EPISODES, new, ["run_id", "step"])
+            grouped = rows.group_by("run_id").aggregate([("step", "max")]).to_pylist()
+            found = {row["run_id"]: row["step_max"] for row in grouped}
+            self._steps |= {run: (unfinished[run], found.get(run, 0)) for run in new}
+        return {run: self._steps[run][1] for run in unfinished}
+
+
+class _Kept(Generic[T]):
+    """Rows about runs as `read` returned them, until a file of their table or a run's state changes."""
+
+    def __init__(self, store: Store, table: Table, read: Callable[[Results], T]) -> None:
+        self._store, self._folder, self._read = store, f"{TABLES}/{table}", read
+        self._found: tuple[object, T] | None = None
+
+    def of(self, results: Results) -> T:
+        seen = self._store.stamps(self._folder), list(_unfinished(results))
+        if self._found is None or self._found[0] != seen:
+            self._found = seen, self._read(results)
+        return self._found[1]
 
 
 def _state(
@@ -99,14 +151,9 @@ def _state(
     return RunState(manifest.run.run_id, state, step, manifest.run.steps, speed, manifest.error)
 
 
-def _published_steps(results: Results) -> dict[str, int]:
-    """Step of the last published episode of every unfinished run."""
-    unfinished = _unfinished(results)
-    if not unfinished:
-        return {}
-    rows = results.table(Table.EPISODES, unfinished, ["run_id", "step"])
-    grouped = rows.group_by("run_id").aggregate([("step", "max")]).to_pylist()
-    return {row["run_id"]: row["step_max"] for row in grouped}
+def _rows_of_cells(results: Results) -> list[dict[str, Any]]:
+    rows: list[dict[str, Any]] = results.table(Table.CELLS).to_pylist()
+    return rows
 
 
 def _last_outcomes(results: Results) -> dict[str, tuple[int, str]]:
@@ -118,8 +165,10 @@ def _last_outcomes(results: Results) -> dict[str, tuple[int, str]]:
     return last
 
 
-def _unfinished(results: Results) -> list[str]:
-    return [manifest.run.run_id for manifest in results.runs() if manifest.status is not RunStatus.DONE]
+def _unfinished(results: Results) -> dict[str, Manifest]:
+    return {
+        manifest.run.run_id: manifest for manifest in results.runs() if manifest.status is not RunStatus.DONE
+    }
 
 
 def _cell(row: Mapping[str, Any]) -> tuple[str, ...]:

@@ -15,7 +15,14 @@ from rich.live import Live
 from rich.table import Table as Grid
 from rich.text import Text
 
-from tma_ray.campaign.monitor.overview import INTERRUPTED, WAITING, Overview, RunState, overview
+from tma_ray.campaign.monitor.overview import (
+    INTERRUPTED,
+    WAITING,
+    Observer,
+    Overview,
+    RunState,
+    overview,
+)
 from tma_ray.campaign.monitor.progress import duration
 from tma_ray.results import Heartbeat, RunStatus
 from tma_ray.terminal import terminal
@@ -47,10 +54,11 @@ def show(root: str | Path, cells: bool = False, console: Console | None = None) 
 
 def watch(root: str | Path, cells: bool = False, console: Console | None = None) -> NoReturn:
     """Shows it again every few seconds, until Ctrl-C."""
+    observer = Observer(root)
     with Live(console=terminal(console), auto_refresh=False) as live:
         while True:
             now = time.time()
-            live.update(_page(root, overview(root, now), cells, now), refresh=True)
+            live.update(_page(root, observer.look(now), cells, now), refresh=True)
             time.sleep(WATCH_SECONDS)
 
 

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import fcntl
 import os
+import shutil
 import time
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Final
 
@@ -106,3 +107,13 @@ def links_out(base: str, path: str) -> bool:
         return not Path(place).resolve().is_relative_to(Path(base).resolve())
     except (OSError, RuntimeError):  # a circle
         return True
+
+
+def clear_folder(folder: Path, older_than: float) -> None:
+    """Deletes what is in `folder` and older than that, s; younger files may be in the making."""
+    if not folder.exists():
+        return
+    for entry in folder.iterdir():
+        with suppress(FileNotFoundError):  # finished meanwhile
+            if time.time() - entry.stat().st_mtime > older_than:
+                shutil.rmtree(entry) if entry.is_dir() else entry.unlink()
