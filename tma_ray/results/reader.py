@@ -35,6 +35,9 @@ T = TypeVar("T")
 _Shared: TypeAlias = dict[PartFile, pa.Table | Exception]
 """Rows of runs in shared files, or why they could not be read."""
 
+_Known: TypeAlias = dict[tuple[str, tuple[int | None, int | None]], Manifest | None]
+"""Manifests by path, and by when the file was written and its bytes."""
+
 SHOWN_RUNS: Final = 5
 """How many runs a message names."""
 
@@ -71,13 +74,14 @@ class Results:
         check_root(store)
         self.store = store
         self.problems: list[str] = []
-        known, now = before._known if before is not None else {}, time.time_ns()
+        known: _Known = before._known if before is not None else {}
+        now = time.time_ns()
         stamps = store.stamps(MANIFESTS)
         new = [path for path, stamp in stamps.items() if (path, stamp) not in known]
         read = dict(zip(new, self._map(self._load, new, self._threads()), strict=True))
         found = {key: known[key] if key in known else read[key[0]] for key in stamps.items()}
         self._manifests = tuple(manifest for manifest in found.values() if manifest is not None)
-        self._known = {
+        self._known: _Known = {
             (path, (at, size)): manifest
             for (path, (at, size)), manifest in found.items()
             if manifest is not None and at is not None and now - at > _SETTLED_NS
