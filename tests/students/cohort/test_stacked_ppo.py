@@ -217,3 +217,20 @@ def test_values_are_the_networks_last_output():
     with torch.no_grad():
         expected = model.policy.predict_values(torch.from_numpy(states))[:, 0].numpy()
     np.testing.assert_allclose(stacked.values(1, states), expected, rtol=1e-5, atol=1e-6)
+
+
+@pytest.mark.slow
+def test_compiled_updates_are_the_same_up_to_rounding():
+    plain, stacked = (
+        StackedPPO((OBSERVATION, ACTION), HYPER, WIDTH, CPU, compiled=mode) for mode in (False, "default")
+    )
+    for own in (plain, stacked):
+        for slot in range(WIDTH):
+            own.join(slot, networks(slot))
+        learn(own, 1, 1)
+        learn(own, 2, 2)
+        own.advance(100)
+    for slot in range(WIDTH):
+        ours, theirs = stacked.networks(slot).parameters, plain.networks(slot).parameters
+        np.testing.assert_allclose(ours, theirs, atol=1e-4)
+    assert_same_bits(stacked.networks(0), plain.networks(0))

@@ -270,3 +270,17 @@ def test_values_average_the_soft_value_over_the_noise_handed_in():
     np.testing.assert_array_equal(own, stacked.values(1, states))
     assert own.shape == (4,)
     assert (own != both).all()
+
+
+@pytest.mark.slow
+def test_compiled_updates_are_the_same_up_to_rounding():
+    plain, stacked = learner(), learner(compiled="default")
+    for own in (plain, stacked):
+        for slot in range(WIDTH):
+            enter(own, slot, run=slot)
+            own.owe(slot, 10 * slot)
+        own.advance(20)
+    for slot in range(WIDTH):
+        for ours, theirs in zip(stacked.networks(slot)[:3], plain.networks(slot)[:3], strict=True):
+            np.testing.assert_allclose(ours, theirs, atol=1e-4)
+    assert_same_bits(stacked.networks(0), plain.networks(0))

@@ -8,6 +8,7 @@ from typing import Any
 
 import torch
 
+from tma_ray.students.cohort.transfer import keep_pages
 from tma_ray.students.hyperparameters import MatmulPrecision
 
 WARM_UP = 3
@@ -54,6 +55,8 @@ class Repeated:
     def __init__(self, function: Callable[[], None], chosen: MatmulPrecision, device: torch.device) -> None:
         self._function, self._precision, self._device = function, chosen, device
         self._graph: torch.cuda.CUDAGraph | None = None
+        if device.type == "cpu":
+            keep_pages()
 
     def __call__(self, times: int) -> None:
         """Executes the function `times` times; a GPU is not waited for."""

@@ -1,8 +1,7 @@
 """Random numbers by counter: Philox4x32-10 (Salmon et al., SC 2011) in torch's 64-bit integers.
 
 What is drawn depends on nothing but a key and a counter: not on what else is drawn, nor on the device.
-Torch multiplies no unsigned numbers of 32 bits, so words are int64 in [0, 2^32); products wrap modulo 2^64,
-and their bits are right.
+Torch multiplies no unsigned numbers of 32 bits, so words are int64 in [0, 2^32).
 """
 
 from __future__ import annotations
@@ -48,9 +47,8 @@ def philox(counters: tuple[torch.Tensor, ...], keys: tuple[torch.Tensor, torch.T
     c0, c1, c2, c3 = counters
     k0, k1 = keys
     for _ in range(ROUNDS):
-        first, second = c0 * _MULTIPLIERS[0], c2 * _MULTIPLIERS[1]
-        c0, c2 = _high(second) ^ c1 ^ k0, _high(first) ^ c3 ^ k1
-        c1, c3 = second & _WORD, first & _WORD
+        (high0, low0), (high1, low1) = (_product(c, m) for c, m in zip((c0, c2), _MULTIPLIERS, strict=True))
+        c0, c1, c2, c3 = high1 ^ c1 ^ k0, low1, high0 ^ c3 ^ k1, low0
         k0, k1 = (k0 + _KEY_STEPS[0]) & _WORD, (k1 + _KEY_STEPS[1]) & _WORD
     return torch.stack((c0, c1, c2, c3), dim=-1)
 
@@ -81,5 +79,11 @@ def standard_normals(drawn: torch.Tensor, dtype: torch.dtype) -> torch.Tensor:
     return torch.stack((radii * angles.cos(), radii * angles.sin()), dim=-1).flatten(1)
 
 
-def _high(product: torch.Tensor) -> torch.Tensor:
-    return product >> 32 & _WORD
+def _product(word: torch.Tensor, multiplier: int) -> tuple[torch.Tensor, torch.Tensor]:
+    """Returns the high and the low word of the product, made of halves: in one piece it has 64 bits.
+
+    Signed numbers of 64 bits would overflow, which compilers of C++ assume never to happen.
+    """
+    lower, upper = (word & 0xFFFF) * multiplier, (word >> 16) * multiplier
+    upper = upper + (lower >> 16)
+    return upper >> 16, (upper & 0xFFFF) << 16 | lower & 0xFFFF
