@@ -8,6 +8,8 @@ RESULTS ?= results
 PROCESSES ?= $(shell $(PYTHON) -c 'import os; print((os.cpu_count() or 1) + 1)')
 SEED ?= 1
 INJECTIONS ?= 20
+# Tests start many processes, none of which has to compile our modules again.
+unexport PYTHONDONTWRITEBYTECODE
 PYTEST := $(BIN)/python -m pytest --costs 10 --randomly-seed $(SEED)
 SIDE_BY_SIDE := --numprocesses $(PROCESSES) --dist loadscope --no-loadscope-reorder
 

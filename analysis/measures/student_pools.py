@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import pandas as pd
 
-from analysis.data.frames import Frames
+from analysis.data.frames import Frames, computed_once
 from analysis.data.identity import of_searches
 from analysis.measures.pooling import POOLED, pool_runs, reuse_random
 from analysis.measures.run_measures import run_measures
@@ -33,6 +33,11 @@ def runs_after(frames: Frames, share: float = 1.0, *, training: bool = True) -> 
         share: of each run's own budget.
         training: of `run_measures`.
     """
+    return _runs_after(frames, share, training)
+
+
+@computed_once
+def _runs_after(frames: Frames, share: float, training: bool) -> pd.DataFrame:
     return result_runs(frames, run_measures(frames, share=share, training=training))
 
 

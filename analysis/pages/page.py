@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import base64
 from collections.abc import Mapping
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -14,6 +15,12 @@ from analysis.pages.charts import plotly_library
 
 def page(template: str, **content: Any) -> str:
     """Returns the page that `template`, of the folder of templates, makes of `content`."""
+    return _environment().get_template(template).render(**content)
+
+
+@cache
+def _environment() -> Environment:
+    """Returns what compiles templates, each once."""
     environment = Environment(
         loader=PackageLoader("analysis.pages.page"),
         autoescape=True,
@@ -23,7 +30,7 @@ def page(template: str, **content: Any) -> str:
     )
     environment.filters["data_uri"] = _data_uri
     environment.globals["plotly_library"] = plotly_library
-    return environment.get_template(template).render(**content)
+    return environment
 
 
 def page_folder(root: str | Path, output: Path | None, name: str, what: str) -> Path:

@@ -45,7 +45,7 @@ def synthetic_root(root: Path, levels: dict[str, tuple[str, ...]]) -> Path:
             experiment=challenge,
             steps=STEPS,
             evaluation_every=10_000,
-            episode_steps=500,
+            episode_steps=1_000,
             grid=4,
             updates=4,
         )
@@ -73,6 +73,11 @@ def root(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.fixture(scope="module")
 def small_report(small_root: Path) -> Path:
     return write_report(small_root)
+
+
+@pytest.fixture(scope="module")
+def small_comparison(small_root: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return write_comparison(small_root, ["paper-2021"], tmp_path_factory.mktemp("comparison"))
 
 
 @pytest.fixture(scope="module")
@@ -178,10 +183,8 @@ def test_a_report_is_read_through_at_another_step_and_without_a_teacher(
     assert anywhere.complaints == []
 
 
-def test_a_comparison_is_read_through_at_another_step(
-    anywhere: Reader, small_root: Path, tmp_path: Path
-) -> None:
-    assert_opens_well(anywhere, write_comparison(small_root, ["paper-2021"], tmp_path / "page"))
+def test_a_comparison_is_read_through_at_another_step(anywhere: Reader, small_comparison: Path) -> None:
+    assert_opens_well(anywhere, small_comparison)
     anywhere.choose_step(0)
     mastered = anywhere.page.locator("section[data-comparison]:visible td[data-field=mastered]")
     assert mastered.first.inner_text().startswith("0.0")

@@ -57,7 +57,7 @@ def small(root: Path, **changes: object) -> SyntheticCampaign:
     return SyntheticCampaign(
         root,
         **(
-            {"steps": 40_000, "evaluation_every": 10_000, "episode_steps": 500, "grid": 4, "updates": 1}
+            {"steps": 40_000, "evaluation_every": 10_000, "episode_steps": 1_000, "grid": 4, "updates": 1}
             | changes
         ),
     )
@@ -278,7 +278,7 @@ def remove(root: Path) -> None:
 
 
 @pytest.mark.usefixtures("unpainted")
-@pytest.mark.parametrize("harm", [damage, remove])
+@pytest.mark.parametrize("harm", [damage, pytest.param(remove, marks=pytest.mark.slow)])
 @pytest.mark.filterwarnings("ignore::tma_ray.results.DamagedFileWarning")
 def test_a_damaged_file_is_left_out_and_named(tmp_path: Path, harm: Callable[[Path], None]) -> None:
     campaign = small(tmp_path)
@@ -299,7 +299,10 @@ def test_analysis_needs_neither_torch_nor_ray() -> None:
     subprocess.run([sys.executable, "-c", code], check=True, timeout=120)
 
 
-@pytest.mark.parametrize("highs", [(1,), (1, 0), (1, 1, 1)])
+@pytest.mark.parametrize(
+    "highs",
+    [pytest.param((1,), marks=pytest.mark.slow), (1, 0), pytest.param((1, 1, 1), marks=pytest.mark.slow)],
+)
 def test_a_world_with_a_threshold_and_a_task_space_of_its_own(tmp_path: Path, highs: tuple[int, ...]) -> None:
     campaign = small(tmp_path, steps=1000)
     space = [{"name": f"x{i}", "low": 0, "high": high, "unit": "m"} for i, high in enumerate(highs)]

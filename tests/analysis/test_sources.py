@@ -107,7 +107,15 @@ def test_joined_roots_are_the_same_as_one_root(tmp_path: Path) -> None:
     assert len(frames.episode_returns(run_ids)) == len(whole.episode_returns(run_ids))
 
 
-@pytest.mark.parametrize("command", ["ranking", "claims", "report", "tables", "figures"])
+@pytest.mark.parametrize(
+    "command",
+    [
+        "ranking",
+        "claims",
+        "tables",
+        *(pytest.param(name, marks=pytest.mark.slow) for name in ("report", "figures")),
+    ],
+)
 def test_every_command_takes_several_roots_and_baselines(
     command: str,
     roots: tuple[Path, Path],

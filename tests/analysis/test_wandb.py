@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib
 import json
 import re
 import sys
@@ -69,6 +70,7 @@ def runs(folder: Path) -> dict[str, dict[str, Any]]:
 def send(root: Path, folder: Path, *more: str) -> dict[str, dict[str, Any]]:
     command = ["wandb", str(root), "--offline", "--project", "curricula", "--folder", str(folder), *more]
     assert main(command) == 0
+    importlib.import_module("wandb").teardown()  # waits for the library's own process, which writes the files
     return runs(folder)
 
 

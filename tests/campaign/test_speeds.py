@@ -59,6 +59,7 @@ def test_a_kind_that_is_not_measured_in_time_has_its_shipped_speed(monkeypatch: 
     assert not speeds_file().exists()
 
 
+@pytest.mark.slow  # starts a process for each core, which compile and import what they measure
 def test_several_processes_measure_one_kind_together(monkeypatch: pytest.MonkeyPatch) -> None:
     """A student of its own hyper-parameters has no shipped speed: it is waited for."""
     spec = spec_of("ppo:hidden_units=8x8:steps_per_update=50:batch_size=50")

@@ -43,6 +43,8 @@ MANY = int(os.environ.get("MISTAKES", "1000"))
 
 MEASURED = Throughput("measured", 1e6, 1e6, 100)
 
+QUANTITIES = [each for each in vars(quantities).values() if isinstance(each, Quantity)]
+
 NUMBERS = ("N", "X", "SECONDS", "MIB", "GIB")
 
 MISTAKES = sorted(set(mistakes()), key=lambda mistake: mistake.words)
@@ -152,11 +154,8 @@ def test_mistakes_are_refused_by_name(warm: Mapping[str, Any], mistake: Mistake)
     text=st.from_regex(r"[+-]?[0-9_.]{0,12}([eE][+-]?[0-9]{1,3})?[kMG]{0,2}", fullmatch=True)
     | st.text(max_size=8)
 )
-@pytest.mark.parametrize(
-    "quantity", [each for each in vars(quantities).values() if isinstance(each, Quantity)]
-)
-def test_numbers_are_read_or_refused(quantity: Quantity, text: str) -> None:
-    """Against another reading of the same grammar."""
+def test_numbers_are_read_or_refused(text: str) -> None:
+    """By every quantity, against another reading of the same grammar."""
     found = re.fullmatch(
         r"\s*([+-]?)([0-9]+(?:_[0-9]+)*)(\.[0-9]+)?(?:[eE]([+-]?[0-9]{1,3}))?([kM]?)\s*", text
     )
@@ -165,6 +164,11 @@ def test_numbers_are_read_or_refused(quantity: Quantity, text: str) -> None:
         sign, whole, rest, exponent, unit = found.groups()
         power = int(exponent or 0) + {"": 0, "k": 3, "M": 6}[unit]
         value = Decimal(f"{sign}{whole.replace('_', '')}{rest or ''}").scaleb(power)
+    for quantity in QUANTITIES:
+        assert_read_or_refused(quantity, text, value)
+
+
+def assert_read_or_refused(quantity: Quantity, text: str, value: Decimal | None) -> None:
     fits = value is not None and quantity.least <= value <= quantity.most
     fits = fits and not (quantity.whole and value % 1)
     fits = fits and not (quantity.positive and float(value or 0) == quantity.least)

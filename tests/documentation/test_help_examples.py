@@ -19,9 +19,16 @@ EXAMPLES = [
 ]
 
 
+LONG = ("--latex", "tma-ray compare", "tma-ray wandb", "tma-ray report results colleague")
+"""In examples that draw many pages or start another library's process; fast ones try each command's page."""
+
+
 @pytest.mark.parametrize(
     "example",
-    [pytest.param(each, marks=pytest.mark.slow if "--latex" in each else ()) for each in EXAMPLES],
+    [
+        pytest.param(each, marks=pytest.mark.slow if any(text in each for text in LONG) else ())
+        for each in EXAMPLES
+    ],
 )
 def test_the_example_runs(example: str, place: Path) -> None:
     shutil.copytree(place / "results", place / "colleague")

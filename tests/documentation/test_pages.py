@@ -16,13 +16,16 @@ from declared import CHANGES, ENDINGS, EXEMPTIONS, changed, exempt, exit_code
 
 LONG = (
     "README.md",
+    "docs/add_embodiment.md",
+    "docs/baselines.md",
+    "docs/training_code.md",
     "docs/get_started.md",
     "docs/add_student.md",
     "docs/add_teacher.md",
     "docs/experiments.md",
     "docs/releasing.md",
 )
-"""Pages whose commands train and report again and again."""
+"""Pages whose code trains, plays or reports again and again."""
 
 
 @pytest.mark.parametrize(

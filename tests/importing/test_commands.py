@@ -37,6 +37,7 @@ def test_from_their_folder_to_a_ranking(
     assert "worlds of Box2D" in capsys.readouterr().out
 
 
+@pytest.mark.slow
 def test_reports_and_figures_of_an_imported_root(release: Release, tmp_path: Path) -> None:
     for seed in range(2):
         release.sac(stumps("Random", 1), seed=seed)

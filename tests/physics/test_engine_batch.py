@@ -46,7 +46,7 @@ def test_they_equal_single_engines_bit_for_bit(kind: str, make, actions_each: in
     alone, joined = make(), make()
     worlds, rng = batch_engines(joined), np.random.default_rng(0)
     assert isinstance(worlds, KINDS[kind])
-    for _ in range(150):
+    for _ in range(60):
         rows = np.sort(rng.choice(COUNT, rng.integers(1, COUNT + 1), replace=False))
         actions = rng.uniform(-1, 1, (len(rows), actions_each)).astype(np.float32)
         observations, rewards, ended = worlds.step(rows, actions)

@@ -32,7 +32,7 @@ def written_whole(store: Store) -> dict[Table, bytes]:
     return canonical_bytes(store, writer.finish())
 
 
-@settings(max_examples=15, deadline=None)
+@settings(max_examples=10, deadline=None)
 @given(
     flushes=st.sets(st.integers(1, INTERVALS - 1)),
     kills=st.lists(st.tuples(st.integers(1, INTERVALS), st.integers(0, 3)), max_size=3),

@@ -10,7 +10,7 @@ import pyarrow as pa
 from tma_ray.results.layout import final_path, part_number, part_path, staging_folder
 from tma_ray.results.manifest import PartFile
 from tma_ray.results.parquet import decode, encode
-from tma_ray.results.rows import to_arrow
+from tma_ray.results.rows import completed, to_arrow
 from tma_ray.results.schema import DATA_TABLES, SCHEMAS, Table
 from tma_ray.results.storage.store import Store
 
@@ -83,12 +83,15 @@ class RunWriter:
             FileNotFoundError: a part is gone.
             DamagedFileError: a part is not what was written.
         """
-        parts = self.flush()
-        return tuple(self._merge(table, [p for p in parts if p.table is table]) for table in DATA_TABLES)
+        return tuple(self._merge(table) for table in DATA_TABLES)
 
-    def _merge(self, table: Table, parts: Sequence[PartFile]) -> PartFile:
-        rows = [SCHEMAS[table].empty_table(), *(decode(table, part.read(self.store)) for part in parts)]
-        return self._write(final_path(self.run_id, self.attempt, table), table, pa.concat_tables(rows))
+    def _merge(self, table: Table) -> PartFile:
+        """Writes the rows of all parts, and those that no part holds yet."""
+        parts = [decode(table, part.read(self.store)) for part in self._parts if part.table is table]
+        schema, last = SCHEMAS[table], [_with_run_id(self.run_id, rows) for rows in self._buffer[table]]
+        parts += [completed(schema, schema.names, rows) for rows in last]
+        path = final_path(self.run_id, self.attempt, table)
+        return self._write(path, table, pa.concat_tables([schema.empty_table(), *parts]))
 
     def _write(self, path: str, table: Table, rows: pa.Table) -> PartFile:
         return PartFile.write(self.store, path, table, len(rows), encode(table, rows))
