@@ -44,3 +44,18 @@ def test_both_critics_of_a_pair_have_a_column_of_values():
     for column in range(2):
         alone = stacked_pass(pairs[:, column], layout, inputs, torch.float32)
         torch.testing.assert_close(values[..., column], alone[..., 0])
+
+
+def test_gradients_by_the_inputs_are_autograds_where_rows_without_one_are_left_out():
+    layout, generator = PaddedLayout.of(Layout((5, 20, 9, 1))), torch.Generator().manual_seed(0)
+    pairs = torch.zeros(3, 2, layout.length, dtype=torch.float64)
+    pairs[..., layout.places()] = torch.randn(
+        3, 2, layout.plain.parameters, generator=generator, dtype=torch.float64
+    )
+    inputs = torch.randn(3, 40, 5, generator=generator, dtype=torch.float64).requires_grad_()
+    gradients = []
+    for parameters in (pairs, pairs.clone().requires_grad_()):
+        values = twin_pass(parameters, layout, inputs, torch.float64).min(dim=-1).values
+        gradients += torch.autograd.grad(values.square().sum(), inputs)
+    assert gradients[0].any(dim=-1).double().mean() > 0.9
+    torch.testing.assert_close(*gradients, rtol=1e-12, atol=1e-12)

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import torch
 
 from tma_ray.students.cohort.padding import PaddedLayout
-from tma_ray.students.mlp.network import Layers, split
+from tma_ray.students.mlp.network import Layers, activations, input_gradient, split
 
 
 def stacked_pass(
@@ -20,6 +22,9 @@ def stacked_pass(
         hidden: type in which hidden layers are computed; the last layer is in that of the parameters.
     """
     layers = _layers(parameters, layout)
+    if _pays_by_rows(parameters, inputs) and hidden == parameters.dtype:
+        outputs: torch.Tensor = _pass_by_rows(layout.inputs(inputs), layers)
+        return outputs
     weight, bias = layers[-1]
     if hidden != parameters.dtype:
         layers = _layers(parameters.to(hidden), layout)
@@ -37,6 +42,37 @@ def twin_pass(
     both = inputs[:, None].expand(runs, 2, batch, size).flatten(0, 1)
     outputs = stacked_pass(parameters.flatten(0, 1), layout, both, hidden)
     return outputs.view(runs, 2, batch).mT
+
+
+class _PassByRows(torch.autograd.Function):
+    """A pass that is differentiated by the inputs only, network by network, by the rows with a gradient.
+
+    The smaller value of a pair of critics counts, so each has a gradient in about half of the rows.
+    """
+
+    @staticmethod
+    def forward(ctx: Any, inputs: torch.Tensor, layers: Layers) -> torch.Tensor:
+        *kept, outputs = activations(layers, inputs)
+        ctx.save_for_backward(*kept)
+        ctx.layers = layers
+        return outputs
+
+    @staticmethod
+    def backward(ctx: Any, *gradients: torch.Tensor) -> tuple[torch.Tensor, None]:
+        (gradient,), kept, parts = gradients, ctx.saved_tensors, []
+        for own in range(len(gradient)):
+            layers = [(weight[own], bias[own]) for weight, bias in ctx.layers]
+            parts.append(input_gradient(layers, [values[own] for values in kept], gradient[own]))
+        return torch.stack(parts), None
+
+
+_pass_by_rows: Any = _PassByRows.apply
+
+
+def _pays_by_rows(parameters: torch.Tensor, inputs: torch.Tensor) -> bool:
+    """Returns whether to leave rows out: not on a GPU, which would be waited for, nor in compiled code."""
+    eager = parameters.device.type == "cpu" and not torch.compiler.is_compiling()
+    return eager and inputs.requires_grad and not parameters.requires_grad
 
 
 def _layers(parameters: torch.Tensor, layout: PaddedLayout) -> Layers:

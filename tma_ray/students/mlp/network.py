@@ -143,7 +143,7 @@ class _LeanPass(torch.autograd.Function):
         wants_inputs, wants_parameters, _ = ctx.needs_input_grad
         network = ctx.network
         if not wants_parameters:
-            return _input_gradient(network.layers, kept, gradient), None, None
+            return input_gradient(network.layers, kept, gradient), None, None
         gradient = network.backpropagate(kept, gradient)
         by_inputs = torch.mm(gradient, network.layers[0][0]) if wants_inputs else None
         return by_inputs, network.gradient, None
@@ -152,8 +152,14 @@ class _LeanPass(torch.autograd.Function):
 _lean_pass: Any = _LeanPass.apply
 
 
-def _input_gradient(layers: Layers, kept: Sequence[torch.Tensor], gradient: torch.Tensor) -> torch.Tensor:
-    """Returns the inputs' gradient (n, i) from the outputs' `gradient` (n, h), by the rows that have one."""
+def input_gradient(layers: Layers, kept: Sequence[torch.Tensor], gradient: torch.Tensor) -> torch.Tensor:
+    """Returns the loss's gradient by a network's inputs (n, i), computed for the rows that have one.
+
+    Args:
+        layers: of one network.
+        kept: the inputs of every layer (n, ...).
+        gradient: of the loss by the outputs (n, h).
+    """
     result = torch.zeros_like(kept[0])
     rows = gradient.any(dim=1).nonzero()[:, 0]
     gradient = gradient[rows]
