@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import shutil
 from pathlib import Path
 
 import pytest
@@ -37,10 +38,11 @@ def write(
             campaign.plain_run(teacher, seed, returns, level="none", **names | changes)
 
 
-@pytest.fixture
-def roots(tmp_path: Path) -> tuple[Path, Path]:
+@pytest.fixture(scope="module")
+def roots(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
     """Mine, with a new teacher; and others' with Random, RIAC and runs of another budget."""
-    mine, theirs = tmp_path / "mine", tmp_path / "lite"
+    folder = tmp_path_factory.mktemp("roots")
+    mine, theirs = folder / "mine", folder / "lite"
     good, bad, same = [7, 8, 7, 8], [1, 2, 1, 2], [4, 5, 5, 4]
     write(mine, "frontier", dict(zip(CHALLENGES, (good, good, bad), strict=True)))
     write(theirs, "random", dict.fromkeys(CHALLENGES, same))
@@ -73,8 +75,10 @@ def test_other_budgets_and_engines_are_set_beside_and_named(roots: tuple[Path, P
     assert set(paper["differs"]) == {"engine Box2D; 20 million steps"}
 
 
-def test_mine_stands_for_a_baselines_teacher_that_i_have_run_too(roots: tuple[Path, Path]) -> None:
-    mine, theirs = roots
+def test_mine_stands_for_a_baselines_teacher_that_i_have_run_too(
+    roots: tuple[Path, Path], tmp_path: Path
+) -> None:
+    mine, theirs = shutil.copytree(roots[0], tmp_path / "mine"), roots[1]
     write(mine, "random", {CHALLENGES[0]: [3, 3, 4, 4]})
     runs = together(side_of(load(mine), "mine"), [side_of(load(theirs), "lite")])
     random = runs[runs["teacher"] == "random"]
@@ -91,8 +95,10 @@ def test_missing_challenges_are_named(roots: tuple[Path, Path]) -> None:
     )
 
 
-def test_the_page_has_all_of_it(roots: tuple[Path, Path], capsys: pytest.CaptureFixture[str]) -> None:
-    mine, theirs = map(str, roots)
+def test_the_page_has_all_of_it(
+    roots: tuple[Path, Path], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    mine, theirs = str(shutil.copytree(roots[0], tmp_path / "mine")), str(roots[1])
     assert main(["compare", mine, "--baseline", theirs, "--baseline", "paper-2021"]) == 0
     verdict, place = capsys.readouterr().out.splitlines()
     assert verdict == (

@@ -218,6 +218,7 @@ def test_a_teacher_left_out_leaves_charts_and_tables(reader: Reader, report: Pat
         assert "alp_gmm" not in {trace["teacher"] for trace in reader.traces(chart)}
     assert reader.page.locator("[data-of=alp_gmm]:visible").count() == 0
     reader.page.locator(".chip", has_text="ALP-GMM").click()
+    reader.settle()
     assert reader.page.locator("tr[data-of=alp_gmm]:visible").count() == 3
 
 
@@ -226,6 +227,7 @@ def test_a_click_on_a_legend_leaves_a_teacher_out_everywhere(reader: Reader, rep
     reader.open(report)
     reader.page.locator("#overview .legendtoggle").first.click()
     expect(reader.page.locator("#controls [data-teacher=random]")).not_to_be_checked()
+    reader.settle()
     assert reader.page.locator("tr[data-of=random]:visible").count() == 0
 
 

@@ -17,13 +17,12 @@ from test_tensorboard import Growing, expected
 
 from tma_ray.cli import main
 
-pytest.importorskip("wandb", reason="pip install 'tma_ray[dev]' brings the library")
-
 pytestmark = pytest.mark.slow  # the library starts a process of its own for every run, which writes its file
 
 
 @pytest.fixture(autouse=True)
 def no_account(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    pytest.importorskip("wandb", reason="pip install 'tma_ray[dev]' brings the library")
     for name in ("WANDB_API_KEY", "WANDB_MODE", "WANDB_PROJECT"):
         monkeypatch.delenv(name, raising=False)
     for name in ("WANDB_CONFIG_DIR", "WANDB_CACHE_DIR", "WANDB_DATA_DIR"):

@@ -84,6 +84,7 @@ def test_it_can_be_released_and_is_complete(root: Path, tmp_path: Path) -> None:
     }  # fmt: skip
 
 
+@pytest.mark.slow
 def test_the_command_writes_a_root_that_can_be_compared(
     root: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

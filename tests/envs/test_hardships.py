@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from hardships import ACTIONS, DEEPEST, endure, tasks, through
+from suite.bodies import bodies
 
 from tma_ray.embodiments import embodiment_names, load_embodiment
 from tma_ray.envs import ENVIRONMENTS, make_environment
@@ -27,7 +28,7 @@ def survey(body: str, inner: int, corners: int | None, steps: int) -> int:
     return played
 
 
-@pytest.mark.parametrize("body", embodiment_names())
+@pytest.mark.parametrize("body", bodies())
 def test_a_little_of_everything(body: str) -> None:
     assert survey(body, inner=1, corners=4, steps=60) > 300
 

@@ -104,19 +104,21 @@ LEFT_OUT: dict[str, tuple[Callable[[Path], object], str]] = {
 }
 
 
-@pytest.mark.parametrize("kind", LEFT_OUT)
-def test_a_damaged_seed_is_left_out_with_its_reason(release: Release, tmp_path: Path, kind: str) -> None:
-    damage, reason = LEFT_OUT[kind]
+def test_damaged_seeds_are_left_out_each_with_its_reason(release: Release, tmp_path: Path) -> None:
     release.sac(NAME, seed=0, mastered=[1, 2])
-    folder = release.sac(NAME, seed=1)
-    damage(folder)
+    reasons = {}
+    for number, (damage, reason) in enumerate(LEFT_OUT.values()):
+        experiment = stumps("ALP-GMM", 1, date=f"01-{number:02}")
+        damage(release.sac(experiment, seed=1))
+        reasons[f"{experiment}/{experiment}_s1"] = reason
     done = import_results(release.root, tmp_path / "root")
     assert done.finished == 1
-    assert list(done.left_out) == [BAD]
-    assert re.search(reason, done.left_out[BAD], re.DOTALL), done.left_out[BAD]
+    assert set(done.left_out) == set(reasons)
+    for kind, (folder, reason) in zip(LEFT_OUT, reasons.items(), strict=True):
+        assert re.search(reason, done.left_out[folder], re.DOTALL), f"{kind}: {done.left_out[folder]}"
     assert load(tmp_path / "root").cells["seed"].tolist() == [0]
-    assert BAD in json.loads((tmp_path / "root" / "imported.json").read_text())["left_out"]
-    assert not (folder / "trace").exists()
+    assert set(json.loads((tmp_path / "root" / "imported.json").read_text())["left_out"]) == set(reasons)
+    assert not list(release.root.rglob("trace"))
 
 
 def test_a_last_line_that_was_not_finished_leaves_whole_evaluations(release: Release, tmp_path: Path) -> None:

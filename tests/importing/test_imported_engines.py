@@ -1,6 +1,7 @@
 """Imported runs are marked as Box2D's, and never pooled or tested with ours."""
 
 import json
+import shutil
 from pathlib import Path
 
 import pytest
@@ -47,13 +48,20 @@ def add_our_runs(root: Path, teacher: str, seeds: range, mastered: int, steps: i
         committer.write_cells("ours", [cell | {"experiment": "box2d_mostly_unfeasible"}])
 
 
-@pytest.fixture
-def box2d(release: Release, tmp_path: Path) -> Path:
+@pytest.fixture(scope="module")
+def imported(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("imported")
+    release = Release(folder / "release")
     for seed in range(3):
         release.sac(stumps("Random", 1), seed=seed, mastered=[0, 10 + seed])
         release.sac(stumps("RIAC", 1), seed=seed, mastered=[0, 40 + seed])
-    import_results(release.root, tmp_path / "box2d")
-    return tmp_path / "box2d"
+    import_results(release.root, folder / "box2d")
+    return folder / "box2d"
+
+
+@pytest.fixture
+def box2d(imported: Path, tmp_path: Path) -> Path:
+    return shutil.copytree(imported, tmp_path / "box2d")
 
 
 @pytest.fixture

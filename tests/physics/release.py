@@ -11,7 +11,7 @@ import pytest
 
 BEHAVIOUR = Path(__file__).parents[1] / "reference" / "behaviour.csv"
 
-FAST = ("classic_bipedal", "spider", "climbing_chimpanzee", "fish")
+FAST = ("classic_bipedal", "climbing_chimpanzee", "fish")
 """Bodies whose behaviour the fast tier measures."""
 
 

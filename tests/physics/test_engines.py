@@ -93,7 +93,9 @@ def test_both_engines_go_the_same_way_in_parkour(body: Embodiment, water: float,
     assert digest(fast, 5, 120, terrain) == digest(oracle, 5, 120, terrain)
 
 
-@pytest.mark.parametrize("name", ["climbing_chimpanzee", "climbing_chest_chimpanzee"])
+@pytest.mark.parametrize(
+    "name", ["climbing_chimpanzee", pytest.param("climbing_chest_chimpanzee", marks=pytest.mark.slow)]
+)
 def test_both_engines_grip_the_same_creepers(name: str) -> None:
     """Falls past long creepers, fixed and swinging, with hands that close and open."""
     body, held = load_embodiment(name), set()

@@ -39,7 +39,7 @@ def test_a_ray_meets_what_is_nearest(depth: float, swinging: bool) -> None:
     (_space, shapes), kinds = shapes_of(world, terrain), []
     surface = (world.water_y - 5, world.water_y + 5)
     everywhere = (world.ground[:, 1].min(), world.ceiling[:, 1].max())
-    while len(kinds) < 400:
+    while len(kinds) < 250:
         heights = surface if depth > 0 and len(kinds) % 2 else everywhere
         x, y = start = rng.uniform(0, 100), rng.uniform(*heights)
         angle = rng.uniform(-np.pi, np.pi)

@@ -4,9 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from datetime import UTC, datetime
+from pathlib import Path
 
 import numpy as np
 import pytest
+from pyarrow import fs
 from results_examples import make_record, make_rows, tree
 
 from tma_ray.results import (
@@ -34,6 +36,24 @@ from tma_ray.results.merging import shared_files
 RUNS = {"first": ["run-00", "run-01", "run-02", "run-03"], "second": ["run-00a"]}
 
 
+OPEN = Store.open
+
+BOTH = pytest.mark.parametrize(
+    "store", ["local", "memory", pytest.param("s3", marks=pytest.mark.slow)], indirect=True
+)
+"""Stores of all kinds among the fast tests; of other tests the slow ones try them."""
+
+
+@pytest.fixture(params=["local", *(pytest.param(kind, marks=pytest.mark.slow) for kind in ("memory", "s3"))])
+def store(request: pytest.FixtureRequest, tmp_path: Path) -> Store:
+    """As in `conftest`."""
+    if request.param == "local":
+        return OPEN(tmp_path / "root")
+    if request.param == "s3":
+        return OPEN(request.getfixturevalue("s3_root"))
+    return Store(fs._MockFileSystem(), "bucket/root")
+
+
 @pytest.fixture(autouse=True)
 def open_store(monkeypatch: pytest.MonkeyPatch, store: Store) -> None:
     """Lets `compact` work on stores that have no address, and three runs be many."""
@@ -41,14 +61,25 @@ def open_store(monkeypatch: pytest.MonkeyPatch, store: Store) -> None:
     monkeypatch.setattr(shared_files, "FEW", 2)
 
 
-@pytest.fixture
-def root(store: Store) -> Store:
-    committer = Committer(store)
+@pytest.fixture(scope="module")
+def written(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder with finished runs of two experiments, and one that stands."""
+    folder = tmp_path_factory.mktemp("written") / "root"
+    committer = Committer(OPEN(folder))
     for experiment, run_ids in RUNS.items():
         for run_id in run_ids:
             add(committer, run_id)
         add_cells(committer, experiment, run_ids)
     add(committer, "run-99", finished=False)
+    return folder
+
+
+@pytest.fixture
+def root(store: Store, written: Path) -> Store:
+    """A store with these runs."""
+    for path in written.rglob("*"):
+        if path.is_file():
+            store.write_bytes(path.relative_to(written).as_posix(), path.read_bytes())
     return store
 
 
@@ -92,6 +123,7 @@ def content(store: Store) -> dict[str, object]:
     return {name: repr(rows.to_pylist()) for name, rows in found.items()} | orders
 
 
+@BOTH
 def test_merged_files_read_as_before(root: Store) -> None:
     before = content(root)
     outcome = compact(root)
@@ -126,6 +158,7 @@ def test_again_there_is_nothing_to_merge(root: Store) -> None:
     assert tree(root) == before
 
 
+@BOTH
 def test_later_runs_are_merged_with_the_earlier_ones(root: Store) -> None:
     compact(root)
     committer = Committer(root)
@@ -158,7 +191,7 @@ class KilledError(Exception):
 
 def kills(store: Store) -> Iterator[int]:
     """Yields how many writes and deletions a call may make before it is killed, until it gets to its end."""
-    yield from range(0, 40, 2)
+    yield from range(0, 40, 3)
 
 
 @pytest.mark.parametrize("store", ["local"], indirect=True)
@@ -255,6 +288,7 @@ def test_damage_of_a_merged_file_is_named(root: Store) -> None:
     assert len(results.problems) == 1
 
 
+@BOTH
 def test_a_copy_holds_all_that_is_said_of_the_runs(root: Store, tmp_path: object) -> None:
     root.write_bytes("policies/run-01/policy.json", b"{}")
     root.write_bytes("policies/run-01/policy.pkl", b"danger")

@@ -34,7 +34,9 @@ def root(request: pytest.FixtureRequest, tmp_path: Path) -> str:
     return str(request.getfixturevalue("s3_root")) if request.param == "s3" else str(tmp_path)
 
 
-@pytest.mark.parametrize("kill_after", [1, 4, 9])
+@pytest.mark.parametrize(
+    "kill_after", [4, *(pytest.param(count, marks=pytest.mark.slow) for count in (1, 9))]
+)
 def test_a_writer_that_is_killed_loses_nothing_it_had_published(root: str, kill_after: int) -> None:
     with subprocess.Popen([sys.executable, "-c", WRITER, root], stdout=subprocess.PIPE, text=True) as process:
         assert process.stdout is not None

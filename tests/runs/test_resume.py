@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import shutil
 import subprocess
 import sys
 from collections.abc import Callable
@@ -91,13 +92,20 @@ def test_checkpoints_at_every_episode_change_nothing(
     assert not list((tmp_path / "checkpoints").rglob("*.*")), "checkpoints go when the run has ended"
 
 
+@pytest.fixture(scope="module")
+def stopped(tmp_path_factory: pytest.TempPathFactory, short: tuple[RunSpec, dict[str, bytes]]) -> Path:
+    """The root of the short run, stopped halfway with a checkpoint after every episode."""
+    root = tmp_path_factory.mktemp("stopped") / "root"
+    assert run(short[0], root, stop_after=30, placement=Placement(checkpoint_seconds=0.0)) == "stopped"
+    return root
+
+
 @pytest.mark.parametrize("damage", ["flip", "truncate", "no_index", "garbage_index", "escape"])
 def test_a_damaged_checkpoint_falls_back_to_the_one_before(
-    tmp_path: Path, short: tuple[RunSpec, dict[str, bytes]], damage: str
+    tmp_path: Path, short: tuple[RunSpec, dict[str, bytes]], stopped: Path, damage: str
 ) -> None:
     spec, undisturbed = short
-    root = tmp_path / "damaged"
-    assert run(spec, root, stop_after=12, placement=Placement(checkpoint_seconds=0.0)) == "stopped"
+    root = shutil.copytree(stopped, tmp_path / "damaged")
     folders = sorted((root / "checkpoints" / spec.run_id).iterdir())
     assert len(folders) == 2
     newest = folders[-1]
@@ -120,12 +128,11 @@ def test_a_damaged_checkpoint_falls_back_to_the_one_before(
 
 
 def test_rows_of_an_attempt_after_its_last_checkpoint_are_not_published(
-    tmp_path: Path, short: tuple[RunSpec, dict[str, bytes]]
+    tmp_path: Path, short: tuple[RunSpec, dict[str, bytes]], stopped: Path
 ) -> None:
     """A killed process may leave parts that no checkpoint knows: they are played again, not doubled."""
     spec, undisturbed = short
-    root = tmp_path / "killed"
-    run(spec, root, stop_after=12, placement=Placement(checkpoint_seconds=0.0))
+    root = shutil.copytree(stopped, tmp_path / "killed")
     newest = sorted((root / "checkpoints" / spec.run_id).iterdir())[-1]
     Store.open(root).delete(newest.relative_to(root).as_posix())
     assert run(spec, root) == "done"

@@ -23,6 +23,7 @@ TINY: dict[str, dict[str, Any]] = {
     "covar_gmm": {"most_components": 3},
     "goal_gan": {"pretraining_iterations": 10, "iterations_per_task": 0.1},
     "setter_solver": {"hidden_units": 4},
+    "spdl": {},
 }
 """Likewise, for the two task spaces of the fast tier: the plane and the rugged one."""
 
@@ -50,7 +51,7 @@ for _name in TEACHERS.names():
         globals()[f"Test_{_name}"] = _kit(
             f"Test_{_name}", HeavyConformance, teacher=_teacher, hyperparameters=TINY[_name], scenarios=FEW
         )
-        _kept = _kit(f"Test_{_name}_everywhere", teacher=_teacher, hyperparameters=SMALLER[_name])
+        _kept = _kit(f"Test_{_name}_everywhere", teacher=_teacher, hyperparameters=SMALLER.get(_name, {}))
         globals()[f"Test_{_name}_everywhere"] = pytest.mark.slow(_kept)
     else:
         globals()[f"Test_{_name}"] = _kit(f"Test_{_name}", teacher=_teacher)

@@ -44,9 +44,6 @@ SHOWN_RUNS: Final = 5
 RUN_ID: Final = "run_id"
 """The column that all tables of runs have."""
 
-MANY: Final = 100
-"""Files of a disk for which threads are worth what they cost."""
-
 _THREADS: Final = 16  # more than cores: they wait for disks and object stores
 
 _SETTLED_NS: Final = 5_000_000_000
@@ -236,13 +233,13 @@ class Results:
         return _THREADS if self.store.is_object_store or max(rows, default=0) > _SMALL_ROWS else 1
 
     def _map(self, function: Callable[[S], T], items: Iterable[S], threads: int = _THREADS) -> list[T]:
-        """Returns the results in the order of `items`, many computed in threads; warns of new problems."""
-        known, each = len(self.problems), list(items)
-        if threads == 1 or (len(each) < MANY and not self.store.is_object_store):
-            found = list(map(function, each))
+        """Returns the results in the order of `items`, computed in threads; warns of new problems."""
+        known = len(self.problems)
+        if threads == 1:
+            found = list(map(function, items))
         else:
             with ThreadPoolExecutor(threads) as executor:
-                found = list(executor.map(function, each))
+                found = list(executor.map(function, items))
         for problem in self.problems[known:]:
             warnings.warn(problem, DamagedFileWarning, stacklevel=4)
         return found
