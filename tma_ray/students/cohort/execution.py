@@ -18,6 +18,10 @@ COMPILE_MODE = "max-autotune-no-cudagraphs"
 """Of torch's compiler: puts what is between products into them, and leaves the capture to us."""
 
 
+MOST_LEARNERS = 128
+"""Sizes that a function is compiled for in one process; beyond, torch would execute it uncompiled."""
+
+
 @contextmanager
 def precision(chosen: MatmulPrecision) -> Iterator[None]:
     """Has torch multiply float32 matrices in the precision `chosen`; casts to bfloat16 are explicit."""
@@ -38,6 +42,9 @@ def compile_if(wanted: bool | str, function: Callable[..., Any]) -> Callable[...
     """Returns `function`, compiled by torch if that is `wanted`; a string is the compiler's mode."""
     if not wanted:
         return function
+    from torch._dynamo import config  # 2 s and 150 MB, which learners that compile nothing are spared
+
+    config.recompile_limit = max(config.recompile_limit, MOST_LEARNERS)
     return torch.compile(function, mode=COMPILE_MODE if wanted is True else wanted, dynamic=False)
 
 
