@@ -3,6 +3,10 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable
+
+LISTED, FIRST = 12, 6
+"""Up to so many names are all listed; of more so many."""
 
 
 def number(value: float, digits: int = 1) -> str:
@@ -37,3 +41,11 @@ def duration(seconds: float) -> str:
     if seconds < 120:
         return f"{seconds:.0f} s"
     return f"{seconds / 60:.0f} minutes" if seconds < 7200 else f"{seconds / 3600:.1f} hours"
+
+
+def listed(names: Iterable[str]) -> str:
+    """Returns names separated by commas; of a long list the first ones, and how many more there are."""
+    found = list(names)
+    if len(found) <= LISTED:
+        return ", ".join(found)
+    return f"{', '.join(found[:FIRST])} and {len(found) - FIRST} more"

@@ -4,70 +4,104 @@ from __future__ import annotations
 
 import re
 import textwrap
+from collections.abc import Mapping, Sequence
 
 import pandas as pd
-from rich.console import Console
+from rich.console import Console, JustifyMethod
 from rich.table import Table
 
 from analysis.baselines.sources import Sources, read
-from analysis.comparisons.overall import headlines
-from analysis.comparisons.ranking import MEASURE, places, ranked, sentences
+from analysis.comparisons.aggregates import ACROSS
+from analysis.comparisons.overall import THRESHOLDS, headlines, interval, overall
+from analysis.comparisons.ranking import MEASURE, MEASURES, places, ranked, sentences
 from analysis.data.reference import NO_BASELINE, is_baseline
 from analysis.formatting import number, p_value, plus_minus
+from analysis.measures.conditions import condition_words, varying
 from analysis.measures.student_pools import runs_after
 from analysis.names import label
 from tma_ray.terminal import terminal
 
-WIDTHS = {
-    "teacher": 16,
-    "mastered %": 12,
-    "runs": 4,
-    "beside Random, 95 %": 23,
-    "Welch p": 7,
-    "Holm p": 7,
-}
-"""Columns that are shown, and their widths in characters."""
+WIDTHS = {"teacher": 14, "": 12, "worst": 5, "runs": 4, "beside Random, 95 %": 23, "Holm p": 7}
+"""Columns that are shown, and their widths in characters; the measure is named when it is known."""
+
+OVERALL = {"teacher": 14, "runs": 4, "interquartile mean": 19, "beats Random": 17, "worst": 5}
+"""Columns of the table over all challenges."""
 
 
-def show_ranking(sources: Sources, share: float = 1.0, console: Console | None = None) -> None:
+def show_ranking(
+    sources: Sources, share: float = 1.0, console: Console | None = None, measure: str = MEASURE
+) -> None:
     """Prints who masters how much on each challenge of a root, and what that says.
+
+    Args:
+        sources: results roots and baselines.
+        share: of the budget, after which runs are read.
+        console: to print on; the terminal by default.
+        measure: of `MEASURES`.
 
     Raises:
         ResultsRootError: no results root at that place.
     """
     console, frames = terminal(console), read(sources)
     runs = runs_after(frames, share, training=False)
-    table = ranked(runs)
-    if table[f"{MEASURE}_mean"].notna().sum() == 0:
+    table = ranked(runs, measure)
+    if table[f"{measure}_mean"].notna().sum() == 0:
         console.print("No run has been evaluated to its end here.")
         return
     for (place, level), rows in table.groupby([pd.Series(places(table)), "expert_knowledge"], sort=False):
         console.print(f"{place}, expert knowledge {level}", style="bold", highlight=False, markup=False)
-        console.print(_shown(rows))
+        console.print(_shown(rows, measure))
         for reason, teachers in _untested(rows).items():
             console.print(
                 f"  not tested: {', '.join(teachers)}: {reason}", style="dim", highlight=False, markup=False
             )
     for note in (*_notes(table), *frames.told, *frames.left_out):
         console.print(note, style="dim", highlight=False, markup=False)
-    for sentence in [*headlines(runs), *sentences(table)]:
+    _show_overall(console, runs, measure)
+    for sentence in [*headlines(runs, measure), *sentences(table)]:
         console.print(sentence, highlight=False, markup=False)
 
 
-def _shown(rows: pd.DataFrame) -> Table:
+def _show_overall(console: Console, runs: pd.DataFrame, measure: str) -> None:
+    """Prints estimates over all challenges, level by level and budget by budget."""
+    over = "/".join(map(str, THRESHOLDS))
+    table = overall(runs, measure)
+    told = ["steps", *(name for name in varying(table) if name != "steps")]
+    for _, rows in table.groupby(ACROSS, dropna=False, sort=True):
+        first = rows.iloc[0]
+        where = ", ".join([f"expert knowledge {first['expert_knowledge']}", *condition_words(first, told)])
+        console.print(f"All challenges, {where}", style="bold", highlight=False, markup=False)
+        shown = _table({**OVERALL, f">{over} %": 11})
+        for _, row in rows.iterrows():
+            better = "" if is_baseline(row["teacher"]) else interval(row, "_better", 2)
+            shares = "/".join(number(100 * row[f"over_{threshold}"], 0) for threshold in THRESHOLDS)
+            cells = [str(row["n"]), interval(row, "", 1), better, number(row["worst"]), shares]
+            _add(shown, label(row["teacher"]), cells)
+        console.print(shown)
+
+
+def _shown(rows: pd.DataFrame, measure: str) -> Table:
     """Returns the results of one challenge at one level, at most 80 columns wide."""
-    shown = Table(box=None, pad_edge=False, padding=(0, 1))
-    for heading, width in WIDTHS.items():
-        shown.add_column(
-            heading, width=width, justify="left" if heading == "teacher" else "right", no_wrap=True
-        )
+    shown = _table({name or MEASURES[measure]: width for name, width in WIDTHS.items()})
     for _, row in rows.iterrows():
-        (name, *cells), style = _cells(row), "bold" if row["rank"] == 1 else None
-        first, *settings = _lines(name)
-        shown.add_row(first, *cells, style=style)
-        for setting in settings:
-            shown.add_row(setting, style=style)
+        name, *cells = _cells(row, measure)
+        _add(shown, name, cells, "bold" if row["rank"] == 1 else None)
     return shown
+
+
+def _table(widths: Mapping[str, int]) -> Table:
+    shown = Table(box=None, pad_edge=False, padding=(0, 1))
+    for heading, width in widths.items():
+        side: JustifyMethod = "left" if heading == "teacher" else "right"
+        shown.add_column(heading, width=width, justify=side, no_wrap=True)
+    return shown
+
+
+def _add(table: Table, name: str, cells: Sequence[str], style: str | None = None) -> None:
+    first, *settings = _lines(name)
+    table.add_row(first, *cells, style=style)
+    for setting in settings:
+        table.add_row(setting, style=style)
 
 
 def _lines(name: str) -> list[str]:
@@ -79,16 +113,16 @@ def _lines(name: str) -> list[str]:
     return lines
 
 
-def _cells(row: pd.Series) -> list[str]:
-    result = plus_minus(row[f"{MEASURE}_mean"], row[f"{MEASURE}_std"])
+def _cells(row: pd.Series, measure: str) -> list[str]:
+    result = plus_minus(row[f"{measure}_mean"], row[f"{measure}_std"])
     partly = "*" if row["missing"] else ""
-    names = [label(row["teacher"]), result + partly, str(row["n"])]
+    names = [label(row["teacher"]), result + partly, number(row["worst"]), str(row["n"])]
     if is_baseline(row["teacher"]):
-        return [*names, "", "", ""]
+        return [*names, "", ""]
     if row["reason"] or pd.isna(row["p"]):
-        return [*names, "not tested", "", ""]
-    interval = f"{number(row['difference'])} [{number(row['low'])}, {number(row['high'])}]"
-    return [*names, interval, *(p_value(row[name]).lstrip("p =\N{NO-BREAK SPACE}") for name in ("p", "holm"))]
+        return [*names, "not tested", ""]
+    gap = f"{number(row['difference'])} [{number(row['low'])}, {number(row['high'])}]"
+    return [*names, gap, p_value(row["holm"]).lstrip("p =\N{NO-BREAK SPACE}")]
 
 
 def _untested(rows: pd.DataFrame) -> dict[str, list[str]]:

@@ -8,7 +8,7 @@ from typing import NamedTuple
 import pandas as pd
 
 from analysis.data.reference import NO_BASELINE, is_baseline
-from analysis.formatting import amount, number, p_value, plus_minus
+from analysis.formatting import amount, listed, number, p_value, plus_minus
 from analysis.names import label
 from analysis.statistics import SIGNIFICANCE
 
@@ -54,9 +54,13 @@ def verdict(test: pd.Series) -> str:
     return "better" if test["difference"] > 0 else "worse"
 
 
-def compared_by(summary: pd.DataFrame) -> Measure:
-    """Returns what teachers are compared by: mastered tasks, or test returns where nobody masters any."""
-    means = summary["mastered_percent_mean"].dropna()
+def compared_by(finals: pd.DataFrame) -> Measure:
+    """Returns what teachers are compared by: mastered tasks, or test returns where nobody masters any.
+
+    Args:
+        finals: of `measures.final_evaluations`.
+    """
+    means = finals["mastered_percent"]
     return TEST_RETURN if len(means) and (means == 0).all() else MASTERED
 
 
@@ -154,7 +158,7 @@ def _others(tests: pd.DataFrame, also: str) -> list[str]:
     ):
         teachers = sorted(label(teacher) for teacher in verdicts[verdicts == word].index)
         if teachers:
-            sentences.append(f"{phrase}: {', '.join(teachers)}.")
+            sentences.append(f"{phrase}: {listed(teachers)}.")
     return sentences
 
 

@@ -4,13 +4,18 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass, fields
+from math import nan
 
 import pandas as pd
 
 from analysis.comparisons.against_random import against_baseline
 from analysis.data.frames import COMPARISON, Frames
 from analysis.measures.evaluations import evaluation_curves, final_evaluations, summarise
+from analysis.measures.run_measures import run_measures
 from analysis.measures.training import training_curves
+
+TESTED = ("mastered_percent", "evaluation_return", "mastered_area")
+"""Mastered tasks and test return at the end, and mastered tasks on average over training."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -21,7 +26,7 @@ class Measured:
         cells: of `Frames`.
         finals: one row per run, of `evaluations.final_evaluations`.
         summary: one row per teacher, of `summarise`.
-        tests: of `measures.against_baseline`, for mastered tasks and for test returns.
+        tests: of `measures.against_baseline`, for each of `TESTED`.
         evaluations: of `evaluation_curves`.
         training: of `measures.training_curves`.
     """
@@ -47,9 +52,12 @@ def measure(frames: Frames) -> Measured:
     """Returns everything that is measured of a root."""
     finals, training = final_evaluations(frames), training_curves(frames)
     evaluations = evaluation_curves(frames)
-    tests = [
-        against_baseline(finals, evaluations, name) for name in ("mastered_percent", "evaluation_return")
-    ]
+    area = run_measures(frames).set_index("run_id")["mastered_area"]  # of runs that have ended
+    ends, curves = (
+        finals.assign(mastered_area=finals["run_id"].map(area)),
+        evaluations.assign(mastered_area=nan),
+    )
+    tests = [against_baseline(ends, curves, name) for name in TESTED]
     return Measured(
         cells=frames.cells,
         finals=finals,

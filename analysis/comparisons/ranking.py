@@ -14,35 +14,42 @@ from analysis.measures.student_pools import runs_after
 from analysis.names import challenge_title, label
 from analysis.statistics import SIGNIFICANCE
 
+MEASURES = {"mastered_percent": "mastered %", "mastered_area": "area %"}
+"""Measures of a ranking, in per cent of the test tasks: mastered at the end, and on average over training."""
+
 MEASURE = "mastered_percent"
 
 TEACHER = ["environment", "expert_knowledge", "teacher", *CONDITIONS]
 """Columns that tell the results of one sentence: a teacher's at one level, of one kind."""
 
 
-def ranking(frames: Frames, share: float = 1.0) -> pd.DataFrame:
+def ranking(frames: Frames, share: float = 1.0, measure: str = MEASURE) -> pd.DataFrame:
     """Returns one row for each result: a teacher at a level on a challenge, pooled as the paper pools.
 
     Args:
         frames: what was run.
         share: of the budget, after which runs are read.
+        measure: of `MEASURES`.
 
     Returns:
-        `pooling.POOLED`, runs, n, missing, mastered_percent_mean and _std, rank (1 for the highest mean of
-        a comparison), and of Welch's test against Random: difference, low, high, p, reason, and holm: p
-        adjusted for all teachers of the comparison. Best first.
+        `pooling.POOLED`, runs, n, missing, mean and standard deviation (as mastered_percent_mean and _std),
+        worst (of a single run), rank (1 for the highest mean of a comparison), and of Welch's test against
+        Random: difference, low, high, p, reason, and holm: p adjusted for all teachers of the comparison.
+        Best first.
     """
-    return ranked(runs_after(frames, share, training=False))
+    return ranked(runs_after(frames, share, training=False), measure)
 
 
-def ranked(runs: pd.DataFrame) -> pd.DataFrame:
+def ranked(runs: pd.DataFrame, measure: str = MEASURE) -> pd.DataFrame:
     """Returns the rows of `ranking`, from runs of `student_pools.runs_after`."""
-    table = pooled(runs, [MEASURE])
-    tests = pairwise(runs, MEASURE, "random", detectable=False).rename(columns={"first": "teacher"})
+    table = pooled(runs, [measure])
+    tests = pairwise(runs, measure, "random", detectable=False).rename(columns={"first": "teacher"})
     columns = ["difference", "low", "high", "p", "holm", "reason"]
     table = table.merge(tests[[*POOLED, *columns]], on=POOLED, how="left")
     table["reason"] = table["reason"].fillna("")
-    means = table.groupby(COMPARED, dropna=False)[f"{MEASURE}_mean"]
+    worst = runs.groupby(POOLED, dropna=False, sort=True)[measure].min()  # in the order of `table`
+    table["worst"] = worst.to_numpy()
+    means = table.groupby(COMPARED, dropna=False)[f"{measure}_mean"]
     table["rank"] = means.rank(ascending=False, method="min")
     return table.sort_values([*COMPARED, "rank", "teacher"], ignore_index=True)
 

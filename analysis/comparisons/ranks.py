@@ -10,7 +10,7 @@ import pandas as pd
 
 from analysis.comparisons.aggregates import ACROSS, stratified_differences, stratified_means
 from analysis.data.reference import is_baseline
-from analysis.formatting import amount
+from analysis.formatting import amount, listed
 from analysis.names import label
 from analysis.statistics import SIGNIFICANCE, holm
 
@@ -142,4 +142,4 @@ def _names(tests: pd.DataFrame) -> tuple[str, ...]:
 
 
 def _listed(names: tuple[str, ...]) -> str:
-    return f"{len(names)} ({', '.join(map(label, names))})"
+    return f"{len(names)} ({listed(map(label, names))})"

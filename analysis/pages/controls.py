@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Collection, Iterable, Sequence
 from dataclasses import dataclass
 
 import pandas as pd
@@ -25,11 +25,12 @@ FILTERS = {
 
 @dataclass(frozen=True)
 class Choice:
-    """One of several: its value in the data, and its name."""
+    """One of several: its value in the data, its name, and whether a page shows it at first."""
 
     value: str
     name: str
     colour: str = ""
+    shown: bool = True
 
 
 @dataclass(frozen=True)
@@ -56,21 +57,29 @@ class Controls:
     steps: tuple[Choice, ...]
 
     @property
+    def hidden(self) -> int:
+        """How many teachers the page does not show at first."""
+        return sum(not teacher.shown for teacher in self.teachers)
+
+    @property
     def any(self) -> bool:
         """Whether there is anything to choose."""
         return len(self.teachers) > 1 or bool(self.filters) or len(self.steps) > 1
 
 
-def controls(comparisons: pd.DataFrame, teachers: Iterable[str], steps: Iterable[int]) -> Controls:
+def controls(
+    comparisons: pd.DataFrame, teachers: Iterable[str], steps: Iterable[int], shown: Collection[str]
+) -> Controls:
     """Returns what a reader may choose.
 
     Args:
         comparisons: one row each, with some of the columns of `FILTERS`.
-        teachers: that the page shows.
+        teachers: that the page has.
         steps: at which students were evaluated.
+        shown: teachers that it shows at first.
     """
     named = tuple(
-        Choice(teacher, label(teacher), look(teacher).colour)
+        Choice(teacher, label(teacher), look(teacher).colour, teacher in shown)
         for teacher in sorted(set(map(str, teachers)), key=teacher_order)
     )
     filters = [_filter(comparisons, column) for column in FILTERS if column in comparisons]

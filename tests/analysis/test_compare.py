@@ -112,9 +112,12 @@ def test_the_page_has_all_of_it(
     assert "Set beside: paper-2021" in text
     assert "Set beside: lite" in text
     assert "engine Box2D; 20 million steps" in text
-    assert "Without results: frontier: stump_tracks original" in text
+    assert "<h3>Challenges without results</h3> <p>frontier: stump_tracks original" in text
     assert "Over all challenges" in text
-    assert '</span>frontier</th> <td data-label="At">expert knowledge none, 2 million steps</td>' in text
+    assert (
+        '</span>frontier</th> <td data-label="At" class="verdict">expert knowledge none, 2 million steps</td>'
+        in text
+    )
     assert "Challenges of Stump Tracks, expert knowledge none" in text
     assert '<th scope="row">frontier</th> <td data-label="Mostly unfeasible"><b>75.0 ± 5.8</b></td>' in text
     assert {path.name for path in index.parent.glob("*.png")} >= {"radar-paper-2021.png"}

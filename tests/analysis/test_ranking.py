@@ -8,8 +8,10 @@ from rich.console import Console
 from synthetic_results import SyntheticCampaign
 
 from analysis.commands.ranking import show_ranking
-from analysis.comparisons.ranking import ranking, sentences
+from analysis.comparisons.overall import overall
+from analysis.comparisons.ranking import ranked, ranking, sentences
 from analysis.data.frames import load
+from analysis.measures.student_pools import runs_after
 
 
 def write(root: Path, teacher: str, mastered: list[int], challenge: str, level: str = "none") -> None:
@@ -21,9 +23,9 @@ def write(root: Path, teacher: str, mastered: list[int], challenge: str, level: 
         campaign.plain_run(teacher, seed, returns, level=level, challenge=challenge)
 
 
-def shown(root: Path, share: float = 1.0) -> str:
+def shown(root: Path, share: float = 1.0, measure: str = "mastered_percent") -> str:
     console = Console(width=200, record=True)
-    show_ranking(root, share, console)
+    show_ranking(root, share, console, measure)
     return console.export_text()
 
 
@@ -55,6 +57,24 @@ def test_sentences_count_challenges_after_holms_correction(tmp_path: Path) -> No
         "distinguishable on 1 (p < 0.05 after Holm; few seeds)."
     ]
     assert "Over 3 challenges (expert knowledge none" in shown(tmp_path)
+
+
+def test_estimates_over_all_challenges_and_the_area_under_the_curve(tmp_path: Path) -> None:
+    for challenge in ("mostly_trivial", "mostly_unfeasible"):
+        write(tmp_path, "random", [2, 3, 2, 3], challenge)
+        write(tmp_path, "riac", [6, 8, 8, 10], challenge)
+    runs = runs_after(load(tmp_path))
+    table = overall(runs).set_index("teacher")
+    assert table.index.tolist() == ["riac", "random"]
+    assert table.loc["riac", ["n", "value", "value_better", "worst"]].tolist() == [8, 80.0, 1.0, 60.0]
+    assert table.loc["riac", ["over_25", "over_50", "over_75"]].tolist() == [1.0, 1.0, 0.75]
+    # nothing until half time, then a straight line to the end
+    by_area, at_end = (ranked(runs, measure) for measure in ("mastered_area", "mastered_percent"))
+    assert by_area["mastered_area_mean"].tolist() == [mean / 4 for mean in at_end["mastered_percent_mean"]]
+    assert by_area["difference"].dropna().tolist() == [55 / 4] * 2
+    assert by_area["worst"].tolist() == [15.0, 5.0] * 2
+    assert "area %" in shown(tmp_path, measure="mastered_area")
+    assert "1.00 [0.63, 1.00]" in shown(tmp_path)
 
 
 def test_what_is_missing_is_said(tmp_path: Path) -> None:

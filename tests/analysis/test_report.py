@@ -257,7 +257,7 @@ def test_test_tasks_in_no_grid_and_a_larger_task_space(tmp_path: Path) -> None:
     for seed in range(2):
         campaign.plain_run("random", seed, {1000: [300, 0, 300 * seed]}, spec=space)
     charts = ["mastered-percent", "evaluation-return", "seeds", "mastery-line-random"]
-    assert report(tmp_path).charts == [f"comparison-1-{name}" for name in charts]
+    assert report(tmp_path).charts == [*(f"comparison-1-{name}" for name in charts), "profiles-1"]
 
 
 @pytest.mark.usefixtures("unpainted")

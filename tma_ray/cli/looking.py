@@ -120,6 +120,13 @@ def _add_ranking(parser: CommandParser) -> None:
     parser.add_argument(
         "--share", type=SHARE, default=1.0, metavar="X", help="share of the budget after which runs are read"
     )
+    parser.add_argument(
+        "--measure",
+        choices=("mastered_percent", "mastered_area"),
+        default="mastered_percent",
+        help="what teachers are ranked by and tested on: test tasks mastered at the end, or their mean over "
+        "training (area under the curve)",
+    )
     add_json_option(parser)
     parser.set_defaults(command=_ranking)
 
@@ -218,11 +225,11 @@ def _logs(options: argparse.Namespace) -> int:
 
 def _ranking(options: argparse.Namespace) -> int:
     if options.json:
-        print_json("ranking", ranking_record(chosen_sources(options), options.share))
+        print_json("ranking", ranking_record(chosen_sources(options), options.share, options.measure))
         return 0
     from analysis.commands.ranking import show_ranking
 
-    show_ranking(chosen_sources(options), options.share)
+    show_ranking(chosen_sources(options), options.share, measure=options.measure)
     return 0
 
 

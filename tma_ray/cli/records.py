@@ -45,17 +45,22 @@ def any_failed(status: Mapping[str, Any]) -> bool:
     return any(run["state"] == "failed" for cell in cells for run in cell["runs"])
 
 
-def ranking_record(sources: Sequence[str], share: float) -> dict[str, Any]:
+def ranking_record(sources: Sequence[str], share: float, measure: str) -> dict[str, Any]:
     """Returns the ranking of one or several roots after a share of the budget."""
     from analysis.baselines.sources import read
-    from analysis.comparisons.ranking import ranking, sentences
+    from analysis.comparisons.overall import overall
+    from analysis.comparisons.ranking import ranked, sentences
+    from analysis.measures.student_pools import runs_after
 
     frames = read(sources)
-    table = ranking(frames, share)
+    runs = runs_after(frames, share, training=False)
+    table = ranked(runs, measure)
     return {
         **_of_sources(sources, frames),
         "share": share,
+        "measure": measure,
         "rows": _rows(table),
+        "overall": _rows(overall(runs, measure)),
         "sentences": sentences(table),
     }
 

@@ -10,6 +10,7 @@ from analysis.data.curricula import Curriculum, moments
 from analysis.data.task_axes import Axis, task_axes
 from analysis.figures.curricula.dimensions import dimension_bands
 from analysis.figures.picture import Picture
+from analysis.formatting import listed
 from analysis.names import label
 
 LARGEST = 20
@@ -21,7 +22,7 @@ def curriculum_pictures(mine: Measured, curricula: Mapping[str, Curriculum]) -> 
     axes, examples = task_axes(mine.cells), examples_of(mine)
     if not curricula:
         return
-    seeds = ", ".join(f"{label(teacher)}: seed {examples[teacher]['seed']}" for teacher in curricula)
+    seeds = listed(f"{label(teacher)}: seed {examples[teacher]['seed']}" for teacher in curricula)
     which = f"One run of each teacher, the median one by mastered tasks ({seeds})"
     varied = sum(axis.low < axis.high for axis in axes)
     probed = {teacher: each for teacher, each in curricula.items() if len(each.probes)}

@@ -5,6 +5,7 @@ from analysis.pages.charts.curricula import probed_task_charts, training_task_ch
 from analysis.pages.charts.curves import curve_chart
 from analysis.pages.charts.mastery import mastery_charts
 from analysis.pages.charts.overview import overview_chart
+from analysis.pages.charts.profiles import profile_chart
 from analysis.pages.charts.seeds import seeds_chart
 
 __all__ = [
@@ -15,6 +16,7 @@ __all__ = [
     "overview_chart",
     "plotly_library",
     "probed_task_charts",
+    "profile_chart",
     "seeds_chart",
     "training_task_charts",
 ]

@@ -28,6 +28,9 @@ from analysis.statistics import describe, mean_interval
 SPACING, LEAST = 11, 30
 """Height of a mean and at least of a row, CSS pixels."""
 
+FRAME = 130
+"""Height of axis and legend, CSS pixels."""
+
 NOTHING: dict[str, Any] = {"x": [], "y": [], "hovertemplate": "", "error_x": {"array": []}}
 """A trace without its mean."""
 
@@ -37,8 +40,8 @@ def overview_chart(
 ) -> Chart:
     """Returns a chart with a row for each comparison and in it the mean of each teacher.
 
-    Every pair of comparison and teacher is a trace, so that the page can leave out either; it moves the rows
-    together then, whose anchors are ``rows`` in the meta of the layout.
+    Every pair of comparison and teacher is a trace, so that the page can leave out either; it moves rows and
+    means together then, by ``rows`` (anchors) and ``teachers`` in the meta of the layout.
 
     Args:
         points: comparison (its anchor), teacher, step (of an evaluation, or `charts.END`) and value of a run.
@@ -63,7 +66,7 @@ def overview_chart(
         traces.append(_trace(anchor, teacher, names[teacher], ends.get(index, NOTHING), teacher not in seen))
         seen.add(teacher)
     frames = [step_frame(step, changed) for step, changed in patches.items()]
-    return Chart("overview", title, caption, _figure(traces, frames, rows, quantity))
+    return Chart("overview", title, caption, _figure(traces, frames, rows, teachers, quantity))
 
 
 def _patches(group: pd.DataFrame, places: Mapping[tuple[str, str], float]) -> dict[int, dict[str, Any]]:
@@ -82,9 +85,10 @@ def _figure(
     traces: list[go.Scatter],
     frames: list[go.Frame],
     rows: Mapping[str, str],
+    teachers: list[str],
     quantity: str,
 ) -> go.Figure:
-    row = max(LEAST, SPACING * (len({trace.legendgroup for trace in traces}) + 1))
+    row = max(LEAST, SPACING * (len(teachers) + 1))
     places = list(range(len(rows)))
     names = [shown(text) for text in rows.values()]
     ticks: dict[str, Any] = {"tickvals": places, "ticktext": names, "ticklabelstandoff": 6}
@@ -95,9 +99,15 @@ def _figure(
         "showlegend": True,
         "legend": {"orientation": "h", "x": 0, "xanchor": "left", "y": -0.01, "yanchor": "top"},
         "margin": {"l": 20, "r": 16, "t": 56, "b": 60},
-        "meta": {"rows": list(rows), "row_height": row, "frame_height": 130},
+        "meta": {
+            "rows": list(rows),
+            "teachers": teachers,
+            "spacing": SPACING,
+            "least_height": LEAST,
+            "frame_height": FRAME,
+        },
     }
-    return figure_of(traces, 130 + row * len(rows), layout, frames)
+    return figure_of(traces, FRAME + row * len(rows), layout, frames)
 
 
 def _rule(place: float) -> dict[str, Any]:

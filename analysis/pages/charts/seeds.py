@@ -25,6 +25,9 @@ from analysis.statistics import describe, mean_interval
 ROW = 34
 """Height of a teacher's row, CSS pixels."""
 
+FRAME = 90
+"""Height of axis and margins, CSS pixels."""
+
 
 def seeds_chart(name: str, points: pd.DataFrame, quantity: str, title: str, caption: str) -> Chart:
     """Returns a chart with a row for each teacher: seeds as dots, their mean with its 95 % interval.
@@ -51,8 +54,9 @@ def seeds_chart(name: str, points: pd.DataFrame, quantity: str, title: str, capt
         "xaxis": axis(quantity, **bounds_of(quantity)),
         "yaxis": axis(autorange="reversed", showgrid=False, **ticks),
         "margin": {"l": 20, "r": 14, "t": 14, "b": 46},
+        "meta": {"teachers": teachers, "line_height": ROW, "frame_height": FRAME},
     }
-    return Chart(name, title, caption, figure_of(traces, 90 + ROW * len(teachers), layout, frames))
+    return Chart(name, title, caption, figure_of(traces, FRAME + ROW * len(teachers), layout, frames))
 
 
 def _traces(teacher: str, name: str, ends: pd.DataFrame) -> list[go.Scatter]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterator, Sequence
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
@@ -11,7 +11,7 @@ import pandas as pd
 
 from analysis.baselines.sources import Sources, places_of, read
 from analysis.claims.sources import claims_notes, decided, root_verdicts
-from analysis.comparisons.overall import headlines, overall_rows
+from analysis.comparisons.overall import headlines
 from analysis.comparisons.pairwise import pairwise
 from analysis.comparisons.pairwise_statistics import pairwise_from_statistics
 from analysis.comparisons.ranks import ranks
@@ -29,16 +29,19 @@ from analysis.comparisons.sides import (
     side_of,
     together,
 )
+from analysis.data.frames import Frames
 from analysis.data.published import PAPER
 from analysis.figures.picture import Picture
 from analysis.figures.radars.chart import radar
-from analysis.formatting import plus_minus
+from analysis.formatting import listed, plus_minus
 from analysis.measures.pooling import SETTINGS, pooled
 from analysis.measures.student_pools import by_students
 from analysis.measures.variants import parts_of
 from analysis.names import label, teacher_order
 from analysis.pages.compare.places import Place, places, places_chart
-from analysis.pages.controls import controls
+from analysis.pages.controls import Controls, controls
+from analysis.pages.leading import leading
+from analysis.pages.overall import overall_section
 from analysis.pages.page import page, page_folder, write_page
 from analysis.statistics import SIGNIFICANCE
 from analysis.tables.paper_tables import result_tables
@@ -68,40 +71,58 @@ def write_comparison(
     if not baselines:
         raise ValueError(f"compare with what? Name a baseline, as in --baseline {PAPER}")
     folder = page_folder(places_of(sources)[0], output, "compare", "page")
-    frames = read(sources)
+    text, pictures = _render(read(sources), baselines, tell)
+    return write_page(folder, text, {f"{picture.name}.png": picture.png for picture in pictures})
+
+
+def _render(
+    frames: Frames, baselines: Sequence[str], tell: Callable[[str], object] | None
+) -> tuple[str, list[Picture]]:
+    """Returns the page, and the figures on it."""
     mine, others, split = named_jointly(side_of(frames, "yours"), [baseline_side(name) for name in baselines])
     runs, curves = together(mine, others), together(mine, others, along=True)
     tests = duels(runs, teachers := new_teachers(mine))
     standings = [rank.describe() for rank in ranks(runs, teachers)]
     _tell(standings, tell)
+    shown = leading(pooled(runs, [MEASURE]), f"{MEASURE}_mean")
+    tests = pd.concat(_those_shown_first(tests, shown), ignore_index=True)
     found = list(places(runs, curves, tests, mine))
     text = page(
         "compare.html.j2",
         mine=mine,
-        teachers=[label(teacher) for teacher in teachers],
+        teachers=listed(map(label, teachers)),
         others=others,
-        sentences=sentences(tests),
+        sentences=[each for part in _those_shown_first(tests, shown) for each in sentences(part)],
         missing=missing(mine, teachers),
         places=found,
         overview=list(places_chart(found)),
-        controls=_controls(found, runs, curves),
+        controls=_controls(found, runs, curves, shown),
         beside=[(side, _beside_rows(beside(mine, side))) for side in others],
-        pictures=(pictures := list(_radars(runs, others))),
+        pictures=(pictures := list(_radars(runs[runs["teacher"].isin(shown)], others))),
         tables=list(_tables(runs)),
-        headlines=[*standings, *headlines(runs)],
-        overall=overall_rows(runs),
+        standings=standings,
+        headlines=headlines(runs),
+        overall=overall_section(runs),
         warnings=list(dict.fromkeys([*frames.notes, *split, *claims_notes(frames)])),
         verdicts=decided(root_verdicts(frames)),
         significance=SIGNIFICANCE,
         version=installed_version("tma_ray"),
         written=datetime.now(UTC),
     )
-    return write_page(folder, text, {f"{picture.name}.png": picture.png for picture in pictures})
+    return text, pictures
 
 
-def _controls(found: Sequence[Place], runs: pd.DataFrame, curves: pd.DataFrame) -> Any:
+def _those_shown_first(tests: pd.DataFrame, shown: Collection[str]) -> list[pd.DataFrame]:
+    """Returns the tests between teachers that the page shows at first, and the others."""
+    both = tests["first"].isin(shown) & tests["second"].isin(shown)
+    return [part for part in (tests[both], tests[~both]) if len(part)] or [tests]
+
+
+def _controls(
+    found: Sequence[Place], runs: pd.DataFrame, curves: pd.DataFrame, shown: Collection[str]
+) -> Controls:
     chosen = pd.DataFrame([place.chosen_by for place in found])
-    return controls(chosen, runs["teacher"], curves["step"].dropna())
+    return controls(chosen, runs["teacher"], curves["step"].dropna(), shown)
 
 
 def _tell(standings: Sequence[str], tell: Callable[[str], object] | None) -> None:
@@ -132,7 +153,7 @@ def _tables(runs: pd.DataFrame) -> Iterator[dict[str, Any]]:
             both = pd.concat([pooled(chosen), pooled(chosen, by=["embodiment"])], ignore_index=True)
             for table in result_tables(TableResults(results_of(both), matrices)):
                 rows = [
-                    (named, [_cell(table, row, column) for column in table.columns])
+                    (row, named, [_cell(table, row, column) for column in table.columns])
                     for row, named in table.rows.items()
                 ]
                 notes = [f"{mark}: {text}" for text, mark in table.notes().items()]

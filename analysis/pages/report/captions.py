@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pandas as pd
 
-from analysis.formatting import number
+from analysis.formatting import listed, number
 from analysis.measures.training import RECENT
 from analysis.names import label, teacher_order
 
@@ -28,7 +28,7 @@ def counts(rows: pd.DataFrame) -> str:
     text = f"n = {usual} seed{'s' if usual > 1 else ''}" + (" per teacher" if len(counts) > 1 else "")
     others = [name for name in sorted(counts.index, key=teacher_order) if counts[name] != usual]
     return ", but ".join(
-        [text, *([" and ".join(f"{counts[name]} of {label(name)}" for name in others)] if others else [])]
+        [text, *([listed(f"{counts[name]} of {label(name)}" for name in others)] if others else [])]
     )
 
 

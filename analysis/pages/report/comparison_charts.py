@@ -13,6 +13,7 @@ from analysis.comparisons.measured import Measured
 from analysis.data.curricula import Curriculum
 from analysis.data.frames import Frames
 from analysis.data.task_axes import task_axes
+from analysis.formatting import listed
 from analysis.measures.evaluations import aggregate, mastered_tasks
 from analysis.names import label
 from analysis.pages.charts import (
@@ -65,7 +66,7 @@ def charts_of(mine: Measured, anchor: str) -> Iterator[Chart]:
             name = f"{anchor}-{value.replace('_', '-')}"
             yield curve_chart(name, curves, quantity, title, curve_caption(value, table))
     if len(mine.finals):
-        column = compared_by(mine.summary).column
+        column = compared_by(mine.finals).column
         caption = f"Rings are seeds, marks their means with 95 % intervals; {counts(mine.finals)}."
         points = points_of(mine, column)
         yield seeds_chart(f"{anchor}-seeds", points, QUANTITIES[column], "Seed by seed", caption)
@@ -101,7 +102,7 @@ def panels_of(
 
 def _curricula(mine: Measured, curricula: Mapping[str, Curriculum], anchor: str) -> Iterator[Panel]:
     axes, seeds = task_axes(mine.cells), examples_of(mine)
-    named = ", ".join(f"{label(teacher)}: seed {seeds[teacher]['seed']}" for teacher in curricula)
+    named = listed(f"{label(teacher)}: seed {seeds[teacher]['seed']}" for teacher in curricula)
     which = f"One run of each teacher, the median one by mastered tasks ({named})"
     training_tasks = (
         f"{which}. Dots are training episodes of the latest fifth of it, at most {EPISODES}, coloured by "

@@ -18,7 +18,7 @@ def overview(measured: Measured) -> Iterator[Chart]:
     found = list(titled(measured))
     if len(found) < 2 or measured.finals.empty:
         return
-    column = compared_by(measured.summary).column
+    column = compared_by(measured.finals).column
     points = [points_of(mine, column).assign(comparison=anchor) for anchor, _, mine in found]
     rows = dict(
         zip((anchor for anchor, *_ in found), distinct([title for _, title, _ in found]), strict=True)

@@ -21,14 +21,15 @@ NONE = {"difference": "", "p": ""}
 
 def end_rows(mine: Measured) -> list[dict[str, Any]]:
     """Returns the rows of the table at the ends of runs, Random first."""
-    tests = mine.tests[mine.tests["measure"] == compared_by(mine.summary).column]
+    tests = mine.tests[mine.tests["measure"] == compared_by(mine.finals).column]
     rows = []
     for teacher in sorted(mine.summary["teacher"], key=teacher_order):
         group = mine.summary[mine.summary["teacher"] == teacher].iloc[0]
         test = tests[tests["teacher"] == teacher]
         against = _against_random(test.iloc[0]) if len(test) else NONE
         untested = "baseline" if is_baseline(teacher) else "not evaluated yet"
-        rows.append({"verdict": untested} | _end_row(teacher, group) | against)
+        worst = mine.finals.loc[mine.finals["teacher"] == teacher, "mastered_percent"].min()
+        rows.append({"verdict": untested, "worst": number(worst)} | _end_row(teacher, group) | against)
     return rows
 
 
@@ -39,7 +40,7 @@ def step_rows(mine: Measured, everything: Measured) -> dict[str, dict[str, dict[
         mine: what was measured of the comparison.
         everything: of the root, where Random may have run at another level or in another experiment.
     """
-    measure = compared_by(mine.summary)
+    measure = compared_by(mine.finals)
     curves, found = mine.evaluations, {}
     if len(curves):
         others = reference_of(curves, everything.evaluations)
@@ -79,6 +80,7 @@ def _step_row(rows: pd.DataFrame) -> dict[str, str]:
         "seeds": str(rows["run_id"].nunique()),
         "step": amount(rows["step"].iloc[0]),
         "mastered": plus_minus(mastered.mean, mastered.std),
+        "worst": number(rows["mastered_percent"].min()),
         "evaluation": plus_minus(returns.mean, returns.std),
         "training": "",
         "verdict": "",

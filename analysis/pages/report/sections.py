@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -51,26 +51,30 @@ class Section:
     pictures: list[Picture]
 
 
-def sections(frames: Frames, measured: Measured) -> Iterator[Section]:
-    """Yields a section for each comparison of the root, in a fixed order."""
+def sections(frames: Frames, measured: Measured, shown: Collection[str]) -> Iterator[Section]:
+    """Yields a section for each comparison of the root, in a fixed order.
+
+    Args:
+        frames: of the root.
+        measured: of the root.
+        shown: teachers that figures have, which cannot be chosen on the page as charts can.
+    """
     for anchor, title, mine in titled(measured):
         curricula = curricula_of(frames, mine)  # read once, for charts and figures
-        drawn = [
-            replace(picture, name=f"{anchor}-{picture.name}")
-            for picture in curriculum_pictures(mine, curricula)
-        ]
+        leading = {teacher: each for teacher, each in curricula.items() if teacher in shown}
+        pictures = curriculum_pictures(mine, leading)
         first = mine.cells.iloc[0]
         yield Section(
             anchor=anchor,
             title=title,
             chosen_by={column: str(first[column]) for column in FILTERS},
             sentences=findings(mine.summary, mine.tests),
-            compared_by=compared_by(mine.summary),
+            compared_by=compared_by(mine.finals),
             rows=end_rows(mine),
             step_rows=json.dumps(step_rows(mine, measured)).replace("<", "\\u003c"),
             charts=list(charts_of(mine, anchor)),
             panels=list(panels_of(frames, mine, curricula, anchor)),
-            pictures=drawn,
+            pictures=[replace(picture, name=f"{anchor}-{picture.name}") for picture in pictures],
         )
 
 

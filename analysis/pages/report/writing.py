@@ -2,17 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from datetime import UTC, datetime
 from pathlib import Path
 
 from analysis.baselines.sources import Sources, places_of, read
 from analysis.claims.sources import claims_notes, decided, root_verdicts
-from analysis.comparisons.measured import Measured, measure
+from analysis.comparisons.findings import compared_by
+from analysis.comparisons.measured import TESTED, Measured, measure
 from analysis.data.frames import COMPARISON, Frames
 from analysis.formatting import number
 from analysis.looks import shown_together
+from analysis.measures.student_pools import runs_after
 from analysis.pages.controls import controls
+from analysis.pages.leading import leading
+from analysis.pages.overall import overall_section
 from analysis.pages.page import page, page_folder, write_page
 from analysis.pages.report.captions import thresholds
 from analysis.pages.report.downloads import Download, downloads
@@ -43,10 +47,11 @@ def write_report(sources: Sources, output: Path | None = None, videos: Sequence[
     output = report_folder(sources, output)
     frames = read(sources)
     measured = measure(frames)
+    shown = leading(measured.finals, compared_by(measured.finals).column)
     with shown_together(frames.cells["teacher"]):
-        parts = list(sections(frames, measured))
+        parts = list(sections(frames, measured, shown))
         tables = downloads(frames, measured)
-        text = _render(frames, measured, parts, tables, videos)
+        text = _render(frames, measured, parts, tables, videos, shown)
     pictures = {f"{picture.name}.png": picture.png for part in parts for picture in part.pictures}
     return write_page(output, text, pictures | {table.name: table.content for table in tables})
 
@@ -66,6 +71,7 @@ def _render(
     parts: list[Section],
     tables: list[Download],
     videos: Sequence[Video],
+    shown: Collection[str],
 ) -> str:
     cells = frames.cells
     return page(
@@ -78,11 +84,13 @@ def _render(
             cells[COMPARISON].drop_duplicates().sort_values(COMPARISON),
             cells["teacher"],
             measured.evaluations["step"].unique(),
+            shown,
         ),
         overview=list(overview(measured)),
         sections=parts,
+        overall=overall_section(runs_after(frames)),
         videos=by_comparison(videos),
-        tests=int(measured.tests["p"].notna().sum()) // 2,
+        tests=int((measured.tests["p"].notna() & (measured.tests["measure"] == TESTED[0])).sum()),
         verdicts=decided(root_verdicts(frames)),
         unfinished=unfinished(frames),
         settings=settings(cells),

@@ -79,6 +79,7 @@
     const meta = layout.meta || {};
     if (meta.marks_step && state.step !== null) layout.shapes = [stepMark()];
     if (meta.rows) closeRows(data, layout, meta, width < narrow);
+    if (meta.line_height) closeLines(layout, meta);
     if (!dark.matches || onPaper) return { data, layout };
     const hoverlabel = { ...layout.hoverlabel, bgcolor: "#1d2126" };
     return { data: data.map((trace) => themed(trace)), layout: { ...themed(layout), hoverlabel } };
@@ -89,13 +90,15 @@
     return { type: "line", x0: state.step, x1: state.step, y0: 0, y1: 1, yref: "paper", line };
   }
 
-  /** Moves the rows of an overview together where comparisons are left out, and legend entries with them. */
+  /** Moves the rows of an overview together where comparisons or teachers are left out, and legend entries with them. */
   function closeRows(data, layout, meta, wrapped) {
     const kept = meta.rows.map((_, place) => place).filter((place) => !state.out.has(meta.rows[place]));
-    const moved = new Map(kept.map((place, index) => [meta.rows[place], index - place]));
+    const places = new Map(kept.map((place, index) => [meta.rows[place], index]));
+    const there = meta.teachers.filter((teacher) => !state.hidden.has(teacher));
+    const offset = (teacher) => (0.66 * (there.indexOf(teacher) + 1)) / (there.length + 1) - 0.33;
     const named = new Set();
     for (const trace of data) {
-      trace.y = trace.y.map((value) => value + (moved.get(trace.meta.comparison) || 0));
+      trace.y = trace.y.map(() => (places.get(trace.meta.comparison) || 0) + offset(trace.meta.teacher));
       trace.showlegend = trace.visible && !named.has(trace.meta.teacher);
       if (trace.showlegend) named.add(trace.meta.teacher);
     }
@@ -104,8 +107,17 @@
     const range = [kept.length - 0.5, -0.5];
     layout.yaxis = { ...layout.yaxis, ticktext, tickvals: kept.map((_, index) => index), range };
     layout.shapes = (layout.shapes || []).slice(0, Math.max(0, kept.length - 1));
-    layout.height = meta.frame_height + meta.row_height * Math.max(1, kept.length);
-    layout.uirevision = kept.join();
+    layout.height = meta.frame_height + Math.max(meta.least_height, meta.spacing * (there.length + 1)) * Math.max(1, kept.length);
+    layout.uirevision = [...kept, there.length].join();
+  }
+
+  /** Leaves out the lines of a chart that belong to teachers who are left out. */
+  function closeLines(layout, meta) {
+    const kept = meta.teachers.map((_, place) => place).filter((place) => !state.hidden.has(meta.teachers[place]));
+    const [tickvals, ticktext] = ["tickvals", "ticktext"].map((name) => kept.map((place) => layout.yaxis[name][place]));
+    layout.yaxis = { ...layout.yaxis, tickvals, ticktext };
+    layout.height = meta.frame_height + meta.line_height * Math.max(1, kept.length);
+    layout.uirevision = kept.length;
   }
 
   function draw(chart) {
@@ -181,8 +193,8 @@
 
   function fillRow(row, texts) {
     for (const cell of all("td[data-field]", row)) {
-      if (cell.dataset.end === undefined) cell.dataset.end = cell.textContent;
-      cell.textContent = texts === null ? cell.dataset.end : texts[cell.dataset.field] ?? "–";
+      cell.atEnd = cell.atEnd || [...cell.childNodes];
+      cell.replaceChildren(...(texts === null ? cell.atEnd : [texts[cell.dataset.field] ?? "–"]));
       if (cell.dataset.field === "verdict") {
         for (const word of ["better", "worse"]) cell.classList.toggle(word, cell.textContent === word);
       }
@@ -204,7 +216,14 @@
         refresh();
       });
     });
+    controls.addEventListener("click", (event) => {
+      const wanted = event.target.dataset.choose;
+      if (!wanted) return;
+      for (const box of all("[data-teacher]", controls)) box.checked = wanted === "all" || box.defaultChecked;
+      controls.dispatchEvent(new Event("input"));
+    });
     controls.reset(); // browsers remember choices over a reload, the page does not
+    showTeachers();
   }
 
   const observer = new IntersectionObserver(

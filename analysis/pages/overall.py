@@ -1,0 +1,43 @@
+"""The section of a page that puts all challenges together: a table of estimates, and performance profiles."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Any
+
+import pandas as pd
+
+from analysis.comparisons.overall import THRESHOLDS, overall_rows, performance_profiles
+from analysis.pages.charts import Chart, profile_chart
+
+CAPTION = (
+    "Share of runs that master more of the test tasks than the horizontal axis says; bands are exact 95 % "
+    "intervals, threshold by threshold; all challenges together."
+)
+
+
+@dataclass(frozen=True, eq=False)
+class Overall:
+    """What the section shows.
+
+    Attributes:
+        rows: of `overall_rows`.
+        over: the thresholds of its last column, as text.
+        charts: performance profiles, one for each level and budget.
+    """
+
+    rows: list[dict[str, Any]]
+    over: str
+    charts: list[Chart]
+
+
+def overall_section(runs: pd.DataFrame) -> Overall:
+    """Returns the section on all runs that count as results, of `pooling.pool_runs`."""
+    return Overall(overall_rows(runs), " / ".join(map(str, THRESHOLDS)), list(_charts(runs)))
+
+
+def _charts(runs: pd.DataFrame) -> Iterator[Chart]:
+    for count, (where, table) in enumerate(performance_profiles(runs), start=1):
+        title = f"Performance profiles, {where}"
+        yield profile_chart(f"profiles-{count}", table, "Mastered test tasks (%)", title, CAPTION)
