@@ -1,6 +1,6 @@
 """Flat parameters padded to sizes that a GPU multiplies fast, and back.
 
-Rows of 300 bfloat16 values are no multiple of 16 bytes, and a product of such matrices takes four times as
+Rows of 300 bfloat16 values are not a multiple of 16 bytes, and products of such matrices take four times as
 long. Weights and biases of padding are 0 and stay so: a hidden unit of padding is 0 under the ReLU and gets
 no gradient, and inputs of padding are 0. On a CPU the padding makes sure that the parameters of all runs are
 aligned alike, so that they are multiplied by the same instructions.
