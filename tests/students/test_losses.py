@@ -4,20 +4,15 @@ import copy
 
 import numpy as np
 import pytest
-import stable_baselines3
 import torch
-from gymnasium import spaces
-from stable_baselines3.common.logger import Logger
-from stable_baselines3.common.torch_layers import BaseFeaturesExtractor
 from stable_baselines3.common.type_aliases import ReplayBufferSamples, RolloutBufferSamples
-from torch import nn
+from stock_models import ACTION, OBSERVATION, ppo, ppo_parameters, sac
 
 from tma_ray.students.hyperparameters import LogStd, PPOHyperparameters, SACHyperparameters
 from tma_ray.students.mlp.layout import Layout
 from tma_ray.students.mlp.modules import FlatParameters, blocks_of
 from tma_ray.students.mlp.network import forward, split
 from tma_ray.students.ppo.losses import Steps, losses
-from tma_ray.students.ppo.trunk import Trunk
 from tma_ray.students.ppo.update import PPOUpdate
 from tma_ray.students.sac.losses import (
     LOG_STD_RANGE,
@@ -29,18 +24,12 @@ from tma_ray.students.sac.losses import (
     joined,
     squashed_draw,
 )
-from tma_ray.students.sac.policy import POLICIES
 from tma_ray.students.sac.update import SACUpdate
-from tma_ray.students.sb3.algorithm_models import SpacesOnly
 
-UPDATES, OBSERVATION, ACTION = 10, 5, 3
+UPDATES = 10
 DTYPES = pytest.mark.parametrize(
     ("dtype", "tolerance"), [(torch.float64, 1e-9), (torch.float32, 2e-5)], ids=["float64", "float32"]
 )
-
-
-def world() -> SpacesOnly:
-    return SpacesOnly(spaces.Box(-1, 1, (OBSERVATION,)), spaces.Box(-1, 1, (ACTION,)))
 
 
 def largest_difference(model, stock) -> float:
@@ -51,13 +40,6 @@ def largest_difference(model, stock) -> float:
 def random(*shape, dtype):
     """Normal numbers that float32 has, too: stable-baselines3 rounds observations to it."""
     return torch.randn(*shape).to(dtype)
-
-
-def convert(model, dtype) -> None:
-    model.policy.to(dtype)
-    for module in model.policy.modules():
-        if isinstance(module, BaseFeaturesExtractor):
-            module.register_forward_pre_hook(lambda _, inputs: inputs[0].to(dtype))
 
 
 @pytest.fixture(autouse=True)
@@ -76,38 +58,6 @@ class Batches:
 
     def get(self, batch_size):
         return iter(self.batches)
-
-
-def ppo(hyper: PPOHyperparameters, dtype) -> stable_baselines3.PPO:
-    model = stable_baselines3.PPO(
-        "MlpPolicy",
-        world(),
-        learning_rate=hyper.learning_rate,
-        n_steps=hyper.steps_per_update,
-        batch_size=hyper.batch_size,
-        n_epochs=hyper.epochs,
-        clip_range=hyper.clip_range,
-        clip_range_vf=hyper.value_clip_range,
-        ent_coef=hyper.entropy_coefficient,
-        vf_coef=hyper.value_coefficient,
-        max_grad_norm=hyper.max_gradient_norm,
-        policy_kwargs={
-            "net_arch": [],
-            "features_extractor_class": Trunk,
-            "features_extractor_kwargs": {"hidden_units": hyper.hidden_units},
-        },
-        device="cpu",
-    )
-    convert(model, dtype)
-    nn.init.normal_(model.policy.log_std, std=0.3)
-    model.set_logger(Logger(None, []))
-    return model
-
-
-def ppo_parameters(model) -> FlatParameters:
-    policy = model.policy
-    blocks = blocks_of(policy.features_extractor, policy.action_net, policy.value_net)
-    return FlatParameters([blocks], others=[policy.log_std])
 
 
 def rollouts(model, dtype, batch_size: int = 40) -> list[RolloutBufferSamples]:
@@ -149,23 +99,6 @@ def test_ppo_equals_stock_after_ten_updates(dtype, tolerance, value_clip_range, 
     ours, theirs = model.logger.name_to_value, stock.logger.name_to_value
     for name in ("policy_gradient_loss", "value_loss", "approx_kl", "clip_fraction", "std"):
         np.testing.assert_allclose(ours[f"train/{name}"], theirs[f"train/{name}"], rtol=1e-3, atol=1e-5)
-
-
-def sac(hyper: SACHyperparameters, dtype) -> stable_baselines3.SAC:
-    model = stable_baselines3.SAC(
-        POLICIES[hyper.log_std],
-        world(),
-        learning_rate=hyper.learning_rate,
-        tau=hyper.target_rate,
-        ent_coef=hyper.entropy_coefficient,
-        buffer_size=1,
-        policy_kwargs={"net_arch": list(hyper.hidden_units)},
-        device="cpu",
-    )
-    convert(model, dtype)
-    model.ent_coef_tensor = model.ent_coef_tensor.to(dtype)
-    model.set_logger(Logger(None, []))
-    return model
 
 
 def sac_update(model, hyper: SACHyperparameters) -> SACUpdate:

@@ -2,21 +2,15 @@
 
 import numpy as np
 import pytest
-import stable_baselines3
 import torch
-from gymnasium import spaces
-from stable_baselines3.common.logger import Logger
-from stable_baselines3.common.torch_layers import BaseFeaturesExtractor
 from stable_baselines3.common.type_aliases import RolloutBufferSamples
+from stock_models import ACTION, OBSERVATION, ppo, ppo_parameters
 
 from tma_ray.students.cohort.ppo import PPONetworks, RolloutColumns, StackedPPO
 from tma_ray.students.hyperparameters import PPOHyperparameters
-from tma_ray.students.mlp.modules import FlatParameters, blocks_of
-from tma_ray.students.ppo.trunk import Trunk
-from tma_ray.students.sb3.algorithm_models import SpacesOnly
 
 CPU = torch.device("cpu")
-OBSERVATION, ACTION, WIDTH, STEPS, BATCH = 5, 3, 3, 40, 20
+WIDTH, STEPS, BATCH = 3, 40, 20
 SIZES = {"hidden_units": (20, 12), "steps_per_update": STEPS, "batch_size": BATCH}
 HYPER = PPOHyperparameters(**SIZES, epochs=3)
 PARAMETERS = OBSERVATION * 20 + 20 + 20 * 12 + 12 + 12 * 4 + 4 + ACTION
@@ -71,40 +65,6 @@ class Batches:
         return next(self.epochs)
 
 
-def stock(hyper: PPOHyperparameters) -> stable_baselines3.PPO:
-    model = stable_baselines3.PPO(
-        "MlpPolicy",
-        SpacesOnly(spaces.Box(-1, 1, (OBSERVATION,)), spaces.Box(-1, 1, (ACTION,))),
-        learning_rate=hyper.learning_rate,
-        n_steps=STEPS,
-        batch_size=BATCH,
-        n_epochs=hyper.epochs,
-        clip_range=hyper.clip_range,
-        clip_range_vf=hyper.value_clip_range,
-        ent_coef=hyper.entropy_coefficient,
-        vf_coef=hyper.value_coefficient,
-        max_grad_norm=hyper.max_gradient_norm,
-        policy_kwargs={
-            "net_arch": [],
-            "features_extractor_class": Trunk,
-            "features_extractor_kwargs": {"hidden_units": hyper.hidden_units},
-        },
-        device="cpu",
-    )
-    model.policy.double()
-    for module in model.policy.modules():
-        if isinstance(module, BaseFeaturesExtractor):
-            module.register_forward_pre_hook(lambda _, inputs: inputs[0].double())
-    model.set_logger(Logger(None, []))
-    return model
-
-
-def parameters_of(model: stable_baselines3.PPO) -> FlatParameters:
-    policy = model.policy
-    blocks = blocks_of(policy.features_extractor, policy.action_net, policy.value_net)
-    return FlatParameters([blocks], others=[policy.log_std])
-
-
 @pytest.mark.parametrize(("value_clip_range", "max_gradient_norm"), [(0.2, 0.05), (None, 50.0)])
 def test_every_slot_equals_stock_after_ten_updates(value_clip_range, max_gradient_norm):
     hyper = PPOHyperparameters(
@@ -121,11 +81,11 @@ def test_every_slot_equals_stock_after_ten_updates(value_clip_range, max_gradien
     assert stacked.owed.tolist() == [10] * WIDTH
     stacked.advance(10)
     for slot in range(WIDTH):
-        model = stock(hyper)
-        parameters_of(model).values.copy_(torch.from_numpy(networks(slot).parameters))
+        model = ppo(hyper, torch.float64)
+        ppo_parameters(model).values.copy_(torch.from_numpy(networks(slot).parameters))
         model.rollout_buffer = Batches(*experience(slot, epochs=5))
         model.train()
-        ours, theirs = stacked.networks(slot), parameters_of(model).values.numpy()
+        ours, theirs = stacked.networks(slot), ppo_parameters(model).values.numpy()
         assert np.abs(ours.parameters - theirs).max() < 1e-9
         assert np.abs(ours.parameters - networks(slot).parameters).max() > 1e-3
         assert ours.step == 10
@@ -211,8 +171,8 @@ def test_bfloat16_layers_are_close_to_float32_ones_and_differ():
 def test_values_are_the_networks_last_output():
     stacked = StackedPPO((OBSERVATION, ACTION), HYPER, WIDTH, CPU)
     stacked.join(1, networks(1))
-    model = stock(HYPER)
-    parameters_of(model).values.copy_(torch.from_numpy(networks(1).parameters))
+    model = ppo(HYPER, torch.float64)
+    ppo_parameters(model).values.copy_(torch.from_numpy(networks(1).parameters))
     states = experience(0)[0].observations[:7]
     with torch.no_grad():
         expected = model.policy.predict_values(torch.from_numpy(states))[:, 0].numpy()

@@ -110,14 +110,9 @@ class StackedSAC(StackedLearner):
         rewards: NDArray[np.float32],
         terminated: bool,
     ) -> None:
-        """Adds consecutive transitions to the replay of `slot`: an episode, or a part of one.
+        """Adds an episode's transitions to the replay of `slot`, or a part's; see `StackedReplay.store`.
 
-        Args:
-            slot: of the run.
-            observations: of each transition, and the last one's next (n + 1, o).
-            actions: in [-1, 1] (n, a).
-            rewards: (n,).
-            terminated: nothing follows the last transition; False of an episode that is cut or goes on.
+        `terminated` is False of an episode that is cut or goes on.
         """
         self._replay.store(slot, observations, actions, rewards, terminated)
         self._follow_memory()

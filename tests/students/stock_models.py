@@ -1,0 +1,77 @@
+"""Models of stable-baselines3 as the students have them, in float32 or float64."""
+
+from __future__ import annotations
+
+import stable_baselines3
+from gymnasium import spaces
+from stable_baselines3.common.logger import Logger
+from stable_baselines3.common.torch_layers import BaseFeaturesExtractor
+from torch import nn
+
+from tma_ray.students.hyperparameters import PPOHyperparameters, SACHyperparameters
+from tma_ray.students.mlp.modules import FlatParameters, blocks_of
+from tma_ray.students.ppo.trunk import Trunk
+from tma_ray.students.sac.policy import POLICIES
+from tma_ray.students.sb3.algorithm_models import SpacesOnly
+
+OBSERVATION, ACTION = 5, 3
+
+
+def world() -> SpacesOnly:
+    return SpacesOnly(spaces.Box(-1, 1, (OBSERVATION,)), spaces.Box(-1, 1, (ACTION,)))
+
+
+def convert(model, dtype) -> None:
+    model.policy.to(dtype)
+    for module in model.policy.modules():
+        if isinstance(module, BaseFeaturesExtractor):
+            module.register_forward_pre_hook(lambda _, inputs: inputs[0].to(dtype))
+
+
+def ppo(hyper: PPOHyperparameters, dtype) -> stable_baselines3.PPO:
+    model = stable_baselines3.PPO(
+        "MlpPolicy",
+        world(),
+        learning_rate=hyper.learning_rate,
+        n_steps=hyper.steps_per_update,
+        batch_size=hyper.batch_size,
+        n_epochs=hyper.epochs,
+        clip_range=hyper.clip_range,
+        clip_range_vf=hyper.value_clip_range,
+        ent_coef=hyper.entropy_coefficient,
+        vf_coef=hyper.value_coefficient,
+        max_grad_norm=hyper.max_gradient_norm,
+        policy_kwargs={
+            "net_arch": [],
+            "features_extractor_class": Trunk,
+            "features_extractor_kwargs": {"hidden_units": hyper.hidden_units},
+        },
+        device="cpu",
+    )
+    convert(model, dtype)
+    nn.init.normal_(model.policy.log_std, std=0.3)
+    model.set_logger(Logger(None, []))
+    return model
+
+
+def ppo_parameters(model) -> FlatParameters:
+    policy = model.policy
+    blocks = blocks_of(policy.features_extractor, policy.action_net, policy.value_net)
+    return FlatParameters([blocks], others=[policy.log_std])
+
+
+def sac(hyper: SACHyperparameters, dtype) -> stable_baselines3.SAC:
+    model = stable_baselines3.SAC(
+        POLICIES[hyper.log_std],
+        world(),
+        learning_rate=hyper.learning_rate,
+        tau=hyper.target_rate,
+        ent_coef=hyper.entropy_coefficient,
+        buffer_size=1,
+        policy_kwargs={"net_arch": list(hyper.hidden_units)},
+        device="cpu",
+    )
+    convert(model, dtype)
+    model.ent_coef_tensor = model.ent_coef_tensor.to(dtype)
+    model.set_logger(Logger(None, []))
+    return model
