@@ -19,6 +19,7 @@ from functools import cache
 from numbers import Integral, Real
 from typing import Any, NamedTuple, Union, get_args, get_origin, get_type_hints
 
+from tma_ray.commands.arguments import check_kind
 from tma_ray.part_names import LIST_SEPARATOR, nearest
 
 PRESET = "preset"
@@ -79,6 +80,7 @@ def parse_settings(
         ValueError: an unknown key or preset (the message has the nearest known one), a value of another
             type, or a key with different values in `text` and in `given`.
     """
+    check_kind(f"{kind}s", given or {}, Mapping, "values by name, as in {'batch_size': 100}")
     known = parameters_of(part)
     presets: Mapping[str, Mapping[str, Any]] = getattr(part, "presets", {})
     parsed = {

@@ -37,7 +37,7 @@ def split_name(text: str) -> tuple[str, dict[str, str]]:
         >>> split_name("module:Name")
         ('module:Name', {})
     """
-    match = SETTINGS.search(text)
+    match = _settings_in(text)
     if match is None:
         return text, {}
     pairs = [setting.split("=") for setting in match[0][1:].split(":")]
@@ -48,6 +48,12 @@ def split_name(text: str) -> tuple[str, dict[str, str]]:
     return text[: match.start()], {key: unquote(value.strip()) for key, value in pairs}
 
 
+def _settings_in(text: object) -> re.Match[str] | None:
+    if not isinstance(text, str):
+        raise TypeError(f"{text!r:.60}: expected the name of a part, as 'random'")
+    return SETTINGS.search(text)
+
+
 def base_name(text: str) -> str:
     """Returns the name of a part without its settings.
 
@@ -55,7 +61,7 @@ def base_name(text: str) -> str:
         >>> base_name("alp_gmm:batch_size=10"), base_name("module:Name")
         ('alp_gmm', 'module:Name')
     """
-    match = SETTINGS.search(text)
+    match = _settings_in(text)
     return text if match is None else text[: match.start()]
 
 

@@ -8,13 +8,14 @@ from __future__ import annotations
 
 import contextlib
 import importlib
+import re
 import sys
 from collections.abc import Callable, Mapping
 from functools import cache
 from importlib.metadata import entry_points
 from pathlib import Path
 from types import ModuleType
-from typing import Generic, TypeVar, cast
+from typing import Final, Generic, TypeVar, cast
 
 from tma_ray.docstrings import docstring_of
 from tma_ray.part_names import base_name, nearest
@@ -31,6 +32,8 @@ class UnknownNameError(ValueError):
 class PluginImportError(ValueError):
     """A module of the user's own that raises an error when it is imported."""
 
+
+_NAME: Final = re.compile(r"[\w.-]+")
 
 _searched: list[str] = []
 """Folders in which ``module:Name`` is looked for, after all others."""
@@ -66,10 +69,17 @@ class Registry(Generic[T]):
         """Returns a decorator that makes an implementation known under `name`.
 
         Raises:
-            ValueError: another implementation already has that name.
+            ValueError: another implementation already has that name, or it is none.
+            TypeError: the implementation does not inherit from `base`.
         """
+        if not isinstance(name, str) or not _NAME.fullmatch(name):
+            raise ValueError(f"{self.kind} {name!r}: expected a name of letters, digits, '_', '-' and '.'")
 
         def decorate(implementation: C) -> C:
+            if not self._fits(implementation):
+                raise TypeError(f"{self.kind} {name!r} is {implementation!r:.80}: {self._expected}")
+            if self._targets.get(name, _target_of(implementation)) != _target_of(implementation):
+                raise ValueError(f"{self.kind} {name!r} ships with tma_ray; choose another name")
             known = self._decorated.get(name)
             if known is not None and _identity(known) != _identity(implementation):
                 raise ValueError(f"{self.kind} {name!r} is already {_identity(known)}; choose another name")
@@ -201,11 +211,12 @@ class Registry(Generic[T]):
                 f"{self.kind} {target!r}: {hint}module {module_name!r} has no {attribute!r}"
             )
         if not self._fits(found):
-            raise UnknownNameError(
-                f"{self.kind} {target!r}: expected a class that inherits from {self.base.__module__}."
-                f"{self.base.__name__}, found {found!r:.80}"
-            )
+            raise UnknownNameError(f"{self.kind} {target!r}: {self._expected}, found {found!r:.80}")
         return cast("T", found)
+
+    @property
+    def _expected(self) -> str:
+        return f"expected a class that inherits from {self.base.__module__}.{self.base.__name__}"
 
     def _fits(self, found: object) -> bool:
         return self.base is object or (isinstance(found, type) and issubclass(found, self.base))
@@ -248,6 +259,10 @@ def _first_line(text: str | None) -> str:
 def _offered(group: str, path: tuple[str, ...]) -> Mapping[str, str]:  # noqa: ARG001 - part of the key
     """Returns the entry points of the packages on `path`, read once: hundreds of files hold them."""
     return {point.name: point.value for point in entry_points(group=group)}
+
+
+def _target_of(implementation: object) -> str:
+    return f"{getattr(implementation, '__module__', '')}:{getattr(implementation, '__qualname__', '')}"
 
 
 def _identity(implementation: object) -> str:

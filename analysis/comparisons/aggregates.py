@@ -7,6 +7,7 @@ from collections.abc import Hashable, Sequence
 import pandas as pd
 
 from analysis.comparisons.pairwise import nobody, pairs_of
+from analysis.data.arguments import check_measure
 from analysis.measures.conditions import CONDITIONS
 from analysis.measures.pooling import COMPARED, PARTS, POOLED
 from analysis.statistics import Comparison, holm, stratified
@@ -16,6 +17,7 @@ from analysis.statistics.estimates import (
     performance_profile,
     probability_of_improvement,
 )
+from tma_ray.commands.arguments import check_names
 
 ACROSS = ["expert_knowledge", *CONDITIONS]
 """Columns that runs of several challenges must have in common to be aggregated."""
@@ -47,7 +49,9 @@ def interquartile_means(
         `by`, measure, value, low, high, n, reason (of `statistics.estimates.Estimate`), and missing: strata
         of other teachers in which this one has no results, in words; empty where there are none.
     """
+    check_names("by", by)
     by, rows = list(by), []
+    check_measure("runs", runs, measure, [*by, *strata])
     common = [column for column in by if column != "teacher"]
     for _, compared in runs.groupby(common, dropna=False, sort=True):
         groups = compared.groupby(by, dropna=False, sort=True)

@@ -9,10 +9,12 @@ from dataclasses import dataclass
 
 import pandas as pd
 
+from analysis.data.arguments import check_measure
 from analysis.data.reference import NO_BASELINE, is_baseline
 from analysis.measures.pooling import COMPARED, PARTS
 from analysis.statistics import Comparison, describe, holm, welch
 from analysis.statistics.power import detectable_difference
+from tma_ray.commands.arguments import check_known, check_names
 
 OTHER_PARTS = "other bodies or students"
 """Why two groups were not tested whose runs are not of the same bodies and students."""
@@ -52,10 +54,14 @@ def pairwise(
         - holm: p adjusted for all tests that have `within` in common, step left out, so that all pairs and
           steps of a comparison are one family.
     """
+    check_names("within", within)
     within, rows = list(within), []
+    check_measure("runs", runs, measure, [*within, between])
     parts = [column for column in PARTS if column not in (*within, between)]
     family = [column for column in within if column != "step"]
     runs = runs[[*within, between, *parts, "run_id", measure]]
+    if between == "teacher":
+        check_reference(reference, runs)
     members = runs.groupby([*family, between], dropna=False)["run_id"].transform("nunique")
     runs = runs.assign(members=members)
     for key, group in _groups(runs, within):
@@ -118,6 +124,16 @@ def _compared(first: _Sample, second: _Sample, *, detectable: bool) -> dict[str,
         smallest = detectable_difference(describe(first.values), describe(second.values))
     uncounted = first.uncounted + second.uncounted
     return vars(comparison) | {"uncounted": uncounted, "detectable": smallest}
+
+
+def check_reference(reference: str | None, table: pd.DataFrame) -> None:
+    """Refuses a reference that is neither a teacher of the table, nor one that may be missing.
+
+    Raises:
+        ValueError: the message holds the nearest teacher.
+    """
+    if reference is not None and len(table) and not is_baseline(reference):
+        check_known("teacher", reference, table["teacher"].astype(str).unique(), "there are")
 
 
 def nobody(reference: str) -> str:

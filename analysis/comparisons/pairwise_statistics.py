@@ -6,7 +6,8 @@ from collections.abc import Sequence
 
 import pandas as pd
 
-from analysis.comparisons.pairwise import nobody, pairs_of
+from analysis.comparisons.pairwise import check_reference, nobody, pairs_of
+from analysis.data.arguments import check_columns
 from analysis.measures.pooling import COMPARED
 from analysis.statistics import Comparison, Description, holm, welch_from_statistics
 
@@ -35,6 +36,8 @@ def pairwise_from_statistics(
         `within`, measure, first, second, the columns of `statistics.Comparison` for first minus second, and
         holm: p adjusted for all tests that have `within` in common.
     """
+    check_columns("table", table, ["teacher", "n", f"{measure}_mean", f"{measure}_std"])
+    check_reference(reference, table)
     within, rows = [column for column in within if column in table], []
     for key, group in table.groupby(within, dropna=False, sort=True) if within else [((), table)]:
         results = {

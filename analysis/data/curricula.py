@@ -11,6 +11,7 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from analysis.data.frames import Frames
+from tma_ray.commands.arguments import check_kind
 from tma_ray.tasks import MASTERY_RETURN
 
 PANELS = 5
@@ -119,6 +120,7 @@ def boxes_of(update: pd.Series) -> list[dict[str, Any]]:
 
 def curriculum_of(frames: Frames, run: pd.Series) -> Curriculum:
     """Returns what there is of the curriculum of one run, a row of `Frames.cells`."""
+    check_kind("run", run, pd.Series, "a row of frames.cells")
     run_id = run["run_id"]
     tables = frames.episodes(run_id), frames.curriculum(run_id), frames.teacher_log(run_id)
     return Curriculum(*tables, steps=int(run["steps"]), mastery=float(run["mastery_threshold"]))

@@ -16,6 +16,7 @@ import pandas as pd
 
 from analysis.data.evaluations import evaluation_measures, evaluation_warnings, training_warnings
 from analysis.data.identity import CONDITIONS, experiments_apart, identity, named_apart
+from tma_ray.commands.arguments import check_kind, check_known, check_names
 from tma_ray.decoding import DamagedFileError, decode_json
 from tma_ray.results import CHIPMUNK, SCHEMAS, Results, Table
 from tma_ray.tasks import MASTERY_RETURN
@@ -36,6 +37,9 @@ SEED = re.compile(r'"seed": \d+, "student":')
 """The seed in a spec, whose keys are sorted, with the key that follows it."""
 
 P = ParamSpec("P")
+
+SHOWN_RUNS = 3
+"""Runs that a message about an unknown one names."""
 
 STATUSES = ("done", "running", "failed", "waiting")
 """What a run of a cell may be; waiting is a cell whose run has not started."""
@@ -105,6 +109,7 @@ class Frames:
     def episode_returns(self, run_ids: Sequence[str]) -> pd.DataFrame:
         """Returns run_id, step and finite episodic_return of the training episodes of `run_ids`."""
         columns = ["run_id", "step", "episodic_return"]
+        check_names("run_ids", run_ids)
         rows = self._rows(Table.EPISODES, columns, run_ids)
         return rows[np.isfinite(rows["episodic_return"].astype(float))]
 
@@ -123,6 +128,11 @@ class Frames:
 
     def _rows(self, table: Table, columns: list[str], run_ids: Sequence[str]) -> pd.DataFrame:
         """Reads a long table of some runs, from wherever they are."""
+        known = set(self._run_ids)
+        for run_id in run_ids:
+            check_kind("run_id", run_id, str, "the id of one run")
+            if run_id not in known:
+                check_known("run", run_id, self._run_ids[:SHOWN_RUNS], "the first ones are")
         places: dict[int, tuple[Results, list[str]]] = {}
         for run_id in run_ids:
             results = self.results_of(run_id)
@@ -140,6 +150,7 @@ def computed_once(
 
     @functools.wraps(function)
     def compute(frames: Frames, /, *args: P.args, **kwargs: P.kwargs) -> pd.DataFrame:
+        check_kind("frames", frames, Frames, "what analysis.load returns")
         given = (*args, *kwargs.values())
         key = (
             function,

@@ -6,6 +6,7 @@ from typing import Any, NamedTuple
 
 import pandas as pd
 
+from analysis.data.arguments import check_columns
 from analysis.data.frames import parsed
 
 
@@ -19,6 +20,7 @@ class Axis(NamedTuple):
 
 def task_axes(cells: pd.DataFrame) -> tuple[Axis, ...]:
     """Returns the dimensions that teachers choose from in the runs of `cells`; none where it is unknown."""
+    check_columns("cells", cells, ["spec"])
     for spec in cells["spec"].dropna():
         return tuple(_axis(dimension) for dimension in parsed(spec).get("task_space", []))
     return ()

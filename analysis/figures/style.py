@@ -14,6 +14,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
 from analysis.looks import INK, MUTED, RULE
+from tma_ray.commands.arguments import check_kind
 
 DPI = 150
 """Resolution of the PNG files, in dots per inch."""
@@ -97,6 +98,7 @@ def save(figure: Figure, path: str | Path, vector: Vector = Vector.PDF) -> tuple
     Returns:
         The vector file and the PNG file.
     """
+    check_kind("figure", figure, Figure, "a figure of matplotlib's")
     files = []
     for ending in (vector.value, "png"):
         # A name such as "after-0.5" has a point of its own: the ending is added to it.

@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
+from numbers import Integral
 
 import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
 from analysis.data.frames import Frames, parsed
+from tma_ray.commands.arguments import check_kind, check_names
+from tma_ray.commands.quantities import STEP
 from tma_ray.tasks import Dimension, Task, TaskSpace
 
 BINS = 10
@@ -37,8 +40,7 @@ def coverage_and_entropy(tasks: Task, space: TaskSpace, bins: int = BINS) -> tup
     Raises:
         ValueError: `bins` is under 2.
     """
-    if bins < 2:
-        raise ValueError(f"{bins} bins: expected at least 2 along each dimension")
+    _check_bins(bins)
     free = space.width > 0
     if not len(tasks) or not free.any():
         return np.nan, np.nan
@@ -69,6 +71,8 @@ def curriculum_measures(
     Returns:
         tasks is the number of probed tasks; 0, and NaN for the rest, where a run has none.
     """
+    _check_bins(bins)
+    STEP.check("at", 0 if at is None else at)
     rows = []
     for run_id, space, probes in _probes(frames, run_ids):
         mine = probes if at is None else probes[probes["step"] <= at]
@@ -84,6 +88,7 @@ def curriculum_curves(frames: Frames, run_ids: Iterable[str], bins: int = BINS) 
         run_ids: runs to measure.
         bins: cells of the grid along each dimension.
     """
+    _check_bins(bins)
     rows = [
         (run_id, step, len(probe), *_measured(probe, space, bins))
         for run_id, space, probes in _probes(frames, run_ids)
@@ -92,8 +97,15 @@ def curriculum_curves(frames: Frames, run_ids: Iterable[str], bins: int = BINS) 
     return pd.DataFrame(rows, columns=["run_id", "step", "tasks", "coverage", "entropy"])
 
 
+def _check_bins(bins: int) -> None:
+    if not isinstance(bins, Integral) or bins < 2:
+        raise ValueError(f"{bins} bins: expected a whole number of at least 2 along each dimension")
+
+
 def _probes(frames: Frames, run_ids: Iterable[str]) -> Iterator[tuple[str, TaskSpace | None, pd.DataFrame]]:
     """Yields each run with its task space, None where its spec names none, and its probed tasks."""
+    check_kind("frames", frames, Frames, "what analysis.load returns")
+    check_names("run_ids", run_ids)
     specs = frames.cells.drop_duplicates("run_id").set_index("run_id")["spec"]
     for run_id in run_ids:
         dimensions = parsed(specs.get(run_id)).get("task_space", [])

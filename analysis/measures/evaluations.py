@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
+from analysis.data.arguments import check_columns, check_measure
 from analysis.data.frames import GROUP, STATUSES, Frames, computed_once, unfailed
 from analysis.data.identity import CONDITIONS
 from analysis.measures.training import training_quarters
@@ -57,6 +58,7 @@ def evaluation_curves(frames: Frames) -> pd.DataFrame:
 
 def aggregate(curves: pd.DataFrame, value: str, by: Sequence[str] = GROUP) -> pd.DataFrame:
     """Returns `by`, step, n, mean, std and standard_error of `value` over the runs of a group."""
+    check_measure("curves", curves, value, [*by, "step"])
     grouped = curves.groupby([*by, "step"], sort=True)[value]
     table = grouped.agg(n="count", mean="mean", std="std").reset_index()
     return table.assign(standard_error=table["std"] / np.sqrt(table["n"]))
@@ -69,6 +71,7 @@ def mastered_tasks(frames: Frames, finals: pd.DataFrame) -> pd.DataFrame:
         frames: where the evaluations are.
         finals: what `final_evaluations` returned; tells which evaluation counts for each run.
     """
+    check_columns("finals", finals, [*GROUP, "run_id", "step"])
     evaluations = frames.evaluations[frames.evaluations["step"].isin(finals["step"].unique())]
     evaluations = evaluations.astype({"run_id": object, "test_set": object})
     rows = finals[[*GROUP, "run_id", "step"]].merge(evaluations, on=["run_id", "step"])

@@ -8,12 +8,14 @@ from collections.abc import Iterator, Sequence
 
 import pandas as pd
 
+from analysis.data.arguments import check_measure
 from analysis.data.frames import STATUSES
 from analysis.data.reference import baseline_runs
 from analysis.measures.run_measures import NOT_FINITE
 from analysis.measures.variants import PLUS, shipped_together, variants
 from analysis.statistics import describe
 from tma_ray.benchmark import MATRICES, Matrix
+from tma_ray.commands.arguments import check_names
 
 SETTINGS = ["steps", "test_sets", "engine", "physics_version", "mastery_threshold"]
 """What runs must have in common besides, for their numbers to mean the same."""
@@ -85,7 +87,13 @@ def pooled(
         not the whole pool, in words; empty if it is), and for each measure its _n, _mean, _std: NaN where
         there are too few runs.
     """
+    check_names("measures", measures)
+    if not measures:
+        raise ValueError("measures is empty: expected columns of the runs, such as mastered_percent")
+    check_names("by", by)
     keys, rows = [*POOLED, *by], []
+    for measure in measures:
+        check_measure("runs", runs, measure, keys)
     whole = [column for column in keys if column != "step"]
     runs = runs.assign(number=runs.groupby(whole, dropna=False).ngroup())
     members = dict(list(runs.drop_duplicates(["number", "run_id"]).groupby("number")))

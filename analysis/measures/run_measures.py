@@ -10,6 +10,8 @@ from numpy.typing import NDArray
 
 from analysis.data.frames import Frames, computed_once
 from analysis.measures.training import training_curves
+from tma_ray.commands.arguments import check_names
+from tma_ray.commands.quantities import SHARE, STEP
 
 NOT_FINITE = "returns not finite"
 """Why a run has no measures whose last evaluation has returns that are NaN or infinite."""
@@ -70,6 +72,10 @@ def run_measures(
         - reason, why a run has no measures, all of which are NaN then: "waiting", "failed",
           "still running", "not evaluated", "ends before", `NOT_FINITE`; else empty.
     """
+    STEP.check("at", 0 if at is None else at)
+    check_names("shares", shares)
+    for each in (*shares, share):
+        SHARE.check("share", each)
     everything = frames.measured
     rows = _standing(frames, at, _reached(frames, everything), share)
     within = everything[everything["step"] <= everything["run_id"].map(rows["steps"]).astype(float)]
@@ -101,6 +107,10 @@ def evaluations_at(frames: Frames, steps: Iterable[int]) -> pd.DataFrame:
         step (the one asked for), run_id, evaluated_at (step of the last evaluation at or before it),
         mastered_percent, evaluation_return.
     """
+    check_names("steps", steps)
+    steps = list(steps)
+    for step in steps:
+        STEP.check("step", step)
     curves = frames.measured
     curves = curves.rename(columns={"step": "evaluated_at"}).sort_values("evaluated_at", kind="stable")
     reached = _reached(frames, curves.rename(columns={"evaluated_at": "step"}))

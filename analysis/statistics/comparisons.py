@@ -9,6 +9,7 @@ from dataclasses import dataclass
 import pandas as pd
 
 from analysis.statistics.samples import CONFIDENCE, SIGNIFICANCE, Description, describe
+from tma_ray.commands.arguments import check_kind
 
 
 @dataclass(frozen=True)
@@ -51,6 +52,8 @@ def welch(sample: pd.Series, reference: pd.Series) -> Comparison:
         reference: likewise; two samples that have a run in common are not independent and get no
             test, so that cells which share their runs are never compared with themselves.
     """
+    for name, values in {"sample": sample, "reference": reference}.items():
+        check_kind(name, values, pd.Series, "a series of one value a run, indexed by run id")
     first, second = describe(sample), describe(reference)
     if set(sample.index) & set(reference.index):
         return Comparison(first.n, second.n, first.mean - second.mean, reason="same runs")

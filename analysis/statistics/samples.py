@@ -29,6 +29,10 @@ class Description:
     mean: float
     std: float
 
+    def __post_init__(self) -> None:
+        if self.n < 0 or self.std < 0:
+            raise ValueError(f"{self}: expected a number of values and a deviation of at least 0")
+
     @property
     def standard_error(self) -> float:
         """Standard error of the mean, std / sqrt(n)."""
@@ -54,6 +58,12 @@ def mean_interval(sample: Description) -> tuple[float, float]:
 
 
 def finite(values: ArrayLike) -> NDArray[np.float64]:
-    """Returns the finite ones among `values` (n,)."""
+    """Returns the finite ones among `values` (n,).
+
+    Raises:
+        ValueError: they have another number of dimensions, or are no numbers.
+    """
     array = np.asarray(values, dtype=np.float64)
+    if array.ndim != 1:
+        raise ValueError(f"a sample of shape {array.shape}: expected (n,), one value a run")
     return array[np.isfinite(array)]

@@ -9,6 +9,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
+from tma_ray.commands.arguments import check_kind, check_names
 from tma_ray.commands.quantities import SEED
 from tma_ray.results import check_id
 from tma_ray.runs import Cell, RunSpec, Schedule, effective_spec
@@ -67,8 +68,15 @@ class CampaignSpec:
 
     def __post_init__(self) -> None:
         check_id(self.name)
+        check_names("cells", self.cells)
+        for cell in self.cells:
+            check_kind("cell", cell, Cell, "a Cell, as of cells_of")
+        check_names("seeds", self.seeds)
         for seed in self.seeds:
             SEED.check("seed", seed)
+        if len(set(self.seeds)) < len(self.seeds):
+            raise ValueError(f"campaign {self.name!r}: a seed is listed twice in {list(self.seeds)!s:.60}")
+        check_kind("schedule", self.schedule, Schedule, "a Schedule(steps=...)")
         if not self.cells or not self.seeds:
             raise ValueError(
                 f"campaign {self.name!r} has {len(self.cells)} cells and {len(self.seeds)} seeds"
@@ -100,7 +108,14 @@ def cells_of(
     embodiments: Sequence[str] = ("classic_bipedal",),
     environment: str = "stump_tracks",
 ) -> tuple[Cell, ...]:
-    """Returns the cells of a full matrix."""
+    """Returns the cells of a full matrix.
+
+    Raises:
+        TypeError: one name where several are expected.
+    """
+    named = {"teachers": teachers, "students": students, "challenges": challenges}
+    for name, values in {**named, "levels": levels, "embodiments": embodiments}.items():
+        check_names(name, values)
     return tuple(
         Cell(environment, challenge, embodiment, student, teacher, level)
         for challenge, embodiment, student, level, teacher in itertools.product(

@@ -6,7 +6,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from enum import StrEnum
 
-from tma_ray.commands.quantities import CORES, GPUS, MEMORY, SECONDS
+from tma_ray.commands.arguments import check_kind
+from tma_ray.commands.quantities import CORES, GPUS, LOSSES, MEMORY, SECONDS
 from tma_ray.runs.placement import Placement, check_device
 
 GIB = 2**30
@@ -91,6 +92,10 @@ class Settings:
 
     def __post_init__(self) -> None:
         check_device(self.device)
+        check_kind("resources", self.resources, Resources, "a Resources(cpus=...)")
+        if self.teachers not in list(TeacherPlacement):
+            raise ValueError(f"teachers = {self.teachers!r}: expected {' or '.join(TeacherPlacement)}")
+        LOSSES.check("most_losses", self.most_losses)
         for name in (name for name in vars(self) if name.endswith("_seconds")):
             SECONDS.check(name, getattr(self, name))
         kind = self.device.partition(":")[0]

@@ -68,11 +68,17 @@ class Quantity:
 COUNT: Final = Quantity("a whole number such as 500000, 500k or 20M, from 1 to 1e12", 1, 1e12, whole=True)
 """Of steps, episodes, tasks."""
 
+STEP: Final = Quantity("a whole number of steps from 0 to 1e12", 0, 1e12, whole=True)
+"""A place in a run."""
+
 SEED: Final = Quantity("a whole number from 0 to 2^63 - 1", 0, 2**63 - 1, whole=True)
 """Of random numbers."""
 
 PROCESSES: Final = Quantity("a whole number from 1 to 65,536", 1, 65_536, whole=True)
 """Of processes, or of threads."""
+
+LOSSES: Final = Quantity("a whole number from 0 to 1e6", 0, 1e6, whole=True)
+"""How often something may be lost."""
 
 CORES: Final = Quantity("a number of cores over 0, up to 65,536, such as 1 or 0.5", 0, 65_536, positive=True)
 """Of one run."""

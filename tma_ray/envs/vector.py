@@ -48,6 +48,8 @@ class VectorEnvironment(VectorEnv[Observations, NDArray[np.float32], NDArray[Any
     metadata: ClassVar[dict[str, Any]] = {"autoreset_mode": AutoresetMode.DISABLED, "render_modes": []}  # type: ignore[misc]
 
     def __init__(self, environments: Sequence[Environment]) -> None:
+        if not environments:
+            raise ValueError("environments is empty: expected at least one")
         first = environments[0]
         self.num_envs = len(environments)
         self.single_observation_space, self.single_action_space = first.observation_space, first.action_space

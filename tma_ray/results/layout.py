@@ -11,6 +11,7 @@ from typing import Final, NoReturn
 
 import pyarrow as pa
 
+from tma_ray.commands.arguments import check_kind
 from tma_ray.decoding import DamagedFileError, DamagedFileWarning, Natural, decode_json
 from tma_ray.results.parquet import schema_version
 from tma_ray.results.schema import SCHEMA_VERSION, Table
@@ -93,7 +94,9 @@ def check_root(store: Store) -> None:
 
     Raises:
         ResultsRootError: no results root, or one written by another version.
+        TypeError: `store` is none.
     """
+    check_kind("store", store, Store, "a Store, as Store.open('results')")
     content = _root_file(store)
     if content is None or isinstance(content, DamagedFileError):
         version = _version_of_tables(store)

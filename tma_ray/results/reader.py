@@ -13,6 +13,7 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.compute as pc
 
+from tma_ray.commands.arguments import check_known, check_names
 from tma_ray.decoding import DamagedFileWarning
 from tma_ray.results.inspection import damage_reason
 from tma_ray.results.layout import MANIFESTS, TABLES, check_root, manifest_path, table_path
@@ -122,8 +123,11 @@ class Results:
             columns: only these columns, in this order; all by default.
 
         Raises:
-            ValueError: a column that the table does not have.
+            ValueError: an unknown table, or a column that it does not have.
+            TypeError: `run_ids` is one text.
         """
+        check_known("table", table, list(Table), "there are")
+        check_names("run_ids", () if run_ids is None else run_ids)
         names = SCHEMAS[table].names if columns is None else list(columns)
         unknown = [name for name in names if name not in SCHEMAS[table].names]
         if unknown:

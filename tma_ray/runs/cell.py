@@ -10,6 +10,7 @@ import gymnasium
 import numpy as np
 
 from tma_ray.benchmark import challenges_of, find_challenge, load_test_set
+from tma_ray.commands.arguments import check_kind
 from tma_ray.envs import make_environment, mastery_return
 from tma_ray.part_names import base_name, join_name, split_name
 from tma_ray.physics import PHYSICS_VERSION
@@ -70,6 +71,9 @@ class Cell:
     environment_options: Mapping[str, Any] = field(default_factory=dict)
     space: Bounds = field(default_factory=dict)
 
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "expert_knowledge", KnowledgeLevel(self.expert_knowledge))
+
 
 @dataclass(frozen=True)
 class _Setting:
@@ -104,6 +108,7 @@ def effective_spec(cell: Cell, seed: int, schedule: Schedule, *, independent_lev
             too little knowledge for the teacher, tasks that the environment cannot build, or a budget
             too small for the resets of the student.
     """
+    check_kind("cell", cell, Cell, "a Cell(teacher=...)")
     level = effective_level(TEACHERS.get(cell.teacher), cell.teacher, cell.expert_knowledge)
     teacher = make_teacher(cell.teacher, cell.teacher_hyperparameters)
     student = check_hyperparameters(cell.student, cell.student_hyperparameters)

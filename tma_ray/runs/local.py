@@ -5,6 +5,7 @@ from __future__ import annotations
 import traceback
 from collections.abc import Callable, Sequence
 
+from tma_ray.commands.arguments import check_kind
 from tma_ray.results import AttemptOutcome, Committer, PartFile, StorageError, retry
 from tma_ray.runs.attempt import Attempt
 from tma_ray.runs.checkpoints import Checkpoints
@@ -40,6 +41,8 @@ def run_locally(
         LearnerLostError: the learner of its cohort is gone; likewise.
         Exception: whatever the run's parts raise, after the run is marked as failed.
     """
+    check_kind("spec", spec, RunSpec, "a RunSpec, as of effective_spec")
+    check_kind("committer", committer, Committer, "a Committer, as Committer.open('results')")
     if committer.done([spec.run_id]):
         return AttemptOutcome.DONE
     return _attempt(spec, committer, placement or Placement(), should_stop, on_status)

@@ -9,6 +9,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from gymnasium import Space
 
+from tma_ray.commands.arguments import check_kind
+from tma_ray.commands.quantities import PROCESSES
 from tma_ray.hyperparameters import differing
 from tma_ray.part_names import base_name, join_name, split_name
 from tma_ray.registry import Registry, UnknownNameError
@@ -107,6 +109,8 @@ def make_student(
         UnknownNameError: no student answers to `name`.
         ValueError: unknown or unfit hyper-parameters, or spaces that the student cannot use.
     """
+    PROCESSES.check("threads", threads)
+    check_kind("seed", seed, np.random.SeedSequence, "numpy's, as np.random.SeedSequence(0)")
     parsed = check_hyperparameters(name, hyperparameters)
     constructor: Any = STUDENTS.get(name)
     student: Student = constructor(observation_space, action_space, parsed, seed, device, threads)

@@ -8,6 +8,7 @@ from enum import StrEnum
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from tma_ray.commands.arguments import check_finite, check_kind
 from tma_ray.tasks.episode import MASTERY_RETURN
 from tma_ray.tasks.shuffled_space import ShuffledSpace
 from tma_ray.tasks.space import Task, TaskSpace
@@ -28,6 +29,10 @@ class KnowledgeLevel(StrEnum):
     NONE = "none"
     LOW = "low"
     HIGH = "high"
+
+    @classmethod
+    def _missing_(cls, value: object) -> KnowledgeLevel:
+        raise ValueError(f"expert knowledge {value!r}: expected {', '.join(cls)}")
 
     @property
     def rank(self) -> int:
@@ -88,6 +93,9 @@ def expert_knowledge(
     Raises:
         ValueError: level high without an easy task, or with one outside the space.
     """
+    level = KnowledgeLevel(level)
+    check_kind("placement", placement, np.random.Generator, "a Generator of numpy's")
+    check_finite("mastery_threshold", mastery_threshold)
     mean = space.low + placement.random(space.size) * space.width
     if level is KnowledgeLevel.HIGH:
         if easy_task is None:

@@ -5,10 +5,13 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from numbers import Integral
 from typing import TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+
+from tma_ray.commands.arguments import check_finite, check_kind
 
 Task: TypeAlias = NDArray[np.float32]
 """One task (d,) or several (n, d), float32 as every environment receives them."""
@@ -31,8 +34,11 @@ class Dimension:
     unit: str = ""
 
     def __post_init__(self) -> None:
-        if not (np.isfinite(self.low) and np.isfinite(self.high)):
-            raise ValueError(f"dimension {self.name!r}: bounds {self.low}, {self.high} must be finite")
+        check_kind("name of a dimension", self.name, str, "a text")
+        if not self.name:
+            raise ValueError("a dimension needs a name, as it is called in test sets and tables")
+        check_finite(f"dimension {self.name!r}: low", self.low)
+        check_finite(f"dimension {self.name!r}: high", self.high)
         if self.low > self.high:
             raise ValueError(f"dimension {self.name!r}: low {self.low} is over high {self.high}; swap them")
 
@@ -54,6 +60,8 @@ class TaskSpace:
     dimensions: tuple[Dimension, ...]
 
     def __post_init__(self) -> None:
+        for dimension in self.dimensions:
+            check_kind("dimension", dimension, Dimension, "a Dimension(name, low, high)")
         if not self.dimensions:
             raise ValueError("a task space needs at least one dimension")
         if len(set(self.names)) != len(self.names):
@@ -65,6 +73,9 @@ class TaskSpace:
     ) -> TaskSpace:
         """Returns the box with `bounds` (name to low and high) and optional `units` by name."""
         units = units or {}
+        for name, each in bounds.items():
+            if not isinstance(each, Sequence) or len(each) != 2:
+                raise ValueError(f"bounds of {name!r}: expected low and high, got {each!r:.60}")
         return cls(tuple(Dimension(n, low, high, units.get(n, "")) for n, (low, high) in bounds.items()))
 
     @property
@@ -99,6 +110,9 @@ class TaskSpace:
 
     def sample(self, rng: np.random.Generator, count: int | None = None) -> Task:
         """Returns one uniform task (d,), or `count` of them (count, d)."""
+        check_kind("rng", rng, np.random.Generator, "a Generator of numpy's, as np.random.default_rng(0)")
+        if count is not None and (not isinstance(count, Integral) or count < 0):
+            raise ValueError(f"count = {count!r}: expected a whole number of tasks")
         shape = self.size if count is None else (count, self.size)
         return self.clip(self.low + rng.random(shape) * self.width)
 

@@ -7,10 +7,12 @@ import hashlib
 import io
 import itertools
 from dataclasses import dataclass
+from numbers import Integral
 from pathlib import Path
 
 import numpy as np
 
+from tma_ray.commands.arguments import check_kind
 from tma_ray.tasks.space import Task, TaskSpace
 
 
@@ -31,6 +33,9 @@ class TestSet:
     tasks: Task
 
     def __post_init__(self) -> None:
+        check_kind("tasks", self.tasks, np.ndarray, "an array (n, d)")
+        if not self.name or not np.isfinite(self.tasks).all():
+            raise ValueError(f"test set {self.name!r}: expected a name, and tasks of finite numbers")
         if self.tasks.ndim != 2 or self.tasks.shape[1] != len(self.dimensions) or not len(self.tasks):
             raise ValueError(
                 f"test set {self.name!r}: tasks of shape {self.tasks.shape} do not fit the dimensions "
@@ -49,16 +54,19 @@ class TestSet:
     @classmethod
     def grid(cls, name: str, space: TaskSpace, points: int) -> TestSet:
         """Returns the grid of `points` values per dimension, bounds included, first dimension slowest."""
+        if not isinstance(points, Integral) or points < 1:
+            raise ValueError(f"points = {points!r}: expected a whole number of at least 1")
         axes = [np.linspace(d.low, d.high, points) for d in space.dimensions]
         return cls(name, space.names, np.array(list(itertools.product(*axes)), dtype=np.float32))
 
     @classmethod
-    def from_csv(cls, path: Path, name: str | None = None) -> TestSet:
+    def from_csv(cls, path: str | Path, name: str | None = None) -> TestSet:
         """Reads a test set: a header of dimension names, then one task a line.
 
         Raises:
             ValueError: a line that does not hold a task; the message names file and line.
         """
+        path = Path(path)
         with path.open(newline="") as file:
             rows = [row for row in csv.reader(file) if row]
         if len(rows) < 2:

@@ -82,6 +82,7 @@ def effective_level(teacher: type[Teacher], name: str, level: KnowledgeLevel) ->
     Raises:
         ValueError: `teacher` cannot run with so little knowledge.
     """
+    level = KnowledgeLevel(level)
     if not knows_enough(teacher, level):
         needed = teacher.knowledge_levels[0]
         raise ValueError(

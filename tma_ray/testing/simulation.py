@@ -8,6 +8,8 @@ from typing import Any
 
 import numpy as np
 
+from tma_ray.commands.arguments import check_kind
+from tma_ray.commands.quantities import SEED
 from tma_ray.tasks import (
     MASTERY_RETURN,
     Episode,
@@ -83,6 +85,8 @@ class Simulation:
         seed: int,
         hyperparameters: Mapping[str, Any] | None = None,
     ) -> None:
+        check_kind("challenge", challenge, SimulatedChallenge, "what find_simulated_challenge returns")
+        SEED.check("seed", seed)
         placement, teaching, learning = map(np.random.default_rng, np.random.SeedSequence(seed).spawn(3))
         space, easy_task = challenge.task_space, challenge.easy_task
         self.landscape = ShuffledSpace.shuffle(space, placement, challenge.cuts) if challenge.cuts else None

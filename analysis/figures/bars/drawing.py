@@ -70,6 +70,7 @@ def bars_with_pairs(
     Raises:
         ValueError: nothing to draw, or several results of a teacher in one panel.
     """
+    whisker = Whisker(whisker)
     table = _table(table, measure, whisker, by)
     teachers = sorted(table["teacher"].unique(), key=teacher_order)
     rows = bar_panels(table, tests, by)

@@ -10,6 +10,7 @@ from types import TracebackType
 from typing import Final, NoReturn, Self
 from uuid import uuid4
 
+from tma_ray.commands.arguments import check_kind
 from tma_ray.commands.exits import RefusedError
 from tma_ray.decoding import DamagedFileError
 from tma_ray.results.holding.heartbeat import Heartbeat
@@ -220,7 +221,9 @@ def ask_to_stop(store: Store, seconds: float = LEASE_SECONDS) -> str:
 
     Raises:
         NotRunningError: nobody holds the root.
+        TypeError: `store` is none.
     """
+    check_kind("store", store, Store, "a Store, as Store.open('results')")
     now = time.time()
     try:
         current = LeaseFile.load(store)

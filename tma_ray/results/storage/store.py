@@ -12,6 +12,7 @@ from uuid import uuid4
 
 from pyarrow import fs
 
+from tma_ray.commands.arguments import check_kind
 from tma_ray.decoding import DamagedFileError
 from tma_ray.results.storage import disk
 from tma_ray.results.storage.errors import explained_disk
@@ -65,6 +66,7 @@ class Store:
             ValueError: a URI that holds credentials, no bucket, or unknown parameters.
             ObjectStoreError: the region of a bucket cannot be found out.
         """
+        check_kind("root", uri, (str, Path), "a folder or an address")
         if str(uri).startswith(("s3://", "gs://")):
             return cls(*open_bucket(str(uri)))
         if "://" in str(uri):

@@ -1,0 +1,96 @@
+"""Mistakes in calls from Python: each is refused where it is made, in a sentence that names it."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import gymnasium as gym
+import numpy as np
+import pytest
+from api_mistakes import ACCEPTED, MISTAKES
+from pandas import Series
+
+import analysis
+import tma_ray.benchmark
+import tma_ray.campaign
+import tma_ray.envs
+import tma_ray.results
+import tma_ray.runs
+import tma_ray.students
+import tma_ray.tasks
+import tma_ray.teachers
+import tma_ray.testing
+from analysis import baselines, statistics
+from tma_ray.campaign.settings import Resources, Settings
+from tma_ray.embodiments import load_embodiment
+from tma_ray.export import export
+from tma_ray.importing import import_results
+
+ROOT = Path(__file__).parents[1] / "notebooks" / "data" / "ppo-lite"
+
+MODULES = (
+    tma_ray.benchmark,
+    tma_ray.campaign,
+    tma_ray.envs,
+    tma_ray.results,
+    tma_ray.runs,
+    tma_ray.students,
+    tma_ray.tasks,
+    tma_ray.teachers,
+    tma_ray.testing,
+    statistics,
+)
+
+OTHERS = (Resources, Settings, load_embodiment, export, import_results, analysis, baselines, gym, np, Series)
+
+
+@pytest.fixture(scope="module")
+def names(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Any]:
+    """What the calls name: all that is public, and some of what it makes."""
+    found = {name: getattr(module, name) for module in MODULES for name in module.__all__}
+    found |= {each.__name__.rpartition(".")[2]: each for each in OTHERS} | {"np": np, "gym": gym}
+    frames = analysis.load(ROOT)
+    runs = analysis.runs_after(frames)
+    dimensions = tma_ray.tasks.Dimension("a", 0, 1), tma_ray.tasks.Dimension("b", 0, 2)
+    return found | {
+        "F": frames,
+        "R": runs,
+        "RID": runs["run_id"].iloc[0],
+        "P": analysis.pooled(runs),
+        "T": analysis.pairwise(runs, "mastered_percent"),
+        "curves": analysis.evaluation_curves(frames),
+        "simulated": tma_ray.testing.find_simulated_challenge("original"),
+        "seeds": np.random.SeedSequence(0),
+        "plan": lambda cells: tma_ray.campaign.CampaignSpec("x", cells).plan(),
+        "ROOT": str(ROOT),
+        "tmp": tmp_path_factory.mktemp("api"),
+        "space": tma_ray.tasks.TaskSpace(dimensions),
+        "rng": np.random.default_rng(0),
+        "cells": tma_ray.campaign.cells_of(("random",)),
+        "env": lambda: tma_ray.envs.make_environment("stump_tracks"),
+        "box": gym.spaces.Box(-1, 1, (3,), np.float32),
+    }
+
+
+def test_every_mistake_is_refused_in_a_sentence(
+    names: dict[str, Any], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(names["tmp"])
+    problems = []
+    for call, said in MISTAKES.items():
+        kind, _, text = said.partition(": ")
+        try:
+            problems.append(f"{call}: accepted, {eval(call, dict(names))!r:.60}")
+        except {"Type": TypeError, "Value": ValueError}[kind] as error:
+            if text not in str(error):
+                problems.append(f"{call}: {error}")
+        except Exception as error:
+            problems.append(f"{call}: {error!r}")
+    assert len(MISTAKES) > 200
+    assert problems == []
+
+
+@pytest.mark.parametrize("call", ACCEPTED)
+def test_what_only_looks_like_a_mistake_is_accepted(names: dict[str, Any], call: str) -> None:
+    eval(call, dict(names))
