@@ -14,6 +14,7 @@ from analysis.data.reference import NO_BASELINE, is_baseline
 from analysis.measures.pooling import COMPARED, PARTS
 from analysis.statistics import Comparison, describe, holm, welch
 from analysis.statistics.power import detectable_difference
+from tma_ray.benchmark import TEACHERS
 from tma_ray.commands.arguments import check_known, check_names
 
 OTHER_PARTS = "other bodies or students"
@@ -41,7 +42,7 @@ def pairwise(
         reference: the group that all others are tested against, such as "random"; None for all pairs.
         within: columns that groups must have in common to be compared.
         between: column that tells groups apart: teacher, or expert_knowledge (with teacher among `within`).
-        detectable: whether that column is computed, which takes longer than the tests.
+        detectable: whether that is computed, which takes longer than the tests.
 
     Returns:
         `within`, measure, first, second (the reference, if there is one), the columns of
@@ -54,28 +55,20 @@ def pairwise(
         - holm: p adjusted for all tests that have `within` in common, step left out, so that all pairs and
           steps of a comparison are one family.
     """
-    check_names("within", within)
+    _check(runs, measure, reference, within, between)
     within, rows = list(within), []
-    check_measure("runs", runs, measure, [*within, between])
     parts = [column for column in PARTS if column not in (*within, between)]
     family = [column for column in within if column != "step"]
-    runs = runs[[*within, between, *parts, "run_id", measure]]
-    if between == "teacher":
-        check_reference(reference, runs)
-    members = runs.groupby([*family, between], dropna=False)["run_id"].transform("nunique")
-    runs = runs.assign(members=members)
+    groups = runs.groupby([*family, between], dropna=False)
+    runs = runs.assign(members=groups["run_id"].transform("nunique"))
     for key, group in _groups(runs, within):
         shared = dict(zip(within, key, strict=True)) | {"measure": measure}
-        samples = {
-            str(name): _sample(part, measure, parts) for name, part in group.groupby(between, sort=True)
-        }
+        named = group.groupby(between, sort=True)
+        samples = {str(name): _sample(part, measure, parts) for name, part in named}
         for first, second in pairs_of(list(samples), reference):
             other = samples.get(second) or _sample(group.head(0), measure, parts)
-            row = (
-                shared
-                | {"first": first, "second": second}
-                | _compared(samples[first], other, detectable=detectable)
-            )
+            shared |= {"first": first, "second": second}
+            row = shared | _compared(samples[first], other, detectable=detectable)
             rows.append(row if second in samples else row | {"reason": nobody(second)})
     own = ["measure", "first", "second", *Comparison.__dataclass_fields__, "uncounted", "detectable"]
     table = pd.DataFrame(rows, columns=[*within, *own])
@@ -127,13 +120,22 @@ def _compared(first: _Sample, second: _Sample, *, detectable: bool) -> dict[str,
 
 
 def check_reference(reference: str | None, table: pd.DataFrame) -> None:
-    """Refuses a reference that is neither a teacher of the table, nor one that may be missing.
+    """Refuses a reference that is neither a teacher of the table, nor one of the benchmark's.
 
     Raises:
         ValueError: the message holds the nearest teacher.
     """
     if reference is not None and len(table) and not is_baseline(reference):
-        check_known("teacher", reference, table["teacher"].astype(str).unique(), "there are")
+        check_known("teacher", reference, {*table["teacher"].astype(str), *TEACHERS}, "there are")
+
+
+def _check(
+    runs: pd.DataFrame, measure: str, reference: str | None, within: Sequence[str], between: str
+) -> None:
+    check_names("within", within)
+    check_measure("runs", runs, measure, [*within, between])
+    if between == "teacher":
+        check_reference(reference, runs)
 
 
 def nobody(reference: str) -> str:

@@ -72,10 +72,7 @@ def run_measures(
         - reason, why a run has no measures, all of which are NaN then: "waiting", "failed",
           "still running", "not evaluated", "ends before", `NOT_FINITE`; else empty.
     """
-    STEP.check("at", 0 if at is None else at)
-    check_names("shares", shares)
-    for each in (*shares, share):
-        SHARE.check("share", each)
+    _check(at, shares, share)
     everything = frames.measured
     rows = _standing(frames, at, _reached(frames, everything), share)
     within = everything[everything["step"] <= everything["run_id"].map(rows["steps"]).astype(float)]
@@ -87,11 +84,7 @@ def run_measures(
     rows.loc[(rows["reason"] == "") & broken, "reason"] = NOT_FINITE
     rows = rows.join(ends[["mastered_percent", "evaluation_return"]])
     rows = rows.join(_of_curves(curves, rows["steps"], shares))
-    evaluations = frames.evaluations
-    if len(within) < len(everything):
-        limits = evaluations["run_id"].map(rows["steps"]).astype(float)
-        evaluations = evaluations[evaluations["step"] <= limits]
-    rows["forgotten_percent"] = _forgotten(evaluations, within)
+    rows["forgotten_percent"] = _forgotten(_until(frames, rows, cut=len(within) < len(everything)), within)
     measures = [name for name in measure_names(shares) if training or name != TRAINING_RETURN]
     if training:
         rows[TRAINING_RETURN] = _training_return(frames, rows[rows["reason"] == ""])
@@ -168,6 +161,21 @@ def best_seeds(runs: pd.DataFrame, measure: str, within: Sequence[str]) -> pd.Da
     """
     ranked = runs.dropna(subset=[measure]).sort_values([measure, "seed"], ascending=[False, True])
     return ranked.drop_duplicates(list(within)).sort_values(list(within), ignore_index=True)
+
+
+def _until(frames: Frames, rows: pd.DataFrame, *, cut: bool) -> pd.DataFrame:
+    """Returns the evaluations, `cut` at the steps at which runs are measured."""
+    evaluations = frames.evaluations
+    if not cut:
+        return evaluations
+    return evaluations[evaluations["step"] <= evaluations["run_id"].map(rows["steps"]).astype(float)]
+
+
+def _check(at: int | None, shares: Sequence[float], share: float) -> None:
+    STEP.check("at", 0 if at is None else at)
+    check_names("shares", shares)
+    for each in (*shares, share):
+        SHARE.check("share", each)
 
 
 def _reached(frames: Frames, curves: pd.DataFrame) -> pd.Series:

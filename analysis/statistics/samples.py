@@ -61,7 +61,7 @@ def finite(values: ArrayLike) -> NDArray[np.float64]:
     """Returns the finite ones among `values` (n,).
 
     Raises:
-        ValueError: they have another number of dimensions, or are no numbers.
+        ValueError: they have another number of dimensions, or are not numbers.
     """
     array = np.asarray(values, dtype=np.float64)
     if array.ndim != 1:

@@ -82,7 +82,7 @@ class Observer:
         """Returns what is known of the runs at `now`, s since 1970.
 
         Raises:
-            ResultsRootError: there is no root, or one of another version.
+            ResultsRootError: the root does not exist, or is one of another version.
         """
         self._results = results = Results(self._store, self._results)
         heartbeat = Heartbeat.load(self._store)
