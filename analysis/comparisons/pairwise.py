@@ -20,6 +20,9 @@ from tma_ray.commands.arguments import check_known, check_names
 OTHER_PARTS = "other bodies or students"
 """Why two groups were not tested whose runs are not of the same bodies and students."""
 
+OWN = ["measure", "first", "second", *Comparison.__dataclass_fields__, "uncounted", "detectable"]
+"""Columns of `pairwise` besides those that groups have in common, and holm."""
+
 
 def pairwise(
     runs: pd.DataFrame,
@@ -59,21 +62,23 @@ def pairwise(
     within, rows = list(within), []
     parts = [column for column in PARTS if column not in (*within, between)]
     family = [column for column in within if column != "step"]
-    groups = runs.groupby([*family, between], dropna=False)
-    runs = runs.assign(members=groups["run_id"].transform("nunique"))
-    for key, group in _groups(runs, within):
+    for key, group in _groups(_counted(runs, [*family, between]), within):
         shared = dict(zip(within, key, strict=True)) | {"measure": measure}
         named = group.groupby(between, sort=True)
         samples = {str(name): _sample(part, measure, parts) for name, part in named}
         for first, second in pairs_of(list(samples), reference):
             other = samples.get(second) or _sample(group.head(0), measure, parts)
-            shared |= {"first": first, "second": second}
-            row = shared | _compared(samples[first], other, detectable=detectable)
+            row = shared | {"first": first, "second": second}
+            row |= _compared(samples[first], other, detectable=detectable)
             rows.append(row if second in samples else row | {"reason": nobody(second)})
-    own = ["measure", "first", "second", *Comparison.__dataclass_fields__, "uncounted", "detectable"]
-    table = pd.DataFrame(rows, columns=[*within, *own])
+    table = pd.DataFrame(rows, columns=[*within, *OWN])
     table["holm"] = table.groupby(family, dropna=False)["p"].transform(holm) if len(table) else table["p"]
     return table
+
+
+def _counted(runs: pd.DataFrame, keys: list[str]) -> pd.DataFrame:
+    """Returns `runs` with the number of runs that have these columns in common."""
+    return runs.assign(members=runs.groupby(keys, dropna=False)["run_id"].transform("nunique"))
 
 
 def _groups(runs: pd.DataFrame, within: list[str]) -> Iterator[tuple[tuple[object, ...], pd.DataFrame]]:
