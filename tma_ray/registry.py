@@ -72,7 +72,7 @@ class Registry(Generic[T]):
             ValueError: another implementation already has that name, or it is none.
             TypeError: the implementation does not inherit from `base`.
         """
-        if not isinstance(name, str) or not _NAME.fullmatch(name):
+        if not _NAME.fullmatch(name):
             raise ValueError(f"{self.kind} {name!r}: expected a name of letters, digits, '_', '-' and '.'")
 
         def decorate(implementation: C) -> C:

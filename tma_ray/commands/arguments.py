@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
-from numbers import Real
+from collections.abc import Iterable, Sequence
+from numbers import Integral, Real
 from typing import Any
 
 from tma_ray.part_names import nearest
@@ -50,3 +50,23 @@ def check_finite(name: str, value: Any) -> None:
     """
     if isinstance(value, bool) or not isinstance(value, Real) or not math.isfinite(value):
         raise ValueError(f"{name} = {value!r:.60}: expected a finite number")
+
+
+def check_whole(name: str, value: object, least: int) -> None:
+    """Refuses what is not a whole number of at least `least`.
+
+    Raises:
+        ValueError: the message holds the argument's `name` and its value.
+    """
+    if isinstance(value, bool) or not isinstance(value, Integral) or int(value) < least:
+        raise ValueError(f"{name} = {value!r:.60}: expected a whole number of at least {least}")
+
+
+def check_pair(name: str, value: object, expected: str) -> None:
+    """Refuses what is not two values in order.
+
+    Raises:
+        ValueError: the message holds the argument's `name`, its value and what was `expected`.
+    """
+    if not isinstance(value, Sequence) or len(value) != 2:
+        raise ValueError(f"{name} = {value!r:.60}: expected {expected}")

@@ -5,13 +5,12 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from numbers import Integral
 from typing import TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from tma_ray.commands.arguments import check_finite, check_kind
+from tma_ray.commands.arguments import check_finite, check_kind, check_pair, check_whole
 
 Task: TypeAlias = NDArray[np.float32]
 """One task (d,) or several (n, d), float32 as every environment receives them."""
@@ -74,8 +73,7 @@ class TaskSpace:
         """Returns the box with `bounds` (name to low and high) and optional `units` by name."""
         units = units or {}
         for name, each in bounds.items():
-            if not isinstance(each, Sequence) or len(each) != 2:
-                raise ValueError(f"bounds of {name!r}: expected low and high, got {each!r:.60}")
+            check_pair(f"bounds of {name!r}", each, "low and high")
         return cls(tuple(Dimension(n, low, high, units.get(n, "")) for n, (low, high) in bounds.items()))
 
     @property
@@ -111,8 +109,7 @@ class TaskSpace:
     def sample(self, rng: np.random.Generator, count: int | None = None) -> Task:
         """Returns one uniform task (d,), or `count` of them (count, d)."""
         check_kind("rng", rng, np.random.Generator, "a Generator of numpy's, as np.random.default_rng(0)")
-        if count is not None and (not isinstance(count, Integral) or count < 0):
-            raise ValueError(f"count = {count!r}: expected a whole number of tasks")
+        check_whole("count", 0 if count is None else count, 0)
         shape = self.size if count is None else (count, self.size)
         return self.clip(self.low + rng.random(shape) * self.width)
 

@@ -7,12 +7,11 @@ import hashlib
 import io
 import itertools
 from dataclasses import dataclass
-from numbers import Integral
 from pathlib import Path
 
 import numpy as np
 
-from tma_ray.commands.arguments import check_kind
+from tma_ray.commands.arguments import check_kind, check_whole
 from tma_ray.tasks.space import Task, TaskSpace
 
 
@@ -54,8 +53,7 @@ class TestSet:
     @classmethod
     def grid(cls, name: str, space: TaskSpace, points: int) -> TestSet:
         """Returns the grid of `points` values per dimension, bounds included, first dimension slowest."""
-        if not isinstance(points, Integral) or points < 1:
-            raise ValueError(f"points = {points!r}: expected a whole number of at least 1")
+        check_whole("points", points, 1)
         axes = [np.linspace(d.low, d.high, points) for d in space.dimensions]
         return cls(name, space.names, np.array(list(itertools.product(*axes)), dtype=np.float32))
 
