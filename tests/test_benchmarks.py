@@ -13,18 +13,26 @@ import pytest
 
 ROOT = Path(__file__).parents[1]
 FOLDER = ROOT / "benchmarks"
-SCRIPTS = {path.stem for path in FOLDER.glob("*.py")} - {"campaigns"}
+SHARED = ("campaigns", "pools")
+"""Modules of several scripts."""
+
+SCRIPTS = {path.stem for path in FOLDER.glob("*.py")} - set(SHARED)
 
 GATHERED = set(runpy.run_path(str(FOLDER / "run_all.py"))["SMALLEST"])
 """Scripts that `run_all.py` runs."""
 
 SHORT_RUNS = "--steps 200 --yes --local --teacher-placement inline --results results"
 
+IN_A_MOMENT = "--results results --processes 1 --order 0:1 --minutes 0.05"
+
 OTHERS = {
+    "cohort": "--device cpu --widths 2 --precisions highest --compiled 0 --seconds 0.2 --output o.json",
     "interval_coverage": "--experiments 1",
     "learning": f"{SHORT_RUNS} --seeds 1",
+    "lite": IN_A_MOMENT,
     "locomotion": f"{SHORT_RUNS} --seeds 1",
     "precision": f"{SHORT_RUNS} --seeds 2",
+    "sac_learning": f"{IN_A_MOMENT} --seeds 1 --parts easy",
 }
 """The other scripts, and the smallest arguments of each."""
 
@@ -52,7 +60,8 @@ def test_the_help_names_the_script(
 ) -> None:
     script = str(FOLDER / f"{name}.py")
     monkeypatch.syspath_prepend(str(FOLDER))
-    monkeypatch.delitem(sys.modules, "campaigns", raising=False)
+    for shared in SHARED:
+        monkeypatch.delitem(sys.modules, shared, raising=False)
     monkeypatch.setattr(sys, "argv", [script, "--help"])
     with pytest.raises(SystemExit) as ended:
         runpy.run_path(script, run_name="__main__")
@@ -71,10 +80,13 @@ def test_a_measurement_ends_and_writes_json(name: str, tmp_path: Path) -> None:
 @pytest.mark.parametrize("name", sorted(OTHERS))
 def test_another_script_ends_with_its_summary(name: str, tmp_path: Path) -> None:
     summaries = {
+        "cohort": "'independent': True",
         "interval_coverage": "| bimodal | 5 | 32 |",
         "learning": "of 1 seeds walk",
+        "lite": "1 stopped",
         "locomotion": "climbing_chimpanzee, easy_climbing: mean return by seed",
         "precision": "mastered at 200 steps, medium - highest",
+        "sac_learning": "1 stopped",
     }
     assert summaries[name] in run(tmp_path, name, *OTHERS[name].split())
 
