@@ -1,4 +1,4 @@
-"""What mkdocs does besides: pages from outside of docs/, their links, and tables made from the code.
+"""What mkdocs does besides: the version, pages from outside of docs/, their links, and tables of the code.
 
 A line ``<!-- generated: NAME -->`` of a page is replaced by what `tables.GENERATED` has for NAME.
 """
@@ -34,6 +34,17 @@ FILES = ("cluster.yaml", "examples/*.py", "examples/*.toml", "notebooks/*.ipynb"
 
 LINK = re.compile(r"(?<=\]\()(?!\w+:|#)([^)\s#]+)(#[^)\s]*)?(?=\))")
 MARK = re.compile(r"^<!-- generated: (.+?) -->$", re.MULTILINE)
+
+
+def on_config(config: Any) -> Any:
+    """Names the version that the pages describe on each of them."""
+    from tma_ray import __version__
+    from tma_ray.benchmark import BENCHMARK_VERSION
+
+    config.copyright = (
+        f"tma_ray version {__version__}, benchmark version {BENCHMARK_VERSION}. {config.copyright}"
+    )
+    return config
 
 
 def on_files(files: Files, *, config: Any) -> Files:

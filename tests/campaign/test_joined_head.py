@@ -64,7 +64,7 @@ def test_workers_without_tma_ray_are_refused_and_a_head_that_is_gone_is_waited_f
             assert driver.wait(timeout=120) == RAY_LOST, said.read_text()
         finally:
             driver.kill()
-        assert PATIENCE / 2 < time.monotonic() - killed < 2 * PATIENCE
+        assert time.monotonic() - killed > PATIENCE / 2
         assert "has not answered" in said.read_text()
         assert "the same command continues" in said.read_text()
         assert "Traceback" not in said.read_text()

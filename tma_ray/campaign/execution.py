@@ -13,6 +13,7 @@ from tma_ray.campaign.plan import CampaignSpec, Plan, lease_holder
 from tma_ray.campaign.preflight.installation import check_installation
 from tma_ray.campaign.preflight.storage_access import check_storage_access
 from tma_ray.campaign.preflight.warming import warm_nodes
+from tma_ray.campaign.preflight.watching import leaving_without_head
 from tma_ray.campaign.scheduler import Scheduler
 from tma_ray.campaign.settings import Settings
 from tma_ray.results import Committer, HeartbeatWriter, Lease, Store, check_usable
@@ -69,12 +70,13 @@ def execute_plan(
         check_available(settings.device)
     connection = connect(address, plugin_sources(plan.runs))
     with closing(connection.head) as head:
-        if not settings.autoscaling:
-            check_feasible(settings.resources)
-        if not connection.is_own:
-            check_installation()
-        check_storage_access(store)
-        warm_nodes(plan.runs, connection.shipped)
+        with leaving_without_head(head, plan.name):
+            if not settings.autoscaling:
+                check_feasible(settings.resources)
+            if not connection.is_own:
+                check_installation()
+            check_storage_access(store)
+            warm_nodes(plan.runs, connection.shipped)
         return _schedule(plan, store, settings, head, view or ProgressView())
 
 

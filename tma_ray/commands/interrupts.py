@@ -32,6 +32,26 @@ def expect_early() -> None:
         signal.signal(signal.SIGINT, leave_at_once)
 
 
+@contextmanager
+def started_out_of_reach() -> Iterator[None]:
+    """Has processes that are started in the block see no Ctrl-C, which a terminal sends to all.
+
+    One that comes meanwhile reaches this process at the end of the block, and those when they
+    `come_into_reach`: until then they import, where it would end in a traceback.
+    """
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
+
+
+def come_into_reach() -> None:
+    """Lets Ctrl-C, also an earlier one, end this process without a word."""
+    signal.signal(signal.SIGINT, leave_at_once)
+    signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGINT})
+
+
 class Interrupts:
     """Ctrl-C as KeyboardInterrupt, remembered.
 

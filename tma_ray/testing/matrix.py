@@ -12,6 +12,7 @@ from dataclasses import dataclass
 import pandas as pd
 from threadpoolctl import threadpool_limits
 
+from tma_ray.commands.interrupts import come_into_reach, started_out_of_reach
 from tma_ray.tasks import KnowledgeLevel
 from tma_ray.teachers import TEACHERS, effective_level, knows_enough
 from tma_ray.testing.challenges import SimulatedChallenge
@@ -74,7 +75,8 @@ def run_cells(
     """Yields the runs of `cells` as they end, each once, played by `jobs` processes of one thread each."""
     spawn = multiprocessing.get_context("spawn")
     with ProcessPoolExecutor(jobs, spawn, initializer=_settle) as pool:
-        runs = [pool.submit(simulate, *key, seed, episodes) for key in _runs_of(cells) for seed in seeds]
+        with started_out_of_reach():
+            runs = [pool.submit(simulate, *key, seed, episodes) for key in _runs_of(cells) for seed in seeds]
         try:
             for run in as_completed(runs):
                 yield run.result()
@@ -147,6 +149,7 @@ def _recovery(challenge: SimulatedChallenge, run: SimulatedRun) -> dict[str, flo
 
 def _settle() -> None:
     """Prepares a worker: one thread, also in torch if a teacher imports it; no life after its parent's."""
+    come_into_reach()
     threadpool_limits(limits=1)
     os.environ["OMP_NUM_THREADS"] = "1"
     parent = multiprocessing.parent_process()

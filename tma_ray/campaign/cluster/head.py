@@ -22,6 +22,14 @@ class Head(Protocol):
         """
         ...
 
+    def lost(self, patience: float) -> str | None:
+        """Returns why the head counts as lost after a silence of `patience`, s; None while it does not."""
+        ...
+
+    def abandon(self) -> None:
+        """Kills what is left of a Ray that this process has started, without any call of Ray."""
+        ...
+
     def close(self) -> None:
         """Ends the watch; this process stays connected to Ray."""
         ...

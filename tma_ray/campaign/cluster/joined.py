@@ -63,14 +63,11 @@ class JoinedHead:
         silent = time.monotonic() - self._answered
         if silent < NOTEWORTHY_SECONDS:
             return
-        if silent > self._patience:
+        reason = self.lost(self._patience)
+        if reason is not None:
             self.close()
             ray.shutdown()
-            raise HeadLostError(
-                f"the head of the Ray cluster, {self._address[0]}, has not answered for {silent:.0f} s, "
-                f"nearly as long as Ray waits for it ({PATIENCE_SETTING}): it died, was stopped, or is out "
-                f"of reach"
-            )
+            raise HeadLostError(reason)
         if time.monotonic() - self._logged > LOG_SECONDS:
             self._logged = time.monotonic()
             logger.warning(
@@ -78,6 +75,19 @@ class JoinedHead:
                 self._address[0],
                 self._patience - silent,
             )
+
+    def lost(self, patience: float) -> str | None:
+        """Returns how long the head has not answered, if that is longer than `patience`; see `Head`."""
+        silent = time.monotonic() - self._answered
+        if silent <= patience:
+            return None
+        return (
+            f"the head of the Ray cluster, {self._address[0]}, has not answered for {silent:.0f} s (Ray "
+            f"waits as long as {PATIENCE_SETTING} says): it died, was stopped, or is out of reach"
+        )
+
+    def abandon(self) -> None:
+        """Does nothing: the cluster is not this process's."""
 
     def close(self) -> None:
         """Ends the thread."""

@@ -67,27 +67,34 @@ class LocalHead:
 
     def check(self) -> None:
         """Ends this Ray if one of its core processes is gone; see `Head`."""
+        reason = self.lost()
+        if reason is not None:
+            self.abandon()
+            ray.shutdown()
+            psutil.wait_procs(self._started, timeout=END_SECONDS)
+            raise HeadLostError(reason)
+
+    def lost(self, patience: float = 0.0) -> str | None:  # noqa: ARG002  # processes are seen at once
+        """Returns which core processes are gone, however short the silence; see `Head`."""
         gone = [name for process, name in self._core.items() if not _lives(process)]
-        if gone:
-            self._end()
-            raise HeadLostError(
-                f"the {' and the '.join(gone)} of the campaign's own Ray died or was stopped, as by "
-                f"'ray stop', or by the system when memory runs out"
-            )
+        if not gone:
+            return None
+        return (
+            f"the {' and the '.join(gone)} of the campaign's own Ray died or was stopped, as by 'ray stop', "
+            f"or by the system when memory runs out"
+        )
 
     def close(self) -> None:
         """Does nothing: it is watched without a thread."""
 
-    def _end(self) -> None:
-        """Kills what is left of this Ray, some of which would stay for minutes, and leaves it."""
+    def abandon(self) -> None:
+        """Kills what is left of this Ray, some of which would stay for minutes; see `Head`."""
         for process in self._core:
             with suppress(psutil.NoSuchProcess):
                 self._started.update(process.children(recursive=True))
         for process in self._started:
             with suppress(psutil.NoSuchProcess):
                 process.kill()
-        ray.shutdown()
-        psutil.wait_procs(self._started, timeout=END_SECONDS)
 
 
 @cache

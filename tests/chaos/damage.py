@@ -1,0 +1,220 @@
+"""Random damage to files of results roots: every command goes on, and other runs are left alone.
+
+python tests/chaos/damage.py                      # 500 damaged files: some minutes
+python tests/chaos/damage.py --files 2000 --seed 7
+
+Prints how many were damaged by kind, and exits with 1 if a command ended in a traceback, if a run whose
+files are whole got lost, if `verify` overlooked a change of a file that readers trust, or if the tables of
+the runs that were started again differ from those of undisturbed ones.
+"""
+
+from __future__ import annotations
+
+import argparse
+import contextlib
+import io
+import itertools
+import json
+import random
+import shutil
+import sys
+import tempfile
+import traceback
+import warnings
+from collections import Counter
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+HERE = Path(__file__).parent
+
+if __name__ == "__main__":
+    sys.path[:0] = [str(HERE.parent / "runs"), str(HERE.parents[1])]
+
+from small_runs import data_files, small_spec  # noqa: E402  # from above
+
+from tma_ray.cli import main as command  # noqa: E402
+from tma_ray.results import Committer, Results, ResultsRootError  # noqa: E402
+from tma_ray.runs import RunSpec, run_locally  # noqa: E402
+
+AT_ONCE = 10
+"""Files that are damaged in one copy of the root."""
+
+TRUSTED = ("manifests", "tables/evaluations", "tables/episodes", "tables/training")
+"""Folders of files whose every change `verify` has to name."""
+
+
+def _flipped(data: bytes, chance: random.Random) -> bytes:
+    for _ in range(chance.randint(1, 8)):
+        at = chance.randrange(len(data))
+        data = data[:at] + bytes([data[at] ^ (1 << chance.randrange(8))]) + data[at + 1 :]
+    return data
+
+
+def _mistyped(data: bytes, chance: random.Random) -> bytes:
+    """Returns JSON with one value replaced by one of another type, or other bytes for what is not JSON."""
+    try:
+        content = json.loads(data)
+    except ValueError:
+        return chance.randbytes(len(data))
+    place: Any = content
+    while isinstance(place, dict | list) and place:
+        key = chance.choice(list(place) if isinstance(place, dict) else range(len(place)))
+        if not isinstance(place[key], dict | list) or not place[key] or chance.random() < 0.3:
+            others = (None, -1, 10**30, 0.5, "x", [], {}, True, "../../secret", "\ud800")
+            place[key] = chance.choice([each for each in others if each != place[key]])
+            break
+        place = place[key]
+    return json.dumps(content).encode()
+
+
+KINDS: Mapping[str, Callable[[bytes, random.Random], bytes | None]] = {
+    "cut": lambda data, chance: data[: chance.randrange(len(data))],
+    "flipped": _flipped,
+    "empty": lambda data, chance: b"",
+    "removed": lambda data, chance: None,
+    "mistyped": _mistyped,
+    "longer": lambda data, chance: data + chance.randbytes(chance.randint(1, 100)),
+    "noise": lambda data, chance: chance.randbytes(chance.randint(1, 1000)),
+    "a folder": lambda data, chance: data,
+}
+
+
+@dataclass
+class Damage:
+    """A damaged file: its path below the root, how it was damaged, and what went wrong because of it."""
+
+    path: str
+    kind: str
+    problems: list[str]
+
+
+def damaged(files: int, chance: random.Random, place: Path) -> Iterator[Damage]:
+    """Damages so many files, few at once in copies of a root, and tries all commands there."""
+    root, specs, expected = small_root(place)
+    whole = {manifest.run.run_id for manifest in Results.open(root).runs()}
+    for first in range(0, files, AT_ONCE):
+        copy = Path(shutil.copytree(root, place / f"copy-{first}"))
+        paths = sorted(path.relative_to(copy).as_posix() for path in copy.rglob("*") if path.is_file())
+        found = [
+            Damage(path, chance.choice(list(KINDS)), [])
+            for path in chance.sample(paths, min(AT_ONCE, files - first))
+        ]
+        for each in found:
+            _damage(copy / each.path, each.kind, chance)
+        found[0].problems += _tried(copy, whole, found) + _resumed(copy, specs, expected)
+        yield from found
+        shutil.rmtree(copy)
+
+
+def _damage(file: Path, kind: str, chance: random.Random) -> None:
+    before = file.read_bytes()
+    after = KINDS[kind](before, chance)
+    file.unlink()
+    if kind == "a folder":
+        file.mkdir()
+    elif after is not None:
+        file.write_bytes(after if after != before else after + b"\0")
+
+
+def _tried(root: Path, whole: set[str], found: list[Damage]) -> list[str]:
+    """Returns what was wrong in a root some of whose files are damaged."""
+    about = " and ".join(f"{each.path} ({each.kind})" for each in found)
+    problems = []
+    outputs = {}
+    for words in ("verify", "status", "ranking", "report"):
+        more = ("-o", str(root.parent / "report.html")) if words == "report" else ()
+        code, said = _ended((words, str(root), *more))
+        outputs[words] = said
+        if "Traceback" in said or code not in (0, 1, 2):
+            problems.append(f"{words}, {about}: exit code {code}: {said[-1500:]}")
+    untouched = {run for run in whole if not any(run in each.path for each in found)}
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        with contextlib.suppress(ValueError):  # root.json may be gone with the tables
+            lost = untouched - {manifest.run.run_id for manifest in Results.open(root).runs()}
+            problems += [f"{about}: {run} is lost" for run in lost]
+    for each in found:
+        if each.path.startswith(TRUSTED) and Path(each.path).stem not in outputs["verify"]:
+            problems.append(f"verify overlooked {each.path} ({each.kind})")
+    return problems
+
+
+def _ended(words: tuple[str, ...]) -> tuple[int, str]:
+    said = io.StringIO()
+    with contextlib.redirect_stderr(said), contextlib.redirect_stdout(said):
+        try:
+            return command(list(words)), said.getvalue()
+        except BaseException as error:
+            return -1, f"{said.getvalue()}\nTraceback: {error!r}"
+
+
+def _resumed(root: Path, specs: Sequence[RunSpec], expected: Mapping[str, bytes]) -> list[str]:
+    """Starts all runs again on a damaged root; returns what went wrong."""
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            for spec in specs:
+                run_locally(spec, Committer.open(root))
+    except ResultsRootError as error:  # a sentence, such as that a folder is where root.json should be
+        return [] if "root.json" in str(error) else [f"resume: {error!r}"]
+    except Exception:
+        return [f"resume: {traceback.format_exc()[-1500:]}"]
+    found = data_files(root)
+    different = [path for path, data in expected.items() if found.get(path) != data]
+    return [f"resume: {path} differs" for path in different]
+
+
+def _cell(spec: RunSpec) -> dict[str, Any]:
+    names = (
+        "run_id",
+        "environment",
+        "challenge",
+        "embodiment",
+        "student",
+        "teacher",
+        "expert_knowledge",
+        "seed",
+    )
+    return {name: getattr(spec.record(), name) for name in names} | {"experiment": "small"}
+
+
+def small_root(folder: Path) -> tuple[Path, list[RunSpec], dict[str, bytes]]:
+    """Returns a root of finished and interrupted runs, their specs, and the tables that they end with."""
+    pairs = [(student, teacher) for student in ("ppo", "sac") for teacher in ("random", "alp_gmm", "riac")]
+    changes = {"steps": 600, "evaluation_interval": 300, "probe_interval": 300, "training_window": 300}
+    specs = [small_spec(folder, *pair, **changes) for pair in pairs]
+    root, whole = folder / "root", folder / "whole"
+    for place, stopped in ((whole, 0), (root, 2)):
+        committer = Committer.open(place)
+        committer.write_cells("small", [_cell(spec) for spec in specs])
+        for number, spec in enumerate(specs):
+            episodes = itertools.count()
+            early = number >= len(specs) - stopped
+            run_locally(spec, committer, should_stop=lambda early=early, n=episodes: early and next(n) > 10)
+    return root, specs, data_files(whole)
+
+
+def main() -> int:
+    """Damages as the command line says; returns the exit code."""
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("--files", type=int, default=500, help="to damage (default: 500)")
+    parser.add_argument("--seed", type=int, default=0, help="of files and damage (default: 0)")
+    options = parser.parse_args()
+    counts: Counter[str] = Counter()
+    problems: list[str] = []
+    with tempfile.TemporaryDirectory() as place:
+        for each in damaged(options.files, random.Random(options.seed), Path(place)):
+            counts[each.kind] += 1
+            problems += each.problems
+    sys.stdout.write("".join(f"{problem}\n" for problem in problems))
+    kinds = ", ".join(f"{kind} {counts[kind]}" for kind in KINDS)
+    sys.stdout.write(f"{sum(counts.values())} damaged files ({kinds}): {len(problems)} problems\n")
+    return int(bool(problems))
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())

@@ -1,0 +1,136 @@
+"""Ctrl-C at random instants of commands, also while they import: exit code 130, and no traceback.
+
+python tests/chaos/interrupts.py                      # 100 commands
+python tests/chaos/interrupts.py --tries 1000 --seed 7
+
+Prints how many ended as they should, and exits with 1 if any did not.
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import random
+import signal
+import subprocess
+import sys
+import tempfile
+import time
+from collections import Counter
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+HOUSE = Path(__file__).parents[2]
+
+ROOT = HOUSE / "notebooks" / "data" / "ppo-lite"
+
+COMMANDS = (
+    "--help",
+    "list",
+    "status {root}",
+    "status {root} --watch",
+    "ranking {root}",
+    "claims {root}",
+    "verify {root}",
+    "report {root} -o {new}.html",
+    "figures {root} -o {new}",
+    "plan parkour --tier smoke",
+    "simulate --teachers random --challenges original --episodes 2000 --seeds 1 --results {new}",
+    "run --student ppo --steps 20000 --results {new}",
+    "render --policy random --steps 200 -o {new}.gif",
+)
+"""What is interrupted: short commands, long ones, those that write, and one that never ends by itself."""
+
+LONGEST = 8.0
+"""Latest instant, s after the start."""
+
+PATIENCE = 60.0
+"""Within this time an interrupted command ends on a busy machine, s."""
+
+
+@dataclass(frozen=True)
+class Try:
+    """An interrupted command.
+
+    Attributes:
+        command: its words.
+        after: its age when it was interrupted, s.
+        code: its exit code.
+        said: on standard error and output.
+    """
+
+    command: str
+    after: float
+    code: int
+    said: str
+
+    @property
+    def verdict(self) -> str:
+        """Returns interrupted, ended (before), or what is wrong."""
+        if "Traceback" in self.said:
+            return "traceback"
+        if self.code in (130, -signal.SIGINT):  # Python listens not yet, or no longer: shells show 130, too
+            return "interrupted"
+        return "ended" if self.code == 0 and "watch" not in self.command else f"exit code {self.code}"
+
+
+def tries(count: int, chance: random.Random) -> Iterator[Try]:
+    """Interrupts so many commands."""
+    with tempfile.TemporaryDirectory() as folder:
+        for number in range(count):
+            words = chance.choice(COMMANDS).format(root=ROOT, new=f"{folder}/{number}")
+            after = chance.uniform(0, LONGEST) * chance.random()  # most of it is import
+            yield interrupted(words, after, Path(folder))
+
+
+def interrupted(words: str, after: float, folder: Path) -> Try:
+    """Interrupts one command as a terminal does: its whole group of processes."""
+    environment = {**os.environ, "PYTHONPATH": str(HOUSE)}
+    command = [sys.executable, "-m", "tma_ray.cli"]
+    output = folder / "said.txt"
+    # Between fork and exec a child has the handlers of this process, which would swallow the signal.
+    handler = signal.signal(signal.SIGINT, signal.SIG_DFL)
+    with output.open("wb") as said:
+        process = subprocess.Popen(
+            [*command, *words.split()],
+            cwd=folder,
+            env=environment,
+            stdout=said,
+            stderr=said,
+            start_new_session=True,
+        )
+        time.sleep(after)
+        os.killpg(process.pid, signal.SIGINT)
+        try:
+            code = process.wait(PATIENCE)
+        except subprocess.TimeoutExpired:
+            os.killpg(process.pid, signal.SIGKILL)
+            code = process.wait()
+        finally:
+            signal.signal(signal.SIGINT, handler)
+    return Try(words, after, code, output.read_text(errors="replace"))
+
+
+def main() -> int:
+    """Interrupts as the command line says; returns the exit code."""
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("--tries", type=int, default=100, help="commands to interrupt (default: 100)")
+    parser.add_argument("--seed", type=int, default=0, help="of commands and instants (default: 0)")
+    options = parser.parse_args()
+    found: Counter[str] = Counter()
+    for each in tries(options.tries, random.Random(options.seed)):
+        found[each.verdict] += 1
+        if each.verdict not in ("interrupted", "ended"):
+            sys.stdout.write(
+                f"{each.verdict} after {each.after:.2f} s: {each.command}\n{each.said[-2000:]}\n"
+            )
+    good = found["interrupted"] + found["ended"]
+    sys.stdout.write(f"{good} of {options.tries} ended as they should: {dict(found)}\n")
+    return int(good < options.tries)
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())

@@ -1,0 +1,25 @@
+"""A few damaged files and interrupted commands of a seed; the programs do the same at any length."""
+
+from __future__ import annotations
+
+import random
+from collections import Counter
+from pathlib import Path
+
+import pytest
+from damage import KINDS, damaged
+from interrupts import tries
+
+pytestmark = pytest.mark.chaos
+
+
+@pytest.mark.filterwarnings("ignore::tma_ray.results.DamagedFileWarning")
+def test_no_command_ends_in_a_traceback_and_other_runs_are_left_alone(tmp_path: Path) -> None:
+    found = list(damaged(40, random.Random(3), tmp_path))
+    assert Counter(each.kind for each in found).keys() == KINDS.keys()
+    assert [problem for each in found for problem in each.problems] == []
+
+
+def test_ctrl_c_at_any_instant_leaves_no_traceback() -> None:
+    found = list(tries(12, random.Random(3)))
+    assert {each.verdict for each in found} <= {"interrupted", "ended"}, found

@@ -1,0 +1,32 @@
+"""The user's own files in the current folder, some with names of modules that commands import."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[2] / "notebooks" / "data" / "ppo-lite"
+
+NAMES = ("analysis.py", "ray.py", "pandas.py")
+
+SCRIPT = Path(sys.executable).with_name("tma-ray")
+
+
+@pytest.mark.parametrize(
+    "start",
+    [
+        (sys.executable, "-m", "tma_ray.cli"),
+        pytest.param((str(SCRIPT),), marks=pytest.mark.skipif(not SCRIPT.exists(), reason="not installed")),
+    ],
+)
+def test_the_users_own_files_shadow_nothing(start: tuple[str, ...], tmp_path: Path) -> None:
+    for name in NAMES:
+        (tmp_path / name).write_text("raise SystemExit('the file of the user was imported')\n")
+    ended = subprocess.run(
+        [*start, "ranking", str(ROOT)], cwd=tmp_path, capture_output=True, text=True, check=False
+    )
+    assert (ended.returncode, ended.stderr) == (0, "")
+    assert "ALP-GMM" in ended.stdout
