@@ -20,7 +20,7 @@ import corridor
 import numpy as np
 
 from tma_ray.results import Store
-from tma_ray.results.storage import store as storing
+from tma_ray.results.storage import disk as storing
 from tma_ray.runs.evaluation import Evaluation
 from tma_ray.tasks import Episode
 from tma_ray.teachers.alp_gmm import ALPGMM
