@@ -10,13 +10,15 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
+from tma_ray.students.cohort.ppo import PPONetworks, RolloutColumns, StackedPPO
 from tma_ray.students.cohort.sac import SACNetworks, StackedSAC
+from tma_ray.students.ppo.student import PPO
 from tma_ray.students.players import Membership, PlayerState
 from tma_ray.students.sac.student import SAC
 from tma_ray.students.streams import update_key
 
-S = TypeVar("S", bound=StackedSAC)
-H = TypeVar("H", bound=SAC)
+S = TypeVar("S", StackedSAC, StackedPPO)
+H = TypeVar("H", SAC, PPO)
 
 
 class Seat(ABC, Generic[S, H]):
@@ -143,6 +145,36 @@ class SACSeat(Seat[StackedSAC, SAC]):
 
     def _player_state(self) -> dict[str, Any]:
         return {"steps": self.student.steps}
+
+
+class PPOSeat(Seat[StackedPPO, PPO]):
+    """A run of PPO in a stack. Statistics and the rollout are the player's."""
+
+    student_type = PPO
+
+    def learn(self, experience: tuple[Any, ...], updates: int) -> None:  # noqa: D102
+        *columns, orders = experience
+        self.stack.store(self.slot, RolloutColumns(*columns), orders)
+        assert self.stack.owed[self.slot] == updates, "players and learners count the same updates"
+
+    def _enter(self) -> None:
+        update = self.student.update
+        moments = map(_array, update.adam.moments)
+        networks = PPONetworks(_array(update.flat.values), *moments, step=update.adam.steps)
+        self.stack.join(self.slot, networks)
+
+    def _copy_back(self) -> None:
+        update, networks, hyper = self.student.update, self.stack.networks(self.slot), self.student.hyperparameters
+        update.flat.values.copy_(_flat(networks.parameters))
+        update.adam.put(_flat(networks.mean), _flat(networks.square), networks.step)
+        self.student.changed(networks.step * hyper.batch_size // hyper.steps_per_update)
+
+    def _put(self, state: PlayerState) -> None:
+        self.student.normaliser = state.experience["normaliser"]
+        self.student.rollout.restore(state.experience["rollout"])
+
+    def _player_state(self) -> dict[str, Any]:
+        return {"normaliser": self.student.normaliser, "rollout": self.student.rollout.state()}
 
 
 def _array(values: torch.Tensor) -> NDArray[np.float32]:

@@ -36,6 +36,9 @@ class LearnerServer:
     Args:
         learner: address to listen at.
         settings: of the cohort.
+
+    Attributes:
+        account: seconds spent at each part of the work, and numbers of updates.
     """
 
     def __init__(self, learner: Learner, settings: CohortSettings) -> None:
@@ -50,7 +53,8 @@ class LearnerServer:
         self._connections: list[Connection] = [self._arrivals]
         self._new: list[Connection] = []
         threading.Thread(target=self._accept, args=(inbox,), daemon=True).start()
-        self.seconds = dict.fromkeys(("updates", "requests", "deliveries", "waiting"), 0.0)
+        self.account = dict.fromkeys(("asking for updates", "requests", "deliveries", "waiting"), 0.0)
+        self.account |= {"stacked updates": 0.0, "updates of runs": 0.0}
 
     def serve(self, should_stop: Callable[[], bool], poll_seconds: float = 0.5) -> None:
         """Serves until `should_stop`, which is asked about every `poll_seconds`, s."""
@@ -61,17 +65,17 @@ class LearnerServer:
             with self._clock("requests"):
                 for connection in ready:
                     self._handle(connection)
-            with self._clock("updates"):
+            with self._clock("asking for updates"):
                 self._update()
             with self._clock("deliveries"):
                 self._deliver()
 
     @contextmanager
     def _clock(self, part: str) -> Iterator[None]:
-        """Adds the time that the block takes to `seconds`."""
+        """Adds the time that the block takes to the `account`."""
         started = time.perf_counter()
         yield
-        self.seconds[part] += time.perf_counter() - started
+        self.account[part] += time.perf_counter() - started
 
     def _accept(self, inbox: Connection) -> None:
         while True:
@@ -121,8 +125,10 @@ class LearnerServer:
             owed = stack.owed[stack.owed > 0]
             if not len(owed):
                 continue
-            before = stack.owed > 0
-            stack.advance(min(MOST_AT_ONCE, int(owed.min())))
+            before, count = stack.owed > 0, min(MOST_AT_ONCE, int(owed.min()))
+            stack.advance(count)
+            self.account["stacked updates"] += count
+            self.account["updates of runs"] += count * len(owed)
             finished: list[int] = np.flatnonzero(before & (stack.owed == 0)).tolist()
             if finished:
                 receivers = [self._learning.pop((id(stack), slot)) for slot in finished]
@@ -169,7 +175,7 @@ class LearnerServer:
         return self._seats[connection].save_policy(folder, state)
 
     def _account_for(self, _: Connection) -> Any:
-        return dict(self.seconds)
+        return dict(self.account)
 
     def _scalars_for(self, connection: Connection) -> Any:
         seat = self._seats[connection]

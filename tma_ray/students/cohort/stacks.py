@@ -6,12 +6,14 @@ from typing import Any
 
 import torch
 
+from tma_ray.students.cohort.ppo import StackedPPO
 from tma_ray.students.cohort.sac import StackedSAC
-from tma_ray.students.cohort.seats import SACSeat, Seat
+from tma_ray.students.cohort.seats import PPOSeat, SACSeat, Seat
 from tma_ray.students.players import Membership
 from tma_ray.students.players.settings import CohortSettings
 
 KINDS: dict[str, tuple[type[Any], type[Seat[Any, Any]]]] = {
+    "ppo": (StackedPPO, PPOSeat),
     "sac": (StackedSAC, SACSeat),
 }
 """Stacked learner, and the seats in it, by the student's name."""

@@ -108,15 +108,15 @@ class LearnerLink(Protocol):
 
 
 def account(learner: Learner) -> dict[str, float]:
-    """Returns how long the learner has been at each part of its work, s.
+    """Returns how long the learner has been at each part of its work, s, and numbers of updates.
 
     Raises:
         LearnerLostError: it does not answer.
     """
     link = SocketLink(learner)
-    seconds: dict[str, float] = link._call("account")
+    parts: dict[str, float] = link._call("account")
     link.close()
-    return seconds
+    return parts
 
 
 class SocketLink:

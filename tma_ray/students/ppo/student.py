@@ -125,6 +125,21 @@ class PPO(StableBaselinesStudent[PPOHyperparameters, stable_baselines3.PPO]):
         if self._rollout.is_full:
             self._finish_rollout(transition.next_observation)
 
+    @property
+    def update(self) -> PPOUpdate:
+        """Network and optimiser, as flat parameters; whoever changes them calls `changed`."""
+        return self._update
+
+    @property
+    def rollout(self) -> Rollout:
+        """The steps since the last update."""
+        return self._rollout
+
+    def changed(self, updates: int) -> None:
+        """Takes over parameters that were changed from outside, by so many `updates` in all."""
+        self.model._n_updates = updates
+        self._refresh()
+
     def act_greedily(self, observations: Observations) -> Actions:  # noqa: D102
         return self._clip(self._greedy(self.normaliser.normalise(observations), squash=False))
 
