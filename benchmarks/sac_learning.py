@@ -58,7 +58,7 @@ def curves(root: str) -> pd.DataFrame:
     rows = results.table(Table.EVALUATIONS).to_pandas()
     rows["mastered"] = 100.0 * (rows.episodic_return > MASTERY_RETURN)
     means = rows.groupby(["run_id", "step"], observed=True)[["episodic_return", "mastered"]].mean()
-    names = ["run_id", "challenge", "teacher", "student", "seed"]
+    names = ["run_id", "challenge", "embodiment", "teacher", "student", "seed"]
     runs = results.table(Table.CELLS).to_pandas()[names].drop_duplicates("run_id")
     joined: pd.DataFrame = means.reset_index().merge(runs, on="run_id")
     return joined

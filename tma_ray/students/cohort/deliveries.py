@@ -40,8 +40,8 @@ class Delivery(NamedTuple, Generic[T]):
 
 
 def recorded() -> torch.cuda.Event:
-    """Returns a mark in the work that the GPU was asked to do."""
-    event = torch.cuda.Event()  # type: ignore[no-untyped-call]
+    """Returns a mark in the work that the GPU was asked to do; who waits for it leaves the processor."""
+    event = torch.cuda.Event(blocking=True)  # type: ignore[no-untyped-call]
     event.record()
     return event
 

@@ -23,6 +23,9 @@ from tma_ray.students.players.settings import CohortSettings
 MOST_AT_ONCE = 8
 """Updates between two looks at what players ask."""
 
+DELIVERY_SECONDS = 0.0005
+"""Time between two looks at weights that are under way from a GPU, s."""
+
 _LATER = object()
 """Stands for a reply that follows when the updates are made."""
 
@@ -59,9 +62,8 @@ class LearnerServer:
     def serve(self, should_stop: Callable[[], bool], poll_seconds: float = 0.5) -> None:
         """Serves until `should_stop`, which is asked about every `poll_seconds`, s."""
         while not should_stop():
-            idle = not self._learning and not self._deliveries
             with self._clock("waiting"):
-                ready = wait(self._connections, timeout=poll_seconds if idle else 0)
+                ready = wait(self._connections, timeout=self._patience(poll_seconds))
             with self._clock("requests"):
                 for connection in ready:
                     self._handle(connection)
@@ -69,6 +71,12 @@ class LearnerServer:
                 self._update()
             with self._clock("deliveries"):
                 self._deliver()
+
+    def _patience(self, poll_seconds: float) -> float:
+        """Returns how long to wait for requests, s: not at all while updates are due."""
+        if self._learning:
+            return 0.0
+        return DELIVERY_SECONDS if self._deliveries else poll_seconds
 
     @contextmanager
     def _clock(self, part: str) -> Iterator[None]:

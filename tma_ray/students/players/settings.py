@@ -13,11 +13,12 @@ class CohortSettings:
         device: torch's name of where it learns.
         width: slots of each stack of equal students, which are updated together; part of what a result
             depends on, to rounding.
-        compiled: updates are compiled, which takes a minute or more and pays on a GPU.
+        compiled: updates are compiled, which takes half a minute and pays on a GPU; a text is the mode of
+            the compiler.
         threads: torch's threads on a CPU.
     """
 
     device: str = "cpu"
     width: int = 48
-    compiled: bool = False
+    compiled: bool | str = False
     threads: int = 1

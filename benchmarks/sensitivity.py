@@ -1,0 +1,67 @@
+"""Sensitivity of PPO to body, update and rollout length, under Random on the original space, without Ray.
+
+    python benchmarks/sensitivity.py --seeds 8 --device cuda --cohort 24 --processes 24 --results build/sensitivity
+    python benchmarks/sensitivity.py --seeds 8 --parts stock --processes 2 --results build/sensitivity
+
+Part "cohort": PPO with classic and old classic bipedal, and with 20,000 steps an update; part "stock": PPO updated by
+stable-baselines3 itself, which learns alone. 1 million steps each. Prints mastered shares and differences.
+"""
+
+from __future__ import annotations
+
+import pandas as pd
+from pools import describe, execute, parser
+from sac_learning import curves
+
+from analysis.statistics import welch
+from tma_ray.campaign.matrices import joined_plan
+from tma_ray.campaign.plan import CampaignSpec, Plan
+from tma_ray.runs import Cell, Schedule
+
+PARTS: dict[str, tuple[Cell, ...]] = {
+    "cohort": (
+        Cell(student="ppo"),
+        Cell(student="ppo", embodiment="old_classic_bipedal"),
+        Cell(student="ppo:steps_per_update=20000"),
+    ),
+    "stock": (Cell(student="stock:ppo"),),
+}
+"""Cells by the way in which they are run; the first is compared with the others."""
+
+
+def plan(parts: tuple[str, ...], seeds: int) -> Plan:
+    """Returns the runs of `parts`, each cell with its first `seeds`."""
+    cells = tuple(cell for part in parts for cell in PARTS[part])
+    schedule = Schedule(1_000_000, 250_000, 250_000, training_window=100_000)
+    return joined_plan("sensitivity", [CampaignSpec("sensitivity", cells, tuple(range(seeds)), schedule)])
+
+
+def differences(table: pd.DataFrame) -> str:
+    """Returns means over seeds at the last step, and differences to the first cell with intervals."""
+    last = table[table.step == table.step.max()]
+    cells = {name: cell.mastered for name, cell in last.groupby(["embodiment", "student"], observed=True)}
+    first = cells["classic_bipedal", "ppo"]
+    lines = []
+    for name, cell in cells.items():
+        test = welch(cell, first)
+        lines.append(
+            f"{' '.join(name)}: {cell.mean():.1f} % mastered ({len(cell)} seeds, deviation {cell.std():.1f}), "
+            f"{test.difference:+.1f} [{test.low:+.1f}, {test.high:+.1f}]"
+        )
+    return "\n".join(lines)
+
+
+def main() -> int:
+    """Runs what is missing, and prints the differences."""
+    options = parser(str(__doc__))
+    options.add_argument("--parts", default="cohort,stock", help="cohort, stock or both")
+    options.add_argument("--seeds", type=int, default=8, help="of every cell")
+    given = options.parse_args()
+    report = execute(plan(tuple(given.parts.split(",")), given.seeds), given)
+    print(differences(curves(given.results)))
+    print(describe(report))
+    return 0
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())

@@ -1,0 +1,163 @@
+"""Players and a learner against students that learn alone."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import numpy as np
+import pytest
+from students_support import SMALL, Drift, small_student, train, train_episodes
+
+from tma_ray.students import Learner, make_player
+from tma_ray.students.cohort.server import LearnerServer
+from tma_ray.students.players import CohortSettings, LearnerError, LearnerLostError
+from tma_ray.students.players.base import Player
+
+
+@contextmanager
+def serving(folder: Path, width: int = 3) -> Iterator[tuple[Learner, LearnerServer]]:
+    """Serves players in a thread of this process."""
+    learner, over = Learner(str(folder / "learner"), b"secret"), threading.Event()
+    server = LearnerServer(learner, CohortSettings(width=width))
+    thread = threading.Thread(target=server.serve, args=(over.is_set, 0.02))
+    thread.start()
+    try:
+        yield learner, server
+    finally:
+        over.set()
+        thread.join()
+
+
+@pytest.fixture
+def learner(tmp_path: Path) -> Iterator[Learner]:
+    with serving(tmp_path) as (learner, _):
+        yield learner
+
+
+def player_of(learner: Learner, name: str, seed: int = 0, **hyperparameters) -> Player:
+    env, values = Drift(), {**SMALL[name], **hyperparameters}
+    spaces = env.observation_space, env.action_space
+    return make_player(name, *spaces, np.random.SeedSequence(seed), values, learner)
+
+
+def weights(student, folder: Path) -> dict[str, np.ndarray]:
+    """The greedy policy's tensors."""
+    from safetensors.numpy import load_file
+
+    folder.mkdir()
+    student.save_policy(folder)
+    (file,) = folder.glob("*.safetensors")
+    return load_file(file)
+
+
+def test_ppo_learns_as_alone(learner, tmp_path):
+    """Same worlds, same noise, same mini-batches: equal to rounding after several rollouts."""
+    alone, player = small_student("ppo"), player_of(learner, "ppo")
+    steps = [train(student, Drift(seed=5), 260) for student in (alone, player)]
+    for one, other in zip(*steps, strict=True):
+        np.testing.assert_allclose(one.action, other.action, rtol=1e-3, atol=1e-4)
+    expected, learned = weights(alone, tmp_path / "alone"), weights(player, tmp_path / "player")
+    for name, values in expected.items():
+        np.testing.assert_allclose(learned[name], values, rtol=1e-3, atol=1e-5)
+    states = np.random.default_rng(0).normal(size=(5, 3)).astype(np.float32)
+    np.testing.assert_allclose(player.state_values(states), alone.state_values(states), rtol=1e-3)
+    np.testing.assert_allclose(player.act_greedily(states), alone.act_greedily(states), rtol=1e-3, atol=1e-5)
+
+
+def test_sac_hands_over_what_it_sees(tmp_path):
+    """While actions are uniform, replay and number of updates are those of the student that learns alone."""
+    values = {"exploration_steps": 10_000, "buffer_size": 100}
+    alone = small_student("sac", **values)
+    train_episodes(alone, range(16))
+    with serving(tmp_path) as (learner, server):
+        player = player_of(learner, "sac", **values)
+        train_episodes(player, range(16))
+        (seat,) = server._seats.values()
+        kept, stacked = list(seat.student.replay.pieces()), seat.stack.replay(seat.slot)
+        updates = seat.stack.networks(seat.slot).number
+    for one, other in zip(alone.replay.pieces(), kept, strict=True):
+        for left, right in zip(one, other, strict=True):
+            np.testing.assert_array_equal(left, right)
+    actions, rewards = (np.concatenate(parts) for parts in zip(*[piece[1:3] for piece in kept], strict=True))
+    np.testing.assert_array_equal(stacked.actions, actions)
+    np.testing.assert_array_equal(stacked.rewards, rewards)
+    assert updates == alone.model._n_updates
+
+
+@pytest.mark.parametrize("name", ["ppo", "sac"])
+def test_a_run_moves_out_of_a_cohort_and_into_one(learner, tmp_path, name):
+    """The files are those of the student that learns alone, each loads what the other saved, and goes on."""
+    player = player_of(learner, name, seed=3)
+    env = Drift(seed=9, limit=10, ending=0.0)
+    train(player, env, 130)
+    folders = [tmp_path / part for part in ("first", "second")]
+    for folder in folders:
+        folder.mkdir()
+    player.save(folders[0])
+    alone = small_student(name, seed=3)
+    alone.load(folders[0])
+    states = np.random.default_rng(0).normal(size=(5, 3)).astype(np.float32)
+    np.testing.assert_allclose(alone.act_greedily(states), player.act_greedily(states), rtol=1e-5, atol=1e-6)
+    alone.save(folders[1])
+    again = player_of(learner, name, seed=3)
+    again.load(folders[1])
+    np.testing.assert_array_equal(again.act_greedily(states), player.act_greedily(states))
+    ends = [train(each, Drift(seed=1, limit=10, ending=0.0), 120) for each in (player, again)]
+    for one, other in zip(*ends, strict=True):
+        np.testing.assert_array_equal(one.action, other.action)
+
+
+@pytest.mark.parametrize("name", ["ppo", "sac"])
+def test_neighbours_change_no_bit(tmp_path, name):
+    """A run is the same alone in its cohort, beside others, and after one of them has left."""
+    played = []
+    for neighbours in (0, 2):
+        folder = tmp_path / str(neighbours)
+        folder.mkdir()
+        with serving(folder) as (learner, _):
+            others = [player_of(learner, name, seed=10 + k) for k in range(neighbours)]
+            for other in others:
+                train(other, Drift(seed=2), 60)
+            if others:
+                others[0]._link.close()
+            player = player_of(learner, name)
+            played.append(train(player, Drift(seed=5), 160))
+            for other in others[1:]:
+                train(other, Drift(seed=3), 60)
+    for one, other in zip(*played, strict=True):
+        np.testing.assert_array_equal(one.action, other.action)
+
+
+@pytest.mark.parametrize("name", ["ppo", "sac"])
+def test_a_reset_gives_the_networks_of_the_student_alone(learner, tmp_path, name):
+    alone, player = small_student(name), player_of(learner, name)
+    for student in (alone, player):
+        train(student, Drift(seed=5), 40)
+        student.reset()
+    expected, learned = weights(alone, tmp_path / "alone"), weights(player, tmp_path / "player")
+    if name == "ppo":  # of SAC the generator that initialises has also drawn the noise of updates alone
+        for key, values in expected.items():
+            np.testing.assert_allclose(learned[key], values, rtol=1e-6)
+    train(player, Drift(seed=6), 120)
+
+
+def test_a_full_cohort_refuses(tmp_path):
+    with serving(tmp_path, width=1) as (learner, _):
+        first = player_of(learner, "ppo")
+        with pytest.raises(LearnerError, match="all 1 slots"):
+            player_of(learner, "ppo", seed=1)
+        train(first, Drift(), 60)
+
+
+def test_without_a_learner(tmp_path):
+    with pytest.raises(LearnerLostError, match="no learner listens"):
+        player_of(Learner(str(tmp_path / "nobody"), b""), "ppo")
+
+
+def test_students_without_a_stacked_learner_are_refused(learner):
+    env = Drift()
+    with pytest.raises(ValueError, match="'TQC' cannot learn in a cohort: ppo, sac can"):
+        make_player("TQC", env.observation_space, env.action_space, np.random.SeedSequence(0), {}, learner)
