@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 
 from tma_ray.students.cohort.ppo import PPONetworks, RolloutColumns, StackedPPO
 from tma_ray.students.cohort.sac import SACNetworks, StackedSAC
-from tma_ray.students.ppo.student import PPO
 from tma_ray.students.players import Membership, PlayerState
+from tma_ray.students.ppo.student import PPO
 from tma_ray.students.sac.student import SAC
 from tma_ray.students.streams import update_key
 
@@ -164,7 +164,8 @@ class PPOSeat(Seat[StackedPPO, PPO]):
         self.stack.join(self.slot, networks)
 
     def _copy_back(self) -> None:
-        update, networks, hyper = self.student.update, self.stack.networks(self.slot), self.student.hyperparameters
+        update, networks = self.student.update, self.stack.networks(self.slot)
+        hyper = self.student.hyperparameters
         update.flat.values.copy_(_flat(networks.parameters))
         update.adam.put(_flat(networks.mean), _flat(networks.square), networks.step)
         self.student.changed(networks.step * hyper.batch_size // hyper.steps_per_update)
