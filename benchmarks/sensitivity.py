@@ -41,13 +41,13 @@ def differences(table: pd.DataFrame) -> str:
     """Returns means over seeds at the last step, and differences to the first cell with intervals."""
     last = table[table.step == table.step.max()]
     cells = {name: cell.mastered for name, cell in last.groupby(["embodiment", "student"], observed=True)}
-    first = cells["classic_bipedal", "ppo"]
+    first = cells.get(("classic_bipedal", "ppo"))
     lines = []
     for name, cell in cells.items():
         line = (
             f"{' '.join(name)}: {cell.mean():.1f} % mastered, {len(cell)} seeds, deviation {cell.std():.1f}"
         )
-        if cell is not first:
+        if first is not None and cell is not first and min(len(cell), len(first)) > 1:
             test = welch(cell, first)
             line += f"; {test.difference:+.1f} [{test.low:+.1f}, {test.high:+.1f}] from the first"
         lines.append(line)

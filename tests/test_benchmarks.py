@@ -33,6 +33,7 @@ OTHERS = {
     "locomotion": f"{SHORT_RUNS} --seeds 1",
     "precision": f"{SHORT_RUNS} --seeds 2",
     "sac_learning": f"{IN_A_MOMENT} --seeds 1 --parts easy",
+    "sensitivity": f"{IN_A_MOMENT} --seeds 1 --parts cohort",
 }
 """The other scripts, and the smallest arguments of each."""
 
@@ -83,10 +84,11 @@ def test_another_script_ends_with_its_summary(name: str, tmp_path: Path) -> None
         "cohort": "'independent': True",
         "interval_coverage": "| bimodal | 5 | 32 |",
         "learning": "of 1 seeds walk",
-        "lite": "1 stopped",
+        "lite": "steps/s; ",
         "locomotion": "climbing_chimpanzee, easy_climbing: mean return by seed",
         "precision": "mastered at 200 steps, medium - highest",
-        "sac_learning": "1 stopped",
+        "sac_learning": "steps/s; ",
+        "sensitivity": "steps/s; ",
     }
     assert summaries[name] in run(tmp_path, name, *OTHERS[name].split())
 
