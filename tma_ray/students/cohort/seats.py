@@ -10,15 +10,17 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
+from tma_ray.students.cohort.learner import StackedLearner
 from tma_ray.students.cohort.ppo import PPONetworks, RolloutColumns, StackedPPO
 from tma_ray.students.cohort.sac import SACNetworks, StackedSAC
 from tma_ray.students.players import Membership, PlayerState
 from tma_ray.students.ppo.student import PPO
 from tma_ray.students.sac.student import SAC
+from tma_ray.students.sb3.stable_baselines import StableBaselinesStudent
 from tma_ray.students.streams import update_key
 
-S = TypeVar("S", StackedSAC, StackedPPO)
-H = TypeVar("H", SAC, PPO)
+S = TypeVar("S", bound=StackedLearner)
+H = TypeVar("H", bound=StableBaselinesStudent[Any, Any])
 
 
 class Seat(ABC, Generic[S, H]):
@@ -69,7 +71,7 @@ class Seat(ABC, Generic[S, H]):
 
     def weights(self) -> NDArray[np.float32]:
         """Returns the parameters that the player acts with."""
-        return self.stack.actors([self.slot])[0].numpy(force=True)
+        return _array(self.stack.actors([self.slot])[0])
 
     def values(self, observations: NDArray[np.float32]) -> NDArray[np.float64]:
         """Returns the state values (n,) of `observations` (n, o)."""
@@ -159,8 +161,8 @@ class PPOSeat(Seat[StackedPPO, PPO]):
 
     def _enter(self) -> None:
         update = self.student.update
-        moments = map(_array, update.adam.moments)
-        networks = PPONetworks(_array(update.flat.values), *moments, step=update.adam.steps)
+        mean, square = map(_array, update.adam.moments)
+        networks = PPONetworks(_array(update.flat.values), mean, square, update.adam.steps)
         self.stack.join(self.slot, networks)
 
     def _copy_back(self) -> None:
