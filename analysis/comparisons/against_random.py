@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import math
+from typing import Any
+
 import pandas as pd
 
 from analysis.data.frames import COMPARISON, GROUP
@@ -39,6 +42,35 @@ def against_baseline(finals: pd.DataFrame, curves: pd.DataFrame, measure: str) -
     table = pd.DataFrame(rows, columns=[*GROUP, "measure", "step", *Comparison.__dataclass_fields__])
     table["holm"] = table.groupby(COMPARISON)["p"].transform(holm)
     return table
+
+
+def along_baseline(curves: pd.DataFrame, reference: pd.DataFrame, measure: str) -> pd.DataFrame:
+    """Returns Welch's t-test of every teacher against Random at every evaluation, with Holm's p by step.
+
+    Args:
+        curves: of `evaluation_curves`, of one comparison.
+        reference: Random's rows of them, of `reference_of`.
+        measure: column of both.
+
+    Returns:
+        step, teacher, the columns of `statistics.Comparison`, and holm.
+    """
+    theirs: dict[Any, pd.Series] = {step: _sample(rows, measure) for step, rows in reference.groupby("step")}
+    mine = curves[~curves["teacher"].map(is_baseline)]
+    rows = []
+    for (step, teacher), group in mine.groupby(["step", "teacher"], sort=True):
+        sample = _sample(group, measure)
+        comparison = Comparison(int(sample.notna().sum()), 0, math.nan, reason=NO_BASELINE)
+        if step in theirs:
+            comparison = welch(sample, theirs[step])
+        rows.append({"step": step, "teacher": teacher} | vars(comparison))
+    table = pd.DataFrame(rows, columns=["step", "teacher", *Comparison.__dataclass_fields__])
+    table["holm"] = table.groupby("step")["p"].transform(holm)
+    return table
+
+
+def _sample(rows: pd.DataFrame, measure: str) -> pd.Series:
+    return pd.Series(rows[measure].to_numpy(float), index=rows["run_id"].to_numpy(object))
 
 
 def _compare(

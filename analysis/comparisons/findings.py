@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
+from collections.abc import Mapping
+from typing import Any, NamedTuple
 
 import pandas as pd
 
@@ -45,7 +46,7 @@ FEW_SEEDS = 10
 """Under this many seeds a sentence warns the reader; the paper used 16 to 48."""
 
 
-def verdict(test: pd.Series) -> str:
+def verdict(test: pd.Series | Mapping[str, Any]) -> str:
     """Returns the result of a test against Random in a word or two, after Holm, or why there was none."""
     if test["reason"]:
         return str(test["reason"])

@@ -51,11 +51,11 @@ def points() -> pd.DataFrame:
 def test_a_curve_has_the_means_and_its_band_one_standard_error() -> None:
     table = pd.DataFrame({"teacher": "random", "step": [0, 5], "n": 4, "mean": [1.0, 3.0]})
     chart = curve_chart("curve", table.assign(standard_error=0.5), "Return", "title", "caption")
-    band, line = chart.figure.data
+    band, line = chart.drawing.figure.data
     assert list(line.x) == [0, 5]
     assert list(line.y) == [1.0, 3.0]
     assert sorted(band.y) == [0.5, 1.5, 2.5, 3.5]
-    assert {trace.meta["teacher"] for trace in chart.figure.data} == {"random"}
+    assert {trace.meta["teacher"] for trace in chart.drawing.figure.data} == {"random"}
 
 
 def test_seeds_and_their_mean_are_those_of_the_step() -> None:
@@ -72,13 +72,13 @@ def test_an_overview_has_a_trace_for_each_comparison_and_teacher() -> None:
     twice = pd.concat([points().assign(comparison=name) for name in ("one", "two")])
     only = twice[(twice["comparison"] == "one") | (twice["teacher"] == "random")]
     chart = overview_chart(only, {"one": "First", "two": "Second"}, "Mastered (%)", "title", "caption")
-    pairs = [(trace.meta["comparison"], trace.meta["teacher"]) for trace in chart.figure.data]
+    pairs = [(trace.meta["comparison"], trace.meta["teacher"]) for trace in chart.drawing.figure.data]
     assert pairs == [("one", "random"), ("one", "alp_gmm"), ("two", "random")]
     assert [trace["x"] for trace in shown(chart, END)] == [[20.0], [25.0], [20.0]]
-    places = [trace.y[0] for trace in chart.figure.data]
+    places = [trace.y[0] for trace in chart.drawing.figure.data]
     assert all(-0.5 < place < 0.5 for place in places[:2])
     assert 0.5 < places[2] < 1.5
-    assert [trace.showlegend for trace in chart.figure.data] == [True, True, False]
+    assert [trace.showlegend for trace in chart.drawing.figure.data] == [True, True, False]
 
 
 def test_mastered_tasks_are_shares_of_seeds_in_the_order_of_the_tasks() -> None:
@@ -92,10 +92,14 @@ def test_mastered_tasks_are_shares_of_seeds_in_the_order_of_the_tasks() -> None:
         }
     )
     (chart,) = mastery_charts("mastery", shares, tasks, PLANE, "caption")
-    assert list(zip(chart.figure.data[0].x, chart.figure.data[0].y, strict=True)) == [(0, 5), (1, 2)]
+    (trace,) = chart.drawing.figure.data
+    assert list(zip(trace.x, trace.y, strict=True)) == [
+        (0, 5),
+        (1, 2),
+    ]
     assert [shown(chart, step)[0]["marker"]["color"] for step in (0, END)] == [[0, 50], [100, 50]]
     assert chart.teacher == "adr"
-    assert "75.0 %" in chart.figure.layout.title.text
+    assert "75.0 %" in chart.drawing.figure.layout.title.text
 
 
 def test_tasks_on_a_full_grid_fill_the_map_at_every_step() -> None:
@@ -105,7 +109,7 @@ def test_tasks_on_a_full_grid_fill_the_map_at_every_step() -> None:
     rows = [(step, index, share) for step, shares in steps.items() for index, share in enumerate(shares)]
     shares = pd.DataFrame(rows, columns=["step", "task_index", "share"]).assign(teacher="adr")
     (chart,) = mastery_charts("mastery", shares, tasks, PLANE, "caption")
-    (trace,) = chart.figure.data
+    (trace,) = chart.drawing.figure.data
     assert trace.type == "heatmap"
     assert (list(trace.x), list(trace.y)) == ([0, 2], [1, 5])
     assert [[list(row) for row in shown(chart, step)[0]["z"]] for step in (0, END)] == [
@@ -119,7 +123,11 @@ def test_tasks_of_many_dimensions_lie_in_rows_the_easiest_first() -> None:
     shares = pd.DataFrame({"teacher": "adr", "step": END, "task_index": range(4), "share": [0, 1, 0.5, 0.2]})
     (chart,) = mastery_charts("mastery", shares, tasks, CUBE, "caption")
     places = dict(
-        zip(zip(chart.figure.data[0].x, chart.figure.data[0].y, strict=True), range(4), strict=True)
+        zip(
+            zip(chart.drawing.figure.data[0].x, chart.drawing.figure.data[0].y, strict=True),
+            range(4),
+            strict=True,
+        )
     )
     assert [places[place] for place in ((0, 0), (1, 0), (2, 0), (0, -1))] == [1, 2, 3, 0]
 
@@ -159,7 +167,10 @@ def test_boxes_of_many_dimensions_span_their_share_of_each_column() -> None:
 
 def test_training_tasks_are_coloured_by_return_part_by_part() -> None:
     (chart,) = training_task_charts("t", {"adr": curriculum(2, [], [])}, PLANE, "caption")
-    assert [frame.name for frame in chart.figure.frames] == ["20", "100"]  # parts without episodes have none
+    assert [frame["name"] for frame in chart.drawing.frames] == [
+        "20",
+        "100",
+    ]  # parts without episodes have none
     assert shown(chart, 20)[0]["marker"]["color"] == [-50.0]
     assert shown(chart, 100)[0]["x"] == [1.0]
 

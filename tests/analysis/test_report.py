@@ -1,5 +1,6 @@
 import base64
 import csv
+import gzip
 import io
 import json
 import re
@@ -125,8 +126,8 @@ def test_teachers_logs_are_charts_that_fit_any_page(full: Page, full_root: Path)
 
 def test_tables_are_embedded_and_lie_beside_the_page(full: Page, full_root: Path) -> None:
     beside = {path.read_bytes() for path in (full_root / "report").glob("*.csv")}
-    links = [address for address in full.loads if address.startswith("data:text/csv")]
-    assert {base64.b64decode(link.partition("base64,")[2]) for link in links} == beside
+    links = [address for address in full.loads if address.startswith("data:application/gzip")]
+    assert {gzip.decompress(base64.b64decode(link.partition("base64,")[2])) for link in links} == beside
     assert len(beside) == 7
 
 

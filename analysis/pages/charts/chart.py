@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import plotly.graph_objects as go
+from plotly.io.json import to_json_plotly
 from plotly.offline import get_plotlyjs
 
 from analysis.data.task_axes import Axis
@@ -41,6 +42,25 @@ _SYMBOLS = {
 
 
 @dataclass(frozen=True, eq=False)
+class Drawing:
+    """A figure of plotly, and what changes of it with the step.
+
+    Attributes:
+        figure: as it is without frames.
+        frames: of `step_frame`; plain data, since checking them takes plotly half of a page's time.
+    """
+
+    figure: go.Figure
+    frames: tuple[dict[str, Any], ...]
+
+    @property
+    def json(self) -> str:
+        """Both as JSON, which plotly.js reads."""
+        frames = to_json_plotly([_compact(frame) for frame in self.frames])
+        return f'{str(self.figure.to_json())[:-1]},"frames":{frames}}}'
+
+
+@dataclass(frozen=True, eq=False)
 class Chart:
     """A chart of a page.
 
@@ -51,25 +71,25 @@ class Chart:
         name: identifier on the page, and name of the picture a reader saves.
         title: what it is, in a few words.
         caption: what is shown, of how many seeds.
-        figure: of plotly.
+        drawing: what it shows.
         teacher: whose chart it is, if it shows a single one.
     """
 
     name: str
     title: str
     caption: str
-    figure: go.Figure
+    drawing: Drawing
     teacher: str = ""
 
     @property
     def height(self) -> int:
         """CSS pixels."""
-        return int(self.figure.layout.height)
+        return int(self.drawing.figure.layout.height)
 
     @property
     def json(self) -> str:
         """The figure as JSON that may stand in a script element of a page."""
-        return str(self.figure.to_json()).replace("<", "\\u003c")
+        return self.drawing.json.replace("<", "\\u003c")
 
 
 def plotly_library() -> str:
@@ -77,10 +97,10 @@ def plotly_library() -> str:
     return str(get_plotlyjs()).replace("</script", "<\\/script")
 
 
-def figure_of(
-    traces: Iterable[Any], height: int, layout: Mapping[str, Any], frames: Iterable[Any]
-) -> go.Figure:
-    """Returns a figure in the look of the house.
+def drawing_of(
+    traces: Iterable[Any], height: int, layout: Mapping[str, Any], frames: Iterable[dict[str, Any]]
+) -> Drawing:
+    """Returns a drawing in the look of the house.
 
     Args:
         traces: of plotly.
@@ -99,7 +119,7 @@ def figure_of(
         "uirevision": "kept",  # a reader's zoom outlives a change of step
         "showlegend": False,
     }
-    return go.Figure(list(traces), {**shared, **layout}, list(frames))
+    return Drawing(go.Figure(list(traces), {**shared, **layout}), tuple(frames))
 
 
 def axis(title: str = "", **own: Any) -> dict[str, Any]:
@@ -120,12 +140,19 @@ def bounds_of(quantity: str) -> dict[str, Any]:
     return {"autorangeoptions": {"clipmin": -1, "clipmax": 101}} if "%" in quantity else {}
 
 
-def step_frame(step: object, traces: Mapping[int, Mapping[str, Any]], title: str = "") -> go.Frame:
+def step_frame(step: object, traces: Mapping[int, Mapping[str, Any]], title: str = "") -> dict[str, Any]:
     """Returns what a chart shows at `step`: of each trace, by its place, what changes."""
-    layout = {"title": {"text": title}} if title else {}
-    return go.Frame(
-        name=str(step), traces=list(traces), data=[dict(patch) for patch in traces.values()], layout=layout
-    )
+    frame = {"name": str(step), "traces": list(traces), "data": [dict(patch) for patch in traces.values()]}
+    return frame | ({"layout": {"title": {"text": title}}} if title else {})
+
+
+def _compact(value: Any) -> Any:
+    """Returns plain data with whole numbers as integers, which takes less room on a page."""
+    if isinstance(value, float):
+        return int(value) if value.is_integer() else value
+    if isinstance(value, dict):
+        return {name: _compact(each) for name, each in value.items()}
+    return [_compact(each) for each in value] if isinstance(value, list) else value
 
 
 def marker(teacher: str, **own: Any) -> dict[str, Any]:

@@ -12,7 +12,7 @@ from analysis.data.curricula import PANELS, Curriculum, boxes_of, gaussians_of, 
 from analysis.data.task_axes import Axis
 from analysis.looks import INK, RETURN_COLOURS, look
 from analysis.names import teacher_order
-from analysis.pages.charts.chart import Chart, figure_of, named, step_frame, transparent
+from analysis.pages.charts.chart import Chart, drawing_of, named, step_frame, transparent
 from analysis.pages.charts.task_view import TaskView
 
 HEIGHT = 290
@@ -46,8 +46,8 @@ def probed_task_charts(
         frames = [step_frame(step, dict(enumerate(state))) for step, state in zip(steps, states, strict=True)]
         looks = _looks(teacher, _hover(view))
         traces = [go.Scatter(**own, **patch) for own, patch in zip(looks, states[-1], strict=True)]
-        figure = figure_of(traces, HEIGHT, view.layout() | {"title": _heading(names[teacher])}, frames)
-        yield Chart(f"{prefix}-{teacher}", "Probed tasks", caption, figure, teacher)
+        drawing = drawing_of(traces, HEIGHT, view.layout() | {"title": _heading(names[teacher])}, frames)
+        yield Chart(f"{prefix}-{teacher}", "Probed tasks", caption, drawing, teacher)
 
 
 def training_task_charts(
@@ -82,8 +82,8 @@ def training_task_charts(
             hovertemplate=f"{_hover(view)}<br>return %{{marker.color}}<extra></extra>",
         )
         frames = [step_frame(step, {0: part}) for step, part in there.items()]
-        figure = figure_of([trace], HEIGHT, view.layout() | {"title": _heading(names[teacher])}, frames)
-        yield Chart(f"{prefix}-{teacher}", "Training tasks", caption, figure, teacher)
+        drawing = drawing_of([trace], HEIGHT, view.layout() | {"title": _heading(names[teacher])}, frames)
+        yield Chart(f"{prefix}-{teacher}", "Training tasks", caption, drawing, teacher)
 
 
 def _probed_steps(curriculum: Curriculum) -> list[int]:

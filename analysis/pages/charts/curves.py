@@ -10,7 +10,7 @@ import plotly.graph_objects as go
 
 from analysis.looks import look
 from analysis.names import teacher_order
-from analysis.pages.charts.chart import Chart, axis, figure_of, line, marker, named, transparent
+from analysis.pages.charts.chart import Chart, axis, drawing_of, line, marker, named, transparent
 
 HEIGHT = 330
 
@@ -40,7 +40,7 @@ def curve_chart(name: str, table: pd.DataFrame, quantity: str, title: str, capti
         "legend": {"orientation": "h", "x": 0, "y": 1.02, "yanchor": "bottom"},
         "meta": {"marks_step": True},
     }
-    return Chart(name, title, caption, figure_of(traces, HEIGHT, layout, ()))
+    return Chart(name, title, caption, drawing_of(traces, HEIGHT, layout, ()))
 
 
 def _traces(teacher: str, name: str, table: pd.DataFrame, mode: str) -> Iterator[go.Scatter]:

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from analysis.data.curricula import stack
 from analysis.data.task_axes import Axis
 from analysis.names import short_labels, teacher_order
-from analysis.pages.charts.chart import END, LONGEST, Chart, figure_of, shown, step_frame, task_axis
+from analysis.pages.charts.chart import END, LONGEST, Chart, drawing_of, shown, step_frame, task_axis
 
 HEIGHT = 270
 
@@ -64,8 +64,8 @@ def mastery_charts(
             for step, values in percent.items()
         ]
         layout = {**_axes(axes if plane else ()), "title": _heading(_title(names[teacher], ends))}
-        figure = figure_of([trace], HEIGHT, layout, frames)
-        yield Chart(f"{prefix}-{teacher}", "Which test tasks are mastered", caption, figure, teacher)
+        drawing = drawing_of([trace], HEIGHT, layout, frames)
+        yield Chart(f"{prefix}-{teacher}", "Which test tasks are mastered", caption, drawing, teacher)
 
 
 @dataclass(frozen=True, eq=False)

@@ -15,9 +15,10 @@ from analysis.names import teacher_order
 from analysis.pages.charts.chart import (
     END,
     Chart,
+    Drawing,
     axis,
     bounds_of,
-    figure_of,
+    drawing_of,
     marker,
     named,
     shown,
@@ -83,11 +84,11 @@ def _patches(group: pd.DataFrame, places: Mapping[tuple[str, str], float]) -> di
 
 def _figure(
     traces: list[go.Scatter],
-    frames: list[go.Frame],
+    frames: list[dict[str, Any]],
     rows: Mapping[str, str],
     teachers: list[str],
     quantity: str,
-) -> go.Figure:
+) -> Drawing:
     row = max(LEAST, SPACING * (len(teachers) + 1))
     places = list(range(len(rows)))
     names = [shown(text) for text in rows.values()]
@@ -107,7 +108,7 @@ def _figure(
             "frame_height": FRAME,
         },
     }
-    return figure_of(traces, FRAME + row * len(rows), layout, frames)
+    return drawing_of(traces, FRAME + row * len(rows), layout, frames)
 
 
 def _rule(place: float) -> dict[str, Any]:

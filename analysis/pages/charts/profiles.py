@@ -10,7 +10,7 @@ import plotly.graph_objects as go
 
 from analysis.looks import look
 from analysis.names import teacher_order
-from analysis.pages.charts.chart import Chart, axis, figure_of, line, named, transparent
+from analysis.pages.charts.chart import Chart, axis, drawing_of, line, named, transparent
 
 HEIGHT = 330
 
@@ -38,7 +38,7 @@ def profile_chart(name: str, table: pd.DataFrame, quantity: str, title: str, cap
         "showlegend": True,
         "legend": {"orientation": "h", "x": 0, "y": 1.02, "yanchor": "bottom"},
     }
-    return Chart(name, title, caption, figure_of(traces, HEIGHT, layout, ()))
+    return Chart(name, title, caption, drawing_of(traces, HEIGHT, layout, ()))
 
 
 def _traces(teacher: str, name: str, rows: pd.DataFrame) -> Iterator[go.Scatter]:

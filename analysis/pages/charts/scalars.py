@@ -12,7 +12,7 @@ import plotly.graph_objects as go
 from analysis.data.curricula import Curriculum
 from analysis.looks import look
 from analysis.names import teacher_order
-from analysis.pages.charts.chart import Chart, axis, figure_of, line, named, shown, transparent
+from analysis.pages.charts.chart import Chart, axis, drawing_of, line, named, shown, transparent
 
 HEIGHT = 230
 """CSS pixels."""
@@ -60,8 +60,8 @@ def scalar_charts(prefix: str, curricula: Mapping[str, Curriculum], caption: str
                 "margin": {"l": 40, "r": 12, "t": 52, "b": 42},
                 "meta": {"marks_step": True},
             }
-            figure = figure_of(_traces(teacher, values), HEIGHT, layout, ())
-            yield Chart(f"{prefix}-{teacher}-{number}", "Teachers' logs", caption, figure, teacher)
+            drawing = drawing_of(_traces(teacher, values), HEIGHT, layout, ())
+            yield Chart(f"{prefix}-{teacher}-{number}", "Teachers' logs", caption, drawing, teacher)
 
 
 def hidden_scalars(curricula: Mapping[str, Curriculum]) -> int:

@@ -15,7 +15,7 @@ from analysis.pages.charts.chart import (
     Chart,
     axis,
     bounds_of,
-    figure_of,
+    drawing_of,
     marker,
     named,
     step_frame,
@@ -56,7 +56,7 @@ def seeds_chart(name: str, points: pd.DataFrame, quantity: str, title: str, capt
         "margin": {"l": 20, "r": 14, "t": 14, "b": 46},
         "meta": {"teachers": teachers, "line_height": ROW, "frame_height": FRAME},
     }
-    return Chart(name, title, caption, figure_of(traces, FRAME + ROW * len(teachers), layout, frames))
+    return Chart(name, title, caption, drawing_of(traces, FRAME + ROW * len(teachers), layout, frames))
 
 
 def _traces(teacher: str, name: str, ends: pd.DataFrame) -> list[go.Scatter]:

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Any
 
 import pandas as pd
 
-from analysis.comparisons.against_random import against_baseline, reference_of
+from analysis.comparisons.against_random import along_baseline, reference_of
 from analysis.comparisons.findings import compared_by, verdict
 from analysis.comparisons.measured import Measured
-from analysis.data.frames import COMPARISON
 from analysis.data.reference import is_baseline
 from analysis.formatting import amount, number, p_value, plus_minus
 from analysis.looks import look
@@ -40,23 +40,19 @@ def step_rows(mine: Measured, everything: Measured) -> dict[str, dict[str, dict[
         mine: what was measured of the comparison.
         everything: of the root, where Random may have run at another level or in another experiment.
     """
-    measure = compared_by(mine.finals)
-    curves, found = mine.evaluations, {}
-    if len(curves):
-        others = reference_of(curves, everything.evaluations)
-        curves = pd.concat([curves, others[~others["run_id"].isin(curves["run_id"])]], ignore_index=True)
-    for step, group in curves.groupby("step", sort=True):
-        now = group.assign(provisional=False)
-        tests = against_baseline(now, now, measure.column)
-        own = (tests[COMPARISON] == mine.cells[COMPARISON].iloc[0]).all(axis=1)
-        tests = tests[own].set_index("teacher")
-        rows = mine.evaluations[mine.evaluations["step"] == step]
-        found[str(step)] = {
-            teacher: _step_row(rows[rows["teacher"] == teacher])
-            | ({"verdict": "baseline"} if is_baseline(teacher) else {})
-            | (_against_random(tests.loc[[teacher]].iloc[0]) if teacher in tests.index else NONE)
-            for teacher in map(str, rows["teacher"].unique())
-        }
+    curves = mine.evaluations
+    if curves.empty:
+        return {}
+    reference = reference_of(curves, everything.evaluations)
+    tests = along_baseline(curves, reference, compared_by(mine.finals).column).set_index(["step", "teacher"])
+    tested: dict[Any, Any] = tests.to_dict("index")
+    found: dict[str, dict[str, dict[str, str]]] = {}
+    key: Any
+    for key, rows in curves.groupby(["step", "teacher"], sort=True):
+        step, teacher = int(key[0]), str(key[1])
+        row = _step_row(step, rows) | ({"verdict": "baseline"} if is_baseline(teacher) else {})
+        test = tested.get((step, teacher))
+        found.setdefault(str(step), {})[teacher] = row | (_against_random(test) if test else NONE)
     return found
 
 
@@ -74,11 +70,11 @@ def _end_row(teacher: str, group: pd.Series) -> dict[str, Any]:
     }
 
 
-def _step_row(rows: pd.DataFrame) -> dict[str, str]:
+def _step_row(step: int, rows: pd.DataFrame) -> dict[str, str]:
     mastered, returns = (describe(rows[column]) for column in ("mastered_percent", "evaluation_return"))
     return {
         "seeds": str(rows["run_id"].nunique()),
-        "step": amount(rows["step"].iloc[0]),
+        "step": amount(step),
         "mastered": plus_minus(mastered.mean, mastered.std),
         "worst": number(rows["mastered_percent"].min()),
         "evaluation": plus_minus(returns.mean, returns.std),
@@ -87,7 +83,7 @@ def _step_row(rows: pd.DataFrame) -> dict[str, str]:
     }
 
 
-def _against_random(test: pd.Series) -> dict[str, str]:
+def _against_random(test: Mapping[str, Any]) -> dict[str, str]:
     difference = number(test["difference"])
     if test["reason"]:
         return {"verdict": verdict(test), "difference": difference, "p": ""}
