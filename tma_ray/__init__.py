@@ -3,7 +3,7 @@
 Importing it makes the environments known to `gymnasium.make`.
 """
 
-from tma_ray.commands.interrupts import expect_early
+from tma_ray.commands.early_interrupts import expect_early
 
 expect_early()  # of the command alone: what follows takes a while
 

@@ -42,6 +42,9 @@ COMMANDS = (
 )
 """What is interrupted: short commands, long ones, those that write, and one that never ends by itself."""
 
+AS_EXPECTED = ("interrupted", "ended", "before")
+"""Stopped with 130; at its end before Ctrl-C came; killed while Python started."""
+
 LONGEST = 8.0
 """Latest instant, s after the start."""
 
@@ -67,9 +70,10 @@ class Try:
 
     @property
     def verdict(self) -> str:
-        """Returns interrupted, ended (before), or what is wrong."""
+        """Returns one of `AS_EXPECTED`, or what is wrong."""
         if "Traceback" in self.said:
-            return "traceback"
+            ours = self.said.replace("tma_ray/__init__.py", "")  # whose first line makes Python listen
+            return "traceback" if "tma_ray/" in ours else "before"
         if self.code in (130, -signal.SIGINT):  # Python listens not yet, or no longer: shells show 130, too
             return "interrupted"
         return "ended" if self.code == 0 and "watch" not in self.command else f"exit code {self.code}"
@@ -123,11 +127,11 @@ def main() -> int:
     found: Counter[str] = Counter()
     for each in tries(options.tries, random.Random(options.seed)):
         found[each.verdict] += 1
-        if each.verdict not in ("interrupted", "ended"):
+        if each.verdict not in AS_EXPECTED:
             sys.stdout.write(
                 f"{each.verdict} after {each.after:.2f} s: {each.command}\n{each.said[-2000:]}\n"
             )
-    good = found["interrupted"] + found["ended"]
+    good = sum(found[verdict] for verdict in AS_EXPECTED)
     sys.stdout.write(f"{good} of {options.tries} ended as they should: {dict(found)}\n")
     return int(good < options.tries)
 

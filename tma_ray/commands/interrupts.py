@@ -2,34 +2,25 @@
 
 from __future__ import annotations
 
-import os
 import signal
 import sys
 import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
-from pathlib import Path
 from types import FrameType
-from typing import Any, Final
+from typing import Any
 
-INTERRUPTED: Final = 130
-"""Exit code of a command that was stopped by Ctrl-C: 128 and the number of the signal, as of a shell."""
+from tma_ray.commands.early_interrupts import INTERRUPTED, expect_early, is_command, leave_at_once
 
-
-def is_command(arguments: list[str]) -> bool:
-    """Tells whether the interpreter with these arguments was started for the command ``tma-ray``."""
-    return "tma_ray.cli" in arguments[1:3] or any(Path(word).stem == "tma-ray" for word in arguments[:2])
-
-
-def leave_at_once(*_: object) -> None:
-    """Ends the process: for a time when nothing has been started yet, or all is done."""
-    os._exit(INTERRUPTED)
-
-
-def expect_early() -> None:
-    """Answers Ctrl-C while the package is being imported, if that is done for the command."""
-    if is_command(sys.orig_argv) and threading.current_thread() is threading.main_thread():
-        signal.signal(signal.SIGINT, leave_at_once)
+__all__ = [
+    "INTERRUPTED",
+    "Interrupts",
+    "come_into_reach",
+    "expect_early",
+    "is_command",
+    "leave_at_once",
+    "started_out_of_reach",
+]
 
 
 @contextmanager

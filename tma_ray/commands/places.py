@@ -10,7 +10,7 @@ from urllib.parse import urlsplit
 
 from tma_ray.commands.texts import check_visible, refused
 
-SCHEMES: Final = ("s3", "gs", "gcs", "abfs", "abfss", "hdfs", "viewfs", "file")
+SCHEMES: Final = ("s3", "gs", "gcs", "abfs", "abfss", "hdfs", "viewfs", "file", "https", "http", "hf")
 """Beginnings of addresses that results may lie at."""
 
 

@@ -9,9 +9,10 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from datetime import timedelta
 from random import SystemRandom
-from typing import Any, Final, TypeVar
+from typing import Any, Final, TypeVar, cast
 from urllib.parse import SplitResult, parse_qsl, unquote, urlencode, urlsplit
 
+import pyarrow as pa
 from pyarrow import fs
 
 from tma_ray.results.storage.errors import StorageError
@@ -100,6 +101,35 @@ def open_bucket(uri: str) -> tuple[Any, str, str]:
         filesystem = fs.GcsFileSystem(retry_time_limit=retry_time, **options)
     query = f"?{urlencode(options)}" if options else ""
     return filesystem, path, f"{parts.scheme}://{parts.netloc}{parts.path}{query}"
+
+
+def unwritable(error: Exception) -> str:
+    """Returns why a first file could not be written."""
+    if isinstance(error, NotImplementedError):
+        return "results at an address of this kind can only be read"
+    return f"{NO_BUCKET} ({error})"
+
+
+def open_address(uri: str) -> tuple[Any, str]:
+    """Returns the file system and path of an address that pyarrow or fsspec knows, such as ``hf://datasets/…``.
+
+    Raises:
+        ObjectStoreError: neither knows it, or a library is missing.
+    """
+    try:
+        return cast("tuple[Any, str]", fs.FileSystem.from_uri(uri))
+    except (pa.ArrowInvalid, ValueError):
+        pass
+    try:
+        from fsspec.core import url_to_fs
+
+        filesystem, path = url_to_fs(uri)
+    except (ImportError, ValueError) as error:
+        raise ObjectStoreError(
+            f"{uri.split('@')[-1]}: {error}; pip install 'tma_ray[addresses]' has the libraries for https:// "
+            f"and hf://"
+        ) from error
+    return fs.PyFileSystem(fs.FSSpecHandler(filesystem)), path
 
 
 def patiently(read: Callable[[], T]) -> T:

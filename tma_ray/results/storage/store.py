@@ -17,12 +17,13 @@ from tma_ray.decoding import DamagedFileError
 from tma_ray.results.storage import disk
 from tma_ray.results.storage.errors import explained_disk
 from tma_ray.results.storage.object_store import (
-    NO_BUCKET,
     ObjectStoreError,
     explained,
+    open_address,
     open_bucket,
     patiently,
     read_object,
+    unwritable,
 )
 
 T = TypeVar("T")
@@ -41,9 +42,8 @@ class Store:
     renamed; in an object store it is one PUT of bytes built beforehand, or one upload in parts whose
     end makes it visible. What a returned call has written survives a crash of the machine.
 
-    A store can be pickled and sent to another process, which opens an object store anew with the
-    credentials of its own environment. Whatever a disk refuses, or an object store goes on refusing, is
-    raised as a `StorageError` that names the file.
+    A store can be pickled and sent to another process, which opens an object store anew with credentials of
+    its own. What a disk refuses, or an object store goes on refusing, is a `StorageError` that names it.
 
     Args:
         filesystem: any `pyarrow.fs.FileSystem`.
@@ -70,14 +70,14 @@ class Store:
         if str(uri).startswith(("s3://", "gs://")):
             return cls(*open_bucket(str(uri)))
         if "://" in str(uri):
-            return cls(*fs.FileSystem.from_uri(str(uri)))
+            return cls(*open_address(str(uri)))
         return cls(fs.LocalFileSystem(), Path(uri).expanduser().absolute().as_posix())
 
     def __str__(self) -> str:
         if self._local:
             return self.base
-        scheme = self.filesystem.type_name
-        return f"{_SCHEMES.get(scheme, scheme)}://{self.base}"
+        name = self.filesystem.type_name.removeprefix("py::fsspec+")
+        return self.base if "://" in self.base else f"{_SCHEMES.get(name, name)}://{self.base.lstrip('/')}"
 
     def __getstate__(self) -> dict[str, Any]:
         return {**vars(self), "filesystem": None} if self._uri else vars(self)
@@ -196,20 +196,20 @@ class Store:
                 self.filesystem.get_file_info(fs.FileSelector(self.base))
 
     def check_access(self) -> None:
-        """Tries whether an object store lets us list, write, read and delete; leaves nothing there.
+        """Tries whether a place other than a disk lets us list, write, read and delete; leaves nothing there.
 
         Raises:
             ObjectStoreError: it does not, or the bucket does not exist.
         """
-        if not self.is_object_store:
+        if self._local:
             return
         self.check_bucket()
         probe = f"{TEMPORARY}/{uuid4().hex}"
         try:
             self.write_bytes(probe, b"may we write here?")
             self.read_bytes(probe)
-        except FileNotFoundError as error:
-            raise ObjectStoreError(f"{self}: {NO_BUCKET} ({error})") from error
+        except (FileNotFoundError, NotImplementedError) as error:
+            raise ObjectStoreError(f"{self}: {unwritable(error)}") from error
         self.delete(probe)
 
     def move(self, source: str, destination: str) -> None:

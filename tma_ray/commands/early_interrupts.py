@@ -1,0 +1,28 @@
+"""Ctrl-C while the package is being imported; it imports next to nothing itself, to be there at once."""
+
+import os
+import signal
+import sys
+
+INTERRUPTED = 130
+"""Exit code of a command that was stopped by Ctrl-C: 128 and the number of the signal, as of a shell."""
+
+
+def is_command(arguments: list[str]) -> bool:
+    """Tells whether the interpreter with these arguments was started for the command ``tma-ray``."""
+    stems = {os.path.basename(word).partition(".")[0] for word in arguments[:2]}  # noqa: PTH119
+    return "tma_ray.cli" in arguments[1:3] or "tma-ray" in stems
+
+
+def leave_at_once(*_: object) -> None:
+    """Ends the process: for a time when nothing has been started yet, or all is done."""
+    os._exit(INTERRUPTED)
+
+
+def expect_early() -> None:
+    """Answers Ctrl-C while the package is being imported, if that is done for the command."""
+    if is_command(sys.orig_argv):
+        try:
+            signal.signal(signal.SIGINT, leave_at_once)
+        except ValueError:  # another thread than the main one imports it
+            return
