@@ -3,13 +3,16 @@ import subprocess
 import sys
 from dataclasses import dataclass
 
+import numpy as np
 import pytest
+from gymnasium.spaces import Box
 
 from tma_ray.registry import UnknownNameError
 from tma_ray.students import (
     STUDENTS,
     PPOHyperparameters,
     SACHyperparameters,
+    Student,
     check_hyperparameters,
     default_hyperparameters,
     make_student,
@@ -73,19 +76,21 @@ def test_a_student_of_someone_else_is_made_and_checked_alike(monkeypatch):
     class Patience:
         steps: int = 3
 
-    class Idle:
+    class Idle(Student):
         hyperparameters_type = Patience
 
         def __init__(self, observation_space, action_space, hyperparameters, seed, device, threads):
             self.given = observation_space, action_space, hyperparameters, seed, device, threads
 
     monkeypatch.setattr(STUDENTS, "_decorated", {})
+    Idle.__abstractmethods__ = frozenset()  # it is only made
     STUDENTS.register("idle")(Idle)
     assert default_hyperparameters("idle") == {"steps": 3}
-    student = make_student("idle", "o", "a", "s", {"steps": 5}, threads=2)
-    assert student.given == ("o", "a", Patience(5), "s", "cpu", 2)
+    parts = Box(-1, 1, (3,)), Box(-1, 1, (2,)), np.random.SeedSequence(0)
+    student = make_student("idle", *parts, {"steps": 5}, threads=2)
+    assert student.given == (*parts[:2], Patience(5), parts[2], "cpu", 2)
     with pytest.raises(ValueError, match="did you mean 'steps'"):
-        make_student("idle", "o", "a", "s", {"step": 5})
+        make_student("idle", *parts, {"step": 5})
 
 
 def test_unknown_students_are_refused():
