@@ -332,3 +332,45 @@ def test_without_scripts_tables_still_say_everything(browser: Browser, small_rep
     assert "need JavaScript" in page.locator("noscript").inner_text()
     assert page.locator("#comparison-1 td[data-field=mastered]").first.inner_text() != ""
     context.close()
+
+
+def test_an_address_keeps_what_was_chosen(reader: Reader, report: Path) -> None:
+    reader.open(report)
+    reader.choose_step(1)
+    reader.page.locator("[data-filter=challenge]").select_option(index=1)
+    reader.page.locator("#controls [data-teacher]").first.uncheck()
+    reader.settle()
+    told, seen = reader.page.url, reader.page.locator("#step-name").inner_text()
+    assert told.startswith(f"{report.as_uri()}#show?")
+    reader.page.goto("about:blank")
+    reader.page.goto(told)
+    reader.settle()
+    assert reader.page.locator("#step-name").inner_text() == seen
+    assert not reader.page.locator("#controls [data-teacher]").first.is_checked()
+    assert reader.page.locator("[data-filter=challenge]").input_value() != ""
+    assert reader.page.url == told
+
+
+def test_a_table_is_copied_as_markdown(reader: Reader, report: Path) -> None:
+    reader.open(report)
+    reader.page.evaluate(
+        """Object.defineProperty(navigator, "clipboard",
+            {value: {writeText: text => Promise.resolve(window.copied = text)}})"""
+    )
+    reader.page.locator("button.copy:visible").first.click()
+    heading, rule, *rows = str(reader.page.evaluate("window.copied")).splitlines()
+    assert heading.startswith("| Teacher | Seeds |")
+    assert set(rule) == set("| -")
+    assert {row.count(" | ") for row in (heading, *rows)} == {9}
+    assert (
+        len(rows) == reader.page.locator("section[data-comparison] table").first.locator("tbody tr").count()
+    )
+
+
+def test_contents_lead_to_every_comparison(reader: Reader, report: Path) -> None:
+    reader.open(report)
+    reader.page.locator(".contents summary").click()
+    links = reader.page.locator(".contents li[data-comparison] a")
+    assert links.count() == reader.page.locator("section[data-comparison]").count() == 3
+    links.last.click()
+    assert reader.page.url.endswith(str(links.last.get_attribute("href")))

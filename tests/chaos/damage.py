@@ -36,7 +36,7 @@ from small_runs import data_files, small_spec  # noqa: E402  # from above
 
 from tma_ray.cli import main as command  # noqa: E402
 from tma_ray.results import Committer, Results, ResultsRootError  # noqa: E402
-from tma_ray.runs import RunSpec, run_locally  # noqa: E402
+from tma_ray.runs import Placement, RunSpec, run_locally  # noqa: E402
 
 AT_ONCE = 10
 """Files that are damaged in one copy of the root."""
@@ -156,7 +156,7 @@ def _resumed(root: Path, specs: Sequence[RunSpec], expected: Mapping[str, bytes]
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
             for spec in specs:
-                run_locally(spec, Committer.open(root))
+                run_locally(spec, Committer.open(root), Placement(outage_seconds=1))
     except ResultsRootError as error:  # a sentence, such as that a folder is where root.json should be
         return [] if "root.json" in str(error) else [f"resume: {error!r}"]
     except Exception:

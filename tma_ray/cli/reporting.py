@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import sys
+import time
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -14,6 +15,9 @@ from tma_ray.commands.places import folder
 
 if TYPE_CHECKING:
     from analysis.pages.report.videos import Video, WantedVideo
+
+RELOAD_SECONDS, LOOK_SECONDS = 30, 10.0
+"""Time after which the open page of a report that is watched reads itself again, and between two looks, s."""
 
 LONGEST = 2000
 """Steps after which a video ends, if its episode has not: the limit of the benchmark's worlds."""
@@ -34,6 +38,7 @@ def add_report_commands(commands: Any) -> None:
             "tma-ray report results",
             "tma-ray report results colleague",
             "tma-ray report results --output pages --latex",
+            "tma-ray report results --watch",
         ),
     )
     commands.add_parser(
@@ -59,6 +64,11 @@ def _add_report(parser: CommandParser) -> None:
         "--videos", action="store_true", help="embed videos of the best and the worst seed of every teacher"
     )
     parser.add_argument("--latex", action="store_true", help="also write LaTeX, with all tables and figures")
+    parser.add_argument(
+        "--watch",
+        action="store_true",
+        help="write it anew when runs have published more, until Ctrl-C; the open page follows",
+    )
     parser.set_defaults(command=_report)
 
 
@@ -70,13 +80,34 @@ def _report(options: argparse.Namespace) -> int:
     sources = chosen_sources(options)
     folder = report_folder(sources, options.output)
     videos = list(_videos(sources, folder / "videos")) if options.videos else []
-    print(write_report(sources, folder, videos))
+    print(write_report(sources, folder, videos, RELOAD_SECONDS if options.watch else 0), flush=True)
     if options.latex:
         latex = write_latex(sources, folder / "latex")
         for warning in latex.warnings:
             sys.stderr.write(f"tma-ray: warning: {warning}\n")
         print(latex.document)
+    for _ in changes(sources) if options.watch else ():
+        write_report(sources, folder, videos, RELOAD_SECONDS)
     return 0
+
+
+def changes(sources: Sequence[str], seconds: float = LOOK_SECONDS) -> Iterator[None]:
+    """Yields whenever runs of results roots have published more; never ends.
+
+    Args:
+        sources: results roots, or baselines, which do not change.
+        seconds: time between two looks, s.
+    """
+    from tma_ray.results import MANIFESTS, Store
+
+    stores = [Store.open(each) for each in sources if "://" in each or Path(each).expanduser().exists()]
+    seen = [store.stamps(MANIFESTS) for store in stores]
+    while True:
+        time.sleep(seconds)
+        found = [store.stamps(MANIFESTS) for store in stores]
+        if found != seen:
+            seen = found
+            yield
 
 
 def _videos(sources: Sequence[str], folder: Path) -> Iterator[Video]:

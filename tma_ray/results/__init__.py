@@ -17,6 +17,7 @@ from tma_ray.results.inspection import Damage, Inspector, damage_reason
 from tma_ray.results.layout import (
     CHECKPOINTS,
     LOGS,
+    MANIFESTS,
     POLICIES,
     TABLES,
     ResultsRootError,
@@ -63,6 +64,7 @@ __all__ = [
     "INPUTS",
     "LEAN",
     "LOGS",
+    "MANIFESTS",
     "NO_PHYSICS_VERSION",
     "POLICIES",
     "PUBLISHED_FILE",

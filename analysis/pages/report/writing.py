@@ -29,13 +29,16 @@ from tma_ray.commands.installed import installed_version
 from tma_ray.tasks import MASTERY_RETURN
 
 
-def write_report(sources: Sources, output: Path | None = None, videos: Sequence[Video] = ()) -> Path:
+def write_report(
+    sources: Sources, output: Path | None = None, videos: Sequence[Video] = (), reload: int = 0
+) -> Path:
     """Writes the report of a root, finished or not, with its tables.
 
     Args:
         sources: results roots and baselines with runs: folders, addresses, names.
         output: folder to write to; ``report`` in the first of `sources` if that is a folder.
         videos: to embed, of `videos.wanted_videos`.
+        reload: time after which an open page reads itself again, s; 0 for never.
 
     Returns:
         The page, ``index.html`` in `output`; beside it figures (PNG) and tables (CSV).
@@ -51,7 +54,7 @@ def write_report(sources: Sources, output: Path | None = None, videos: Sequence[
     with shown_together(frames.cells["teacher"]):
         parts = list(sections(frames, measured, shown))
         tables = downloads(frames, measured)
-        text = _render(frames, measured, parts, tables, videos, shown)
+        text = _render(frames, measured, parts, tables, videos, shown, reload)
     pictures = {f"{picture.name}.png": picture.png for part in parts for picture in part.pictures}
     return write_page(output, text, pictures | {table.name: table.content for table in tables})
 
@@ -72,10 +75,12 @@ def _render(
     tables: list[Download],
     videos: Sequence[Video],
     shown: Collection[str],
+    reload: int,
 ) -> str:
     cells = frames.cells
     return page(
         "report.html.j2",
+        reload=reload,
         campaigns=sorted(name for name in cells["campaign"].unique() if name),
         ran=what_ran(cells),
         counts=counts_of(cells),

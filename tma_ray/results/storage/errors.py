@@ -9,6 +9,8 @@ from collections.abc import Callable, Collection, Iterator
 from contextlib import contextmanager
 from typing import Final, TypeVar
 
+from tma_ray.decoding import DamagedFileError
+
 T = TypeVar("T")
 
 FIRST_PAUSE: Final = 1.0
@@ -47,6 +49,7 @@ def explained_disk(where: str, kinds: Collection[int] | None = None) -> Iterator
 
     Raises:
         FileNotFoundError: as it came.
+        DamagedFileError: a folder lies where the file should be.
         StorageError: everything else.
         OSError: as it came, of another kind.
     """
@@ -54,6 +57,8 @@ def explained_disk(where: str, kinds: Collection[int] | None = None) -> Iterator
         yield
     except (FileNotFoundError, StorageError):
         raise
+    except IsADirectoryError as error:  # which no patience mends
+        raise DamagedFileError(f"{where} is damaged: a folder lies in its place") from error
     except OSError as error:
         if kinds is not None and error.errno not in kinds:
             raise
