@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from functools import cache
+from typing import Any
 
 import pandas as pd
 
@@ -21,6 +22,9 @@ from tma_ray.benchmark.statements import Reading
 from tma_ray.results import BOX2D
 
 MEASURE = "mastered_percent"
+
+POOL = ["environment", "challenge", "pool", "expert_knowledge", "steps", "teacher"]
+"""Columns that the runs of a result have in common."""
 
 PLACE = ("environment", "challenge", "expert_knowledge")
 """Columns that tell results of one place from others."""
@@ -58,6 +62,7 @@ class RootSource:
     def __init__(self, frames: Frames) -> None:
         self._frames = frames
         self._read = cache(self._read_after)
+        self._grouped = cache(self._positions)
         self._conditions, self.note = _chosen_conditions(runs_after(frames))
         columns = ["environment", "challenge", "teacher"]
         self._present = set(frames.cells[columns].itertuples(index=False, name=None))
@@ -71,9 +76,8 @@ class RootSource:
         if found is None or (found := found[found["teacher"] == reading.teacher]).empty:
             return None
         best = found.sort_values("n", kind="stable").iloc[-1]
-        by = ["embodiment"] if reading.embodiment else []
-        keys = ["environment", "challenge", "pool", "expert_knowledge", "steps", "teacher", *by]
-        mine = runs[(runs[keys] == best[keys].tolist()).all(axis=1)]
+        keys = [*POOL, "embodiment"] if reading.embodiment else POOL
+        mine = runs.take(self._grouped(reading.share, bool(reading.embodiment)).get(tuple(best[keys]), ()))
         values = mine.dropna(subset=[MEASURE]).set_index("run_id")[MEASURE]
         return Sample(describe(values), values)
 
@@ -82,6 +86,11 @@ class RootSource:
         places, _ = self._read(reading.share)
         found = places.get(_place(reading))
         return [] if found is None else sorted(found["teacher"].unique())
+
+    def _positions(self, share: float, by_body: bool) -> dict[Any, Any]:
+        """Returns the rows of the runs after a share of the budget, by `POOL` (and embodiment)."""
+        keys = [*POOL, "embodiment"] if by_body else POOL
+        return dict(self._read(share)[1].groupby(keys, observed=True).indices)
 
     def _read_after(self, share: float) -> tuple[dict[tuple[str, ...], pd.DataFrame], pd.DataFrame]:
         """Returns complete results by place, over bodies and of each body, and runs, after a share."""

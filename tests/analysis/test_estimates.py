@@ -150,6 +150,34 @@ def test_other_strata_are_not_compared() -> None:
     assert (found.reason, math.isnan(found.value), found.n) == ("other strata", True, 6)
 
 
+FIRST = {
+    "one": [39, 53, 40, 21, 51, 42, 42, 42, 34, 68],
+    "two": [41, 55, 3, 64, 63, 41, 41, 54, 40, 56],
+    "three": [14, 16, 13, 17, 10, 19, 26, 9, 28, 3],
+}
+SECOND = {
+    "one": [17, 76, 35, 26, 36, 51, 24],
+    "two": [59, 35, 45, 57, 42, 53, 55],
+    "three": [13, 30, 18, 15, 38, 18, 18],
+}
+
+
+def test_values_are_those_of_rliable() -> None:
+    """Numbers that rliable 1.2.0 gives for the same runs of three tasks, ties included."""
+    first, second = sample("a", **FIRST), sample("b", **SECOND)
+    means = [interquartile_mean_of(each).value for each in (first, second)]
+    assert means == pytest.approx([35.25, 34.54545454545455], rel=1e-12)
+    chances = probability_of_improvement(first, second), probability_of_improvement(second, first)
+    assert [each.value for each in chances] == pytest.approx(
+        [0.4690476190476191, 0.530952380952381], rel=1e-12
+    )
+    shares = [list(performance_profile(each, [10, 25, 40, 55, 70])["share"]) for each in (first, second)]
+    assert shares == [
+        pytest.approx([26 / 30, 20 / 30, 14 / 30, 4 / 30, 0 / 30]),
+        pytest.approx([21 / 21, 14 / 21, 8 / 21, 3 / 21, 1 / 21]),
+    ]
+
+
 def test_a_profile_is_the_share_over_each_threshold() -> None:
     profile = performance_profile(sample("a", one=[10, 20, 20, 40]), [0, 10, 15, 20, 40])
     assert list(profile["share"]) == [1, 0.75, 0.75, 0.25, 0]
