@@ -26,10 +26,22 @@ def made_on(attempts: pd.DataFrame) -> str:
     prints = [parsed(str(each)) for each in attempts["fingerprint"].unique()]
     processors = _values(prints, "cpu")
     if processors:
-        devices = _values(prints, "device")
-        text += f" Processors: {', '.join(processors)}; devices: {', '.join(devices)}."
+        text += f" Processors: {', '.join(processors)}; devices: {', '.join(_devices(prints))}."
     versions = [f"{name} {', '.join(_values(prints, name))}" for name in LIBRARIES if _values(prints, name)]
     return f"{text} Software: {'; '.join(versions)}." if versions else text
+
+
+def _devices(prints: list[dict[str, Any]]) -> list[str]:
+    """Returns each device, with the model of a GPU and the width of a cohort."""
+    shown = set()
+    for each in prints:
+        text = str(each.get("device", "cpu"))
+        if "gpu" in each:
+            text += f" ({each['gpu']})"
+        if "cohort" in each:
+            text += f" in cohorts of {each['cohort']}"
+        shown.add(text)
+    return sorted(shown)
 
 
 def _values(prints: list[dict[str, Any]], name: str) -> list[str]:

@@ -13,7 +13,7 @@ from students_support import SMALL, Drift, small_student, train, train_episodes
 
 from tma_ray.students import Learner, make_player
 from tma_ray.students.cohort.server import LearnerServer
-from tma_ray.students.players import CohortSettings, LearnerError, LearnerLostError
+from tma_ray.students.players import CohortSettings, LearnerError, LearnerLostError, hardware
 from tma_ray.students.players.base import Player
 
 
@@ -161,3 +161,7 @@ def test_students_without_a_stacked_learner_are_refused(learner):
     env = Drift()
     with pytest.raises(ValueError, match="'TQC' cannot learn in a cohort: ppo, sac can"):
         make_player("TQC", env.observation_space, env.action_space, np.random.SeedSequence(0), {}, learner)
+
+
+def test_the_hardware_of_a_cohort_is_known(learner):
+    assert hardware(learner) == {"device": "cpu", "cohort": 3, "compiled": False}

@@ -32,6 +32,7 @@ from tma_ray.runs.placement import Placement, Status, fingerprint
 from tma_ray.runs.run import Run
 from tma_ray.runs.spec import RunSpec
 from tma_ray.runs.teaching import TeacherLink
+from tma_ray.students.players import hardware
 
 RECENT_EPISODES = 100
 
@@ -62,7 +63,9 @@ class Attempt:
         self._store = store
         self._number = number
         self._placement = placement or Placement()
-        self.fingerprint = fingerprint(self._placement.threads, self._placement.device)
+        learner = self._placement.learner
+        cohort = hardware(learner) if learner else None
+        self.fingerprint = fingerprint(self._placement.threads, self._placement.device, cohort)
         self._checkpoints = Checkpoints(store, spec.run_id, number)
         fetch(store, spec)
         writer = RunWriter(store, spec.run_id, number)

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import json
 import platform
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 from tma_ray.commands.installed import installed_version
 from tma_ray.commands.quantities import PROCESSES, SECONDS
@@ -99,8 +100,14 @@ def is_available(device: str) -> bool:
     return found[kind]()
 
 
-def fingerprint(threads: int, device: str) -> str:
-    """Returns CPU model, threads, device and versions of what computes, as JSON."""
+def fingerprint(threads: int, device: str, cohort: Mapping[str, Any] | None = None) -> str:
+    """Returns CPU model, threads, device and versions of what computes, as JSON.
+
+    Args:
+        threads: torch's threads of the run.
+        device: where networks live, if the student learns alone.
+        cohort: what `tma_ray.students.players.hardware` tells of its learner, if it does not.
+    """
     content = {
         "tma_ray": installed_version("tma_ray"),
         "python": platform.python_version(),
@@ -108,9 +115,20 @@ def fingerprint(threads: int, device: str) -> str:
         "cpu": cpu_model(),
         "threads": threads,
         "device": device,
+        **gpu(device),
+        **(cohort or {}),
         **{library: installed_version(library) for library in LIBRARIES},
     }
     return json.dumps(content, sort_keys=True)
+
+
+def gpu(device: str) -> dict[str, str]:
+    """Returns the model of the GPU if `device` is one, as an entry of the fingerprint."""
+    if device.partition(":")[0] != "cuda" or not is_available(device):
+        return {}
+    import torch
+
+    return {"gpu": torch.cuda.get_device_name(device)}
 
 
 def cpu_model() -> str:

@@ -182,6 +182,13 @@ class LearnerServer:
     def _save_policy_for(self, connection: Connection, folder: Path, state: PlayerState) -> Any:
         return self._seats[connection].save_policy(folder, state)
 
+    def _hardware_for(self, _: Connection) -> Any:
+        settings = self._stacks.settings
+        entries = {"device": settings.device, "cohort": settings.width, "compiled": settings.compiled}
+        if torch.device(settings.device).type == "cuda":
+            entries["gpu"] = torch.cuda.get_device_name(settings.device)
+        return entries
+
     def _account_for(self, _: Connection) -> Any:
         return dict(self.account)
 

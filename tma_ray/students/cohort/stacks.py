@@ -26,11 +26,12 @@ class Stacks:
         settings: of the cohort.
 
     Attributes:
+        settings: as given.
         stacks: in the order in which they were made.
     """
 
     def __init__(self, settings: CohortSettings) -> None:
-        self._settings = settings
+        self.settings = settings
         self.stacks: list[Any] = []
         self._by_kind: dict[Any, Any] = {}
         self._free: dict[int, list[int]] = {}
@@ -49,7 +50,7 @@ class Stacks:
         stack = self._by_kind[kind]
         free = self._free[id(stack)]
         if not free:
-            raise RuntimeError(f"all {self._settings.width} slots for {membership.student} are taken")
+            raise RuntimeError(f"all {self.settings.width} slots for {membership.student} are taken")
         slot = free.pop(0)
         try:
             return seat_type(membership, stack, slot)
@@ -63,7 +64,7 @@ class Stacks:
         self._free[id(seat.stack)].append(seat.slot)
 
     def _new(self, stack_type: type[Any], sizes: tuple[int, int], hyperparameters: Any) -> Any:
-        settings = self._settings
+        settings = self.settings
         stack = stack_type(
             sizes,
             hyperparameters,

@@ -10,6 +10,7 @@ from tma_ray.students.players.link import (
     LearnerLostError,
     Membership,
     PlayerState,
+    hardware,
 )
 from tma_ray.students.players.settings import CohortSettings
 
@@ -22,5 +23,6 @@ __all__ = [
     "LearnerLostError",
     "Membership",
     "PlayerState",
+    "hardware",
     "make_player",
 ]

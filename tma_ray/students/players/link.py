@@ -119,6 +119,18 @@ def account(learner: Learner) -> dict[str, float]:
     return parts
 
 
+def hardware(learner: Learner) -> dict[str, Any]:
+    """Returns device, GPU and width of a cohort, on which results depend to rounding, for a fingerprint.
+
+    Raises:
+        LearnerLostError: it does not answer.
+    """
+    link = SocketLink(learner)
+    entries: dict[str, Any] = link._call("hardware")
+    link.close()
+    return entries
+
+
 class SocketLink:
     """A `LearnerLink` over a socket of this machine; leaves the cohort when it is closed or its process ends.
 
