@@ -35,7 +35,7 @@ if __name__ == "__main__":
 from small_runs import data_files, small_spec  # noqa: E402  # from above
 
 from tma_ray.cli import main as command  # noqa: E402
-from tma_ray.results import Committer, Results, ResultsRootError  # noqa: E402
+from tma_ray.results import Committer, DamagedFileError, Results, ResultsRootError  # noqa: E402
 from tma_ray.runs import Placement, RunSpec, run_locally  # noqa: E402
 
 AT_ONCE = 10
@@ -136,7 +136,11 @@ def _tried(root: Path, whole: set[str], found: list[Damage]) -> list[str]:
             lost = untouched - {manifest.run.run_id for manifest in Results.open(root).runs()}
             problems += [f"{about}: {run} is lost" for run in lost]
     for each in found:
-        if each.path.startswith(TRUSTED) and Path(each.path).stem not in outputs["verify"]:
+        if (
+            each.path.startswith(TRUSTED)
+            and each.kind != "a folder"
+            and Path(each.path).stem not in outputs["verify"]
+        ):
             problems.append(f"verify overlooked {each.path} ({each.kind})")
     return problems
 
@@ -159,6 +163,8 @@ def _resumed(root: Path, specs: Sequence[RunSpec], expected: Mapping[str, bytes]
                 run_locally(spec, Committer.open(root), Placement(outage_seconds=1))
     except ResultsRootError as error:  # a sentence, such as that a folder is where root.json should be
         return [] if "root.json" in str(error) else [f"resume: {error!r}"]
+    except DamagedFileError as error:  # named, for the user to move it
+        return [] if "a folder lies in its place" in str(error) else [f"resume: {error!r}"]
     except Exception:
         return [f"resume: {traceback.format_exc()[-1500:]}"]
     found = data_files(root)
