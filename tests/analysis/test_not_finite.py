@@ -87,6 +87,7 @@ def test_claims_count_the_same_runs(root: Path) -> None:
     assert sample.description.n == 4
 
 
+@pytest.mark.slow
 def test_every_view_says_how_many(root: Path, tmp_path: Path) -> None:
     console = Console(width=300, record=True)
     show_ranking(root, console=console)

@@ -334,6 +334,7 @@ def test_without_scripts_tables_still_say_everything(browser: Browser, small_rep
     context.close()
 
 
+@pytest.mark.slow
 def test_an_address_keeps_what_was_chosen(reader: Reader, report: Path) -> None:
     reader.open(report)
     reader.choose_step(1)
@@ -351,6 +352,7 @@ def test_an_address_keeps_what_was_chosen(reader: Reader, report: Path) -> None:
     assert reader.page.url == told
 
 
+@pytest.mark.slow
 def test_a_table_is_copied_as_markdown(reader: Reader, report: Path) -> None:
     reader.open(report)
     reader.page.evaluate(
@@ -367,6 +369,7 @@ def test_a_table_is_copied_as_markdown(reader: Reader, report: Path) -> None:
     )
 
 
+@pytest.mark.slow
 def test_contents_lead_to_every_comparison(reader: Reader, report: Path) -> None:
     reader.open(report)
     reader.page.locator(".contents summary").click()
