@@ -7,7 +7,7 @@ from typing import Any
 import torch
 
 from tma_ray.students.cohort.padding import PaddedLayout
-from tma_ray.students.mlp.network import Layers, activations, input_gradient, split
+from tma_ray.students.mlp.network import Layers, activations, forward, input_gradient, split
 
 
 def stacked_pass(
@@ -25,13 +25,11 @@ def stacked_pass(
     if _pays_by_rows(parameters, inputs) and hidden == parameters.dtype:
         outputs: torch.Tensor = _pass_by_rows(layout.inputs(inputs), layers)
         return outputs
-    weight, bias = layers[-1]
+    last = layers[-1:]
     if hidden != parameters.dtype:
         layers = _layers(parameters.to(hidden), layout)
-    values = layout.inputs(inputs).to(hidden)
-    for hidden_weight, hidden_bias in layers[:-1]:
-        values = torch.baddbmm(hidden_bias[:, None], values, hidden_weight.mT).relu_()
-    return torch.baddbmm(bias[:, None], values.to(bias.dtype), weight.mT)
+    values = forward(layers[:-1], layout.inputs(inputs).to(hidden)).relu_()
+    return forward(last, values.to(parameters.dtype))
 
 
 def twin_pass(
