@@ -113,9 +113,7 @@ def account(learner: Learner) -> dict[str, float]:
     Raises:
         LearnerLostError: it does not answer.
     """
-    link = SocketLink(learner)
-    parts: dict[str, float] = link._call("account")
-    link.close()
+    parts: dict[str, float] = _asked(learner, "account")
     return parts
 
 
@@ -125,10 +123,17 @@ def hardware(learner: Learner) -> dict[str, Any]:
     Raises:
         LearnerLostError: it does not answer.
     """
-    link = SocketLink(learner)
-    entries: dict[str, Any] = link._call("hardware")
-    link.close()
+    entries: dict[str, Any] = _asked(learner, "hardware")
     return entries
+
+
+def _asked(learner: Learner, request: str) -> Any:
+    """Returns the reply of `learner` to somebody who does not join its cohort."""
+    link = SocketLink(learner)
+    try:
+        return link._call(request)
+    finally:
+        link.close()
 
 
 class SocketLink:
