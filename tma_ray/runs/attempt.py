@@ -28,7 +28,7 @@ from tma_ray.results import (
 )
 from tma_ray.runs.checkpoints import Checkpoints
 from tma_ray.runs.inputs import fetch
-from tma_ray.runs.placement import Placement, Status, fingerprint
+from tma_ray.runs.placement import Placement, Status, fingerprint, gpu
 from tma_ray.runs.run import Run
 from tma_ray.runs.spec import RunSpec
 from tma_ray.runs.teaching import TeacherLink
@@ -63,9 +63,9 @@ class Attempt:
         self._store = store
         self._number = number
         self._placement = placement or Placement()
-        learner = self._placement.learner
-        cohort = hardware(learner) if learner else None
-        self.fingerprint = fingerprint(self._placement.threads, self._placement.device, cohort)
+        learner, device = self._placement.learner, self._placement.device
+        described = hardware(learner) if learner else gpu(device)
+        self.fingerprint = fingerprint(self._placement.threads, device, described)
         self._checkpoints = Checkpoints(store, spec.run_id, number)
         fetch(store, spec)
         writer = RunWriter(store, spec.run_id, number)

@@ -100,13 +100,13 @@ def is_available(device: str) -> bool:
     return found[kind]()
 
 
-def fingerprint(threads: int, device: str, cohort: Mapping[str, Any] | None = None) -> str:
+def fingerprint(threads: int, device: str, hardware: Mapping[str, Any] | None = None) -> str:
     """Returns CPU model, threads, device and versions of what computes, as JSON.
 
     Args:
         threads: torch's threads of the run.
         device: where networks live, if the student learns alone.
-        cohort: what `tma_ray.students.players.hardware` tells of its learner, if it does not.
+        hardware: what `gpu` tells of that device, or `tma_ray.students.players.hardware` of a cohort.
     """
     content = {
         "tma_ray": installed_version("tma_ray"),
@@ -115,8 +115,7 @@ def fingerprint(threads: int, device: str, cohort: Mapping[str, Any] | None = No
         "cpu": cpu_model(),
         "threads": threads,
         "device": device,
-        **gpu(device),
-        **(cohort or {}),
+        **(hardware or {}),
         **{library: installed_version(library) for library in LIBRARIES},
     }
     return json.dumps(content, sort_keys=True)
