@@ -29,7 +29,7 @@ PAGES = {
 }
 """Pages of the site that lie elsewhere in the repository, and where the site has them."""
 
-FILES = ("cluster.yaml", "examples/*.py", "examples/*.toml", "notebooks/*.ipynb")
+FILES = ("cluster.yaml", "benchmarks/measured/*.csv", "examples/*.py", "examples/*.toml", "notebooks/*.ipynb")
 """Files that pages link to, at the same place in the site."""
 
 LINK = re.compile(r"(?<=\]\()(?!\w+:|#)([^)\s#]+)(#[^)\s]*)?(?=\))")
