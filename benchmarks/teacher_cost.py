@@ -16,10 +16,12 @@ import time
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
 from tma_ray.benchmark import find_challenge
-from tma_ray.tasks import Episode, KnowledgeLevel, Query, Task, expert_knowledge
-from tma_ray.teachers import TEACHERS, Teacher, make_teacher
+from tma_ray.tasks import Episode, KnowledgeLevel, Outcomes, Task, expert_knowledge
+from tma_ray.teachers import TEACHERS, make_teacher
+from tma_ray.testing.conversation import report_episode
 
 SHARE = 0.25
 
@@ -36,7 +38,7 @@ def cost(name: str, episodes: int) -> dict[str, float | str]:
     spent, step = np.empty(episodes), 0
     for index in range(episodes):
         start = time.process_time()
-        task = teacher.sample()
+        task = teacher.propose().task
         spent[index] = time.process_time() - start
         skill = 3 * index / episodes
         episodic_return = float(np.clip(300 - 150 * (float(task[0]) - skill) + noise[index], -150, 330))
@@ -44,7 +46,7 @@ def cost(name: str, episodes: int) -> dict[str, float | str]:
         step += length
         episode = played(task, episodic_return, length, step)
         start = time.process_time()
-        report(teacher, episode)
+        report_episode(teacher, episode, values, evaluated)
         spent[index] += time.process_time() - start
         teacher.drain_updates()
     quarter = int(SHARE * episodes)
@@ -66,17 +68,15 @@ def played(task: Task, episodic_return: float, length: int, step: int) -> Episod
     return Episode(task, episodic_return, success, length, observation, discounted_return, step)
 
 
-def report(teacher: Teacher, episode: Episode) -> None:
-    """Reports `episode` to `teacher` and answers its queries."""
-    query = teacher.observe(episode)
-    while query is not None:
-        query = teacher.answer(values(query))
+def values(observations: NDArray[np.float32]) -> NDArray[np.float64]:
+    """Returns state values (n,) of observations (n, o): the higher, the lower the stumps."""
+    return 50 - 10 * observations[:, 0].astype(np.float64)
 
 
-def values(query: Query) -> np.ndarray:
-    """Returns the state values (n,) that a query asks for: the higher, the lower the stumps."""
-    assert query.observations is not None, f"this benchmark cannot answer a query for {query.kind}"
-    return 50 - 10 * query.observations[:, 0].astype(np.float64)
+def evaluated(tasks: Task, _greedy: bool) -> Outcomes:
+    """Returns the outcomes of `tasks` (n, d): mastered where stumps are low."""
+    episodic_returns = 300 - 100 * tasks[:, 0].astype(np.float64)
+    return Outcomes(episodic_returns, episodic_returns > 230, np.full(len(tasks), 500))
 
 
 def main() -> None:

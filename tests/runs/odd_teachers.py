@@ -6,7 +6,18 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from tma_ray.tasks import Answer, Episode, KnowledgeLevel, Query, QueryKind, Task, TeacherUpdate, Trajectory
+from tma_ray.tasks import (
+    Answer,
+    Episode,
+    KnowledgeLevel,
+    Outcomes,
+    Proposal,
+    Query,
+    QueryKind,
+    Task,
+    TeacherUpdate,
+    Trajectory,
+)
 from tma_ray.teachers import Teacher
 from tma_ray.teachers.random import Random
 
@@ -61,6 +72,57 @@ class Scrutinising(Random):
         update = TeacherUpdate(scalars={"heard": float(len(self.returns_)), "last_value": float(answer[-1])})
         self.log(update)
         return None
+
+
+@dataclass
+class Examining(Random):
+    """Has every second task played without learning, and after every sixth episode asks for an evaluation."""
+
+    wants_evaluations = True
+
+    episodes_: int = field(default=0, init=False)
+
+    def sample(self) -> Proposal:
+        return Proposal(super().sample(), trains=self.episodes_ % 2 == 0)
+
+    def observe(self, episode: Episode) -> Query | None:
+        assert episode.trains == (self.episodes_ % 2 == 0)
+        self.episodes_ += 1
+        if self.episodes_ % 6:
+            return None
+        tasks = self.space.sample(self.rng, 5)
+        return Query(QueryKind.EVALUATION, tasks=tasks, greedy=self.episodes_ % 12 == 0)
+
+    def answer(self, outcomes: Outcomes) -> None:
+        assert outcomes.episodic_returns.shape == outcomes.successes.shape == outcomes.lengths.shape == (5,)
+        steps, mean = float(outcomes.lengths.sum()), float(outcomes.episodic_returns.mean())
+        self.log(TeacherUpdate(scalars={"steps": steps, "mean_return": mean}))
+
+
+@dataclass
+class Watching(Random):
+    """Lets the student learn from nothing."""
+
+    wants_evaluations = True
+
+    def sample(self) -> Proposal:
+        return Proposal(super().sample(), trains=False)
+
+
+@dataclass
+class Covert(Random):
+    """Proposes an episode without learning, and has not said that it would."""
+
+    def sample(self) -> Proposal:
+        return Proposal(super().sample(), trains=False)
+
+
+@dataclass
+class Prying(Random):
+    """Asks for an evaluation without having said that it would."""
+
+    def observe(self, episode: Episode) -> Query:
+        return Query(QueryKind.EVALUATION, tasks=episode.task[None])
 
 
 @dataclass

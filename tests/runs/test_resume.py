@@ -22,8 +22,9 @@ Case = tuple[str, str, str]
 RunAndFolder = tuple[RunSpec, Path]
 Finished = Callable[[tuple[Case, ...]], dict[Case, RunAndFolder]]
 
-FEW: tuple[Case, ...] = (("corridor", "ppo", "alp_gmm"),)
+FEW: tuple[Case, ...] = (("corridor", "ppo", "alp_gmm"), ("corridor", "ppo", "odd_teachers:Examining"))
 MORE: tuple[Case, ...] = (
+    ("corridor", "sac", "odd_teachers:Examining"),
     ("corridor", "sac", "alp_gmm"),
     ("stump_tracks", "ppo", "alp_gmm"),
     ("corridor", "ppo", "odd_teachers:Scrutinising"),
@@ -32,7 +33,7 @@ MORE: tuple[Case, ...] = (
 )
 """Every teacher with both students is killed among the tests of chaos."""
 
-WORLDS = {"corridor": (small_spec, 2_000, (37, 31)), "stump_tracks": (stump_tracks_spec, 3_000, (2,))}
+WORLDS = {"corridor": (small_spec, 2_000, (37, 11)), "stump_tracks": (stump_tracks_spec, 3_000, (2,))}
 """How specs are made, steps, and the episodes after which a run is stopped."""
 
 

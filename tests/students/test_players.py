@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import copy
 import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -85,6 +87,28 @@ def test_sac_hands_over_what_it_sees(tmp_path):
     np.testing.assert_array_equal(stacked.actions, actions)
     np.testing.assert_array_equal(stacked.rewards, rewards)
     assert updates == alone.model._n_updates
+
+
+@pytest.mark.parametrize(("name", "values"), [("ppo", {}), ("sac", {}), ("sac", {"log_std": "clamp"})])
+def test_actions_without_learning_are_those_of_act(learner, name, values):
+    """With the same noise the same action, alone and in a cohort; several at once are close to one by one."""
+    alone, player = (make(name, **values) for make in (small_student, partial(player_of, learner)))
+    for student in (alone, player):
+        train(student, Drift(seed=5, limit=10, ending=0.0), 130)
+        states = np.random.default_rng(0).normal(size=(6, 3)).astype(np.float32)
+        rows = [student.sample_actions(state[None], student_noise(student))[0] for state in states]
+        together = student.sample_actions(states, np.random.default_rng(3))
+        one_by_one = np.random.default_rng(3)
+        singles = np.concatenate([student.sample_actions(state[None], one_by_one) for state in states])
+        np.testing.assert_allclose(together, singles, rtol=1e-4, atol=1e-5)
+        if name == "ppo":
+            student._episode_starts = False  # else acting counts the observation first
+        np.testing.assert_allclose(rows[0], student.act(states[0]), rtol=1e-5, atol=1e-6)
+
+
+def student_noise(student) -> np.random.Generator:
+    """Returns a copy of the generator that explores."""
+    return copy.deepcopy(student._exploration)
 
 
 @pytest.mark.parametrize("name", ["ppo", "sac"])

@@ -80,7 +80,7 @@ class StudentConformance:
         )
 
     def test_asking_changes_nothing(self) -> None:
-        """Greedy actions and values of states leave training as it would have been."""
+        """Greedy actions, values of states and actions without learning leave training as it would be."""
         asked, left_alone = self._made(1), self._made(1)
         for student in (asked, left_alone):
             _train(student, self.steps, 0)
@@ -91,6 +91,10 @@ class StudentConformance:
         np.testing.assert_array_equal(
             before, asked.act_greedily(_states(5)), "act_greedily is not deterministic"
         )
+        if type(asked).sample_actions is not Student.sample_actions:
+            sampled, again = (asked.sample_actions(_states(5), np.random.default_rng(4)) for _ in range(2))
+            assert all(action in ACTIONS for action in sampled), f"sample_actions gave {sampled!r}"
+            np.testing.assert_array_equal(sampled, again, "sample_actions draws its noise elsewhere")
         np.testing.assert_array_equal(_train(asked, self.steps, 1), _train(left_alone, self.steps, 1))
 
     def test_its_policy_is_played_without_it(self) -> None:

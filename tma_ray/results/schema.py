@@ -72,8 +72,13 @@ def default_of(field: pa.Field) -> Any:
     raise KeyError(field.name)
 
 
-def _column(name: str, kind: pa.DataType, unit: str = "", *, nullable: bool = False) -> pa.Field:
-    return pa.field(name, kind, nullable=nullable, metadata={"unit": unit} if unit else None)
+def _column(
+    name: str, kind: pa.DataType, unit: str = "", *, nullable: bool = False, default: Any = None
+) -> pa.Field:
+    metadata = {"unit": unit} if unit else {}
+    if default is not None:
+        metadata[DEFAULT.decode()] = json.dumps(default)
+    return pa.field(name, kind, nullable=nullable, metadata=metadata or None)
 
 
 _RUN_ID = _column("run_id", _ID)
@@ -138,6 +143,7 @@ _COLUMNS: Final[Mapping[Table, tuple[pa.Field, ...]]] = {
         _RETURN,
         _LENGTH,
         _column("success", pa.bool_()),
+        _column("trains", pa.bool_(), default=True),
     ),
     Table.CURRICULUM: (
         _RUN_ID,

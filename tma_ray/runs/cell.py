@@ -25,7 +25,7 @@ from tma_ray.runs.cell_settings import (
 from tma_ray.runs.inputs import captured, named
 from tma_ray.runs.plugins import algorithm_versions_of, plugins_of
 from tma_ray.runs.spec import RunSpec, Schedule
-from tma_ray.students import canonical_student, check_hyperparameters
+from tma_ray.students import STUDENTS, Student, canonical_student, check_hyperparameters
 from tma_ray.students.hyperparameters import as_plain_values
 from tma_ray.tasks import KnowledgeLevel, TaskSpace, TestSet
 from tma_ray.teachers import TEACHERS, canonical_teacher, effective_level, hyperparameters_of, make_teacher
@@ -112,6 +112,8 @@ def effective_spec(cell: Cell, seed: int, schedule: Schedule, *, independent_lev
     level = effective_level(TEACHERS.get(cell.teacher), cell.teacher, cell.expert_knowledge)
     teacher = make_teacher(cell.teacher, cell.teacher_hyperparameters)
     student = check_hyperparameters(cell.student, cell.student_hyperparameters)
+    if teacher.wants_evaluations:
+        _check_plays_without_learning(cell)
     environment, options = environment_settings(cell.environment, cell.environment_options)
     body = {"embodiment": cell.embodiment} if cell.embodiment else {}
     setting = _setting(cell, options | body)
@@ -143,6 +145,17 @@ def effective_spec(cell: Cell, seed: int, schedule: Schedule, *, independent_lev
         algorithm_versions=algorithm_versions_of(vars(cell)),
         inputs=inputs | student_inputs | teacher_inputs,
     )
+
+
+def _check_plays_without_learning(cell: Cell) -> None:
+    if STUDENTS.origin(base_name(cell.student)) is None:
+        return  # all that ship do
+    if getattr(STUDENTS.get(cell.student), "sample_actions", None) in (None, Student.sample_actions):
+        raise ValueError(
+            f"teacher {cell.teacher!r} has episodes played from which the student does not learn, and "
+            f"student {cell.student!r} does not define sample_actions, which chooses the actions there: "
+            f"define it, or choose another teacher"
+        )
 
 
 def _check_easy_task(environment: str, setting: _Setting) -> None:

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import pickle
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -11,40 +12,21 @@ import numpy as np
 from tma_ray.envs import make_environment
 from tma_ray.part_names import base_name
 from tma_ray.results import RunWriter, Table, teacher_log_row
-from tma_ray.runs.evaluation import Environment, Evaluation
 from tma_ray.runs.inputs import arguments
 from tma_ray.runs.placement import Placement
+from tma_ray.runs.playing.evaluation import Environment, Evaluation
+from tma_ray.runs.playing.recording import Recorder
+from tma_ray.runs.playing.trials import Trials
 from tma_ray.runs.plugins import import_plugins
-from tma_ray.runs.recording import Recorder
+from tma_ray.runs.progress import Progress
 from tma_ray.runs.spec import RunSpec
 from tma_ray.runs.streams import Streams, landscape_of, placement_generator
 from tma_ray.runs.teaching import Reply, TeacherLink
 from tma_ray.students import Student, Transition, make_player, make_student
-from tma_ray.tasks import Answer, Episode, Query, QueryKind, Task, TeacherUpdate
+from tma_ray.tasks import Answer, Episode, Outcomes, Query, QueryKind, Task, TeacherUpdate
 
 STUDENT = "student"
 """Folder of a saved run that holds its student."""
-
-
-@dataclass
-class Progress:
-    """Progress of a run; part of every checkpoint.
-
-    Attributes:
-        step: environment steps played.
-        episodes: training episodes finished.
-        evaluations: evaluations done.
-        window: (episodic return, length, success) of the episodes of the running training window.
-        next_task: what the teacher chose for the next episode.
-        record_next: whether the teacher wants to see the steps of that episode.
-    """
-
-    step: int = 0
-    episodes: int = 0
-    evaluations: int = 0
-    window: list[tuple[float, int, bool]] = field(default_factory=list)
-    next_task: Task | None = None
-    record_next: bool = False
 
 
 class Run:
@@ -55,7 +37,8 @@ class Run:
 
     A student that is to forget is reset between two steps, also within an episode, which goes on. What is
     due at that step comes first: the teacher hears of an episode that ends there, and evaluation and probe
-    show what was learned.
+    show what was learned. An evaluation that the teacher asks for counts its steps at once; what became due
+    on the way is done when the teacher has chosen its next task, and shows the student of that evaluation.
 
     Args:
         spec: what to run.
@@ -81,6 +64,7 @@ class Run:
         self.student = _student(spec, self.environment, streams.student, placement or Placement())
         self._landscape = landscape_of(spec, placement_generator(spec))
         self._evaluation = Evaluation(spec)
+        self._trials = Trials(spec, streams.trials)
         self._next_event = 0
 
     @property
@@ -98,7 +82,7 @@ class Run:
             self._begin()
         episode = self._play()
         if self.finished:
-            self._record_window()
+            self._record_window(self.progress.step)
         return episode
 
     def save(self, folder: Path, incremental: bool = False) -> tuple[str, ...]:
@@ -118,6 +102,7 @@ class Run:
             "progress": asdict(self.progress),
             "episode_seeds": self._episode_seeds.bit_generator.state,
             "teacher": self.teacher.save(),
+            "trials": self._trials.state,
         }
         (folder / "run.pickle").write_bytes(pickle.dumps(state))
         return tuple(f"{STUDENT}/{name}" for name in unchanged)
@@ -128,6 +113,8 @@ class Run:
         self.progress = Progress(**state["progress"])
         self._episode_seeds.bit_generator.state = state["episode_seeds"]
         self.teacher.load(state["teacher"])
+        if "trials" in state:  # else it was saved before there were any
+            self._trials.state = state["trials"]
         self.student.load(folder / STUDENT)
         self._next_event = self._event_after(self.progress.step)
 
@@ -135,6 +122,7 @@ class Run:
         """Closes all environments."""
         self.environment.close()
         self._evaluation.close()
+        self._trials.close()
 
     def _begin(self) -> None:
         self._events(0)
@@ -143,19 +131,22 @@ class Run:
     def _play(self) -> Episode | None:
         task, student, environment = self.progress.next_task, self.student, self.environment
         assert task is not None, "a run that has begun has a next task"
+        trains = self.progress.next_trains
+        act = student.act if trains else partial(self._trials.act, student)
         seed = int(self._episode_seeds.integers(2**31))
         initial, _ = environment.reset(seed=seed, options={"task": self._world_task(task)})
-        recorder = Recorder(initial) if self.progress.record_next else None
+        recorder = Recorder(initial, student.gamma) if self.progress.record_next else None
         observation = initial
         episodic_return, discounted_return, discount, length = 0.0, 0.0, 1.0, 0
         while self.progress.step < self.spec.schedule.steps:
-            action = student.act(observation)
+            action = act(observation)
             next_observation, reward, terminated, truncated, _ = environment.step(action)
             reward = float(reward)
             step = Transition(observation, action, reward, next_observation, terminated, truncated)
             if recorder is not None:
                 recorder.add(step)
-            student.observe(step)
+            if trains:
+                student.observe(step)
             observation = next_observation
             episodic_return += reward
             discounted_return += discount * reward
@@ -164,19 +155,19 @@ class Run:
             self.progress.step += 1
             episode = None
             if terminated or truncated:
-                success = episodic_return > self.spec.mastery_threshold
+                success, now = episodic_return > self.spec.mastery_threshold, self.progress.step
                 episode = Episode(
-                    task, episodic_return, success, length, initial, discounted_return, self.progress.step
+                    task, episodic_return, success, length, initial, discounted_return, now, trains
                 )
                 self._end(episode, recorder)
-            if self.progress.step >= self._next_event:
-                self._events(self.progress.step)
+            self._catch_up()
             if episode is not None:
                 return episode
         return None
 
     def _end(self, episode: Episode, recorder: Recorder | None) -> None:
-        self.progress.window.append((episode.episodic_return, episode.length, episode.success))
+        if episode.trains:
+            self.progress.window.append((episode.episodic_return, episode.length, episode.success))
         row = {
             "step": episode.step,
             "episode": self.progress.episodes,
@@ -185,6 +176,7 @@ class Run:
             "episodic_return": episode.episodic_return,
             "length": episode.length,
             "success": episode.success,
+            "trains": episode.trains,
         }
         self.writer.add(Table.EPISODES, [row])
         self.progress.episodes += 1
@@ -197,22 +189,42 @@ class Run:
     def _receive(self, reply: Reply, recorder: Recorder | None = None) -> None:
         self._log(reply.updates)
         while reply.query is not None:
-            reply = self.teacher.answer(self._answer(reply.query, recorder))
+            answer = self._answer(reply.query, recorder)
+            if answer is None:
+                return
+            reply = self.teacher.answer(answer)
             self._log(reply.updates)
         assert reply.task is not None, "a reply without a query holds a task"
         self.progress.next_task = reply.task
         self.progress.record_next = reply.wants_trajectory
+        self.progress.next_trains = reply.trains
 
-    def _answer(self, query: Query, recorder: Recorder | None) -> Answer:
+    def _answer(self, query: Query, recorder: Recorder | None) -> Answer | None:
+        """Returns the answer to `query`; None if an evaluation took what was left of the budget."""
         if query.kind is QueryKind.STATE_VALUES:
             assert query.observations is not None, "a query for values holds observations"
             return self.student.state_values(query.observations)
+        if query.kind is QueryKind.EVALUATION:
+            return self._evaluate(query)
         if recorder is None:
             raise ValueError(
                 f"teacher {self.spec.teacher!r} asked for a trajectory that was not recorded: "
                 f"declare wants_trajectory = True in its class"
             )
         return recorder.trajectory()
+
+    def _evaluate(self, query: Query) -> Outcomes | None:
+        assert query.tasks is not None, "a query for an evaluation holds tasks"
+        left = self.spec.schedule.steps - self.progress.step
+        tasks = np.stack([self._world_task(task) for task in query.tasks])
+        outcomes = self._trials.evaluate(self.student, tasks, query.greedy, left)
+        self.progress.step += left if outcomes is None else int(outcomes.lengths.sum())
+        return outcomes
+
+    def _catch_up(self) -> None:
+        """Does what became due up to the present step."""
+        while self._next_event <= self.progress.step:
+            self._events(self._next_event)
 
     def _events(self, step: int) -> None:
         """Does what is due at `step`: evaluation, probe, training statistics, then a reset."""
@@ -226,23 +238,25 @@ class Run:
             rows = [{"step": step, "sample": index, "task": task} for index, task in enumerate(probe)]
             self.writer.add(Table.CURRICULUM, rows)
         if step and step % schedule.training_window == 0:
-            self._record_window()
+            self._record_window(step)
         if step in self.spec.resets:
             self.student.reset()
         self._next_event = self._event_after(step)
 
     def _event_after(self, step: int) -> int:
+        """Returns the first step after `step` at which something is due."""
         schedule = self.spec.schedule
         intervals = (schedule.evaluation_interval, schedule.probe_interval, schedule.training_window)
         regular = (step - step % interval + interval for interval in intervals)
-        return min(schedule.steps, *regular, *(reset for reset in self.spec.resets if reset > step))
+        end = max(schedule.steps, step + 1)
+        return min(end, *regular, *(reset for reset in self.spec.resets if reset > step))
 
-    def _record_window(self) -> None:
+    def _record_window(self, step: int) -> None:
         if not self.progress.window:
             return
         episodic_returns, lengths, successes = np.array(self.progress.window, dtype=float).T
         row = {
-            "step": self.progress.step,
+            "step": step,
             "episodes": len(episodic_returns),
             "mean_return": float(episodic_returns.mean()),
             "std_return": float(episodic_returns.std()),

@@ -18,11 +18,12 @@ class Streams:
     teacher: np.random.SeedSequence
     environment: np.random.SeedSequence
     student: np.random.SeedSequence
+    trials: np.random.SeedSequence
 
     @classmethod
     def of(cls, spec: RunSpec) -> Streams:
         """Returns the streams of a run, from the hash of its effective spec and its seed."""
-        return cls(*np.random.SeedSequence([spec.entropy, spec.seed]).spawn(3))
+        return cls(*np.random.SeedSequence([spec.entropy, spec.seed]).spawn(4))
 
 
 def placement_generator(spec: RunSpec) -> np.random.Generator:

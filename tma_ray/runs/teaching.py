@@ -13,7 +13,7 @@ from tma_ray.runs.inputs import arguments
 from tma_ray.runs.plugins import import_plugins
 from tma_ray.runs.spec import RunSpec
 from tma_ray.runs.streams import Streams, landscape_of, placement_generator
-from tma_ray.tasks import Answer, Episode, Query, Task, TeacherUpdate, expert_knowledge
+from tma_ray.tasks import Answer, Episode, Query, QueryKind, Task, TeacherUpdate, expert_knowledge
 from tma_ray.teachers import make_teacher
 
 
@@ -26,12 +26,14 @@ class Reply:
         query: what the teacher wants to know first.
         updates: what it logged since its last reply.
         wants_trajectory: whether the run shall record the next episode.
+        trains: whether the student learns from it.
     """
 
     task: Task | None
     query: Query | None
     updates: tuple[TeacherUpdate, ...]
     wants_trajectory: bool
+    trains: bool = True
 
 
 class TeacherLink(Protocol):
@@ -105,12 +107,24 @@ class InlineTeacher:
         self._teacher.load_state(pickle.loads(state))
 
     def _reply(self, query: Query | None) -> Reply:
-        task = None
+        task, trains = None, True
         if query is None:
-            task = self._teacher.sample()
+            proposal = self._teacher.propose()
+            task, trains = proposal.task, proposal.trains
             self._check(task, (self._space.size,))
+        elif query.kind is QueryKind.EVALUATION:
+            self._check_evaluation(query)
         updates = tuple(self._teacher.drain_updates())
-        return Reply(task, query, updates, self._teacher.wants_trajectory)
+        return Reply(task, query, updates, self._teacher.wants_trajectory, trains)
+
+    def _check_evaluation(self, query: Query) -> None:
+        if not self._teacher.wants_evaluations:
+            raise ValueError(
+                f"teacher {self._name!r} asked for an evaluation: declare wants_evaluations = True in its "
+                f"class"
+            )
+        assert query.tasks is not None, "a query for an evaluation holds tasks"
+        self._check(query.tasks, (max(len(query.tasks), 1), self._space.size))
 
     def _check(self, tasks: Any, shape: tuple[int, ...]) -> None:
         if not isinstance(tasks, np.ndarray) or tasks.shape != shape or tasks.dtype != np.float32:

@@ -74,6 +74,19 @@ class Student(ABC):
     def act_greedily(self, observations: Observations) -> Actions:
         """Returns the policy's deterministic actions (n, a) for `observations` (n, o); changes no state."""
 
+    def sample_actions(
+        self,
+        observations: Observations,
+        rng: np.random.Generator,
+    ) -> Actions:
+        """Returns actions (n, a) of the exploring policy for `observations` (n, o); changes no state.
+
+        They have the distribution of what `act` returns, but their noise is drawn from `rng`, and nothing is
+        counted. A student that defines this can play episodes from which it does not learn, for teachers that
+        declare `wants_evaluations`.
+        """
+        raise NotImplementedError(f"student {type(self).__name__} does not define sample_actions")
+
     @abstractmethod
     def state_values(self, observations: Observations) -> NDArray[np.float64]:
         """Returns V(s) (n,) of `observations` (n, o) under the exploring policy.

@@ -35,7 +35,7 @@ class GreedyNetwork:
 
     def __init__(self, parameters: torch.Tensor, layout: Layout, action_size: int) -> None:
         self._parameters = parameters.detach()
-        self._action_size = action_size
+        self._layout, self._action_size = layout, action_size
         *hidden, (weight, bias) = split(self._parameters, layout)
         self._layers = [*hidden, (weight[:action_size], bias[:action_size])]
         self.row = RowNetwork(layout)
@@ -53,6 +53,16 @@ class GreedyNetwork:
         outputs = forward(self._layers, as_batch(observations, self._parameters.device))
         means: Actions = (outputs.tanh_() if squash else outputs).numpy(force=True)
         return means
+
+    def outputs(self, observations: Observations) -> NDArray[np.float32]:
+        """Returns all outputs (n, h) for `observations` (n, o), not only the means."""
+        if len(observations) == 1:
+            return self.row(observations[0])[None]
+        layers = split(self._parameters, self._layout)
+        values: NDArray[np.float32] = forward(layers, as_batch(observations, self._parameters.device)).numpy(
+            force=True
+        )
+        return values
 
     def tensors(self) -> dict[str, NDArray[Any]]:
         """Returns weight (outputs, inputs) and bias (outputs,) of every layer, fit for `write_policy`."""

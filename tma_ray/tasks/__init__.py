@@ -2,16 +2,14 @@
 
 from tma_ray.tasks.episode import (
     MASTERY_RETURN,
-    Answer,
     Episode,
-    Query,
-    QueryKind,
+    Proposal,
     ScoredBox,
     TeacherUpdate,
-    Trajectory,
     WeightedGaussian,
 )
 from tma_ray.tasks.knowledge import ExpertKnowledge, Gaussian, KnowledgeLevel, expert_knowledge
+from tma_ray.tasks.queries import Answer, Outcomes, Query, QueryKind, Trajectory
 from tma_ray.tasks.shuffled_space import ShuffledSpace
 from tma_ray.tasks.space import Dimension, Task, TaskSpace, check_task
 from tma_ray.tasks.test_set import TestSet
@@ -24,6 +22,8 @@ __all__ = [
     "ExpertKnowledge",
     "Gaussian",
     "KnowledgeLevel",
+    "Outcomes",
+    "Proposal",
     "Query",
     "QueryKind",
     "ScoredBox",

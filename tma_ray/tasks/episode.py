@@ -1,10 +1,8 @@
-"""The messages to a teacher: episodes, and the answers to its queries."""
+"""The messages between a run and its teacher: proposals, episodes and logged updates."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from enum import StrEnum
-from typing import TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,6 +11,20 @@ from tma_ray.tasks.space import Task
 
 MASTERY_RETURN = 230.0
 """A task is mastered by an episodic return strictly over this (paper, section 4 and appendix C)."""
+
+
+@dataclass(frozen=True, eq=False)
+class Proposal:
+    """A task for the next episode.
+
+    Attributes:
+        task: float32 (d,), inside the task space.
+        trains: whether the student learns from the episode. If not, it plays its exploring policy and does
+            not change: nothing is stored, counted or updated. The steps count to the budget all the same.
+    """
+
+    task: Task
+    trains: bool = True
 
 
 @dataclass(frozen=True)
@@ -27,6 +39,7 @@ class Episode:
         initial_observation: the observation that `reset` gave, float32 (o,).
         discounted_return: sum of rewards discounted by the student's gamma.
         step: environment steps of the run so far, this episode included.
+        trains: whether the student learned from it, as the `Proposal` said.
     """
 
     task: Task
@@ -36,58 +49,7 @@ class Episode:
     initial_observation: NDArray[np.float32]
     discounted_return: float
     step: int
-
-
-@dataclass(frozen=True, eq=False)
-class Trajectory:
-    """All steps of one episode, t of them.
-
-    Attributes:
-        observations: float32 (t + 1, o), raw, from the initial one to the one after the last step.
-        actions: float32 (t, a), as the student chose them.
-        rewards: float64 (t,), the environment's own.
-        terminated: whether the episode ended by itself; else it was cut, and the value of the last
-            observation still counts.
-    """
-
-    observations: NDArray[np.float32]
-    actions: NDArray[np.float32]
-    rewards: NDArray[np.float64]
-    terminated: bool
-
-
-class QueryKind(StrEnum):
-    """Kinds of queries that a teacher may make between `observe` and the next `sample`."""
-
-    STATE_VALUES = "state_values"
-    """V(s) of observations under the current student: float64 (n,)."""
-
-    TRAJECTORY = "trajectory"
-    """The `Trajectory` of the episode just observed; for teachers that declare `wants_trajectory`."""
-
-
-@dataclass(frozen=True)
-class Query:
-    """A question from a teacher.
-
-    Attributes:
-        kind: what is asked.
-        observations: float32 (n, o), raw as the environment gave them, for `STATE_VALUES` only.
-    """
-
-    kind: QueryKind
-    observations: NDArray[np.float32] | None = None
-
-    def __post_init__(self) -> None:
-        if (self.observations is not None) != (self.kind is QueryKind.STATE_VALUES):
-            raise ValueError(
-                f"a query for {self.kind.value} "
-                + ("takes no observations" if self.observations is not None else "needs observations (n, o)")
-            )
-
-
-Answer: TypeAlias = NDArray[np.float64] | Trajectory
-"""What a query is answered with, depending on its kind."""
+    trains: bool = True
 
 
 @dataclass(frozen=True)

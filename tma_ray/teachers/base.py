@@ -10,7 +10,16 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from tma_ray.tasks import Episode, ExpertKnowledge, KnowledgeLevel, Query, Task, TaskSpace, TeacherUpdate
+from tma_ray.tasks import (
+    Episode,
+    ExpertKnowledge,
+    KnowledgeLevel,
+    Proposal,
+    Query,
+    Task,
+    TaskSpace,
+    TeacherUpdate,
+)
 
 
 @dataclass
@@ -31,6 +40,8 @@ class Teacher(ABC):
             the next lower one that is, so that such runs are shared instead of repeated.
         presets: hyper-parameters that belong together, by the name that ``preset=`` chooses them with.
         wants_trajectory: whether it may ask for trajectories; for others the run does not record them.
+        wants_evaluations: whether it may propose episodes from which the student does not learn, or ask for
+            evaluations of tasks; it runs only with students that can play without learning.
         space: the box to choose tasks from.
         knowledge: what the expert tells.
         rng: the only source of randomness.
@@ -40,6 +51,7 @@ class Teacher(ABC):
     knowledge_levels: ClassVar[tuple[KnowledgeLevel, ...]] = (KnowledgeLevel.NONE,)
     presets: ClassVar[Mapping[str, Mapping[str, Any]]] = {}
     wants_trajectory: ClassVar[bool] = False
+    wants_evaluations: ClassVar[bool] = False
 
     space: TaskSpace = field(init=False, repr=False)
     knowledge: ExpertKnowledge = field(init=False, repr=False)
@@ -51,8 +63,23 @@ class Teacher(ABC):
         self._updates: list[TeacherUpdate] = []
 
     @abstractmethod
-    def sample(self) -> Task:
-        """Returns the next task, float32 (d,) inside the space."""
+    def sample(self) -> Task | Proposal:
+        """Returns the next task, float32 (d,) inside the space; as a `Proposal`, if it is not to train."""
+
+    def propose(self) -> Proposal:
+        """Returns what `sample` gives, as a proposal; whoever drives a teacher calls this method.
+
+        Raises:
+            ValueError: an episode without learning from a teacher that does not declare `wants_evaluations`.
+        """
+        sampled = self.sample()
+        proposal = sampled if isinstance(sampled, Proposal) else Proposal(sampled)
+        if not proposal.trains and not self.wants_evaluations:
+            raise ValueError(
+                f"{type(self).__name__} proposed an episode from which the student does not learn: declare "
+                f"wants_evaluations = True in its class"
+            )
+        return proposal
 
     def observe(self, episode: Episode) -> Query | None:  # noqa: B027 - hearing nothing is a fair default
         """Learns from a finished episode; returns a query if it needs more to do so."""
@@ -71,7 +98,7 @@ class Teacher(ABC):
         """
         twin = copy.deepcopy(self)
         twin.rng = self.probe_rng()
-        return np.stack([twin.sample() for _ in range(count)])
+        return np.stack([twin.propose().task for _ in range(count)])
 
     def probe_rng(self) -> np.random.Generator:
         """Returns a generator for probes, derived from the state of `rng` without changing it."""

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import StrEnum
-from functools import cached_property
+from functools import cached_property, partial
 from typing import Any
 
 import numpy as np
@@ -15,12 +15,14 @@ from tma_ray.tasks import (
     MASTERY_RETURN,
     Episode,
     KnowledgeLevel,
+    Outcomes,
     ShuffledSpace,
     Task,
     TaskSpace,
     expert_knowledge,
 )
 from tma_ray.teachers import Teacher
+from tma_ray.testing.checks import check_tasks
 from tma_ray.testing.conversation import report_episode
 
 STEPS = 1_000
@@ -97,6 +99,14 @@ class Scenario:
             step=STEPS * (index + 1),
         )
 
+    def outcomes(self, tasks: Task, index: int, pupil: TrialStudent) -> Outcomes:
+        """Returns what a pupil makes of `tasks` (n, d) after its episode number `index`."""
+        episodes = [self.episode(task, index, pupil) for task in tasks]
+        episodic_returns = np.array([each.episodic_return for each in episodes])
+        return Outcomes(
+            episodic_returns, episodic_returns > MASTERY_RETURN, np.full(len(tasks), STEPS, dtype=np.int64)
+        )
+
     def _difficulty(self, task: Task) -> float:
         """About uniform in [0, 1] for uniform tasks, in any number of dimensions."""
         free = self.space.width > 0
@@ -121,10 +131,17 @@ def play(
     """Returns the tasks of the episodes numbered from `first` up to but not including `last`."""
     tasks = []
     for index in range(first, last):
-        task = teacher.sample()
-        tasks.append(task)
-        report_episode(teacher, scenario.episode(task, index, pupil), _state_values)
+        proposal = teacher.propose()
+        tasks.append(proposal.task)
+        episode = replace(scenario.episode(proposal.task, index, pupil), trains=proposal.trains)
+        report_episode(teacher, episode, _state_values, partial(_evaluate, scenario, index, pupil))
     return tasks
+
+
+def _evaluate(scenario: Scenario, index: int, pupil: TrialStudent, tasks: Task, _greedy: bool) -> Outcomes:
+    """Returns the outcomes of `tasks` (n, d), having refused any outside the space."""
+    check_tasks(tasks, scenario.space, "the query for an evaluation")
+    return scenario.outcomes(tasks, index, pupil)
 
 
 def _state_values(observations: NDArray[np.float32]) -> NDArray[np.float64]:

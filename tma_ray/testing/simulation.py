@@ -14,6 +14,7 @@ from tma_ray.tasks import (
     MASTERY_RETURN,
     Episode,
     KnowledgeLevel,
+    Outcomes,
     ShuffledSpace,
     Task,
     check_task,
@@ -63,6 +64,9 @@ class SimulatedRun:
 class Simulation:
     """A teacher, a student, and the world between them.
 
+    Attributes:
+        episodes: played so far, those of evaluations for the teacher among them.
+
     Seeds are spawned in a fixed order: a shuffled space and the randomly placed initial Gaussian depend
     on the seed alone, so that all teachers meet the same, and the same student.
 
@@ -100,10 +104,11 @@ class Simulation:
 
     def advance(self) -> Episode:
         """Plays one episode, tells the teacher, and returns it."""
-        task = check_task(self.teacher.sample(), self.teacher.space)
-        world: Task = task if self.landscape is None else self.landscape.to_world(task)
+        proposal = self.teacher.propose()
+        task = check_task(proposal.task, self.teacher.space)
+        world = self._world(task)
         observation = self.student.initial_observations(world)
-        episodic_return = self.student.play(world)
+        episodic_return = self.student.play(world, proposal.trains)
         self.episodes += 1
         episode = Episode(
             task=task,
@@ -113,10 +118,22 @@ class Simulation:
             initial_observation=observation,
             discounted_return=DISCOUNTED_SHARE * episodic_return,
             step=EPISODE_STEPS * self.episodes,
+            trains=proposal.trains,
         )
-        report_episode(self.teacher, episode, self.student.state_values)
+        report_episode(self.teacher, episode, self.student.state_values, self._outcomes)
         self.teacher.drain_updates()
         return episode
+
+    def _world(self, task: Task) -> Task:
+        return task if self.landscape is None else self.landscape.to_world(task)
+
+    def _outcomes(self, tasks: Task, _greedy: bool) -> Outcomes:
+        """Returns the outcomes of an evaluation, whose episodes count; both policies are one."""
+        checked = [check_task(task, self.teacher.space) for task in tasks]
+        played = np.array([self.student.play(self._world(task), trains=False) for task in checked])
+        self.episodes += len(played)
+        lengths = np.full(len(played), EPISODE_STEPS, dtype=np.int64)
+        return Outcomes(played, played > MASTERY_RETURN, lengths)
 
     def evaluate(self, tests: Task) -> tuple[float, ...]:
         """Returns the student's expected return on each of `tests` (n, d)."""
@@ -144,12 +161,13 @@ def simulate(
         raise ValueError(f"episodes = {episodes}: expected at least {POINTS}, one per evaluation")
     simulation = Simulation(challenge, teacher, level, seed, hyperparameters)
     tests = challenge.tests().tasks
-    resets = {round(share * episodes) for share in challenge.resets}
+    resets = sorted(round(share * episodes) for share in challenge.resets)
     returns: list[tuple[float, ...]] = []
     while simulation.episodes < episodes:
         simulation.advance()
-        if simulation.episodes >= episodes * (len(returns) + 1) / POINTS:
+        while len(returns) < POINTS and simulation.episodes >= episodes * (len(returns) + 1) / POINTS:
             returns.append(simulation.evaluate(tests))
-        if simulation.episodes in resets:
+        while resets and simulation.episodes >= resets[0]:
             simulation.student.reset()
+            del resets[0]
     return SimulatedRun(challenge.name, teacher, simulation.level, seed, tuple(returns))

@@ -31,6 +31,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from tma_ray.testing.conversation import DISCOUNT
+
 Array = NDArray[np.float64]
 
 SIMULATION_VERSION = 1
@@ -52,9 +54,6 @@ UNSTEADY_SPREAD = 0.4
 EPISODE_STEPS = 2_000
 """Environment steps of every simulated episode, the time limit of Stump Tracks: 10,000 episodes are the
 paper's 20 million steps, and teachers that count steps update as often as they would there."""
-
-DISCOUNT = 0.99
-"""Gamma of the discounted return; rewards come evenly over an episode."""
 
 DISCOUNTED_SHARE = (1 - DISCOUNT**EPISODE_STEPS) / (1 - DISCOUNT) / EPISODE_STEPS
 """Discounted return of an episode that returns 1 in all: about 1/20."""
@@ -135,8 +134,11 @@ class SimulatedStudent:
         """Forgets everything: an untrained student again."""
         self._competence = np.zeros_like(self._pace)
 
-    def play(self, task: ArrayLike) -> float:
-        """Plays one episode of `task` (d,), learns from it, and returns its episodic return."""
+    def play(self, task: ArrayLike, trains: bool = True) -> float:
+        """Plays one episode of `task` (d,), learns from it if it `trains`, and returns its episodic return.
+
+        Without learning nothing is forgotten either.
+        """
         demands = self.initial_observations(task).astype(np.float64)
         competence = 0.0
         if self._feasible(demands):
@@ -145,8 +147,10 @@ class SimulatedStudent:
             competence, readiness = self._read(kernels)
             if np.all(before <= 0):
                 readiness = 1.0
-            self._learn(readiness, kernels[:, 0])
-        self._competence *= 1 - self.aptitude.forgetting
+            if trains:
+                self._learn(readiness, kernels[:, 0])
+        if trains:
+            self._competence *= 1 - self.aptitude.forgetting
         spread = STEADY_SPREAD + UNSTEADY_SPREAD * competence * (1 - competence)
         return WORST_RETURN + RETURN_RANGE * (competence + spread * float(self._rng.standard_normal()))
 

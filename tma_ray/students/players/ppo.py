@@ -12,7 +12,7 @@ from tma_ray.students.hyperparameters import PPOHyperparameters
 from tma_ray.students.normaliser import Normaliser
 from tma_ray.students.players.base import Player
 from tma_ray.students.players.link import Weights
-from tma_ray.students.ppo.acting import exploring_step
+from tma_ray.students.ppo.acting import exploring_step, sampled_actions
 from tma_ray.students.rollout import Rollout
 
 
@@ -59,6 +59,10 @@ class PPOPlayer(Player):
         means = self._network(self.normaliser.normalise(observations))[:, :-1]
         clipped: Actions = np.minimum(np.maximum(means, self._low), self._high)
         return clipped
+
+    def sample_actions(self, observations: Observations, rng: np.random.Generator) -> Actions:  # noqa: D102
+        means = self._network(self.normaliser.normalise(observations))[:, :-1]
+        return sampled_actions(means, self._policy, rng)
 
     def state_values(self, observations: Observations) -> NDArray[np.float64]:
         """Returns V(s) (n,) of `observations` (n, o), rescaled from normalised to raw rewards."""

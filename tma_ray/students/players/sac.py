@@ -11,7 +11,14 @@ from tma_ray.students.base import Actions, Observations, Transition
 from tma_ray.students.hyperparameters import LogStd, SACHyperparameters
 from tma_ray.students.players.base import Player
 from tma_ray.students.players.link import Weights
-from tma_ray.students.sac.acting import LOG_STD_RANGE, between, squashed_action, updates_due
+from tma_ray.students.sac.acting import (
+    LOG_STD_RANGE,
+    between,
+    sampled_actions,
+    squashed_action,
+    uniform_actions,
+    updates_due,
+)
 
 
 class SACPlayer(Player):
@@ -59,6 +66,13 @@ class SACPlayer(Player):
     def act_greedily(self, observations: Observations) -> Actions:  # noqa: D102
         means = self._network(observations)[:, : self._low.size]
         return between(self._low, self._high, np.tanh(means))
+
+    def sample_actions(self, observations: Observations, rng: np.random.Generator) -> Actions:  # noqa: D102
+        bounds = self._low, self._high
+        if self._steps < self.hyperparameters.exploration_steps:
+            return uniform_actions(bounds, rng, len(observations))
+        clamp = self.hyperparameters.log_std is LogStd.CLAMP
+        return sampled_actions(self._network(observations), bounds, rng, clamp)
 
     def state_values(self, observations: Observations) -> NDArray[np.float64]:
         """Returns V(s) (n,) of `observations` (n, o), entropy bonus included."""

@@ -51,6 +51,16 @@ def exploring_step(
     return Step(*_act(network, policy, normaliser.statistics, observation, noise))
 
 
+def sampled_actions(
+    means: FloatArray, policy: tuple[FloatArray, FloatArray], rng: np.random.Generator
+) -> Actions:
+    """Returns actions (n, a) drawn around `means` (n, a) with noise of `rng`; `policy` as above."""
+    log_deviation, (low, high) = policy
+    sampled = means + np.exp(log_deviation) * rng.standard_normal(means.shape, dtype=np.float32)
+    actions: Actions = np.minimum(np.maximum(sampled, low), high)
+    return actions
+
+
 @kernel
 def _act(
     network: RowArrays,

@@ -25,7 +25,7 @@ from tma_ray.students.mlp.modules import FlatParameters, as_modules, blocks_of
 from tma_ray.students.mlp.network import as_batch
 from tma_ray.students.normaliser import MEAN_TENSOR, VARIANCE_TENSOR, Normaliser, scaled
 from tma_ray.students.policy_files import StoredPolicy, read_policy
-from tma_ray.students.ppo.acting import exploring_step
+from tma_ray.students.ppo.acting import exploring_step, sampled_actions
 from tma_ray.students.ppo.trunk import Trunk
 from tma_ray.students.ppo.update import PPOUpdate
 from tma_ray.students.rollout import Rollout
@@ -142,6 +142,10 @@ class PPO(StableBaselinesStudent[PPOHyperparameters, stable_baselines3.PPO]):
 
     def act_greedily(self, observations: Observations) -> Actions:  # noqa: D102
         return self._clip(self._greedy(self.normaliser.normalise(observations), squash=False))
+
+    def sample_actions(self, observations: Observations, rng: np.random.Generator) -> Actions:  # noqa: D102
+        means = self._greedy(self.normaliser.normalise(observations), squash=False)
+        return sampled_actions(means, self._policy, rng)
 
     def state_values(self, observations: Observations) -> NDArray[np.float64]:
         """Returns V(s) (n,) of `observations` (n, o), rescaled from normalised to raw rewards.

@@ -47,6 +47,30 @@ def squashed_action(
     return actions
 
 
+def sampled_actions(
+    outputs: FloatArray, bounds: tuple[Actions, Actions], rng: np.random.Generator, clamp: bool
+) -> Actions:
+    """Returns actions (n, a) drawn as `squashed_action` draws them, between `bounds`.
+
+    Args:
+        outputs: of the network for n observations (n, 2a).
+        bounds: lower and upper ones of the action space, (a,) each.
+        rng: draws the noise.
+        clamp: as for `squashed_action`.
+    """
+    low, high = (np.float32(bound) for bound in LOG_STD_RANGE)
+    means, spreads = np.split(outputs, 2, axis=1)
+    half = np.float32(0.5) * (high - low)
+    log_deviations = np.clip(spreads, low, high) if clamp else low + half * (np.tanh(spreads) + 1)
+    noise = rng.standard_normal(means.shape, dtype=np.float32)
+    return between(*bounds, np.tanh(means + np.exp(log_deviations) * noise))
+
+
+def uniform_actions(bounds: tuple[Actions, Actions], rng: np.random.Generator, count: int) -> Actions:
+    """Returns `count` uniform actions (count, a) between `bounds`, those of the initial exploration."""
+    return rng.uniform(*bounds, size=(count, len(bounds[0]))).astype(np.float32)
+
+
 def between(low: Actions, high: Actions, actions: Actions) -> Actions:
     """Returns `actions` mapped from [-1, 1] to [low, high]."""
     return low + np.float32(0.5) * (actions + 1) * (high - low)

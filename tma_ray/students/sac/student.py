@@ -25,7 +25,14 @@ from tma_ray.students.mlp.modules import FlatParameters, as_modules, blocks_of
 from tma_ray.students.mlp.network import as_batch
 from tma_ray.students.policy_files import read_policy
 from tma_ray.students.replay import ReplayBuffer
-from tma_ray.students.sac.acting import LOG_STD_RANGE, between, squashed_action, updates_due
+from tma_ray.students.sac.acting import (
+    LOG_STD_RANGE,
+    between,
+    sampled_actions,
+    squashed_action,
+    uniform_actions,
+    updates_due,
+)
 from tma_ray.students.sac.losses import joined, soft_values, squashed_draw
 from tma_ray.students.sac.policy import POLICIES
 from tma_ray.students.sac.update import SACUpdate
@@ -145,6 +152,13 @@ class SAC(StableBaselinesStudent[SACHyperparameters, stable_baselines3.SAC]):
 
     def act_greedily(self, observations: Observations) -> Actions:  # noqa: D102
         return self._unscale(self._greedy(observations, squash=True))
+
+    def sample_actions(self, observations: Observations, rng: np.random.Generator) -> Actions:  # noqa: D102
+        bounds = self._low, self._high
+        if self._steps < self.hyperparameters.exploration_steps:
+            return uniform_actions(bounds, rng, len(observations))
+        clamp = self.hyperparameters.log_std is LogStd.CLAMP
+        return sampled_actions(self._greedy.outputs(observations), bounds, rng, clamp)
 
     def state_values(self, observations: Observations) -> NDArray[np.float64]:
         """Returns V(s) (n,) of `observations` (n, o), entropy bonus included."""

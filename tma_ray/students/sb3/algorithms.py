@@ -92,6 +92,12 @@ class AlgorithmStudent(StableBaselinesStudent[Any, Any]):
         actions: Actions = self.model.predict(observations, deterministic=True)[0]
         return actions
 
+    def sample_actions(self, observations: Observations, rng: np.random.Generator) -> Actions:  # noqa: D102
+        with torch.random.fork_rng():
+            torch.manual_seed(int(rng.integers(2**62)))
+            actions: Actions = self.model.predict(observations, deterministic=False)[0]
+        return actions
+
     def _predict(self, observation: Observations) -> Actions:
         """Returns an action (a,) of the exploring policy, drawn from the student's own stream."""
         with self._torch_stream.active():
@@ -190,10 +196,22 @@ class OffPolicyStudent(AlgorithmStudent):
         if self._steps < hyper.learning_starts:
             return self._exploration.uniform(self._low, self._high).astype(np.float32)
         action = self._predict(observation)
-        if hyper.exploration_deviation:
-            noise = np.float32(hyper.exploration_deviation / 2) * (self._high - self._low) * self._noise()
-            action = np.clip(action + noise, self._low, self._high)
-        return action
+        return self._disturbed(action, self._noise()) if hyper.exploration_deviation else action
+
+    def sample_actions(self, observations: Observations, rng: np.random.Generator) -> Actions:  # noqa: D102
+        shape = len(observations), self._low.size
+        if self._steps < self.hyperparameters.learning_starts:
+            return rng.uniform(self._low, self._high, shape).astype(np.float32)
+        actions = super().sample_actions(observations, rng)
+        if not self.hyperparameters.exploration_deviation:
+            return actions
+        return self._disturbed(actions, rng.standard_normal(shape, dtype=np.float32))
+
+    def _disturbed(self, actions: Actions, noise: NDArray[np.float32]) -> Actions:
+        """Returns `actions` (..., a) with standard normal `noise` added, in the algorithm's measure."""
+        deviation = np.float32(self.hyperparameters.exploration_deviation / 2) * (self._high - self._low)
+        disturbed: Actions = np.clip(actions + deviation * noise, self._low, self._high)
+        return disturbed
 
     def observe(self, transition: Transition) -> None:  # noqa: D102
         scaled = 2 * ((transition.action - self._low) / (self._high - self._low)) - 1

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import math
+from collections.abc import Callable, Sequence
 from typing import Any, Protocol
 
 import gymnasium
@@ -10,12 +11,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tma_ray.envs import make_environment
-from tma_ray.envs.lock_step import lock_step
+from tma_ray.envs.lock_step import LockStep, lock_step
 from tma_ray.runs.inputs import arguments
 from tma_ray.runs.spec import RunSpec
 from tma_ray.runs.streams import evaluation_seeds
+from tma_ray.tasks import Task
 
 Environment = gymnasium.Env[Any, Any]
+
+Act = Callable[[NDArray[np.float32]], NDArray[np.float32]]
+"""Actions (n, a) for observations (n, o)."""
 
 
 class GreedyPolicy(Protocol):
@@ -23,6 +28,34 @@ class GreedyPolicy(Protocol):
 
     def act_greedily(self, observations: NDArray[np.float32]) -> NDArray[np.float32]:
         """Returns deterministic actions (n, a) for observations (n, o)."""
+
+
+def played_episodes(
+    worlds: LockStep, seeds: Sequence[int], tasks: Task, act: Act, most_steps: float = math.inf
+) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
+    """Plays one episode of each task, all at the same time.
+
+    Args:
+        worlds: of which the first n are played in.
+        seeds: of the n worlds.
+        tasks: of the worlds (n, d).
+        act: chooses the actions.
+        most_steps: after which playing stops, over all worlds.
+
+    Returns:
+        Episodic returns and lengths (n,) so far; episodes that `most_steps` cut are not over.
+    """
+    running = np.arange(len(tasks))
+    observations, _ = worlds.reset(running, seeds, tasks)
+    episodic_returns = np.zeros(len(running))
+    lengths = np.zeros(len(running), dtype=np.int64)
+    while len(running) and most_steps > 0:
+        outcome = worlds.step(running, act(observations))
+        episodic_returns[running] += outcome.rewards
+        lengths[running] += 1
+        most_steps -= len(running)
+        running, observations = running[~outcome.over], outcome.observations[~outcome.over]
+    return episodic_returns, lengths
 
 
 class Evaluation:
@@ -45,16 +78,9 @@ class Evaluation:
         Returns:
             Rows of the table of evaluations, without run and step.
         """
-        everyone = np.arange(len(self.test_set))
-        observations, _ = self._worlds.reset(everyone, self._seeds, self.test_set.tasks)
-        episodic_returns = np.zeros(len(observations))
-        lengths = np.zeros(len(observations), dtype=int)
-        running = everyone
-        while len(running):
-            outcome = self._worlds.step(running, policy.act_greedily(observations))
-            episodic_returns[running] += outcome.rewards
-            lengths[running] += 1
-            running, observations = running[~outcome.over], outcome.observations[~outcome.over]
+        episodic_returns, lengths = played_episodes(
+            self._worlds, self._seeds, self.test_set.tasks, policy.act_greedily
+        )
         outcomes = zip(episodic_returns, lengths, strict=True)
         return [self._row(index, *outcome) for index, outcome in enumerate(outcomes)]
 

@@ -14,9 +14,11 @@ class Recorder:
 
     Args:
         initial_observation: what `reset` gave (o,).
+        gamma: the student's discount factor.
     """
 
-    def __init__(self, initial_observation: NDArray[np.float32]) -> None:
+    def __init__(self, initial_observation: NDArray[np.float32], gamma: float) -> None:
+        self._gamma = gamma
         self._observations = [initial_observation.copy()]
         self._actions: list[NDArray[np.float32]] = []
         self._rewards: list[float] = []
@@ -36,4 +38,5 @@ class Recorder:
             actions=np.stack(self._actions).astype(np.float32, copy=False),
             rewards=np.array(self._rewards, dtype=np.float64),
             terminated=self._terminated,
+            gamma=self._gamma,
         )

@@ -1,0 +1,134 @@
+"""Episodes from which the student does not learn, and evaluations that a teacher asks for."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from corridor import Corridor
+from small_runs import rows, run, small_spec
+
+from tma_ray.results import RunWriter, Store, Table
+from tma_ray.runs import Cell, InlineTeacher, RunSpec, Schedule, effective_spec
+from tma_ray.runs.playing import trials
+from tma_ray.runs.playing.trials import Trials
+from tma_ray.runs.run import Run
+from tma_ray.students import STUDENTS, Student
+
+
+def student_files(run: Run, folder: Path) -> dict[str, bytes]:
+    """Returns all that a run saves of its student."""
+    folder.mkdir()
+    run.student.save(folder)
+    return {path.name: path.read_bytes() for path in folder.iterdir()}
+
+
+@pytest.fixture(scope="module")
+def finished(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A run whose teacher examines its student."""
+    folder = tmp_path_factory.mktemp("examined")
+    run(small_spec(folder, teacher="odd_teachers:Examining"), folder / "root")
+    return folder / "root"
+
+
+def test_all_steps_count_to_the_budget(finished: Path) -> None:
+    episodes, asked = rows(finished, Table.EPISODES), rows(finished, Table.TEACHER_LOG)
+    assert [row["trains"] for row in episodes] == [index % 2 == 0 for index in range(len(episodes))]
+    assert len(asked) > 3
+    for index, row in enumerate(episodes):
+        played = sum(each["length"] for each in episodes[: index + 1])
+        evaluated = sum(
+            dict(each["scalars"])["steps"] for each in asked if each["episode"] < row["episode"] + 1
+        )
+        assert row["step"] == played + evaluated
+    assert 3_000 - 5 * 30 <= asked[-1]["step"] <= 3_000
+
+
+def test_the_schedule_is_kept_where_an_evaluation_passes_over_it(finished: Path) -> None:
+    asked = [(row["step"], int(dict(row["scalars"])["steps"])) for row in rows(finished, Table.TEACHER_LOG)]
+    assert any((step - steps) // 500 < step // 500 for step, steps in asked), "some pass over a probe"
+    evaluations, curriculum = rows(finished, Table.EVALUATIONS), rows(finished, Table.CURRICULUM)
+    assert [row["step"] for row in evaluations[::3]] == [0, 1_000, 2_000, 3_000]
+    assert [row["step"] for row in curriculum[::10]] == list(range(0, 3_001, 500))
+    training = rows(finished, Table.TRAINING)
+    assert [row["step"] for row in training] == [1_000, 2_000, 3_000]
+    learned = [row for row in rows(finished, Table.EPISODES) if row["trains"]]
+    assert sum(row["episodes"] for row in training) == len(learned)
+
+
+@pytest.mark.parametrize("student", ["ppo", "sac"])
+def test_the_student_stays_as_it_was(tmp_path: Path, student: str) -> None:
+    spec = small_spec(tmp_path, student, teacher="odd_teachers:Watching", steps=300)
+    watched = Run(spec, InlineTeacher(spec), RunWriter(Store.open(tmp_path / "root"), spec.run_id, 0))
+    before = student_files(watched, tmp_path / "before")
+    returns = []
+    while not watched.finished:
+        episode = watched.advance()
+        returns += [] if episode is None else [episode.episodic_return]
+    assert len(set(returns)) == len(returns) > 5
+    assert student_files(watched, tmp_path / "after") == before
+    watched.close()
+
+
+def examined(tmp_path: Path, spec: RunSpec) -> tuple[Trials, Run]:
+    store = RunWriter(Store.open(tmp_path / "root"), spec.run_id, 0)
+    return Trials(spec, np.random.SeedSequence(5)), Run(spec, InlineTeacher(spec), store)
+
+
+def test_an_evaluation_is_one_episode_of_each_task(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(trials, "WORLDS", 3)
+    playing, whole = examined(tmp_path, small_spec(tmp_path))
+    tasks = Corridor.task_space.sample(np.random.default_rng(1), 7)
+    outcomes = playing.evaluate(whole.student, tasks, greedy=True, budget=1_000)
+    assert outcomes is not None
+    world, seeds = Corridor(), np.random.default_rng(np.random.SeedSequence(5)).integers(2**31, size=7)
+    for index, task in enumerate(tasks):
+        observation, _ = world.reset(seed=int(seeds[index]), options={"task": task})
+        total, length, over = 0.0, 0, False
+        while not over:
+            action = whole.student.act_greedily(observation[None])[0]
+            observation, reward, terminated, truncated, _ = world.step(action)
+            total, length, over = total + reward, length + 1, terminated or truncated
+        assert (length, total) == (outcomes.lengths[index], pytest.approx(outcomes.episodic_returns[index]))
+    for budget, ended in ((1, True), (outcomes.lengths.sum(), True), (outcomes.lengths.sum() + 1, False)):
+        playing.state = np.random.default_rng(np.random.SeedSequence(5)).bit_generator.state
+        assert (playing.evaluate(whole.student, tasks, greedy=True, budget=int(budget)) is None) == ended
+    playing.close()
+
+
+def test_a_run_ends_where_an_evaluation_takes_what_is_left(tmp_path: Path) -> None:
+    spec = small_spec(tmp_path, teacher="odd_teachers:Examining", steps=3_000)
+    asked = Run(spec, InlineTeacher(spec), RunWriter(Store.open(tmp_path / "root"), spec.run_id, 0))
+    while asked.progress.episodes < 5:
+        asked.advance()
+    asked.progress.step = 2_990  # the next evaluation takes more than ten steps
+    asked._next_event = 3_000
+    while not asked.finished:
+        asked.advance()
+    assert asked.progress.step == 3_000
+    assert asked.progress.evaluations == 2
+    asked.close()
+
+
+@pytest.mark.parametrize(("teacher", "said"), [("Covert", "does not learn"), ("Prying", "for an evaluation")])
+def test_it_must_be_announced(tmp_path: Path, teacher: str, said: str) -> None:
+    spec = small_spec(tmp_path, teacher=f"odd_teachers:{teacher}")
+    with pytest.raises(ValueError, match=f"{said}: declare wants_evaluations = True"):
+        run(spec, tmp_path / "root")
+
+
+def test_students_that_cannot_are_refused_beforehand(monkeypatch: pytest.MonkeyPatch) -> None:
+    class Simple(STUDENTS.get("ppo")):  # type: ignore[misc]
+        """Cannot play without learning."""
+
+        algorithm_version = None
+        sample_actions = Student.sample_actions
+
+    monkeypatch.setattr(STUDENTS, "_decorated", {})
+    monkeypatch.setattr(STUDENTS, "_origins", {})
+    STUDENTS.register("simple")(Simple)
+    cell: dict[str, Any] = {"environment": "corridor:Corridor", "embodiment": "", "student": "simple"}
+    with pytest.raises(ValueError, match="student 'simple' does not define sample_actions"):
+        effective_spec(Cell(teacher="odd_teachers:Watching", **cell), 0, Schedule())
