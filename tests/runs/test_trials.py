@@ -43,7 +43,7 @@ def test_all_steps_count_to_the_budget(finished: Path) -> None:
             dict(each["scalars"])["steps"] for each in asked if each["episode"] < row["episode"] + 1
         )
         assert row["step"] == played + evaluated
-    assert 3_000 - 5 * 30 <= asked[-1]["step"] <= 3_000
+    assert max(row["step"] for row in asked + episodes) <= 3_000
 
 
 def test_the_schedule_is_kept_where_an_evaluation_passes_over_it(finished: Path) -> None:

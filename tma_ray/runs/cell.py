@@ -28,7 +28,14 @@ from tma_ray.runs.spec import RunSpec, Schedule
 from tma_ray.students import STUDENTS, Student, canonical_student, check_hyperparameters
 from tma_ray.students.hyperparameters import as_plain_values
 from tma_ray.tasks import KnowledgeLevel, TaskSpace, TestSet
-from tma_ray.teachers import TEACHERS, canonical_teacher, effective_level, hyperparameters_of, make_teacher
+from tma_ray.teachers import (
+    TEACHERS,
+    Teacher,
+    canonical_teacher,
+    effective_level,
+    hyperparameters_of,
+    make_teacher,
+)
 
 OWN_CHALLENGE = "original"
 """What the task space that an environment declares itself is called."""
@@ -111,9 +118,7 @@ def effective_spec(cell: Cell, seed: int, schedule: Schedule, *, independent_lev
     check_kind("cell", cell, Cell, "a Cell(teacher=...)")
     level = effective_level(TEACHERS.get(cell.teacher), cell.teacher, cell.expert_knowledge)
     teacher = make_teacher(cell.teacher, cell.teacher_hyperparameters)
-    student = check_hyperparameters(cell.student, cell.student_hyperparameters)
-    if teacher.wants_evaluations:
-        _check_plays_without_learning(cell)
+    student = _checked_student(cell, teacher)
     environment, options = environment_settings(cell.environment, cell.environment_options)
     body = {"embodiment": cell.embodiment} if cell.embodiment else {}
     setting = _setting(cell, options | body)
@@ -147,15 +152,18 @@ def effective_spec(cell: Cell, seed: int, schedule: Schedule, *, independent_lev
     )
 
 
-def _check_plays_without_learning(cell: Cell) -> None:
-    if STUDENTS.origin(base_name(cell.student)) is None:
-        return  # all that ship do
+def _checked_student(cell: Cell, teacher: Teacher) -> Any:
+    """Returns the student's hyper-parameters; refuses one that cannot play without learning if it has to."""
+    hyperparameters = check_hyperparameters(cell.student, cell.student_hyperparameters)
+    if not teacher.wants_evaluations or STUDENTS.origin(base_name(cell.student)) is None:
+        return hyperparameters  # all that ship can
     if getattr(STUDENTS.get(cell.student), "sample_actions", None) in (None, Student.sample_actions):
         raise ValueError(
             f"teacher {cell.teacher!r} has episodes played from which the student does not learn, and "
             f"student {cell.student!r} does not define sample_actions, which chooses the actions there: "
             f"define it, or choose another teacher"
         )
+    return hyperparameters
 
 
 def _check_easy_task(environment: str, setting: _Setting) -> None:

@@ -58,8 +58,8 @@ class QueryKind(StrEnum):
 
     EVALUATION = "evaluation"
     """The `Outcomes` of one episode of each task, from which the student does not learn; for teachers that
-    declare `wants_evaluations`. Their steps count to the budget of the run, which may end in an evaluation:
-    then there is no answer."""
+    declare `wants_evaluations`. Their steps count to the budget of the run, which may end in an
+    evaluation: then it is not answered."""
 
 
 @dataclass(frozen=True)
