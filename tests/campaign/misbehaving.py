@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import os
 import signal
+import sys
 import time
 from dataclasses import dataclass
 from pathlib import Path
@@ -63,3 +64,12 @@ class Lingering(RIAC):
         if self.episodes_ > self.hurried and not Path(self.folder, "stopped").exists():
             time.sleep(0.5)
         super().observe(episode)
+
+
+@dataclass
+class Torchless(Random):
+    """Refuses to teach in a process that has torch, where it is taught in the process of its run."""
+
+    def observe(self, episode: Episode) -> None:
+        if "torch" in sys.modules:
+            raise ImportError("torch is in the process of a player")

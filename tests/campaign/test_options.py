@@ -135,7 +135,6 @@ def test_a_device_and_a_share_of_a_gpu_belong_together() -> None:
         assert Settings(resources, device).placement.device == device
     refused = [
         (Resources(gpus=0.5), "cpu", r"each run occupies 0\.5 GPUs: add '--device cuda'"),
-        (Resources(), "cuda", r"no GPU is reserved for a run: add '--gpus-per-run 0\.25'"),
         (Resources(gpus=1), "cuda:1", "Ray chooses the GPU"),
         (Resources(), "gpu", "expected one of cpu, cuda"),
     ]
@@ -151,7 +150,9 @@ def test_a_device_and_a_share_of_a_gpu_belong_together() -> None:
     ("flags", "message"),
     [
         (["--gpus-per-run", "0.5"], "add '--device cuda'"),
-        (["--device", "cuda"], "add '--gpus-per-run 0.25'"),
+        (["--device", "cuda", "--cohort", "off"], "add '--gpus-per-run 0.25'"),
+        (["--device", "cuda", "--gpus-per-run", "1", "--cohort", "4"], "leave out '--gpus-per-run'"),
+        (["--cohort", "0"], "expected a number of slots such as 48, or off"),
         (["--address", "http://127.0.0.1:8265"], "ray job submit"),
         (["--address", "ray://127.0.0.1:10001"], "its driver belongs on the cluster"),
         (["--address", "head"], "'host:port'"),

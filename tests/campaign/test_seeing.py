@@ -23,6 +23,7 @@ from tma_ray.campaign.settings import TeacherPlacement
 from tma_ray.results import (
     Committer,
     Heartbeat,
+    LearnerProgress,
     NotRunningError,
     Results,
     RunProgress,
@@ -90,8 +91,11 @@ def test_status_tells_speed_and_time_left_of_a_living_campaign(one_failed: Path)
     (failed,) = (m for m in Results(store).runs() if m.status is RunStatus.FAILED)
     Committer(store).start(failed.run)
     now = time.time()
-    Heartbeat("campaign 'short' on head-1", now - 5, {failed.run.run_id: RunProgress(100, 50.0)}).write(store)
+    learner = LearnerProgress("node-1", "cuda", 48, 40, 5_000.0, 0.7, 21.5, 79.2)
+    runs = {failed.run.run_id: RunProgress(100, 50.0)}
+    Heartbeat("campaign 'short' on head-1", now - 5, runs, learners=(learner,)).write(store)
     text = shown(one_failed)
+    assert "learner on node-1, cuda: 40 of 48 slots, 5,000 updates/s, busy 70%, 21.5 of 79.2 GiB" in text
     assert "Running: campaign 'short' on head-1; last heartbeat 5 s ago" in text
     assert f"50 steps/s, about {(SCHEDULE.steps - 100) // 50} s left" in text
     states = [state for runs in overview(one_failed, now).campaigns["short"].values() for state in runs]

@@ -2,7 +2,7 @@ import subprocess
 import sys
 from dataclasses import replace
 
-from tma_ray.results import Heartbeat, HeartbeatWriter, RunProgress, Store
+from tma_ray.results import Heartbeat, HeartbeatWriter, LearnerProgress, RunProgress, Store
 from tma_ray.results.holding.heartbeat import HEARTBEAT_SECONDS, SILENT_SECONDS
 from tma_ray.results.holding.process import Process
 from tma_ray.results.layout import HEARTBEAT_FILE
@@ -27,9 +27,11 @@ def test_a_campaign_beats_now_and_then_and_says_when_it_leaves(store: Store) -> 
     pulse.beat({})
     assert Heartbeat.load(store) == first
     clock.now += 1
-    pulse.beat({})
+    learner = LearnerProgress("node-1", "cuda", 48, 40, 5_000.0, 0.7, 21.5, 79.2)
+    pulse.beat({}, [learner])
     second = Heartbeat.load(store)
     assert second is not None
+    assert second.learners == (learner,)
     assert second.alive(clock.now)
     assert not second.alive(clock.now + SILENT_SECONDS)
     pulse.end()

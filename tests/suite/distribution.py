@@ -11,6 +11,7 @@ import pytest
 SERVICES: dict[str, tuple[str, ...]] = {
     "cluster": (
         "tests/campaign/test_campaign.py",
+        "tests/campaign/test_cohorts.py",
         "tests/campaign/test_storage_access.py",
         "tests/campaign/test_retries.py",
         "tests/campaign/test_seeing.py",

@@ -46,6 +46,19 @@ class Report:
     node: str
 
 
+def node_strategy(node: str, avoid: Sequence[str]) -> Any:
+    """Returns how Ray chooses the node of a run.
+
+    Args:
+        node: Ray's id of the only one that will do; empty: any.
+        avoid: nodes that are taken only if the others are full.
+    """
+    if node:
+        return NodeAffinitySchedulingStrategy(node, soft=False)
+    others: Any = NotIn
+    return NodeLabelSchedulingStrategy({}, soft={NODE_LABEL: others(*avoid)}) if avoid else "DEFAULT"
+
+
 class TeacherActor(InlineTeacher):
     """A teacher in a process of its own; it imports torch only if its algorithm does."""
 
@@ -110,21 +123,16 @@ class SeedActor:
         self._first_call = threading.Lock()
 
     @classmethod
-    def launch(cls, resources: Resources, avoid: Sequence[str], *arguments: Any) -> Any:
-        """Returns the handle of a new seed actor on the cluster, made with `arguments`.
-
-        Nodes to `avoid`, by Ray's ids, are taken only if the others are full.
-        """
+    def launch(cls, resources: Resources, strategy: Any, *arguments: Any) -> Any:
+        """Returns the handle of a new seed actor on a node of `node_strategy`, made with `arguments`."""
         remote: Any = ray.remote(cls)
-        others: Any = NotIn
-        elsewhere = NodeLabelSchedulingStrategy({}, soft={NODE_LABEL: others(*avoid)}) if avoid else "DEFAULT"
         return remote.options(
             num_cpus=resources.cpus,
             num_gpus=resources.gpus,
             memory=int(resources.memory_gib * GIB),
             max_restarts=0,
             max_concurrency=CONCURRENT_CALLS,
-            scheduling_strategy=elsewhere,
+            scheduling_strategy=strategy,
         ).remote(*arguments)
 
     def run(self) -> tuple[PartFile, ...] | None:

@@ -9,6 +9,8 @@ from tma_ray.campaign.cluster.connection import check_feasible, connect
 from tma_ray.campaign.cluster.head import Head
 from tma_ray.campaign.failures.stopping import StopSignals
 from tma_ray.campaign.monitor.progress import ProgressView, PublishedProgress, Snapshot, View
+from tma_ray.campaign.placing.kinds import kinds_of
+from tma_ray.campaign.placing.room import check_room
 from tma_ray.campaign.plan import CampaignSpec, Plan, lease_holder
 from tma_ray.campaign.preflight.installation import check_installation
 from tma_ray.campaign.preflight.storage_access import check_storage_access
@@ -66,13 +68,15 @@ def execute_plan(
         )
     store = Store.open(results)
     check_usable(store)
+    if settings.width:
+        kinds_of(plan.runs)
     if address is None:
         check_available(settings.device)
     connection = connect(address, plugin_sources(plan.runs))
     with closing(connection.head) as head:
         with leaving_without_head(head, plan.name):
             if not settings.autoscaling:
-                check_feasible(settings.resources)
+                check_feasible(settings.resources) if not settings.width else check_room(settings, plan.runs)
             if not connection.is_own:
                 check_installation()
             check_storage_access(store)

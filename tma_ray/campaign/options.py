@@ -12,15 +12,15 @@ from tma_ray.campaign.option_values import (
     names,
     parse_address,
     parse_assignment,
-    parse_device,
     parse_levels,
     parse_seeds,
     parse_space,
 )
+from tma_ray.campaign.placing.options import add_placing_options, placed
 from tma_ray.campaign.plan import CampaignSpec
-from tma_ray.campaign.settings import Resources, Settings, TeacherPlacement
+from tma_ray.campaign.settings import Settings
 from tma_ray.commands.places import root
-from tma_ray.commands.quantities import CORES, COUNT, GPUS, MEMORY, SECONDS
+from tma_ray.commands.quantities import COUNT, SECONDS
 from tma_ray.commands.texts import named
 from tma_ray.part_names import join_name
 from tma_ray.runs import Cell, Schedule
@@ -177,14 +177,7 @@ def add_execution_options(parser: argparse.ArgumentParser) -> argparse._Argument
         action="store_true",
         help="the cluster adds nodes: accept runs that fit none of today's",
     )
-    _add_resources(how)
-    how.add_argument(
-        "--teacher-placement",
-        type=TeacherPlacement,
-        choices=list(TeacherPlacement),
-        default=TeacherPlacement.ACTOR,
-        help="teachers in actors of their own, or in the processes of their runs",
-    )
+    add_placing_options(how)
     how.add_argument(
         "--checkpoint-seconds",
         type=SECONDS,
@@ -210,33 +203,6 @@ def add_execution_options(parser: argparse.ArgumentParser) -> argparse._Argument
     return how
 
 
-def _add_resources(group: argparse._ActionsContainer) -> None:
-    group.add_argument(
-        "--cpus-per-run", type=CORES, default=Resources.cpus, metavar="X", help="cores that a run occupies"
-    )
-    group.add_argument(
-        "--gpus-per-run",
-        type=GPUS,
-        default=Resources.gpus,
-        metavar="X",
-        help="GPUs that a run occupies: a share of one, as 0.25, or a whole number",
-    )
-    group.add_argument(
-        "--memory-per-run",
-        type=MEMORY,
-        default=Resources.memory_gib,
-        metavar="GIB",
-        help="memory that a run occupies",
-    )
-    add_device_option(group, Settings.device)
-
-
-def add_device_option(group: argparse._ActionsContainer, default: str) -> None:
-    """Adds the option that says on which device networks live."""
-    meaning = "where networks live, as cpu or cuda"
-    group.add_argument("--device", type=parse_device, default=default, metavar="DEVICE", help=meaning)
-
-
 def chosen_campaign(campaign: CampaignSpec, options: argparse.Namespace) -> CampaignSpec:
     """Returns `campaign` with what the flags replace: each combination of the values given."""
     return replace(
@@ -250,14 +216,12 @@ def chosen_campaign(campaign: CampaignSpec, options: argparse.Namespace) -> Camp
 
 def chosen_settings(options: argparse.Namespace) -> Settings:
     """Returns how the flags want a campaign executed."""
-    return Settings(
-        resources=Resources(options.cpus_per_run, options.gpus_per_run, options.memory_per_run),
-        device=options.device,
-        teachers=options.teacher_placement,
+    settings = Settings(
         checkpoint_seconds=options.checkpoint_seconds,
         outage_seconds=options.outage_seconds,
         autoscaling=options.autoscaling,
     )
+    return placed(options, settings)
 
 
 def chosen_address(options: argparse.Namespace) -> str | None:

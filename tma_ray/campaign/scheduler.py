@@ -12,29 +12,36 @@ from datetime import UTC, datetime
 from typing import Any
 
 import ray
-from ray.exceptions import ActorUnavailableError, RayActorError, RayTaskError
+from ray.exceptions import ActorUnavailableError, ActorUnschedulableError, RayActorError, RayTaskError
 
-from tma_ray.campaign.actors import Report, SeedActor
-from tma_ray.campaign.cluster.connection import capacity
+from tma_ray.campaign.actors import Report, SeedActor, node_strategy
 from tma_ray.campaign.cluster.errors import HeadLostError
 from tma_ray.campaign.cluster.head import Head
 from tma_ray.campaign.failures.outages import RetryingCommitter
 from tma_ray.campaign.failures.retries import Retries
 from tma_ray.campaign.failures.silence import Silence
 from tma_ray.campaign.monitor.progress import ActiveRun, Snapshot, View
+from tma_ray.campaign.placing.cohorts import Cohorts
+from tma_ray.campaign.placing.places import AnyNode, Place, Places
 from tma_ray.campaign.settings import Settings
 from tma_ray.results import (
     AttemptOutcome,
     AttemptRecord,
     Committer,
+    LearnerProgress,
     PartFile,
     StorageError,
 )
 from tma_ray.runs.checkpoints import Checkpoints
 from tma_ray.runs.spec import RunSpec
+from tma_ray.students.players import CohortFullError, LearnerLostError
 
 UNREACHABLE_PAUSE = 0.5
 """Before an actor is called again that did not answer, s."""
+
+LOSSES = RayActorError, ActorUnschedulableError, StorageError, LearnerLostError, CohortFullError
+"""Errors by which a run counts as lost: of its process or its teacher's, of a storage that took nothing for
+long, of the learner of its cohort."""
 
 COLOURS = re.compile(r"\x1b\[[0-9;]*m")
 """With which Ray paints the tracebacks of actors, also those that go into a file."""
@@ -56,9 +63,9 @@ class _Running:
 
 
 class Scheduler:
-    """Executes runs on the connected Ray cluster, with as many in flight as it holds and some more.
+    """Executes runs on the connected Ray cluster, alone or in cohorts, with as many in flight as it holds.
 
-    The more keep a demand in the queue that an autoscaler can see. Every run gets a fresh actor.
+    Every run gets a fresh actor.
     A run whose process dies is taken up again from its newest checkpoint by a new attempt; a run
     that raises is marked as failed, with its traceback, and the others go on.
 
@@ -86,6 +93,8 @@ class Scheduler:
         self._running: dict[Any, _Running] = {}
         self._retries = Retries(settings.most_losses)
         self._silence = Silence(settings.unreachable_seconds)
+        self._places: Places
+        self._learners: Sequence[LearnerProgress] = ()
         self._done = 0
         self._failed = 0
         self._stopped = 0
@@ -106,6 +115,9 @@ class Scheduler:
         done = self._committer.call(Committer.done, [spec.run_id for spec in specs])
         self._done = len(done)
         self._waiting.extend(spec for spec in specs if spec.run_id not in done)
+        self._places = AnyNode(self._settings, self._head)
+        if self._settings.width:
+            self._places = Cohorts(self._settings, self._head, specs)
         self._total, self._total_steps = len(specs), sum(spec.schedule.steps for spec in specs)
         try:
             while self._waiting or self._running or self._retries:
@@ -118,32 +130,30 @@ class Scheduler:
             for running in self._running.values():
                 self._record(running, AttemptOutcome.LOST)
             self._running.clear()
+            self._places = AnyNode(self._settings, self._head)
             raise
         finally:
             # Also on a second Ctrl-C or an error of ours: no actor outlives its campaign.
             for running in self._running.values():
                 ray.kill(running.actor)
+            self._places.close()
             self._view.close(self._snapshot())
         return self._snapshot()
 
     def _fill(self) -> None:
         self._waiting.extend(self._retries.due())
-        while (
-            self._waiting
-            and len(self._running)
-            < capacity(self._settings.resources, self._head.nodes()) + self._settings.queued
-        ):
-            self._start(self._waiting.popleft())
+        while (found := self._places.take(self._waiting)) is not None:
+            self._start(*found)
 
-    def _start(self, spec: RunSpec) -> None:
+    def _start(self, spec: RunSpec, place: Place) -> None:
         number = self._committer.call(Committer.start, spec.record())
         actor = SeedActor.launch(
-            self._settings.resources,
-            self._retries.nodes_to_avoid(spec.run_id),
+            self._settings.each,
+            node_strategy(place.node, self._retries.nodes_to_avoid(spec.run_id)),
             spec.to_dict(),
             self._committer.store,
             number,
-            self._settings.placement,
+            place.placement,
             self._settings.teachers,
         )
         result = actor.run.remote()
@@ -157,6 +167,7 @@ class Scheduler:
             time.sleep(seconds)
         self._committer.keep_lease()
         self._head.check()  # before anything is made of what has ended with it
+        self._learners = self._places.look(over=not (self._waiting or self._retries))
         for result in ended:
             self._handle_exit(self._running.pop(result))
         for running in self._running.values():
@@ -191,9 +202,7 @@ class Scheduler:
             if self._reconnect(running):
                 return
             self._handle_loss(running, error)
-        except RayActorError as error:  # also when it is the teacher's process that died
-            self._handle_loss(running, error)
-        except StorageError as error:  # its process could write nothing for long
+        except LOSSES as error:
             self._handle_loss(running, error)
         except RayTaskError as error:
             self._record(running, AttemptOutcome.FAILED)
@@ -211,6 +220,7 @@ class Scheduler:
                 Checkpoints(self._committer.store, running.spec.run_id, running.number).drop()
                 self._record(running, AttemptOutcome.DONE)
                 self._done += 1
+        self._places.leave(running.spec.run_id)
         ray.kill(running.actor)
 
     def _reconnect(self, running: _Running) -> bool:
@@ -226,7 +236,9 @@ class Scheduler:
         self._silence.end(running.spec.run_id)
         self._record(running, AttemptOutcome.LOST)
         run_id, node = running.spec.run_id, running.report.node if running.report else ""
-        if self._retries.add_loss(running.spec, node):
+        if self._places.excuses(run_id):
+            self._waiting.append(running.spec)
+        elif self._retries.add_loss(running.spec, node):
             logger.warning("run %s was lost and resumes from its checkpoint: %s", run_id, error)
         else:
             message = f"it was lost {self._retries.losses(run_id)} times, last: {error}"
@@ -239,6 +251,7 @@ class Scheduler:
             if running.report is None:  # it has not begun to train: there is nothing to save
                 self._record(running, AttemptOutcome.LOST)
                 self._waiting.append(self._running.pop(result).spec)
+                self._places.leave(running.spec.run_id)
                 ray.kill(running.actor)
             else:
                 running.actor.request_stop.remote()
@@ -279,4 +292,5 @@ class Scheduler:
             waiting_steps=waiting_steps,
             total_steps=self._total_steps,
             running=active,
+            learners=self._learners,
         )

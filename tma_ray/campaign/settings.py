@@ -7,13 +7,18 @@ from dataclasses import dataclass, field
 from enum import StrEnum
 
 from tma_ray.commands.arguments import check_kind
-from tma_ray.commands.quantities import CORES, GPUS, LOSSES, MEMORY, SECONDS
+from tma_ray.commands.quantities import CORES, GPUS, LOSSES, MEMORY, SECONDS, WIDTH
 from tma_ray.runs.placement import Placement, check_device
+from tma_ray.students.players import CohortSettings
 
 GIB = 2**30
 
 AUTOSCALING_QUEUE = 64
 """Runs that wait on an autoscaling cluster: with one only, nodes would come one after the other."""
+
+
+COHORT_WIDTH = CohortSettings.width
+"""Slots of a cohort on a GPU, unless another number is asked for."""
 
 
 class TeacherPlacement(StrEnum):
@@ -59,13 +64,21 @@ class Resources:
         return min(int(node.get(name, 0.0) / amount) for name, amount in needed.items() if amount > 0)
 
 
+PLAYER = Resources(cpus=0.25, memory_gib=0.5)
+"""Of one run in a cohort: it waits for updates most of the time, and has neither networks nor replay."""
+
+
 @dataclass(frozen=True)
 class Settings:
     """Settings of a campaign's execution.
 
     Attributes:
-        resources: of one run.
-        device: torch's name of where networks live; "cuda" exactly if a run occupies a share of a GPU.
+        resources: of one run that learns alone.
+        device: torch's name of where networks live.
+        cohort: slots of each cohort, in which as many runs learn together; 0: every run learns alone, and
+            occupies a share of a GPU exactly if `device` is "cuda"; None: `COHORT_WIDTH` on "cuda" where no
+            run occupies a share of a GPU, else 0.
+        player: resources of one run in a cohort, without its learner.
         teachers: where teachers run.
         checkpoint_seconds: longest time between two checkpoints of a run, s.
         most_losses: how often a run may lose its process before it counts as failed.
@@ -81,6 +94,8 @@ class Settings:
 
     resources: Resources = field(default_factory=Resources)
     device: str = Placement.device
+    cohort: int | None = None
+    player: Resources = PLAYER
     teachers: TeacherPlacement = TeacherPlacement.ACTOR
     checkpoint_seconds: float = Placement.checkpoint_seconds
     most_losses: int = 3
@@ -98,7 +113,24 @@ class Settings:
         LOSSES.check("most_losses", self.most_losses)
         for name in (name for name in vars(self) if name.endswith("_seconds")):
             SECONDS.check(name, getattr(self, name))
+        check_kind("player", self.player, Resources, "a Resources(cpus=...)")
+        if self.cohort is not None:
+            WIDTH.check("cohort", self.cohort)
         kind = self.device.partition(":")[0]
+        self._check_cohort(kind) if self.width else self._check_alone(kind)
+
+    def _check_cohort(self, kind: str) -> None:
+        if kind not in ("cpu", "cuda"):
+            raise ValueError(
+                f"device = {self.device!r}: a cohort learns on 'cpu' or 'cuda'; add '--cohort off'"
+            )
+        if self.resources.gpus or self.player.gpus:
+            raise ValueError(
+                "a run in a cohort occupies no GPU, its learner has one: leave out '--gpus-per-run', or add "
+                "'--cohort off' for runs that learn alone"
+            )
+
+    def _check_alone(self, kind: str) -> None:
         if self.resources.gpus and kind == "cpu":
             raise ValueError(
                 f"device = 'cpu', but each run occupies {self.resources.gpus:g} GPUs: add '--device cuda', "
@@ -107,8 +139,21 @@ class Settings:
         if kind == "cuda" and not self.resources.gpus:
             raise ValueError(
                 f"device = {self.device!r}, but no GPU is reserved for a run: add '--gpus-per-run 0.25' for "
-                f"four runs on each GPU, or 1 for one"
+                f"four runs on each GPU, or 1 for one; without '--cohort off' they share one in a cohort"
             )
+
+    @property
+    def width(self) -> int:
+        """Slots of each cohort; 0 if every run learns alone."""
+        if self.cohort is not None:
+            return self.cohort
+        shared = self.device.partition(":")[0] == "cuda" and not self.resources.gpus
+        return COHORT_WIDTH if shared else 0
+
+    @property
+    def each(self) -> Resources:
+        """Resources of one run, wherever it learns."""
+        return self.player if self.width else self.resources
 
     @property
     def queued(self) -> int:
@@ -117,5 +162,6 @@ class Settings:
 
     @property
     def placement(self) -> Placement:
-        """Settings of execution that a run is given."""
-        return Placement(self.device, self.resources.threads, self.checkpoint_seconds, self.outage_seconds)
+        """Settings of execution that a run is given, without the learner of a cohort."""
+        device = Placement.device if self.width else self.device
+        return Placement(device, self.each.threads, self.checkpoint_seconds, self.outage_seconds)

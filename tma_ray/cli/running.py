@@ -86,11 +86,11 @@ def _add_run(parser: CommandParser) -> None:
     from tma_ray.campaign.options import (
         YES,
         add_cell_options,
-        add_device_option,
         add_results_option,
         add_schedule_options,
         schedule_defaults,
     )
+    from tma_ray.campaign.placing.options import add_device_option
     from tma_ray.runs import Cell, Placement, Schedule
 
     what = parser.add_argument_group("what to run")

@@ -77,6 +77,9 @@ SEED: Final = Quantity("a whole number from 0 to 2^63 - 1", 0, 2**63 - 1, whole=
 PROCESSES: Final = Quantity("a whole number from 1 to 65,536", 1, 65_536, whole=True)
 """Of processes, or of threads."""
 
+WIDTH: Final = Quantity("a whole number of slots from 0 to 4,096", 0, 4096, whole=True)
+"""Of a cohort."""
+
 LOSSES: Final = Quantity("a whole number from 0 to 1e6", 0, 1e6, whole=True)
 """How often something may be lost."""
 

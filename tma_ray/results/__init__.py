@@ -3,7 +3,7 @@
 from tma_ray.decoding import DamagedFileError, DamagedFileWarning
 from tma_ray.results.committer import Committer, StaleAttemptError, accepted_manifest
 from tma_ray.results.engines import BOX2D, BOX2D_TEST_SET, CHIPMUNK, NO_PHYSICS_VERSION, SIMULATED
-from tma_ray.results.holding.heartbeat import Heartbeat, HeartbeatWriter, RunProgress
+from tma_ray.results.holding.heartbeat import Heartbeat, HeartbeatWriter, LearnerProgress, RunProgress
 from tma_ray.results.holding.lease import Lease, NotRunningError, RootInUseError, ask_to_stop, holder_of
 from tma_ray.results.inputs import (
     INPUTS,
@@ -86,6 +86,7 @@ __all__ = [
     "Heartbeat",
     "HeartbeatWriter",
     "Inspector",
+    "LearnerProgress",
     "Lease",
     "Manifest",
     "NotRunningError",

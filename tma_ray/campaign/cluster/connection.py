@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import logging
 import os
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -92,14 +92,19 @@ def check_feasible(resources: Resources) -> None:
     nodes = living_nodes()
     if capacity(resources, nodes):
         return
-    offers = "; ".join(
-        f"{has.get('CPU', 0):g} CPUs, {has.get('GPU', 0):g} GPUs, {has.get('memory', 0) / GIB:.1f} GiB"
-        for has in (node["Resources"] for node in nodes)
-    )
+    have = offers([node["Resources"] for node in nodes])
     raise ValueError(
         f"no node can hold a run of {resources.cpus:g} CPUs, {resources.gpus:g} GPUs and "
-        f"{resources.memory_gib:g} GiB: the nodes have {offers}; ask for less, add larger nodes, or give "
+        f"{resources.memory_gib:g} GiB: the nodes have {have}; ask for less, add larger nodes, or give "
         f"'--autoscaling' if the cluster adds them by itself"
+    )
+
+
+def offers(nodes: Sequence[Mapping[str, float]]) -> str:
+    """Returns the resources of nodes as messages show them."""
+    return "; ".join(
+        f"{has.get('CPU', 0):g} CPUs, {has.get('GPU', 0):g} GPUs, {has.get('memory', 0) / GIB:.1f} GiB"
+        for has in nodes
     )
 
 

@@ -13,7 +13,7 @@ from rich.live import Live
 from rich.table import Table
 from rich.text import Text
 
-from tma_ray.results import HeartbeatWriter, RunProgress
+from tma_ray.results import HeartbeatWriter, LearnerProgress, RunProgress
 from tma_ray.runs.placement import Status
 from tma_ray.terminal import terminal
 
@@ -43,6 +43,7 @@ class Snapshot:
         waiting_steps: environment steps of those.
         total_steps: environment steps of all runs.
         running: runs that train.
+        learners: of cohorts.
     """
 
     total: int
@@ -53,6 +54,7 @@ class Snapshot:
     waiting_steps: int
     total_steps: int
     running: Sequence[ActiveRun]
+    learners: Sequence[LearnerProgress] = ()
 
     @property
     def steps_per_second(self) -> float:
@@ -97,6 +99,16 @@ def duration(seconds: float) -> str:
     return f"{int(seconds)} s"
 
 
+def learner_line(learner: LearnerProgress) -> str:
+    """Returns the learner of a cohort in one line."""
+    kind = "memory" if learner.device == "cpu" else "GPU memory"
+    return (
+        f"learner on {learner.host}, {learner.device}: {learner.runs} of {learner.width} slots, "
+        f"{learner.updates_per_second:,.0f} updates/s, busy {learner.busy:.0%}, "
+        f"{learner.memory_gib:.1f} of {learner.memory_total_gib:.1f} GiB {kind}"
+    )
+
+
 class View(Protocol):
     """Is shown a campaign's progress."""
 
@@ -121,7 +133,7 @@ class PublishedProgress:
         running = {
             run.run_id: RunProgress(run.status.step, run.status.steps_per_second) for run in snapshot.running
         }
-        self._heartbeat.beat(running)
+        self._heartbeat.beat(running, snapshot.learners)
         self._view.update(snapshot)
 
     def close(self, snapshot: Snapshot) -> None:
@@ -184,4 +196,5 @@ def _table(snapshot: Snapshot) -> Group:
         )
     hidden = len(snapshot.running) - MOST_ROWS
     more = [Text(f"and {hidden} more running")] if hidden > 0 else []
-    return Group(Text(snapshot.headline(), style="bold"), table, *more)
+    learners = [Text(learner_line(learner)) for learner in snapshot.learners]
+    return Group(Text(snapshot.headline(), style="bold"), *learners, table, *more)

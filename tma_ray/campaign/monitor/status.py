@@ -23,7 +23,7 @@ from tma_ray.campaign.monitor.overview import (
     RunState,
     overview,
 )
-from tma_ray.campaign.monitor.progress import duration
+from tma_ray.campaign.monitor.progress import duration, learner_line
 from tma_ray.results import Heartbeat, RunStatus
 from tma_ray.terminal import terminal
 
@@ -66,6 +66,8 @@ def _page(root: str | Path, found: Overview, cells: bool, now: float) -> Group:
     if not found.campaigns:
         return Group(Text(f"{root} holds no campaign yet."))
     parts: list[RenderableType] = [Text(_sign_of_life(found.heartbeat, now))]
+    if found.heartbeat is not None and found.heartbeat.alive(now):
+        parts += [Text(learner_line(learner)) for learner in found.heartbeat.learners]
     for campaign, by_cell in found.campaigns.items():
         runs = _distinct(chain.from_iterable(by_cell.values()))
         groups: dict[str, list[RunState]] = {}

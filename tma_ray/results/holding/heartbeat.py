@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import asdict, dataclass, field
 from typing import Final, Self
@@ -36,6 +36,31 @@ class RunProgress:
 
 
 @dataclass(frozen=True)
+class LearnerProgress:
+    """Progress of the learner of a cohort.
+
+    Attributes:
+        host: name of its machine.
+        device: torch's name of where it learns.
+        width: its slots.
+        runs: that are in them.
+        updates_per_second: updates of single runs, of late.
+        busy: share of the time in which it had work, of late.
+        memory_gib: in use, of the GPU, or by its process on a CPU, GiB.
+        memory_total_gib: that there is, GiB.
+    """
+
+    host: str
+    device: str
+    width: Natural
+    runs: Natural
+    updates_per_second: float
+    busy: float
+    memory_gib: float
+    memory_total_gib: float
+
+
+@dataclass(frozen=True)
 class Heartbeat:
     """A sign of life.
 
@@ -45,6 +70,7 @@ class Heartbeat:
         runs: the running runs by id.
         ended: whether it was the last, of a campaign that has left.
         process: that gave it, None where others could not find it.
+        learners: of cohorts, if runs learn in any.
     """
 
     holder: str
@@ -52,6 +78,7 @@ class Heartbeat:
     runs: Mapping[str, RunProgress] = field(default_factory=dict)
     ended: bool = False
     process: Process | None = None
+    learners: tuple[LearnerProgress, ...] = ()
 
     @classmethod
     def load(cls, store: Store) -> Self | None:
@@ -90,12 +117,13 @@ class HeartbeatWriter:
         self._clock = clock
         self._last = 0.0
 
-    def beat(self, runs: Mapping[str, RunProgress]) -> None:
-        """Says which runs are running, if it is time."""
+    def beat(self, runs: Mapping[str, RunProgress], learners: Sequence[LearnerProgress] = ()) -> None:
+        """Says which runs are running, and how their learners are, if it is time."""
         if self._clock() - self._last >= HEARTBEAT_SECONDS:
             self._last = self._clock()
             with suppress(StorageError):  # it is for those who watch: the next one will do
-                Heartbeat(self._holder, self._last, runs, process=Process.this()).write(self._store)
+                process, theirs = Process.this(), tuple(learners)
+                Heartbeat(self._holder, self._last, runs, False, process, theirs).write(self._store)
 
     def end(self) -> None:
         """Says that the campaign has left, unless another one has taken the root over."""

@@ -17,7 +17,7 @@ import torch
 from tma_ray.students.cohort.deliveries import Delivery, Pace
 from tma_ray.students.cohort.seats import Seat
 from tma_ray.students.cohort.stacks import Stacks
-from tma_ray.students.players import Learner, Membership, PlayerState
+from tma_ray.students.players import CohortFullError, Learner, Membership, PlayerState
 from tma_ray.students.players.settings import CohortSettings
 
 MOST_AT_ONCE = 8
@@ -59,8 +59,18 @@ class LearnerServer:
         self.account = dict.fromkeys(("asking for updates", "requests", "deliveries", "waiting"), 0.0)
         self.account |= {"stacked updates": 0.0, "updates of runs": 0.0}
 
+    @property
+    def runs(self) -> int:
+        """Runs that are in the slots."""
+        return len(self._seats)
+
     def serve(self, should_stop: Callable[[], bool], poll_seconds: float = 0.5) -> None:
-        """Serves until `should_stop`, which is asked about every `poll_seconds`, s."""
+        """Serves until `should_stop`, which is asked about every `poll_seconds`, s.
+
+        Raises:
+            MemoryError: there is too little for so many slots. Players stay connected, without a reply.
+            torch.OutOfMemoryError: likewise, on a GPU.
+        """
         while not should_stop():
             with self._clock("waiting"):
                 ready = wait(self._connections, timeout=self._patience(poll_seconds))
@@ -106,6 +116,10 @@ class LearnerServer:
             return
         try:
             reply = getattr(self, f"_{request}_for")(connection, *arguments)
+        except (MemoryError, torch.OutOfMemoryError):
+            raise  # nothing of it is to be trusted, for none of the players
+        except CohortFullError as error:
+            self._send(connection, (False, error))
         except Exception:
             self._send(connection, (False, traceback.format_exc()))
         else:
@@ -184,7 +198,8 @@ class LearnerServer:
 
     def _hardware_for(self, _: Connection) -> Any:
         settings = self._stacks.settings
-        entries = {"device": settings.device, "cohort": settings.width, "compiled": settings.compiled}
+        names = {"cohort": settings.width, "compiled": settings.compiled, "threads": settings.threads}
+        entries = {"device": settings.device, **names}
         if torch.device(settings.device).type == "cuda":
             entries["gpu"] = torch.cuda.get_device_name(settings.device)
         return entries

@@ -9,7 +9,7 @@ import torch
 from tma_ray.students.cohort.ppo import StackedPPO
 from tma_ray.students.cohort.sac import StackedSAC
 from tma_ray.students.cohort.seats import PPOSeat, SACSeat, Seat
-from tma_ray.students.players import Membership
+from tma_ray.students.players import CohortFullError, Membership
 from tma_ray.students.players.settings import CohortSettings
 
 KINDS: dict[str, tuple[type[Any], type[Seat[Any, Any]]]] = {
@@ -40,7 +40,7 @@ class Stacks:
         """Returns a seat for a new player.
 
         Raises:
-            RuntimeError: all slots of its stack are taken.
+            CohortFullError: all slots of its stack are taken.
         """
         stack_type, seat_type = KINDS[membership.student]
         sizes = membership.observation_space.shape[0], membership.action_space.shape[0]
@@ -50,7 +50,7 @@ class Stacks:
         stack = self._by_kind[kind]
         free = self._free[id(stack)]
         if not free:
-            raise RuntimeError(f"all {self.settings.width} slots for {membership.student} are taken")
+            raise CohortFullError(f"all {self.settings.width} slots for {membership.student} are taken")
         slot = free.pop(0)
         try:
             return seat_type(membership, stack, slot)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from tma_ray.students.players.catalogue import COHORT_STUDENTS, make_player
 from tma_ray.students.players.link import (
+    CohortFullError,
     Learner,
     LearnerError,
     LearnerLink,
@@ -16,6 +17,7 @@ from tma_ray.students.players.settings import CohortSettings
 
 __all__ = [
     "COHORT_STUDENTS",
+    "CohortFullError",
     "CohortSettings",
     "Learner",
     "LearnerError",

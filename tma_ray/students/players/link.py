@@ -21,6 +21,10 @@ class LearnerError(RuntimeError):
     """The learner refused or failed at what a player asked for; the message has its traceback."""
 
 
+class CohortFullError(LearnerError):
+    """All slots for runs of a kind are taken; somebody may be about to leave one."""
+
+
 class LearnerLostError(ConnectionError):
     """The learner does not answer: its process, or its machine, has ended. The run can be taken up again."""
 
@@ -193,6 +197,8 @@ class SocketLink:
             succeeded, result = self._connection.recv()
         except (OSError, EOFError) as error:
             raise LearnerLostError(f"the learner of the cohort ended during {request!r}") from error
+        if isinstance(result, LearnerError):
+            raise result
         if not succeeded:
             raise LearnerError(f"the learner of the cohort failed:\n{result}")
         return result

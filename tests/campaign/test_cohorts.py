@@ -1,0 +1,137 @@
+"""Campaigns in cohorts on a real Ray, with learners on the CPU."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import pytest
+from cohort_in_a_thread import ENOUGH_FOR, CrampedLearner, serving
+from small_runs import STUDENTS, data_files, rows
+from test_campaign import campaign, corridor, execute, idle
+
+from tma_ray.campaign import scheduler
+from tma_ray.campaign.placing.cohorts import Cohorts
+from tma_ray.campaign.placing.kinds import kinds_of
+from tma_ray.campaign.placing.options import parse_cohort
+from tma_ray.campaign.placing.room import Room, learner_resources, room_of
+from tma_ray.campaign.settings import GIB, PLAYER, Resources, Settings, TeacherPlacement
+from tma_ray.results import Committer, Table
+from tma_ray.runs import Cell, Placement, run_locally
+
+WIDTH = 4
+
+SMALL = replace(PLAYER, memory_gib=0.3)
+
+
+def in_cohort(what: Any, root: Path, **changes: Any) -> Any:
+    return execute(what, root, **{"resources": Resources(), "cohort": WIDTH, "player": SMALL, **changes})
+
+
+def without_ray(what: Any, root: Path) -> dict[str, bytes]:
+    """Executes the runs of `what` one after the other beside one learner; returns their data files."""
+    with serving(root.parent, WIDTH) as learner:
+        for spec in what.plan().runs:
+            run_locally(spec, Committer.open(root), Placement(learner=learner))
+    return data_files(root)
+
+
+def sac(teacher: str) -> Cell:
+    return replace(corridor(teacher), student="sac", student_hyperparameters=STUDENTS["sac"])
+
+
+@pytest.mark.usefixtures("cluster")
+def test_a_cohort_gives_the_files_of_runs_that_follow_one_another(tmp_path: Path) -> None:
+    """Together on Ray as alone in their cohort; the teacher asks for values and trajectories."""
+    what = campaign(corridor("odd_teachers:Scrutinising"), seeds=(0, 1))
+    ended = in_cohort(what, tmp_path / "cohort", teachers=TeacherPlacement.INLINE)
+    assert (ended.done, ended.failed) == (2, 0)
+    assert data_files(tmp_path / "cohort") == without_ray(what, tmp_path / "alone")
+    attempts = rows(tmp_path / "cohort", Table.ATTEMPTS)
+    assert all('"cohort": 4' in row["fingerprint"] and row["outcome"] == "done" for row in attempts)
+
+
+@pytest.mark.slow
+@pytest.mark.usefixtures("cluster")
+def test_students_of_several_kinds_share_a_learner_wherever_their_teachers_are(tmp_path: Path) -> None:
+    what = campaign(sac("riac"), corridor("misbehaving:Torchless"), sac("alp_gmm"), seeds=(0, 1))
+    (tmp_path / "expected").mkdir()
+    expected = without_ray(
+        campaign(sac("riac"), sac("alp_gmm"), seeds=(0, 1)), tmp_path / "expected" / "root"
+    )
+    for teachers in TeacherPlacement:
+        root = tmp_path / teachers
+        assert in_cohort(what, root, teachers=teachers).done == 6
+        found = data_files(root)
+        assert {path: found[path] for path in expected} == expected
+
+
+@pytest.mark.slow
+@pytest.mark.usefixtures("cluster")
+def test_without_memory_a_smaller_width_is_tried_and_said(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    def cramped(*arguments: Any) -> Cohorts:
+        return Cohorts(*arguments, learner_type=CrampedLearner)
+
+    monkeypatch.setattr(scheduler, "Cohorts", cramped)
+    what = campaign(sac("random"), seeds=(0, 1, 2))
+    assert in_cohort(what, tmp_path, most_losses=0).done == 3
+    assert "too little memory for a cohort of 4 runs (Unable to allocate" in caplog.text
+    assert "from now on cohorts have 2 slots" in caplog.text
+    last = {
+        row["run_id"]: row for row in sorted(rows(tmp_path, Table.ATTEMPTS), key=lambda row: row["attempt"])
+    }
+    assert all(f'"cohort": {ENOUGH_FOR}' in row["fingerprint"] for row in last.values())
+
+
+def test_a_student_without_a_stacked_learner_is_refused_before_anything_starts(tmp_path: Path) -> None:
+    with pytest.raises(ValueError, match=r"'idle_student:Idle' cannot learn in a cohort.*--cohort off"):
+        in_cohort(campaign(idle("random")), tmp_path / "root")
+    assert not (tmp_path / "root").exists()
+
+
+def test_the_width_follows_the_device_unless_it_is_given() -> None:
+    shared = Resources(gpus=0.25)
+    assert [Settings(device=device).width for device in ("cpu", "cuda", "cuda:0", "mps")] == [0, 48, 48, 0]
+    assert Settings(shared, "cuda").width == 0
+    assert Settings(shared, "cuda", cohort=0).each == shared
+    assert Settings(device="cuda").each == PLAYER
+    assert Settings(device="cuda").placement.device == "cpu", "players act without torch"
+    assert [parse_cohort(text) for text in ("16", "off")] == [16, 0]
+    for changes, message in (
+        ({"device": "cuda", "cohort": 0}, "no GPU is reserved"),
+        ({"device": "mps", "cohort": 4}, "learns on 'cpu' or 'cuda'"),
+        ({"resources": shared, "device": "cuda", "cohort": 4}, "occupies no GPU"),
+        ({"cohort": -1}, "expected a whole number of slots"),
+    ):
+        with pytest.raises(ValueError, match=message):
+            Settings(**changes)
+
+
+def test_nodes_hold_full_cohorts_or_fewer_players() -> None:
+    gpu, cpu = Settings(device="cuda"), Settings(cohort=4)
+    learner = Resources(1.0, 1.0, 20.0)
+    node = {"CPU": 16.0, "GPU": 1.0, "memory": 100.0 * GIB}
+    assert room_of(node, gpu, learner) == Room(1, 48)
+    assert room_of({**node, "CPU": 8.0}, gpu, learner) == Room(1, 28), "as many as the cores hold"
+    assert room_of({**node, "CPU": 32.0, "GPU": 2.0}, gpu, learner) == Room(2, 48)
+    assert room_of({**node, "memory": 30.0 * GIB}, gpu, learner) == Room(1, 20)
+    assert room_of({"CPU": 16.0, "memory": 100.0 * GIB}, gpu, learner) == Room(0, 0)
+    alone = Resources(1.0, 0.0, 2.0)
+    assert room_of(node, cpu, alone) == Room(8, 4)
+    assert room_of({**node, "CPU": 2.0}, cpu, alone) == Room(1, 4)
+    assert room_of({**node, "CPU": 1.5}, cpu, alone) == Room(1, 2)
+    assert room_of({**node, "CPU": 1.0}, cpu, alone) == Room(0, 0)
+
+
+def test_runs_of_equal_shapes_and_settings_are_of_one_kind() -> None:
+    cells = [Cell(student="ppo"), Cell(student="ppo", teacher="riac", challenge="easy"), Cell(student="sac")]
+    cells += [Cell(student="ppo:epochs=3"), Cell(student="ppo", embodiment="spider")]
+    runs = campaign(*cells).plan().runs
+    first, second, *others = (kinds_of(runs)[spec.run_id] for spec in runs)
+    assert first == second
+    assert len({first, *others}) == 4
+    memory = learner_resources(Settings(cohort=48, device="cuda"), runs, kinds_of(runs)).memory_gib
+    assert 4 < memory < 20

@@ -1,0 +1,1 @@
+"""Places of runs: on any node that has room, or beside the learner of a cohort."""

@@ -1,0 +1,225 @@
+"""Places beside the learners of cohorts, which are started, watched and replaced here."""
+
+from __future__ import annotations
+
+import logging
+import time
+from collections import Counter, deque
+from collections.abc import Sequence
+from contextlib import suppress
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import ray
+from ray.exceptions import ActorUnavailableError, RayError
+
+from tma_ray.campaign.cluster.head import Head
+from tma_ray.campaign.placing.kinds import Kind, kinds_of
+from tma_ray.campaign.placing.learner import LearnerActor
+from tma_ray.campaign.placing.places import Place
+from tma_ray.campaign.placing.room import learner_resources, room_of
+from tma_ray.campaign.settings import Resources, Settings
+from tma_ray.results import LearnerProgress
+from tma_ray.runs.spec import RunSpec
+from tma_ray.students import Learner
+from tma_ray.students.players import CohortSettings
+
+AUTOSCALING_LEARNERS = 4
+"""Learners that wait for nodes of an autoscaling cluster."""
+
+logger = logging.getLogger(__name__)
+
+
+@dataclass
+class _Cohort:
+    """A learner and the runs that have a place beside it."""
+
+    actor: Any
+    node: str
+    width: int
+    places: int
+    opened: Any
+    ended: Any
+    learner: Learner | None = None
+    runs: dict[str, Kind] = field(default_factory=dict)
+    asked: Any = None
+    progress: LearnerProgress | None = None
+    silent_since: float | None = None
+
+    def choose(self, waiting: Sequence[RunSpec], kinds: dict[str, Kind]) -> int | None:
+        """Returns the number of the run that fits best: of a kind that learns here already, or a new one."""
+        if len(self.runs) >= self.places:
+            return None
+        counts, new = Counter(self.runs.values()), None
+        for number, spec in enumerate(waiting):
+            kind = kinds[spec.run_id]
+            if 0 < counts[kind] < self.width:
+                return number
+            if new is None and not counts[kind]:
+                new = number
+        return new
+
+
+class Cohorts:
+    """Places of runs that learn in cohorts: one learner per GPU, or per so many runs on a CPU, see `Places`.
+
+    A learner that is lost is replaced; its runs lose their connection, and are taken up again beside another.
+    Where memory does not suffice, learners with half as many slots take over.
+
+    Args:
+        settings: of the campaign.
+        head: of the Ray that this process is connected to.
+        specs: all runs that may come.
+        learner_type: class of the actors.
+    """
+
+    def __init__(
+        self,
+        settings: Settings,
+        head: Head,
+        specs: Sequence[RunSpec],
+        learner_type: type[LearnerActor] = LearnerActor,
+    ) -> None:
+        self._settings, self._head, self._type = settings, head, learner_type
+        self._specs, self._kinds = specs, kinds_of(specs)
+        self._cohorts: list[_Cohort] = []
+        self._excused: set[str] = set()
+        self._resources: Resources = learner_resources(settings, specs, self._kinds)
+
+    def take(self, waiting: deque[RunSpec]) -> tuple[RunSpec, Place] | None:
+        """Returns a run and its place beside a learner that listens; see `Places`."""
+        for cohort in self._cohorts:
+            number = None if cohort.learner is None else cohort.choose(waiting, self._kinds)
+            if number is not None:
+                spec = waiting[number]
+                del waiting[number]
+                cohort.runs[spec.run_id] = self._kinds[spec.run_id]
+                return spec, Place(replace(self._settings.placement, learner=cohort.learner), cohort.node)
+        self._grow(len(waiting))
+        return None
+
+    def leave(self, run_id: str) -> None:
+        """Frees a place; see `Places`."""
+        self._excused.discard(run_id)
+        for cohort in self._cohorts:
+            cohort.runs.pop(run_id, None)
+
+    def excuses(self, run_id: str) -> bool:
+        """Tells whether memory did not suffice for the learner of a run; see `Places`."""
+        return run_id in self._excused
+
+    def look(self, *, over: bool) -> Sequence[LearnerProgress]:
+        """Takes in which learners listen or have ended, and how they are; see `Places`."""
+        for cohort in list(self._cohorts):
+            if not self._lives(cohort) or (over and not cohort.runs):
+                self._end(cohort)
+                continue
+            self._open(cohort)
+            self._poll(cohort)
+        return [cohort.progress for cohort in self._cohorts if cohort.progress is not None]
+
+    def close(self) -> None:
+        """Ends all learners; see `Places`."""
+        for cohort in list(self._cohorts):
+            self._end(cohort)
+
+    def _grow(self, waiting: int) -> None:
+        """Starts learners for runs that wait, as far as nodes have room."""
+        free = sum(cohort.places - len(cohort.runs) for cohort in self._cohorts if cohort.learner is None)
+        while waiting > free:
+            found = self._free_node()
+            if found is None:
+                return
+            node, places = found
+            settings = self._settings
+            cohort_settings = CohortSettings(
+                settings.device, settings.width, compiled=bool(self._resources.gpus), threads=1
+            )
+            actor = self._type.launch(cohort_settings, self._resources, node)
+            opened, ended = actor.open.remote(), actor.serve.remote()
+            self._cohorts.append(_Cohort(actor, node, settings.width, places, opened, ended))
+            free += places
+
+    def _free_node(self) -> tuple[str, int] | None:
+        """Returns a node with room for a learner, "" for one to come, and how many players it holds then."""
+        taken = Counter(cohort.node for cohort in self._cohorts)
+        for node in self._head.nodes():
+            room = room_of(node["Resources"], self._settings, self._resources)
+            if taken[node["NodeID"]] < room.learners and room.players:
+                return node["NodeID"], room.players
+        if self._settings.autoscaling and taken[""] < AUTOSCALING_LEARNERS:
+            return "", self._settings.width
+        return None
+
+    def _open(self, cohort: _Cohort) -> None:
+        if cohort.learner is not None or not _come(cohort.opened):
+            return
+        with suppress(RayError, MemoryError):  # its end says the same, and is dealt with there
+            cohort.learner, node = ray.get(cohort.opened)
+            if not cohort.node:
+                here = (each for each in self._head.nodes() if each["NodeID"] == node)
+                rooms = [room_of(each["Resources"], self._settings, self._resources) for each in here]
+                cohort.node, cohort.places = node, rooms[0].players if rooms else cohort.places
+
+    def _poll(self, cohort: _Cohort) -> None:
+        if cohort.asked is not None:
+            if not _come(cohort.asked):
+                return
+            asked, cohort.asked = cohort.asked, None
+            with suppress(RayError):
+                cohort.progress = ray.get(asked)
+                cohort.silent_since = None
+        cohort.asked = cohort.actor.report.remote()
+
+    def _lives(self, cohort: _Cohort) -> bool:
+        """Tells whether a learner is at work, or may be although it does not answer; says why if not."""
+        if not _come(cohort.ended):
+            return True
+        try:
+            ray.get(cohort.ended)
+        except ActorUnavailableError as error:
+            cohort.silent_since = cohort.silent_since or time.monotonic()
+            if time.monotonic() - cohort.silent_since < self._settings.unreachable_seconds:
+                cohort.ended, cohort.asked = cohort.actor.serve.remote(), None
+                return True
+            _warn(cohort, error)
+        except MemoryError as error:
+            self._narrow(cohort, error)
+        except RayError as error:
+            _warn(cohort, error)
+        return False
+
+    def _narrow(self, cohort: _Cohort, error: MemoryError) -> None:
+        """Halves the width of learners to come, so that the runs of this one can go on."""
+        if cohort.width == 1:
+            _warn(cohort, error)
+            return
+        self._excused |= set(cohort.runs)
+        width = min(self._settings.width, cohort.width // 2)
+        self._settings = replace(self._settings, cohort=width)
+        self._resources = learner_resources(self._settings, self._specs, self._kinds)
+        logger.warning(
+            "too little memory for a cohort of %d runs (%s): from now on cohorts have %d slots; the %d runs "
+            "resume from their checkpoints, soundly, but not bit for bit as with the other width",
+            cohort.width,
+            getattr(error, "cause", error),
+            width,
+            len(cohort.runs),
+        )
+
+    def _end(self, cohort: _Cohort) -> None:
+        self._cohorts.remove(cohort)
+        ray.kill(cohort.actor)
+
+
+def _come(reference: Any) -> bool:
+    come, _ = ray.wait([reference], timeout=0)
+    return bool(come)
+
+
+def _warn(cohort: _Cohort, error: Exception) -> None:
+    logger.warning(
+        "the learner of a cohort was lost, and %d runs resume from their checkpoints: %s",
+        len(cohort.runs),
+        error,
+    )
