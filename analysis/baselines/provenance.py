@@ -6,7 +6,7 @@ from typing import Any, Final
 
 import pandas as pd
 
-from analysis.data.frames import parsed
+from analysis.data.specs import parsed
 from analysis.formatting import duration
 
 LIBRARIES: Final = ("python", "tma_ray", "torch", "numpy", "pymunk")

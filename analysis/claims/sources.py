@@ -63,12 +63,16 @@ class RootSource:
         self._frames = frames
         self._read = cache(self._read_after)
         self._grouped = cache(self._positions)
+        self._samples = cache(self._sample)
         self._conditions, self.note = _chosen_conditions(runs_after(frames))
         columns = ["environment", "challenge", "teacher"]
         self._present = set(frames.cells[columns].itertuples(index=False, name=None))
 
     def sample(self, reading: Reading) -> Sample | None:
         """Returns the runs of the reading, None unless all of its pool are there."""
+        return self._samples(reading)
+
+    def _sample(self, reading: Reading) -> Sample | None:
         if (reading.environment, reading.challenge, reading.teacher) not in self._present:
             return None
         places, runs = self._read(reading.share)
@@ -77,8 +81,9 @@ class RootSource:
             return None
         best = found.sort_values("n", kind="stable").iloc[-1]
         keys = [*POOL, "embodiment"] if reading.embodiment else POOL
-        mine = runs.take(self._grouped(reading.share, bool(reading.embodiment)).get(tuple(best[keys]), ()))
-        values = mine.dropna(subset=[MEASURE]).set_index("run_id")[MEASURE]
+        mine = self._grouped(reading.share, bool(reading.embodiment)).get(tuple(best[keys]), [])
+        columns = runs[[MEASURE, "run_id"]].take(mine)
+        values = pd.Series(columns[MEASURE].to_numpy(float), columns["run_id"].to_numpy(object)).dropna()
         return Sample(describe(values), values)
 
     def teachers(self, reading: Reading) -> Sequence[str]:
@@ -94,7 +99,7 @@ class RootSource:
 
     def _read_after(self, share: float) -> tuple[dict[tuple[str, ...], pd.DataFrame], pd.DataFrame]:
         """Returns complete results by place, over bodies and of each body, and runs, after a share."""
-        runs = runs_after(self._frames, share)
+        runs = runs_after(self._frames, share, training=share == 1)  # of which the page shows more
         runs = runs[_under(runs, self._conditions)]
         places: dict[tuple[str, ...], pd.DataFrame] = {}
         for by in ([], ["embodiment"]):
@@ -159,12 +164,10 @@ def decided(verdicts: Sequence[Verdict]) -> list[Verdict]:
     ]
 
 
-def root_verdicts(frames: Frames) -> list[Verdict]:
-    """Returns what the results of a root say of each of the paper's claims."""
-    return judge(RootSource(frames))
+def root_verdicts(frames: Frames) -> tuple[list[Verdict], list[str]]:
+    """Returns what the results of a root say of each of the paper's claims, and notes.
 
-
-def claims_notes(frames: Frames) -> list[str]:
-    """Returns which of the results of a root claims are judged by, where these are of several kinds."""
-    note = RootSource(frames).note
-    return [note] if note else []
+    These say which of the results claims are judged by, where there are several kinds.
+    """
+    source = RootSource(frames)
+    return judge(source), [source.note] if source.note else []

@@ -9,7 +9,7 @@ from rich.text import Text
 
 from analysis.baselines.sources import Sources, read
 from analysis.claims.judging import Verdict
-from analysis.claims.sources import claims_notes, root_verdicts
+from analysis.claims.sources import root_verdicts
 from analysis.statistics.verdicts import Standing
 from tma_ray.terminal import terminal
 
@@ -34,7 +34,7 @@ def show_claims(sources: Sources, details: bool = False, console: Console | None
     """
     console = terminal(console)
     frames = read(sources)
-    verdicts = root_verdicts(frames)
+    verdicts, notes = root_verdicts(frames)
     for verdict in verdicts:
         if verdict.standing is Standing.NO_DATA and not details:
             continue
@@ -46,7 +46,7 @@ def show_claims(sources: Sources, details: bool = False, console: Console | None
     missing = [verdict for verdict in verdicts if verdict.standing is Standing.NO_DATA]
     if missing and not details:
         console.print(f"[dim]{_without_data(missing, len(verdicts))}[/dim]", highlight=False)
-    for warning in (*frames.notes, *claims_notes(frames)):
+    for warning in (*frames.notes, *notes):
         console.print(warning, highlight=False, markup=False, style="dim")
 
 

@@ -33,7 +33,7 @@ def findings(name: str) -> str:
     """
     baseline = find_baseline(name)
     frames = baseline.frames()
-    verdicts = root_verdicts(frames)
+    verdicts, _ = root_verdicts(frames)
     counts = Counter(verdict.standing for verdict in verdicts)
     summary = ", ".join(f"{counts[standing]} {standing}" for standing in Standing)
     rows = [

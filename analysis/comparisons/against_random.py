@@ -9,7 +9,7 @@ import pandas as pd
 
 from analysis.data.frames import COMPARISON, GROUP
 from analysis.data.identity import CONDITIONS
-from analysis.data.reference import NO_BASELINE, baseline_runs, is_baseline
+from analysis.data.reference import NO_BASELINE, baseline_rows, baseline_runs, is_baseline
 from analysis.statistics import Comparison, holm, welch
 
 APART = ("experiment", "expert_knowledge")
@@ -30,11 +30,10 @@ def against_baseline(finals: pd.DataFrame, curves: pd.DataFrame, measure: str) -
         curves: what `evaluation_curves` returned.
         measure: column of both.
     """
-    rows = []
+    rows, randoms = [], baseline_rows(finals)
     for key, teachers in finals.groupby(COMPARISON, sort=True):
-        reference = reference_of(teachers, finals)
-        for teacher in sorted(set(teachers["teacher"])):
-            mine = teachers[teachers["teacher"] == teacher]
+        reference = reference_of(teachers, randoms)
+        for teacher, mine in teachers.groupby("teacher", sort=True):
             if not is_baseline(teacher):
                 step, comparison = _compare(mine, reference, curves, measure)
                 names = dict(zip(COMPARISON, key, strict=True)) | {"teacher": teacher}
@@ -92,12 +91,12 @@ def _compare(
     return step, comparison
 
 
-def reference_of(teachers: pd.DataFrame, everything: pd.DataFrame) -> pd.DataFrame:
+def reference_of(teachers: pd.DataFrame, randoms: pd.DataFrame) -> pd.DataFrame:
     """Returns the rows of Random that the rows of one experiment are tested against, by `baseline_runs`.
 
     Args:
         teachers: rows of one comparison, at least one, with `GROUP` and the columns of `CONDITIONS`.
-        everything: rows of the root with the same columns.
+        randoms: rows of Random of the root, with the same columns.
     """
-    alike = (everything[ALIKE] == teachers[ALIKE].iloc[0]).all(axis=1)
-    return baseline_runs(teachers, everything[alike], APART).drop_duplicates(["run_id", "step"])
+    alike = (randoms[ALIKE] == teachers[ALIKE].iloc[0]).all(axis=1)
+    return baseline_runs(teachers, randoms[alike], APART).drop_duplicates(["run_id", "step"])

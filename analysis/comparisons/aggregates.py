@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Hashable, Sequence
 
+import numpy as np
 import pandas as pd
 
 from analysis.comparisons.pairwise import nobody, pairs_of
@@ -212,9 +213,13 @@ def profiles(
 
 def strata_of(rows: pd.DataFrame, measure: str, strata: Sequence[str]) -> dict[str, pd.Series]:
     """Returns the values of `measure` by stratum, named by what tells them apart, indexed by run id."""
+    values, run_ids = rows[measure].to_numpy(float), rows["run_id"].to_numpy(object)
+    numbers = rows.groupby(list(strata), dropna=False, sort=True).ngroup().to_numpy()
+    names = rows[list(strata)].to_numpy(object)
+    order = np.argsort(numbers, kind="stable")
+    parts = np.split(order, np.flatnonzero(np.diff(numbers[order])) + 1) if len(order) else []
     return {
-        ", ".join(map(str, key)): part.set_index("run_id")[measure].astype(float)
-        for key, part in rows.groupby(list(strata), dropna=False, sort=True)
+        ", ".join(map(str, names[part[0]])): pd.Series(values[part], index=run_ids[part]) for part in parts
     }
 
 

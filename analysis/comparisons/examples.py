@@ -4,24 +4,33 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
+import numpy as np
 import pandas as pd
 
 from analysis.comparisons.measured import Measured
-from analysis.data.curricula import Curriculum, curriculum_of, stack
+from analysis.data.curricula import Curriculum, curricula_of_runs, stack
 from analysis.data.frames import Frames
 from analysis.data.task_axes import task_axes
-from analysis.names import teacher_order
+from analysis.formatting import listed
+from analysis.names import label, teacher_order
 
 
 def curricula_of(frames: Frames, mine: Measured) -> dict[str, Curriculum]:
     """Returns the curriculum of the run that stands for each teacher, if it has played any episode."""
     size = len(task_axes(mine.cells))
-    found = {teacher: curriculum_of(frames, run) for teacher, run in examples_of(mine).items()}
+    examples = examples_of(mine)
+    found = curricula_of_runs(frames, list(examples.values()))
     return {
         teacher: curriculum
-        for teacher, curriculum in found.items()
+        for teacher, curriculum in zip(examples, found, strict=True)
         if len(curriculum.episodes) and stack(curriculum.episodes["task"]).shape[1] == size
     }
+
+
+def which_runs(curricula: Mapping[str, Curriculum]) -> str:
+    """Returns which run stands for each teacher, in words."""
+    named = listed(f"{label(teacher)}: seed {each.seed}" for teacher, each in curricula.items())
+    return f"One run of each teacher, the median one by mastered tasks ({named})"
 
 
 def in_whose_space(curricula: Mapping[str, Curriculum]) -> str:
@@ -34,11 +43,11 @@ def in_whose_space(curricula: Mapping[str, Curriculum]) -> str:
 def examples_of(mine: Measured) -> dict[str, pd.Series]:
     """Returns each teacher's run of the median final evaluation, else its first run that has begun."""
     cells = mine.cells[mine.cells["status"].isin(["done", "running"])]
+    ranked = mine.finals.sort_values(["mastered_percent", "evaluation_return"], kind="stable")
+    finals = {teacher: rows.to_numpy(object) for teacher, rows in ranked.groupby("teacher")["run_id"]}
     chosen = {}
-    for teacher in sorted(cells["teacher"].unique(), key=teacher_order):
-        runs = cells[cells["teacher"] == teacher]
-        finals = mine.finals[mine.finals["teacher"] == teacher]
-        ranked = finals.sort_values(["mastered_percent", "evaluation_return"], kind="stable")["run_id"]
-        run_id = ranked.iloc[(len(ranked) - 1) // 2] if len(ranked) else runs["run_id"].iloc[0]
-        chosen[teacher] = runs[runs["run_id"] == run_id].iloc[0]
+    for teacher, runs in sorted(cells.groupby("teacher"), key=lambda named: teacher_order(named[0])):
+        run_ids = runs["run_id"].to_numpy(object)
+        best = finals.get(teacher, run_ids[:1])
+        chosen[teacher] = runs.iloc[int(np.argmax(run_ids == best[(len(best) - 1) // 2]))]
     return chosen

@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import dataclass, fields
+from functools import cached_property
 from math import nan
 
 import pandas as pd
 
 from analysis.comparisons.against_random import against_baseline
 from analysis.data.frames import COMPARISON, Frames
+from analysis.data.reference import baseline_rows
 from analysis.measures.evaluations import evaluation_curves, final_evaluations, summarise
 from analysis.measures.run_measures import run_measures
 from analysis.measures.training import training_curves
@@ -38,14 +39,21 @@ class Measured:
     evaluations: pd.DataFrame
     training: pd.DataFrame
 
-    def comparisons(self) -> Iterator[Measured]:
-        """Yields the part of each comparison, in a fixed order."""
-        keys = self.cells[COMPARISON].drop_duplicates().sort_values(COMPARISON)
-        for key in keys.itertuples(index=False, name=None):
-            yield Measured(*(table[(table[COMPARISON] == list(key)).all(axis=1)] for table in self._tables()))
+    @cached_property
+    def randoms(self) -> pd.DataFrame:
+        """The evaluations of Random."""
+        return baseline_rows(self.evaluations)
 
-    def _tables(self) -> list[pd.DataFrame]:
-        return [getattr(self, field.name) for field in fields(self)]
+    @cached_property
+    def comparisons(self) -> tuple[Measured, ...]:
+        """The part of each comparison, in a fixed order."""
+        tables = [getattr(self, field.name) for field in fields(self)]
+        parts = [dict(list(table.groupby(COMPARISON))) for table in tables]
+        keys = self.cells[COMPARISON].drop_duplicates().sort_values(COMPARISON)
+        return tuple(
+            Measured(*(mine.get(key, table.head(0)) for mine, table in zip(parts, tables, strict=True)))
+            for key in keys.itertuples(index=False, name=None)
+        )
 
 
 def measure(frames: Frames) -> Measured:

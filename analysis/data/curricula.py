@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from analysis.data.frames import Frames
 from tma_ray.commands.arguments import check_kind
+from tma_ray.results import Table
 from tma_ray.tasks import MASTERY_RETURN
 
 PANELS = 5
@@ -32,6 +33,7 @@ class Curriculum:
         updates: step, gaussians, boxes and scalars of the teacher.
         steps: length of the run.
         mastery: episodic return over which a task is mastered.
+        seed: of the run.
     """
 
     episodes: pd.DataFrame
@@ -39,6 +41,7 @@ class Curriculum:
     updates: pd.DataFrame
     steps: int
     mastery: float = MASTERY_RETURN
+    seed: int = 0
 
     @property
     def shuffled(self) -> bool:
@@ -58,7 +61,7 @@ class Curriculum:
         def cut(frame: pd.DataFrame) -> pd.DataFrame:
             return frame[(frame["step"] > low) & (frame["step"] <= high)]
 
-        return Curriculum(cut(self.episodes), cut(self.probes), cut(self.updates), self.steps, self.mastery)
+        return replace(self, episodes=cut(self.episodes), probes=cut(self.probes), updates=cut(self.updates))
 
     def probed_at(self, step: int) -> NDArray[np.float32]:
         """Returns the tasks of the last probe up to `step` (n, d); (0, 0) if the probes end before it."""
@@ -121,6 +124,22 @@ def boxes_of(update: pd.Series) -> list[dict[str, Any]]:
 def curriculum_of(frames: Frames, run: pd.Series) -> Curriculum:
     """Returns what there is of the curriculum of one run, a row of `Frames.cells`."""
     check_kind("run", run, pd.Series, "a row of frames.cells")
-    run_id = run["run_id"]
-    tables = frames.episodes(run_id), frames.curriculum(run_id), frames.teacher_log(run_id)
-    return Curriculum(*tables, steps=int(run["steps"]), mastery=float(run["mastery_threshold"]))
+    (found,) = curricula_of_runs(frames, [run])
+    return found
+
+
+def curricula_of_runs(frames: Frames, runs: Sequence[pd.Series]) -> list[Curriculum]:
+    """Returns the curricula of several runs, rows of `Frames.cells`, which are read together."""
+    run_ids = [run["run_id"] for run in runs]
+    tables = [
+        frames.of_runs(table, run_ids) for table in (Table.EPISODES, Table.CURRICULUM, Table.TEACHER_LOG)
+    ]
+    return [
+        Curriculum(
+            *(table[run["run_id"]] for table in tables),
+            steps=int(run["steps"]),
+            mastery=float(run["mastery_threshold"]),
+            seed=int(run["seed"]),
+        )
+        for run in runs
+    ]

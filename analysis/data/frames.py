@@ -3,23 +3,20 @@
 from __future__ import annotations
 
 import functools
-import hashlib
-import json
-import re
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Concatenate, ParamSpec
 
 import numpy as np
 import pandas as pd
+from numpy.typing import NDArray
 
 from analysis.data.evaluations import evaluation_measures, evaluation_warnings, training_warnings
-from analysis.data.identity import CONDITIONS, experiments_apart, identity, named_apart
+from analysis.data.identity import CONDITIONS, experiments_apart, named_apart
+from analysis.data.specs import SETTINGS, thresholds_of, with_settings
 from tma_ray.commands.arguments import check_kind, check_known, check_names
-from tma_ray.decoding import DamagedFileError, decode_json
 from tma_ray.results import CHIPMUNK, SCHEMAS, Results, Table
-from tma_ray.tasks import MASTERY_RETURN
 
 COMPARISON = [
     *("engine", "experiment", "environment", "challenge", "embodiment", "student", "expert_knowledge")
@@ -29,12 +26,12 @@ COMPARISON = [
 GROUP = [*COMPARISON, "teacher"]
 """Columns that seeds must have in common to be averaged."""
 
-SETTINGS = ["engine", "mastery_threshold", "settings", "identity"]
-"""Columns of cells that come from the spec; settings is a short hash of all of it but the seed, identity the
-JSON of `identity.identity`."""
-
-SEED = re.compile(r'"seed": \d+, "student":')
-"""The seed in a spec, whose keys are sorted, with the key that follows it."""
+OF_ONE_RUN = {
+    Table.EPISODES: ["step", "episode", "task", "world_task", "episodic_return"],
+    Table.CURRICULUM: ["step", "sample", "task"],
+    Table.TEACHER_LOG: ["step", "gaussians", "boxes", "scalars"],
+}
+"""Columns that are read of the long tables of single runs; tasks are float32 (d,)."""
 
 P = ParamSpec("P")
 
@@ -115,16 +112,34 @@ class Frames:
 
     def episodes(self, run_id: str) -> pd.DataFrame:
         """Returns the training episodes of one run, tasks as float32 (d,)."""
-        columns = ["step", "episode", "task", "world_task", "episodic_return"]
-        return self._rows(Table.EPISODES, columns, [run_id])
+        return self.of_runs(Table.EPISODES, [run_id])[run_id]
 
     def curriculum(self, run_id: str) -> pd.DataFrame:
         """Returns the probed tasks of one run, tasks as float32 (d,)."""
-        return self._rows(Table.CURRICULUM, ["step", "sample", "task"], [run_id])
+        return self.of_runs(Table.CURRICULUM, [run_id])[run_id]
 
     def teacher_log(self, run_id: str) -> pd.DataFrame:
         """Returns step, gaussians, boxes and scalars of every update of the teacher of one run."""
-        return self._rows(Table.TEACHER_LOG, ["step", "gaussians", "boxes", "scalars"], [run_id])
+        return self.of_runs(Table.TEACHER_LOG, [run_id])[run_id]
+
+    def of_runs(self, table: Table, run_ids: Sequence[str]) -> dict[str, pd.DataFrame]:
+        """Returns the columns `OF_ONE_RUN` of a long table for each of `run_ids`, read together."""
+        columns = OF_ONE_RUN[table]
+        rows = self._rows(table, ["run_id", *columns], run_ids)
+        places = positions(rows["run_id"])
+        none = np.zeros(0, np.int64)
+        return {
+            run_id: rows[columns].take(places.get(run_id, none)).reset_index(drop=True) for run_id in run_ids
+        }
+
+    def evaluations_of(self, run_ids: Collection[str]) -> pd.DataFrame:
+        """Returns the evaluations of some runs, without searching those of all."""
+        mine = [self._evaluated[run_id] for run_id in run_ids if run_id in self._evaluated]
+        return self.evaluations.take(np.concatenate([np.zeros(0, np.int64), *mine]))
+
+    @functools.cached_property
+    def _evaluated(self) -> dict[str, NDArray[np.int64]]:
+        return positions(self.evaluations["run_id"])
 
     def _rows(self, table: Table, columns: list[str], run_ids: Sequence[str]) -> pd.DataFrame:
         """Reads a long table of some runs, from wherever they are."""
@@ -175,12 +190,12 @@ def load(root: str | Path) -> Frames:
         ResultsRootError: no results root at that place.
     """
     results = Results.open(root)
-    runs = _with_settings(_plain(results.table(Table.RUNS).to_pandas()))
+    runs = with_settings(_plain(results.table(Table.RUNS).to_pandas()))
     (cells,), split = named_apart([_join(_plain(_frame(results, Table.CELLS)), runs)])
     cells, apart = experiments_apart(cells)
     columns = ["run_id", "step", "test_set", "task_index", "episodic_return"]
     evaluations = _frame(results, Table.EVALUATIONS, columns)
-    evaluations["mastered"] = evaluations["episodic_return"] > _thresholds(evaluations, runs)
+    evaluations["mastered"] = evaluations["episodic_return"] > thresholds_of(evaluations, runs)
     measured = evaluation_measures(evaluations)
     told = *cell_warnings(cells, evaluations), *evaluation_warnings(measured)
     return Frames(
@@ -193,22 +208,21 @@ def load(root: str | Path) -> Frames:
     )
 
 
+def positions(run_ids: pd.Series) -> dict[str, NDArray[np.int64]]:
+    """Returns the rows of each run in a table, in order, by run id.
+
+    Args:
+        run_ids: of the table's rows (n,).
+    """
+    known = run_ids.astype("category").cat
+    order = np.argsort(known.codes.to_numpy(), kind="stable")
+    ends = np.cumsum(np.bincount(known.codes, minlength=len(known.categories)))
+    return dict(zip(known.categories, np.split(order, ends[:-1]), strict=True)) if len(ends) else {}
+
+
 def unfailed(cells: pd.DataFrame) -> pd.DataFrame:
     """Returns `GROUP`, `CONDITIONS`, seed, run_id and status of the cells whose runs did not fail."""
     return cells.loc[cells["status"] != "failed", [*GROUP, *CONDITIONS, "seed", "run_id", "status"]]
-
-
-def parsed(text: object) -> dict[str, Any]:
-    """Returns the JSON object in `text`, or an empty one if it holds something else."""
-    try:
-        return decode_json(text, dict[str, Any], "a spec") if isinstance(text, str) else {}
-    except DamagedFileError:
-        return {}
-
-
-def mastery_threshold(spec: object) -> float:
-    """Returns the episodic return over which tasks are mastered in a run with this `spec` (JSON)."""
-    return float(parsed(spec).get("mastery_threshold", MASTERY_RETURN))
 
 
 def _frame(
@@ -218,40 +232,6 @@ def _frame(
     content = results.table(table, run_ids=None if run_ids is None else set(run_ids), columns=columns)
     frame: pd.DataFrame = content.to_pandas(strings_to_categorical=True)
     return frame
-
-
-def _with_settings(runs: pd.DataFrame) -> pd.DataFrame:
-    """Adds what comparisons need of each run's spec: engine, mastery_threshold, settings and identity.
-
-    A spec is long, and there are thousands: those that differ in their seed alone are parsed once.
-    """
-    texts = [_without_seed(spec) for spec in runs["spec"]]
-    known = {text: _settings(text) for text in set(texts)}
-    return runs.assign(**{name: [known[text][name] for text in texts] for name in SETTINGS})
-
-
-def _thresholds(evaluations: pd.DataFrame, runs: pd.DataFrame) -> pd.Series | float:
-    """Returns the threshold of each evaluation's run; one number where all have the same."""
-    known = runs["mastery_threshold"].unique()
-    if len(known) == 1:
-        return float(known[0])
-    return evaluations["run_id"].map(runs.set_index("run_id")["mastery_threshold"]).astype(float)
-
-
-def _without_seed(spec: str) -> str:
-    text, found = SEED.subn('"student":', spec, count=1)
-    content = {} if found else parsed(spec)
-    return text if found else json.dumps({name: content[name] for name in content if name != "seed"})
-
-
-def _settings(text: str) -> dict[str, Any]:
-    spec = parsed(text)
-    return {
-        "engine": str(spec.get("engine", CHIPMUNK)),
-        "mastery_threshold": float(spec.get("mastery_threshold", MASTERY_RETURN)),
-        "settings": hashlib.sha256(text.encode()).hexdigest()[:12],
-        "identity": json.dumps(identity(spec), sort_keys=True),
-    }
 
 
 def _join(cells: pd.DataFrame, runs: pd.DataFrame) -> pd.DataFrame:

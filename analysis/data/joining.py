@@ -6,8 +6,9 @@ from collections.abc import Sequence
 
 import pandas as pd
 
-from analysis.data.frames import GROUP, SETTINGS, STATUSES, Frames, cell_warnings
+from analysis.data.frames import GROUP, STATUSES, Frames, cell_warnings
 from analysis.data.identity import experiments_apart, named_apart
+from analysis.data.specs import SETTINGS
 from tma_ray.results import Results
 
 STATE = ["status", "error", "spec", "steps", "test_set", "physics_version", *SETTINGS]

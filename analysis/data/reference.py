@@ -22,6 +22,12 @@ def is_baseline(teacher: str) -> bool:
     return teacher.lower() == BASELINE
 
 
+def baseline_rows(rows: pd.DataFrame) -> pd.DataFrame:
+    """Returns those of Random."""
+    names = {teacher: is_baseline(teacher) for teacher in rows["teacher"].unique()}
+    return rows[rows["teacher"].map(names).astype(bool)]
+
+
 def baseline_runs(
     group: pd.DataFrame, alike: pd.DataFrame, apart: Sequence[str] = ("expert_knowledge",)
 ) -> pd.DataFrame:
@@ -36,8 +42,7 @@ def baseline_runs(
         alike: rows that agree with them in all that makes a difference, with the same columns.
         apart: columns that tell comparisons apart and make no difference to Random.
     """
-    own = group[group["teacher"].map(is_baseline).astype(bool)]
-    found = alike[alike["teacher"].map(is_baseline).astype(bool)]
+    own, found = baseline_rows(group), baseline_rows(alike)
     if len(own) or found.empty:
         return own
     here = group.iloc[0]

@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 import pandas as pd
 
 from analysis.data.arguments import check_columns
-from analysis.data.frames import parsed
+from analysis.data.specs import parsed
 
 
 class Axis(NamedTuple):

@@ -86,7 +86,7 @@ def drawings(frames: Frames, measured: Measured) -> Iterator[Drawing]:
         alike = early["run_id"].isin(mine["run_id"]) & (early["variant"] == mine["variant"].iloc[0])
         for drawing in _of_kind(frames, mine, early[alike]):
             yield Drawing(prefix + drawing.name, drawing.draw)
-    comparisons = list(measured.comparisons())
+    comparisons = list(measured.comparisons)
     names = Counter(_name(comparison, NAMED) for comparison in comparisons)
     for comparison in comparisons:
         name = _name(comparison, NAMED)

@@ -72,7 +72,8 @@ def mastered_tasks(frames: Frames, finals: pd.DataFrame) -> pd.DataFrame:
         finals: what `final_evaluations` returned; tells which evaluation counts for each run.
     """
     check_columns("finals", finals, [*GROUP, "run_id", "step"])
-    evaluations = frames.evaluations[frames.evaluations["step"].isin(finals["step"].unique())]
+    evaluations = frames.evaluations_of(finals["run_id"].unique())
+    evaluations = evaluations[evaluations["step"].isin(finals["step"].unique())]
     evaluations = evaluations.astype({"run_id": object, "test_set": object})
     rows = finals[[*GROUP, "run_id", "step"]].merge(evaluations, on=["run_id", "step"])
     rows["share"] = rows["mastered"].astype(float)
@@ -82,9 +83,9 @@ def mastered_tasks(frames: Frames, finals: pd.DataFrame) -> pd.DataFrame:
 
 def summarise(frames: Frames, finals: pd.DataFrame) -> pd.DataFrame:
     """Returns one row per group: counts of runs by status, and mean and std of every measure."""
-    rows = []
+    rows, by_group = [], dict(list(finals.groupby(GROUP)))
     for key, seeds in frames.cells.groupby(GROUP, sort=True):
-        mine = finals[(finals[GROUP] == list(key)).all(axis=1)]
+        mine = by_group.get(key, finals.head(0))
         row: dict[str, Any] = dict(zip(GROUP, key, strict=True))
         row |= {"seeds": seeds["run_id"].nunique(), "n": len(mine)}
         row |= {status: int((seeds["status"] == status).sum()) for status in STATUSES}

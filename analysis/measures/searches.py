@@ -6,8 +6,9 @@ from typing import Any
 
 import pandas as pd
 
-from analysis.data.frames import Frames, parsed
+from analysis.data.frames import Frames
 from analysis.data.identity import of_searches, searches
+from analysis.data.specs import parsed
 from analysis.measures.evaluations import final_evaluations
 from analysis.statistics import describe
 from tma_ray.benchmark import Grid, Matrix

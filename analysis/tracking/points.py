@@ -10,7 +10,7 @@ import numpy as np
 import pandas as pd
 
 from analysis.data.evaluations import evaluation_measures
-from analysis.data.frames import mastery_threshold
+from analysis.data.specs import mastery_threshold
 from tma_ray.results import Manifest, Results, Table
 
 WATCH_SECONDS: Final = 10.0

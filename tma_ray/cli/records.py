@@ -68,9 +68,10 @@ def ranking_record(sources: Sequence[str], share: float, measure: str) -> dict[s
 def claims_record(sources: Sequence[str]) -> dict[str, Any]:
     """Returns what the results of one or several roots say of each of the paper's claims."""
     from analysis.baselines.sources import read
-    from analysis.claims.sources import claims_notes, root_verdicts
+    from analysis.claims.sources import root_verdicts
 
     frames = read(sources)
+    verdicts, notes = root_verdicts(frames)
     claims = [
         {
             "text": verdict.claim.text,
@@ -80,10 +81,10 @@ def claims_record(sources: Sequence[str]) -> dict[str, Any]:
                 {"standing": finding.standing, "evidence": finding.evidence} for finding in verdict.findings
             ],
         }
-        for verdict in root_verdicts(frames)
+        for verdict in verdicts
     ]
     record = _of_sources(sources, frames)
-    return {**record, "warnings": [*record["warnings"], *claims_notes(frames)], "claims": claims}
+    return {**record, "warnings": [*record["warnings"], *notes], "claims": claims}
 
 
 def _of_sources(sources: Sequence[str], frames: Frames) -> dict[str, Any]:

@@ -4,14 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 
-from analysis.comparisons.examples import examples_of, in_whose_space
+from analysis.comparisons.examples import in_whose_space, which_runs
 from analysis.comparisons.measured import Measured
 from analysis.data.curricula import Curriculum, moments
 from analysis.data.task_axes import Axis, task_axes
 from analysis.figures.curricula.dimensions import dimension_bands
 from analysis.figures.picture import Picture
-from analysis.formatting import listed
-from analysis.names import label
 
 LARGEST = 20
 """Spaces with more varied dimensions are not drawn."""
@@ -19,16 +17,14 @@ LARGEST = 20
 
 def curriculum_pictures(mine: Measured, curricula: Mapping[str, Curriculum]) -> Iterator[Picture]:
     """Yields the figures of `curricula_of` over the whole run, dimension by dimension."""
-    axes, examples = task_axes(mine.cells), examples_of(mine)
     if not curricula:
         return
-    seeds = listed(f"{label(teacher)}: seed {examples[teacher]['seed']}" for teacher in curricula)
-    which = f"One run of each teacher, the median one by mastered tasks ({seeds})"
+    axes = task_axes(mine.cells)
     varied = sum(axis.low < axis.high for axis in axes)
     probed = {teacher: each for teacher, each in curricula.items() if len(each.probes)}
     whole_plane = len(axes) == varied == 2  # which charts show step by step
     if 0 < varied <= LARGEST and not whole_plane and len(moments(probed)) > 1:
-        yield _dimensions(probed, axes, which)
+        yield _dimensions(probed, axes, which_runs(curricula))
 
 
 def _dimensions(curricula: Mapping[str, Curriculum], axes: tuple[Axis, ...], which: str) -> Picture:

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import base64
 import html
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, TypeAlias
 
-import plotly.graph_objects as go
+import numpy as np
+from numpy.typing import NDArray
 from plotly.io.json import to_json_plotly
 from plotly.offline import get_plotlyjs
 
@@ -41,23 +43,34 @@ _SYMBOLS = {
 """Markers of `style.look` as plotly calls them."""
 
 
+Trace: TypeAlias = dict[str, Any]
+"""A series of marks, a line or a map, as plotly.js has it."""
+
+BINARY = {"float32": "f4", "float64": "f8", "int32": "i4"}
+"""Arrays that are embedded as bytes, and what plotly.js calls their types."""
+
+
 @dataclass(frozen=True, eq=False)
 class Drawing:
-    """A figure of plotly, and what changes of it with the step.
+    """A figure of plotly.js, and what changes of it with the step.
+
+    It is plain data: plotly's own classes would take half of a page's time to check it.
 
     Attributes:
-        figure: as it is without frames.
-        frames: of `step_frame`; plain data, since checking them takes plotly half of a page's time.
+        traces: of `scatter` and `heatmap`.
+        layout: axes, margins, legend.
+        frames: of `step_frame`.
     """
 
-    figure: go.Figure
+    traces: tuple[Trace, ...]
+    layout: dict[str, Any]
     frames: tuple[dict[str, Any], ...]
 
     @property
     def json(self) -> str:
-        """Both as JSON, which plotly.js reads."""
-        frames = to_json_plotly([_compact(frame) for frame in self.frames])
-        return f'{str(self.figure.to_json())[:-1]},"frames":{frames}}}'
+        """All of it as JSON, which plotly.js reads."""
+        whole = {"data": list(self.traces), "layout": self.layout, "frames": list(self.frames)}
+        return str(to_json_plotly(_compact(whole)))
 
 
 @dataclass(frozen=True, eq=False)
@@ -84,7 +97,7 @@ class Chart:
     @property
     def height(self) -> int:
         """CSS pixels."""
-        return int(self.drawing.figure.layout.height)
+        return int(self.drawing.layout["height"])
 
     @property
     def json(self) -> str:
@@ -98,18 +111,17 @@ def plotly_library() -> str:
 
 
 def drawing_of(
-    traces: Iterable[Any], height: int, layout: Mapping[str, Any], frames: Iterable[dict[str, Any]]
+    traces: Iterable[Trace], height: int, layout: Mapping[str, Any], frames: Iterable[dict[str, Any]]
 ) -> Drawing:
     """Returns a drawing in the look of the house.
 
     Args:
-        traces: of plotly.
+        traces: of `scatter` and `heatmap`.
         height: CSS pixels.
         layout: what this chart has of its own.
         frames: of `step_frame`.
     """
     shared = {
-        "template": go.layout.Template(),
         "height": height,
         "font": {"family": FONT, "size": 12, "color": INK},
         "paper_bgcolor": "rgba(0,0,0,0)",
@@ -119,7 +131,17 @@ def drawing_of(
         "uirevision": "kept",  # a reader's zoom outlives a change of step
         "showlegend": False,
     }
-    return Drawing(go.Figure(list(traces), {**shared, **layout}), tuple(frames))
+    return Drawing(tuple(traces), {**shared, **layout}, tuple(frames))
+
+
+def scatter(**own: Any) -> Trace:
+    """Returns a trace of marks or of a line."""
+    return {"type": "scatter", **own}
+
+
+def heatmap(**own: Any) -> Trace:
+    """Returns a trace that colours the cells of a grid."""
+    return {"type": "heatmap", **own}
 
 
 def axis(title: str = "", **own: Any) -> dict[str, Any]:
@@ -147,12 +169,24 @@ def step_frame(step: object, traces: Mapping[int, Mapping[str, Any]], title: str
 
 
 def _compact(value: Any) -> Any:
-    """Returns plain data with whole numbers as integers, which takes less room on a page."""
+    """Returns plain data that takes little room: whole numbers as integers, arrays of numbers as bytes."""
+    if isinstance(value, np.ndarray):
+        return _binary(value)
     if isinstance(value, float):
         return int(value) if value.is_integer() else value
     if isinstance(value, dict):
         return {name: _compact(each) for name, each in value.items()}
     return [_compact(each) for each in value] if isinstance(value, list) else value
+
+
+def _binary(values: NDArray[Any]) -> Any:
+    """Returns numbers (n,) as plotly.js reads them from bytes; other values as a list."""
+    if values.dtype == np.int64 and values.size and np.abs(values).max() <= np.iinfo(np.int32).max:
+        values = values.astype(np.int32)
+    kind = BINARY.get(str(values.dtype))
+    if kind is None or not values.size:
+        return _compact(values.tolist())
+    return {"dtype": kind, "bdata": base64.b64encode(values.tobytes()).decode()}
 
 
 def marker(teacher: str, **own: Any) -> dict[str, Any]:

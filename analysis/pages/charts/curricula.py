@@ -6,13 +6,19 @@ from collections.abc import Iterator, Mapping
 from typing import Any
 
 import numpy as np
-import plotly.graph_objects as go
 
 from analysis.data.curricula import PANELS, Curriculum, boxes_of, gaussians_of, return_range, stack
 from analysis.data.task_axes import Axis
 from analysis.looks import INK, RETURN_COLOURS, look
 from analysis.names import teacher_order
-from analysis.pages.charts.chart import Chart, drawing_of, named, step_frame, transparent
+from analysis.pages.charts.chart import (
+    Chart,
+    drawing_of,
+    named,
+    scatter,
+    step_frame,
+    transparent,
+)
 from analysis.pages.charts.task_view import TaskView
 
 HEIGHT = 290
@@ -45,7 +51,7 @@ def probed_task_charts(
         states = [_state(curriculum, step, view) for step in steps]
         frames = [step_frame(step, dict(enumerate(state))) for step, state in zip(steps, states, strict=True)]
         looks = _looks(teacher, _hover(view))
-        traces = [go.Scatter(**own, **patch) for own, patch in zip(looks, states[-1], strict=True)]
+        traces = [scatter(**own, **patch) for own, patch in zip(looks, states[-1], strict=True)]
         drawing = drawing_of(traces, HEIGHT, view.layout() | {"title": _heading(names[teacher])}, frames)
         yield Chart(f"{prefix}-{teacher}", "Probed tasks", caption, drawing, teacher)
 
@@ -76,7 +82,7 @@ def training_task_charts(
         if not there:
             continue
         last = there[max(there)]
-        trace = go.Scatter(
+        trace = scatter(
             **{**last, "marker": {**colours, **last["marker"], "line": {"color": INK, "width": 0.3}}},
             mode="markers",
             hovertemplate=f"{_hover(view)}<br>return %{{marker.color}}<extra></extra>",

@@ -6,11 +6,20 @@ from collections.abc import Iterator
 
 import numpy as np
 import pandas as pd
-import plotly.graph_objects as go
 
 from analysis.looks import look
 from analysis.names import teacher_order
-from analysis.pages.charts.chart import Chart, axis, drawing_of, line, marker, named, transparent
+from analysis.pages.charts.chart import (
+    Chart,
+    Trace,
+    axis,
+    drawing_of,
+    line,
+    marker,
+    named,
+    scatter,
+    transparent,
+)
 
 HEIGHT = 330
 
@@ -43,12 +52,12 @@ def curve_chart(name: str, table: pd.DataFrame, quantity: str, title: str, capti
     return Chart(name, title, caption, drawing_of(traces, HEIGHT, layout, ()))
 
 
-def _traces(teacher: str, name: str, table: pd.DataFrame, mode: str) -> Iterator[go.Scatter]:
+def _traces(teacher: str, name: str, table: pd.DataFrame, mode: str) -> Iterator[Trace]:
     rows = table[(table["teacher"] == teacher) & table["mean"].notna()].sort_values("step")
     steps, mean = rows["step"].to_numpy(np.int64), rows["mean"].to_numpy(np.float64)
     error = rows["standard_error"].fillna(0).to_numpy(np.float64)
     whose = {"name": name, "legendgroup": teacher, "meta": {"teacher": teacher}}
-    yield go.Scatter(
+    yield scatter(
         x=np.concatenate([steps, steps[::-1]]),
         y=_short(np.concatenate([mean + error, (mean - error)[::-1]])),
         mode="lines",
@@ -59,7 +68,7 @@ def _traces(teacher: str, name: str, table: pd.DataFrame, mode: str) -> Iterator
         showlegend=False,
         **whose,
     )
-    yield go.Scatter(
+    yield scatter(
         x=steps,
         y=_short(mean),
         mode=mode,

@@ -9,13 +9,23 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
-import plotly.graph_objects as go
 from numpy.typing import NDArray
 
 from analysis.data.curricula import stack
 from analysis.data.task_axes import Axis
 from analysis.names import short_labels, teacher_order
-from analysis.pages.charts.chart import END, LONGEST, Chart, drawing_of, shown, step_frame, task_axis
+from analysis.pages.charts.chart import (
+    END,
+    LONGEST,
+    Chart,
+    Trace,
+    drawing_of,
+    heatmap,
+    scatter,
+    shown,
+    step_frame,
+    task_axis,
+)
 
 HEIGHT = 270
 
@@ -48,7 +58,7 @@ def mastery_charts(
     names = short_labels(shares["teacher"], LONGEST)
     for teacher in sorted(names, key=teacher_order):
         mine = shares[shares["teacher"] == teacher]
-        percent = {step: _percent(mine[mine["step"].eq(step)], tasks) for step in mine["step"].unique()}
+        percent = {step: _percent(rows, tasks) for step, rows in mine.groupby("step", sort=False)}
         ends = percent.get(END, [math.nan] * len(tasks))
         trace = _marks(points, ends, words) if cells is None else cells.trace(ends, words)
         frames = [
@@ -90,9 +100,9 @@ class _Cells:
         table[self.rows, self.columns] = [None if pd.isna(value) else value for value in values]
         return [list(row) for row in table]
 
-    def trace(self, percent: Sequence[float], words: Sequence[str]) -> go.Heatmap:
+    def trace(self, percent: Sequence[float], words: Sequence[str]) -> Trace:
         """Returns a map that fills its chart, however wide that is."""
-        return go.Heatmap(
+        return heatmap(
             x=self.xs.round(4),
             y=self.ys.round(4),
             z=self.filled(percent),
@@ -107,9 +117,9 @@ class _Cells:
         )
 
 
-def _marks(points: NDArray[np.float64], percent: Sequence[float], words: Sequence[str]) -> go.Scatter:
+def _marks(points: NDArray[np.float64], percent: Sequence[float], words: Sequence[str]) -> Trace:
     """Returns a mark for each task."""
-    return go.Scatter(
+    return scatter(
         x=points[:, 0].round(4),
         y=points[:, 1].round(4),
         mode="markers",
@@ -128,7 +138,9 @@ def _marks(points: NDArray[np.float64], percent: Sequence[float], words: Sequenc
 
 
 def _percent(rows: pd.DataFrame, tasks: pd.DataFrame) -> list[float]:
-    values = 100 * rows.set_index("task_index")["share"].reindex(tasks["task_index"]).to_numpy(float)
+    places = pd.Index(tasks["task_index"]).get_indexer(rows["task_index"])
+    values = np.full(len(tasks), np.nan)
+    values[places[places >= 0]] = 100 * rows["share"].to_numpy(float)[places >= 0]
     return [round(float(value), 1) for value in values]
 
 

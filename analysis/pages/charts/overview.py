@@ -7,7 +7,6 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
-import plotly.graph_objects as go
 
 from analysis.formatting import number
 from analysis.looks import look
@@ -16,11 +15,13 @@ from analysis.pages.charts.chart import (
     END,
     Chart,
     Drawing,
+    Trace,
     axis,
     bounds_of,
     drawing_of,
     marker,
     named,
+    scatter,
     shown,
     step_frame,
 )
@@ -83,7 +84,7 @@ def _patches(group: pd.DataFrame, places: Mapping[tuple[str, str], float]) -> di
 
 
 def _figure(
-    traces: list[go.Scatter],
+    traces: list[Trace],
     frames: list[dict[str, Any]],
     rows: Mapping[str, str],
     teachers: list[str],
@@ -123,9 +124,9 @@ def _rule(place: float) -> dict[str, Any]:
     }
 
 
-def _trace(anchor: str, teacher: str, name: str, end: Mapping[str, Any], first: bool) -> go.Scatter:
+def _trace(anchor: str, teacher: str, name: str, end: Mapping[str, Any], first: bool) -> Trace:
     style = {"color": look(teacher).colour, "thickness": 1.6, "width": 0}
-    return go.Scatter(
+    return scatter(
         **{**end, "error_x": {**end["error_x"], **style}},
         mode="markers",
         name=name,

@@ -6,11 +6,19 @@ from collections.abc import Iterator
 
 import numpy as np
 import pandas as pd
-import plotly.graph_objects as go
 
 from analysis.looks import look
 from analysis.names import teacher_order
-from analysis.pages.charts.chart import Chart, axis, drawing_of, line, named, transparent
+from analysis.pages.charts.chart import (
+    Chart,
+    Trace,
+    axis,
+    drawing_of,
+    line,
+    named,
+    scatter,
+    transparent,
+)
 
 HEIGHT = 330
 
@@ -41,12 +49,12 @@ def profile_chart(name: str, table: pd.DataFrame, quantity: str, title: str, cap
     return Chart(name, title, caption, drawing_of(traces, HEIGHT, layout, ()))
 
 
-def _traces(teacher: str, name: str, rows: pd.DataFrame) -> Iterator[go.Scatter]:
+def _traces(teacher: str, name: str, rows: pd.DataFrame) -> Iterator[Trace]:
     rows = rows.sort_values("threshold")
     thresholds = rows["threshold"].to_numpy(np.float32)
     share, low, high = (100 * rows[column].to_numpy(np.float32) for column in ("share", "low", "high"))
     whose = {"name": name, "legendgroup": teacher, "meta": {"teacher": teacher}}
-    yield go.Scatter(
+    yield scatter(
         x=np.concatenate([thresholds, thresholds[::-1]]),
         y=np.concatenate([high, low[::-1]]),
         mode="lines",
@@ -57,7 +65,7 @@ def _traces(teacher: str, name: str, rows: pd.DataFrame) -> Iterator[go.Scatter]
         showlegend=False,
         **whose,
     )
-    yield go.Scatter(
+    yield scatter(
         x=thresholds,
         y=share,
         mode="lines",

@@ -7,12 +7,21 @@ from collections.abc import Iterator, Mapping
 
 import numpy as np
 import pandas as pd
-import plotly.graph_objects as go
 
 from analysis.data.curricula import Curriculum
 from analysis.looks import look
 from analysis.names import teacher_order
-from analysis.pages.charts.chart import Chart, axis, drawing_of, line, named, shown, transparent
+from analysis.pages.charts.chart import (
+    Chart,
+    Trace,
+    axis,
+    drawing_of,
+    line,
+    named,
+    scatter,
+    shown,
+    transparent,
+)
 
 HEIGHT = 230
 """CSS pixels."""
@@ -69,18 +78,18 @@ def hidden_scalars(curricula: Mapping[str, Curriculum]) -> int:
     return sum(max(0, len(scalars_of(each)) - MOST_PER_TEACHER) for each in curricula.values())
 
 
-def _traces(teacher: str, values: pd.Series) -> list[go.Scatter]:
+def _traces(teacher: str, values: pd.Series) -> list[Trace]:
     hover = "%{y:.4g} at step %{x:,d}<extra></extra>"
     whose = {"meta": {"teacher": teacher}, "showlegend": False}
     look_of = line(teacher, width=1.5, dash="solid")
     if len(values) <= BINS:
         steps, shown_values = values.index.to_numpy(), _short(values)
-        return [go.Scatter(x=steps, y=shown_values, mode="lines", line=look_of, hovertemplate=hover, **whose)]
+        return [scatter(x=steps, y=shown_values, mode="lines", line=look_of, hovertemplate=hover, **whose)]
     part = np.arange(len(values)) * BINS // len(values)
     binned = pd.DataFrame({"step": values.index, "value": values.to_numpy()}).groupby(part)
     steps = binned["step"].median().to_numpy()
     low, median, high = (_short(binned["value"].agg(name)) for name in ("min", "median", "max"))
-    band = go.Scatter(
+    band = scatter(
         x=np.concatenate([steps, steps[::-1]]),
         y=np.concatenate([high, low[::-1]]),
         mode="lines",
@@ -90,7 +99,7 @@ def _traces(teacher: str, values: pd.Series) -> list[go.Scatter]:
         hoverinfo="skip",
         **whose,
     )
-    return [band, go.Scatter(x=steps, y=median, mode="lines", line=look_of, hovertemplate=hover, **whose)]
+    return [band, scatter(x=steps, y=median, mode="lines", line=look_of, hovertemplate=hover, **whose)]
 
 
 def _short(values: pd.Series) -> np.ndarray:

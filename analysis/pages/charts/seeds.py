@@ -5,7 +5,6 @@ from __future__ import annotations
 from typing import Any
 
 import pandas as pd
-import plotly.graph_objects as go
 
 from analysis.formatting import number
 from analysis.looks import look
@@ -13,11 +12,13 @@ from analysis.names import teacher_order
 from analysis.pages.charts.chart import (
     END,
     Chart,
+    Trace,
     axis,
     bounds_of,
     drawing_of,
     marker,
     named,
+    scatter,
     step_frame,
 )
 from analysis.statistics import describe, mean_interval
@@ -59,14 +60,14 @@ def seeds_chart(name: str, points: pd.DataFrame, quantity: str, title: str, capt
     return Chart(name, title, caption, drawing_of(traces, FRAME + ROW * len(teachers), layout, frames))
 
 
-def _traces(teacher: str, name: str, ends: pd.DataFrame) -> list[go.Scatter]:
+def _traces(teacher: str, name: str, ends: pd.DataFrame) -> list[Trace]:
     dots, mean = _patches(teacher, name, ends)
     whose = {"meta": {"teacher": teacher}, "mode": "markers"}
     faint = marker(teacher, symbol="circle-open", size=8, opacity=0.75)
     error = {**mean.pop("error_x"), "color": look(teacher).colour, "thickness": 2, "width": 5}
     return [
-        go.Scatter(**dots, **whose, name="", marker=faint),
-        go.Scatter(**mean, **whose, name="", marker=marker(teacher, size=11), error_x=error),
+        scatter(**dots, **whose, name="", marker=faint),
+        scatter(**mean, **whose, name="", marker=marker(teacher, size=11), error_x=error),
     ]
 
 

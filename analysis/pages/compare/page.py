@@ -10,7 +10,7 @@ from typing import Any
 import pandas as pd
 
 from analysis.baselines.sources import Sources, places_of, read
-from analysis.claims.sources import claims_notes, decided, root_verdicts
+from analysis.claims.sources import decided, root_verdicts
 from analysis.comparisons.overall import headlines
 from analysis.comparisons.pairwise import pairwise
 from analysis.comparisons.pairwise_statistics import pairwise_from_statistics
@@ -87,6 +87,7 @@ def _render(
     shown = leading(pooled(runs, [MEASURE]), f"{MEASURE}_mean")
     tests = pd.concat(_those_shown_first(tests, shown), ignore_index=True)
     found = list(places(runs, curves, tests, mine))
+    verdicts, notes = root_verdicts(frames)
     text = page(
         "compare.html.j2",
         mine=mine,
@@ -103,8 +104,8 @@ def _render(
         standings=standings,
         headlines=headlines(runs),
         overall=overall_section(runs),
-        warnings=list(dict.fromkeys([*frames.notes, *split, *claims_notes(frames)])),
-        verdicts=decided(root_verdicts(frames)),
+        warnings=list(dict.fromkeys([*frames.notes, *split, *notes])),
+        verdicts=decided(verdicts),
         significance=SIGNIFICANCE,
         version=installed_version("tma_ray"),
         written=datetime.now(UTC),

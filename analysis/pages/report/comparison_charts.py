@@ -7,15 +7,13 @@ from dataclasses import dataclass
 
 import pandas as pd
 
-from analysis.comparisons.examples import examples_of, in_whose_space
+from analysis.comparisons.examples import in_whose_space, which_runs
 from analysis.comparisons.findings import compared_by
 from analysis.comparisons.measured import Measured
 from analysis.data.curricula import Curriculum
 from analysis.data.frames import Frames
 from analysis.data.task_axes import task_axes
-from analysis.formatting import listed
 from analysis.measures.evaluations import aggregate, mastered_tasks
-from analysis.names import label
 from analysis.pages.charts import (
     END,
     Chart,
@@ -101,9 +99,7 @@ def panels_of(
 
 
 def _curricula(mine: Measured, curricula: Mapping[str, Curriculum], anchor: str) -> Iterator[Panel]:
-    axes, seeds = task_axes(mine.cells), examples_of(mine)
-    named = listed(f"{label(teacher)}: seed {seeds[teacher]['seed']}" for teacher in curricula)
-    which = f"One run of each teacher, the median one by mastered tasks ({named})"
+    axes, which = task_axes(mine.cells), which_runs(curricula)
     training_tasks = (
         f"{which}. Dots are training episodes of the latest fifth of it, at most {EPISODES}, coloured by "
         f"return, from dark violet for falling at once to yellow for mastered."
@@ -130,7 +126,7 @@ def _curricula(mine: Measured, curricula: Mapping[str, Curriculum], anchor: str)
 def _shares(frames: Frames, mine: Measured) -> pd.DataFrame:
     """Returns teacher, step (or `END`), test_set, task_index, n and share of seeds that master the task."""
     runs = mine.evaluations[["run_id", "step", "teacher"]].drop_duplicates()
-    rows = frames.evaluations[frames.evaluations["run_id"].isin(runs["run_id"])]
+    rows = frames.evaluations_of(runs["run_id"].unique())
     rows = rows.astype({"run_id": object, "test_set": object}).merge(runs, on=["run_id", "step"])
     grouped = rows.groupby(["teacher", "step", "test_set", "task_index"], sort=True)["mastered"]
     along = grouped.agg(n="count", share="mean").reset_index().astype({"step": object})

@@ -6,7 +6,8 @@ from typing import Any
 
 import pandas as pd
 
-from analysis.data.frames import GROUP, STATUSES, Frames, parsed
+from analysis.data.frames import GROUP, STATUSES, Frames
+from analysis.data.specs import parsed
 from analysis.formatting import amount, duration, number
 from analysis.names import label, teacher_order
 from analysis.pages.report.captions import threshold

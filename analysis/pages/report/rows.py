@@ -43,7 +43,7 @@ def step_rows(mine: Measured, everything: Measured) -> dict[str, dict[str, dict[
     curves = mine.evaluations
     if curves.empty:
         return {}
-    reference = reference_of(curves, everything.evaluations)
+    reference = reference_of(curves, everything.randoms)
     tests = along_baseline(curves, reference, compared_by(mine.finals).column).set_index(["step", "teacher"])
     tested: dict[Any, Any] = tests.to_dict("index")
     found: dict[str, dict[str, dict[str, str]]] = {}

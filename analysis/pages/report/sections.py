@@ -81,7 +81,7 @@ def sections(frames: Frames, measured: Measured, shown: Collection[str]) -> Iter
 def titled(measured: Measured) -> Iterator[tuple[str, str, Measured]]:
     """Yields the anchor, title and part of each comparison of the root, in a fixed order."""
     several = {name: measured.cells[name].nunique() > 1 for name in ("experiment", "engine")}
-    for count, mine in enumerate(measured.comparisons(), start=1):
+    for count, mine in enumerate(measured.comparisons, start=1):
         yield f"comparison-{count}", _title(mine.cells.iloc[0], several), mine
 
 

@@ -108,7 +108,7 @@ def by_comparison(videos: Sequence[Video]) -> dict[str, list[Video]]:
 
 def _telling_task(frames: Frames, finals: pd.DataFrame) -> tuple[str, int] | None:
     """Returns test set and index of the task on which the last returns of runs differ most."""
-    evaluations = frames.evaluations[frames.evaluations["run_id"].isin(finals["run_id"])]
+    evaluations = frames.evaluations_of(finals["run_id"].unique())
     evaluations = evaluations.astype({"run_id": object, "test_set": object})
     rows = evaluations.merge(finals[["run_id", "step"]], on=["run_id", "step"])
     spread = rows.groupby(["test_set", "task_index"])["episodic_return"].std(ddof=0)

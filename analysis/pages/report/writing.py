@@ -7,7 +7,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 
 from analysis.baselines.sources import Sources, places_of, read
-from analysis.claims.sources import claims_notes, decided, root_verdicts
+from analysis.claims.sources import decided, root_verdicts
 from analysis.comparisons.findings import compared_by
 from analysis.comparisons.measured import TESTED, Measured, measure
 from analysis.data.frames import COMPARISON, Frames
@@ -78,13 +78,14 @@ def _render(
     reload: int,
 ) -> str:
     cells = frames.cells
+    verdicts, notes = root_verdicts(frames)
     return page(
         "report.html.j2",
         reload=reload,
         campaigns=sorted(name for name in cells["campaign"].unique() if name),
         ran=what_ran(cells),
         counts=counts_of(cells),
-        warnings=[*frames.notes, *claims_notes(frames)],
+        warnings=[*frames.notes, *notes],
         controls=controls(
             cells[COMPARISON].drop_duplicates().sort_values(COMPARISON),
             cells["teacher"],
@@ -96,7 +97,7 @@ def _render(
         overall=overall_section(runs_after(frames)),
         videos=by_comparison(videos),
         tests=int((measured.tests["p"].notna() & (measured.tests["measure"] == TESTED[0])).sum()),
-        verdicts=decided(root_verdicts(frames)),
+        verdicts=decided(verdicts),
         unfinished=unfinished(frames),
         settings=settings(cells),
         machines=machines(frames.attempts),
