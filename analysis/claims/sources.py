@@ -62,6 +62,7 @@ class RootSource:
     def __init__(self, frames: Frames) -> None:
         self._frames = frames
         self._read = cache(self._read_after)
+        self._places = cache(self._places_after)
         self._grouped = cache(self._positions)
         self._samples = cache(self._sample)
         self._conditions, self.note = _chosen_conditions(runs_after(frames))
@@ -75,42 +76,46 @@ class RootSource:
     def _sample(self, reading: Reading) -> Sample | None:
         if (reading.environment, reading.challenge, reading.teacher) not in self._present:
             return None
-        places, runs = self._read(reading.share)
-        found = places.get(_place(reading))
+        found = self._complete(reading)
         if found is None or (found := found[found["teacher"] == reading.teacher]).empty:
             return None
         best = found.sort_values("n", kind="stable").iloc[-1]
         keys = [*POOL, "embodiment"] if reading.embodiment else POOL
         mine = self._grouped(reading.share, bool(reading.embodiment)).get(tuple(best[keys]), [])
-        columns = runs[[MEASURE, "run_id"]].take(mine)
+        columns = self._read(reading.share)[[MEASURE, "run_id"]].take(mine)
         values = pd.Series(columns[MEASURE].to_numpy(float), columns["run_id"].to_numpy(object)).dropna()
         return Sample(describe(values), values)
 
     def teachers(self, reading: Reading) -> Sequence[str]:
         """Returns who has complete results there."""
-        places, _ = self._read(reading.share)
-        found = places.get(_place(reading))
+        found = self._complete(reading)
         return [] if found is None else sorted(found["teacher"].unique())
 
     def _positions(self, share: float, by_body: bool) -> dict[Any, Any]:
         """Returns the rows of the runs after a share of the budget, by `POOL` (and embodiment)."""
         keys = [*POOL, "embodiment"] if by_body else POOL
-        return dict(self._read(share)[1].groupby(keys, observed=True).indices)
+        return dict(self._read(share).groupby(keys, observed=True).indices)
 
-    def _read_after(self, share: float) -> tuple[dict[tuple[str, ...], pd.DataFrame], pd.DataFrame]:
-        """Returns complete results by place, over bodies and of each body, and runs, after a share."""
+    def _complete(self, reading: Reading) -> pd.DataFrame | None:
+        """Returns the complete results where `reading` is read, None if there are none."""
+        return self._places(reading.share, bool(reading.embodiment)).get(_place(reading))
+
+    def _read_after(self, share: float) -> pd.DataFrame:
+        """Returns the runs that count, after a share of their budgets."""
         runs = runs_after(self._frames, share, training=share == 1)  # of which the page shows more
-        runs = runs[_under(runs, self._conditions)]
-        places: dict[tuple[str, ...], pd.DataFrame] = {}
-        for by in ([], ["embodiment"]):
-            table = pooled(runs, [MEASURE], by=by)
-            groups = table[table["missing"] == ""].groupby([*PLACE, *by], observed=True)
-            places |= {tuple(map(str, key)): group for key, group in groups}
+        return runs[_under(runs, self._conditions)]
+
+    def _places_after(self, share: float, by_body: bool) -> dict[tuple[str, ...], pd.DataFrame]:
+        """Returns the complete results after a share of the budget by place, over bodies or of each."""
+        by = ["embodiment"] if by_body else []
+        table = pooled(self._read(share), [MEASURE], by=by)
+        groups = table[table["missing"] == ""].groupby([*PLACE, *by], observed=True)
+        places = {tuple(map(str, key)): group for key, group in groups}
         for key, group in list(places.items()):
             theirs = group[group["engine"] == BOX2D]
             if key[-1] == RELEASED_BIPEDAL and len(theirs):
                 places.setdefault((*key[:-1], BIPEDAL), theirs)
-        return places, runs
+        return places
 
 
 def _chosen_conditions(runs: pd.DataFrame) -> tuple[pd.Series | None, str]:

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import math
-from typing import Any
+from collections.abc import Mapping
+from typing import Any, TypeAlias
 
 import pandas as pd
 
@@ -18,6 +19,8 @@ APART = ("experiment", "expert_knowledge")
 ALIKE = [*(column for column in COMPARISON if column not in APART), *CONDITIONS]
 """Columns that Random must have in common with those that are tested against it."""
 
+Randoms: TypeAlias = Mapping[Any, pd.DataFrame]
+
 
 def against_baseline(finals: pd.DataFrame, curves: pd.DataFrame, measure: str) -> pd.DataFrame:
     """Returns Welch's t-test of every teacher against Random, one row each, p and Holm's p by comparison.
@@ -30,7 +33,7 @@ def against_baseline(finals: pd.DataFrame, curves: pd.DataFrame, measure: str) -
         curves: what `evaluation_curves` returned.
         measure: column of both.
     """
-    rows, randoms = [], baseline_rows(finals)
+    rows, randoms = [], randoms_of(finals)
     for key, teachers in finals.groupby(COMPARISON, sort=True):
         reference = reference_of(teachers, randoms)
         for teacher, mine in teachers.groupby("teacher", sort=True):
@@ -85,18 +88,23 @@ def _compare(
         mine, reference = (now[now["run_id"].isin(rows["run_id"])] for rows in (mine, reference))
     elif set(mine["step"]) != set(reference["step"]):
         reason = "trained for other numbers of steps"
-    comparison = welch(*(rows.set_index("run_id")[measure] for rows in (mine, reference)))
+    comparison = welch(_sample(mine, measure), _sample(reference, measure))
     if reason:
         comparison = Comparison(comparison.n, comparison.reference_n, comparison.difference, reason=reason)
     return step, comparison
 
 
-def reference_of(teachers: pd.DataFrame, randoms: pd.DataFrame) -> pd.DataFrame:
+def randoms_of(everything: pd.DataFrame) -> Randoms:
+    """Returns the rows of Random by the columns `ALIKE`, of rows with `GROUP` and `CONDITIONS`."""
+    return dict(list(baseline_rows(everything).groupby(ALIKE)))
+
+
+def reference_of(teachers: pd.DataFrame, randoms: Randoms) -> pd.DataFrame:
     """Returns the rows of Random that the rows of one experiment are tested against, by `baseline_runs`.
 
     Args:
         teachers: rows of one comparison, at least one, with `GROUP` and the columns of `CONDITIONS`.
-        randoms: rows of Random of the root, with the same columns.
+        randoms: of `randoms_of` of the root.
     """
-    alike = (randoms[ALIKE] == teachers[ALIKE].iloc[0]).all(axis=1)
-    return baseline_runs(teachers, randoms[alike], APART).drop_duplicates(["run_id", "step"])
+    alike = randoms.get(tuple(teachers[ALIKE].iloc[0]), teachers.head(0))
+    return baseline_runs(teachers, alike, APART).drop_duplicates(["run_id", "step"])

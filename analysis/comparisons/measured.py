@@ -8,9 +8,8 @@ from math import nan
 
 import pandas as pd
 
-from analysis.comparisons.against_random import against_baseline
+from analysis.comparisons.against_random import Randoms, against_baseline, randoms_of
 from analysis.data.frames import COMPARISON, Frames
-from analysis.data.reference import baseline_rows
 from analysis.measures.evaluations import evaluation_curves, final_evaluations, summarise
 from analysis.measures.run_measures import run_measures
 from analysis.measures.training import training_curves
@@ -40,9 +39,9 @@ class Measured:
     training: pd.DataFrame
 
     @cached_property
-    def randoms(self) -> pd.DataFrame:
-        """The evaluations of Random."""
-        return baseline_rows(self.evaluations)
+    def randoms(self) -> Randoms:
+        """The evaluations of Random, of `randoms_of`."""
+        return randoms_of(self.evaluations)
 
     @cached_property
     def comparisons(self) -> tuple[Measured, ...]:
