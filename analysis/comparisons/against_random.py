@@ -96,7 +96,7 @@ def _compare(
 
 def randoms_of(everything: pd.DataFrame) -> Randoms:
     """Returns the rows of Random by the columns `ALIKE`, of rows with `GROUP` and `CONDITIONS`."""
-    return dict(list(baseline_rows(everything).groupby(ALIKE)))
+    return dict(list(baseline_rows(everything).groupby(ALIKE))) if len(everything) else {}
 
 
 def reference_of(teachers: pd.DataFrame, randoms: Randoms) -> pd.DataFrame:

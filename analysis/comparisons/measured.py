@@ -47,7 +47,7 @@ class Measured:
     def comparisons(self) -> tuple[Measured, ...]:
         """The part of each comparison, in a fixed order."""
         tables = [getattr(self, field.name) for field in fields(self)]
-        parts = [dict(list(table.groupby(COMPARISON))) for table in tables]
+        parts = [dict(list(table.groupby(COMPARISON))) if len(table) else {} for table in tables]
         keys = self.cells[COMPARISON].drop_duplicates().sort_values(COMPARISON)
         return tuple(
             Measured(*(mine.get(key, table.head(0)) for mine, table in zip(parts, tables, strict=True)))

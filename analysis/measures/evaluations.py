@@ -83,7 +83,7 @@ def mastered_tasks(frames: Frames, finals: pd.DataFrame) -> pd.DataFrame:
 
 def summarise(frames: Frames, finals: pd.DataFrame) -> pd.DataFrame:
     """Returns one row per group: counts of runs by status, and mean and std of every measure."""
-    rows, by_group = [], dict(list(finals.groupby(GROUP)))
+    rows, by_group = [], dict(list(finals.groupby(GROUP))) if len(finals) else {}
     for key, seeds in frames.cells.groupby(GROUP, sort=True):
         mine = by_group.get(key, finals.head(0))
         row: dict[str, Any] = dict(zip(GROUP, key, strict=True))

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 import pytest
+from drawn_charts import figure_of
 
 from analysis.data.curricula import Curriculum
 from analysis.data.task_axes import Axis
@@ -28,6 +29,7 @@ CUBE = (Axis("a", 0.0, 1.0), Axis("constant", 2.0, 2.0), Axis("b", -1.0, 1.0), A
 
 def shown(chart: Chart, step: object) -> list[dict[str, Any]]:
     """The traces of a chart at a step, as the page puts them together."""
+    figure_of(chart)
     figure = json.loads(chart.json)
     (frame,) = (frame for frame in figure["frames"] if frame["name"] == str(step))
     traces = figure["data"]
@@ -51,11 +53,11 @@ def points() -> pd.DataFrame:
 def test_a_curve_has_the_means_and_its_band_one_standard_error() -> None:
     table = pd.DataFrame({"teacher": "random", "step": [0, 5], "n": 4, "mean": [1.0, 3.0]})
     chart = curve_chart("curve", table.assign(standard_error=0.5), "Return", "title", "caption")
-    band, line = chart.drawing.figure.data
+    band, line = figure_of(chart).data
     assert list(line.x) == [0, 5]
     assert list(line.y) == [1.0, 3.0]
     assert sorted(band.y) == [0.5, 1.5, 2.5, 3.5]
-    assert {trace.meta["teacher"] for trace in chart.drawing.figure.data} == {"random"}
+    assert {trace.meta["teacher"] for trace in figure_of(chart).data} == {"random"}
 
 
 def test_seeds_and_their_mean_are_those_of_the_step() -> None:
@@ -72,13 +74,13 @@ def test_an_overview_has_a_trace_for_each_comparison_and_teacher() -> None:
     twice = pd.concat([points().assign(comparison=name) for name in ("one", "two")])
     only = twice[(twice["comparison"] == "one") | (twice["teacher"] == "random")]
     chart = overview_chart(only, {"one": "First", "two": "Second"}, "Mastered (%)", "title", "caption")
-    pairs = [(trace.meta["comparison"], trace.meta["teacher"]) for trace in chart.drawing.figure.data]
+    pairs = [(trace.meta["comparison"], trace.meta["teacher"]) for trace in figure_of(chart).data]
     assert pairs == [("one", "random"), ("one", "alp_gmm"), ("two", "random")]
     assert [trace["x"] for trace in shown(chart, END)] == [[20.0], [25.0], [20.0]]
-    places = [trace.y[0] for trace in chart.drawing.figure.data]
+    places = [trace.y[0] for trace in figure_of(chart).data]
     assert all(-0.5 < place < 0.5 for place in places[:2])
     assert 0.5 < places[2] < 1.5
-    assert [trace.showlegend for trace in chart.drawing.figure.data] == [True, True, False]
+    assert [trace.showlegend for trace in figure_of(chart).data] == [True, True, False]
 
 
 def test_mastered_tasks_are_shares_of_seeds_in_the_order_of_the_tasks() -> None:
@@ -92,14 +94,14 @@ def test_mastered_tasks_are_shares_of_seeds_in_the_order_of_the_tasks() -> None:
         }
     )
     (chart,) = mastery_charts("mastery", shares, tasks, PLANE, "caption")
-    (trace,) = chart.drawing.figure.data
+    (trace,) = figure_of(chart).data
     assert list(zip(trace.x, trace.y, strict=True)) == [
         (0, 5),
         (1, 2),
     ]
     assert [shown(chart, step)[0]["marker"]["color"] for step in (0, END)] == [[0, 50], [100, 50]]
     assert chart.teacher == "adr"
-    assert "75.0 %" in chart.drawing.figure.layout.title.text
+    assert "75.0 %" in figure_of(chart).layout.title.text
 
 
 def test_tasks_on_a_full_grid_fill_the_map_at_every_step() -> None:
@@ -109,7 +111,7 @@ def test_tasks_on_a_full_grid_fill_the_map_at_every_step() -> None:
     rows = [(step, index, share) for step, shares in steps.items() for index, share in enumerate(shares)]
     shares = pd.DataFrame(rows, columns=["step", "task_index", "share"]).assign(teacher="adr")
     (chart,) = mastery_charts("mastery", shares, tasks, PLANE, "caption")
-    (trace,) = chart.drawing.figure.data
+    (trace,) = figure_of(chart).data
     assert trace.type == "heatmap"
     assert (list(trace.x), list(trace.y)) == ([0, 2], [1, 5])
     assert [[list(row) for row in shown(chart, step)[0]["z"]] for step in (0, END)] == [
@@ -124,7 +126,7 @@ def test_tasks_of_many_dimensions_lie_in_rows_the_easiest_first() -> None:
     (chart,) = mastery_charts("mastery", shares, tasks, CUBE, "caption")
     places = dict(
         zip(
-            zip(chart.drawing.figure.data[0].x, chart.drawing.figure.data[0].y, strict=True),
+            zip(figure_of(chart).data[0].x, figure_of(chart).data[0].y, strict=True),
             range(4),
             strict=True,
         )

@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pandas as pd
 import pytest
+from drawn_charts import figure_of
 from matplotlib.figure import Figure
 from matplotlib.patches import Ellipse, Rectangle
 from synthetic_logs import KINDS, STEPS, axes, curriculum
@@ -175,11 +176,11 @@ def test_constant_dimensions_are_left_out(size: int, rows: int) -> None:
 def test_scalars_have_a_chart_each_with_every_value_in_its_teachers_colour() -> None:
     shown = {"adr": curriculum("adr", upto=0.5), "spdl": curriculum("spdl")}
     charts = list(scalar_charts("log", shown, "caption"))
-    titles = [chart.drawing.figure.layout.title.text for chart in charts]
+    titles = [figure_of(chart).layout.title.text for chart in charts]
     wanted = ["share of space", "alpha", "kl to target"]
     assert all(name in title for name, title in zip(wanted, titles, strict=True))
     assert [chart.teacher for chart in charts] == ["adr", "spdl", "spdl"]
-    line = charts[2].drawing.figure.data[0]
+    line = figure_of(charts[2]).data[0]
     np.testing.assert_allclose(line.y, scalars_of(shown["spdl"])["kl_to_target"], rtol=1e-6)
     assert line.line.color == look("spdl").colour
     assert not list(scalar_charts("log", {"random": curriculum("random")}, "caption"))
@@ -190,7 +191,7 @@ def test_long_series_are_medians_within_their_range() -> None:
     rows = {"step": range(len(values)), "gaussians": None, "boxes": None}
     updates = pd.DataFrame(rows | {"scalars": [[("loss", value)] for value in values]})
     (chart,) = scalar_charts("log", {"adr": replace(played(), updates=updates)}, "caption")
-    band, line = chart.drawing.figure.data
+    band, line = figure_of(chart).data
     np.testing.assert_allclose(line.y, np.median(values.reshape(BINS, 100), axis=1), rtol=1e-6)
     assert (max(band.y), min(band.y)) == pytest.approx((values.max(), values.min()))
 

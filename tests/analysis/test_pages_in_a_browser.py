@@ -219,7 +219,7 @@ def test_a_teacher_left_out_leaves_charts_and_tables(reader: Reader, report: Pat
     assert reader.page.locator("[data-of=alp_gmm]:visible").count() == 0
     reader.page.locator(".chip", has_text="ALP-GMM").click()
     reader.settle()
-    assert reader.page.locator("tr[data-of=alp_gmm]:visible").count() == 3
+    assert reader.page.locator("section[data-comparison] tr[data-of=alp_gmm]:visible").count() == 3
 
 
 @pytest.mark.slow
