@@ -36,7 +36,8 @@ def against_baseline(finals: pd.DataFrame, curves: pd.DataFrame, measure: str) -
     rows, randoms = [], randoms_of(finals)
     for key, teachers in finals.groupby(COMPARISON, sort=True):
         reference = reference_of(teachers, randoms)
-        for teacher, mine in teachers.groupby("teacher", sort=True):
+        for name, mine in teachers.groupby("teacher", sort=True):
+            teacher = str(name)
             if not is_baseline(teacher):
                 step, comparison = _compare(mine, reference, curves, measure)
                 names = dict(zip(COMPARISON, key, strict=True)) | {"teacher": teacher}

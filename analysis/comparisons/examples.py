@@ -44,9 +44,11 @@ def examples_of(mine: Measured) -> dict[str, pd.Series]:
     """Returns each teacher's run of the median final evaluation, else its first run that has begun."""
     cells = mine.cells[mine.cells["status"].isin(["done", "running"])]
     ranked = mine.finals.sort_values(["mastered_percent", "evaluation_return"], kind="stable")
-    finals = {teacher: rows.to_numpy(object) for teacher, rows in ranked.groupby("teacher")["run_id"]}
+    finals = {str(teacher): rows.to_numpy(object) for teacher, rows in ranked.groupby("teacher")["run_id"]}
+    begun = {str(teacher): runs for teacher, runs in cells.groupby("teacher")}
     chosen = {}
-    for teacher, runs in sorted(cells.groupby("teacher"), key=lambda named: teacher_order(named[0])):
+    for teacher in sorted(begun, key=teacher_order):
+        runs = begun[teacher]
         run_ids = runs["run_id"].to_numpy(object)
         best = finals.get(teacher, run_ids[:1])
         chosen[teacher] = runs.iloc[int(np.argmax(run_ids == best[(len(best) - 1) // 2]))]

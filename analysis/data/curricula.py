@@ -131,12 +131,14 @@ def curriculum_of(frames: Frames, run: pd.Series) -> Curriculum:
 def curricula_of_runs(frames: Frames, runs: Sequence[pd.Series]) -> list[Curriculum]:
     """Returns the curricula of several runs, rows of `Frames.cells`, which are read together."""
     run_ids = [run["run_id"] for run in runs]
-    tables = [
+    episodes, probes, updates = (
         frames.of_runs(table, run_ids) for table in (Table.EPISODES, Table.CURRICULUM, Table.TEACHER_LOG)
-    ]
+    )
     return [
         Curriculum(
-            *(table[run["run_id"]] for table in tables),
+            episodes=episodes[run["run_id"]],
+            probes=probes[run["run_id"]],
+            updates=updates[run["run_id"]],
             steps=int(run["steps"]),
             mastery=float(run["mastery_threshold"]),
             seed=int(run["seed"]),
