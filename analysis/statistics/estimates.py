@@ -16,6 +16,7 @@ from typing import Any, TypeAlias
 
 import numpy as np
 import pandas as pd
+from numpy.polynomial import Polynomial
 from numpy.typing import ArrayLike, NDArray
 from scipy import special
 
@@ -25,9 +26,6 @@ TAIL = (1 + CONFIDENCE) / 2
 
 TRIMMED = 0.25
 """Share of the runs that an interquartile mean leaves out at each end, rounded down to whole runs."""
-
-EDGE = 1e-12
-"""How close to 0 and 1 the ends of intervals of probabilities are looked for."""
 
 Strata: TypeAlias = Mapping[str, pd.Series]
 
@@ -55,7 +53,7 @@ class Estimate:
 
 def interquartile_mean(values: ArrayLike, axis: int = -1) -> Any:
     """Returns the mean of the middle half: a quarter of the values, rounded down, is cut at each end."""
-    from scipy import stats  # it takes a second to import, like `optimize`
+    from scipy import stats  # it takes a second to import
 
     return stats.trim_mean(np.asarray(values, dtype=float), TRIMMED, axis=axis)
 
@@ -168,27 +166,30 @@ def _superiority(values: Floats, others: Floats) -> float:
 
 
 def _newcombe(share: float, n: int, m: int) -> tuple[float, float]:
-    """Returns the interval of a probability of improvement that was estimated from n times m pairs."""
-    from scipy import optimize
+    """Returns the interval of a probability of improvement that was estimated from n times m pairs.
 
+    Its ends are the chances c whose squared distance to `share` is the squared quantile times their variance
+    c (1 - c) / (n m) (1 + (mean) ((1 - c) / (2 - c) + c / (1 + c))), mean being (n + m) / 2 - 1. Over their
+    denominators that is a polynomial of degree 4, with a root below 0, another above 1 and these two between.
+    """
     mean, quantile = (n + m) / 2 - 1, float(special.stdtrit(n + m - 2, TAIL))
-
-    def excess(chance: float) -> float:
-        spread = chance * (1 - chance) / (n * m)
-        spread *= 1 + mean * ((1 - chance) / (2 - chance) + chance / (1 + chance))
-        return (chance - share) ** 2 - quantile**2 * spread
-
-    # Just inside a share of 0 or 1 the excess is negative: its other root is the other end of the interval.
-    low = float(optimize.brentq(excess, 0.0, min(share, 1 - EDGE))) if share else 0.0
-    high = float(optimize.brentq(excess, max(share, EDGE), 1.0)) if share < 1 else 1.0
-    return low, high
+    chance = Polynomial([0.0, 1.0])
+    denominators = (2 - chance) * (1 + chance)
+    spread = chance * (1 - chance) * (denominators + mean * (1 + 2 * chance - 2 * chance**2))
+    excess = n * m * (chance - share) ** 2 * denominators - quantile**2 * spread
+    _, low, high, _ = np.sort(excess.roots().real)
+    return min(max(float(low), 0.0), share), max(min(float(high), 1.0), share)
 
 
 def _finite(sample: Strata) -> dict[str, pd.Series]:
     """Returns the strata that have finite values, those only, as floats."""
     floats = {name: part.astype(float) for name, part in sample.items()}
-    kept = {name: part[np.isfinite(part)] for name, part in floats.items()}
-    return {name: part for name, part in kept.items() if len(part)}
+    finite = {name: np.isfinite(part.to_numpy()) for name, part in floats.items()}
+    return {
+        name: part if finite[name].all() else part[finite[name]]
+        for name, part in floats.items()
+        if finite[name].any()
+    }
 
 
 def _parts(sample: Strata) -> list[Floats]:

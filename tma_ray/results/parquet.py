@@ -103,7 +103,10 @@ def decode(
         raise DamagedFileError(f"it has {rows} rows, but its manifest says {count}")
     _check_size(table, file, range(file.num_row_groups), MOST_ROWS[table])
     names = SCHEMAS[table].names if columns is None else columns
-    return _completed(table, names, file.read(_present(file, names), use_threads=False))
+    found = file.read(names, use_threads=False)  # leaves out what the file does not have
+    if not found.num_columns:
+        found = file.read(_present(file, names), use_threads=False)
+    return _completed(table, names, found)
 
 
 def opened(data: bytes) -> pq.ParquetFile:

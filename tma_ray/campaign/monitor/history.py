@@ -7,7 +7,7 @@ from pathlib import Path
 from rich.console import Console
 from rich.text import Text
 
-from tma_ray.campaign.monitor.progress import duration
+from tma_ray.campaign.monitor.wording import duration
 from tma_ray.results import LOGS, Results, Table
 from tma_ray.terminal import terminal
 

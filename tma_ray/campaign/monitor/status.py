@@ -23,7 +23,7 @@ from tma_ray.campaign.monitor.overview import (
     RunState,
     overview,
 )
-from tma_ray.campaign.monitor.progress import duration, learner_line
+from tma_ray.campaign.monitor.wording import duration, learner_line
 from tma_ray.results import Heartbeat, RunStatus
 from tma_ray.terminal import terminal
 
