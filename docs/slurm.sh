@@ -3,6 +3,11 @@
 #
 #     sbatch docs/slurm.sh experiments/quickstart.py --results /shared/results
 #
+# With one GPU on each node, where runs learn in cohorts:
+#
+#     sbatch --nodes=1 --gpus-per-node=1 --mem=64G docs/slurm.sh experiments/quickstart.py \
+#         --results /shared/results --device cuda
+#
 #SBATCH --job-name=tma-ray
 #SBATCH --nodes=4
 #SBATCH --ntasks-per-node=1

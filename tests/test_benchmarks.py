@@ -27,6 +27,7 @@ IN_A_MOMENT = "--results results --processes 1 --order 0:1 --minutes 0.05"
 
 OTHERS = {
     "cohort": "--device cpu --widths 2 --precisions highest --compiled 0 --seconds 0.2 --output o.json",
+    "data_plane": "--exchanges 5",
     "interval_coverage": "--experiments 1",
     "learning": f"{SHORT_RUNS} --seeds 1",
     "lite": IN_A_MOMENT,
@@ -82,6 +83,7 @@ def test_a_measurement_ends_and_writes_json(name: str, tmp_path: Path) -> None:
 def test_another_script_ends_with_its_summary(name: str, tmp_path: Path) -> None:
     summaries = {
         "cohort": "'independent': True",
+        "data_plane": "| Ray calls |",
         "interval_coverage": "| bimodal | 5 | 32 |",
         "learning": "of 1 seeds walk",
         "lite": "steps/s; ",

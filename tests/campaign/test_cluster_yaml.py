@@ -14,7 +14,10 @@ from ray.autoscaler._private.util import prepare_config, validate_config
 
 import tma_ray
 from tma_ray import cli
-from tma_ray.campaign.settings import Resources
+from tma_ray.campaign import Campaign, cells_of
+from tma_ray.campaign.placing.kinds import kinds_of
+from tma_ray.campaign.placing.room import learner_resources, room_of
+from tma_ray.campaign.settings import Resources, Settings
 from tma_ray.envs import ENVIRONMENTS
 
 FILE = Path(__file__).parents[2] / "cluster.yaml"
@@ -40,11 +43,19 @@ def test_nodes_hold_runs_and_the_head_holds_none() -> None:
     assert {name: default.fit_into(each["resources"]) for name, each in TYPES.items()} == {
         "head": 0,
         "cpu_worker": 16,
-        "gpu_worker": 8,
+        "gpu_worker": 16,
     }
     assert Resources(gpus=0.125).fit_into(TYPES["gpu_worker"]["resources"]) == 8
     assert Resources(gpus=0.125).fit_into(TYPES["cpu_worker"]["resources"]) == 0
     assert "--num-cpus=0" in STARTS["head"]
+
+
+def test_a_gpu_node_holds_a_full_cohort_of_sac() -> None:
+    settings = Settings(device="cuda")
+    runs = Campaign("full", cells_of(("random",)), (0,)).plan().runs
+    learner = learner_resources(settings, runs, kinds_of(runs))
+    rooms = {name: room_of(each["resources"], settings, learner) for name, each in TYPES.items()}
+    assert rooms == {"head": (0, 0), "cpu_worker": (0, 0), "gpu_worker": (1, settings.width)}
 
 
 def test_workers_are_spot_nodes_within_bounds_and_the_head_stays() -> None:

@@ -11,6 +11,7 @@ import pytest
 
 from tma_ray.campaign import Campaign, cells_of
 from tma_ray.campaign.costs import known, measuring
+from tma_ray.campaign.costs.cohort_speed import measure_cohort
 from tma_ray.campaign.costs.estimation import estimate
 from tma_ray.campaign.costs.known import kind_of, measured_speeds, quick_speeds
 from tma_ray.campaign.costs.memory import remember, remembered, speed_key, speeds_file
@@ -73,6 +74,44 @@ def test_several_processes_measure_one_kind_together(monkeypatch: pytest.MonkeyP
     monkeypatch.setattr(known, "measure_all", lambda specs, *_: {} if not specs else pytest.fail("again"))
     (again,) = measured_speeds({kind_of(spec): spec}, Settings(), 2).values()
     assert (again.training, again.source) == (found.training, Source.REMEMBERED)
+
+
+@pytest.mark.parametrize(
+    ("learner", "cores", "hours", "bound"),
+    [
+        (1_000.0, 5, 1.0, "bound by the learner; the players' cores would take 16% of that time"),
+        (16_000.0, 2, 0.625, "bound by the players' cores; the learner would take 10% of that time"),
+    ],
+)
+def test_a_cohort_is_bound_by_its_learner_or_by_its_players_cores(
+    monkeypatch: pytest.MonkeyPatch, learner: float, cores: int, hours: float, bound: str
+) -> None:
+    """Four runs of 900,000 steps: 900 s each of a learner at 1,000 steps/s, 562.5 s each of a player's core.
+
+    The core's seconds: 8 for the start, 450 of training, 104.5 for two evaluations of 100 tasks.
+    """
+    monkeypatch.setattr("os.cpu_count", lambda: cores)
+    schedule = Schedule(steps=900_000, evaluation_interval=900_000)
+    plan = Campaign("shared", cells_of(("random",), ("ppo",)), (0, 1, 2, 3), schedule).plan()
+    each = Throughput("ppo", 2_000, 200_000 / 104.5, 100, learner=learner)
+    cost = estimate(plan, Settings(device="cuda"), find_speeds=lambda kinds, *_: dict.fromkeys(kinds, each))
+    assert cost.wall_hours == pytest.approx(hours)
+    assert cost.gpu_hours == pytest.approx(cost.wall_hours)
+    assert bound in cost.summary()
+    assert "GPU-hours" in cost.summary()
+
+
+@pytest.mark.slow
+def test_both_halves_of_a_cohort_are_measured() -> None:
+    found = measure_cohort(
+        spec_of("ppo:hidden_units=8x8:steps_per_update=50:batch_size=50"), Settings(cohort=3)
+    )
+    assert found.source is Source.MEASURED
+    assert found.learner > 100
+    assert found.training > 100
+    other = spec_of("ppo:matmul_precision=high")
+    with pytest.raises(ValueError, match="of ppo with precision high no GPU's speed is known"):
+        measure_cohort(other, Settings(device="cuda"))
 
 
 def test_a_kind_of_run_that_fails_says_why() -> None:

@@ -12,6 +12,7 @@ import sys
 import tempfile
 import time
 from collections.abc import Callable, Sequence
+from contextlib import ExitStack
 from dataclasses import dataclass, field, replace
 from functools import cache
 from pathlib import Path
@@ -21,7 +22,9 @@ import pyarrow.parquet as pq
 from small_runs import data_files, rows
 
 from tma_ray.results import Committer, Store, Table
-from tma_ray.runs import run_locally
+from tma_ray.runs import Placement, run_locally
+from tma_ray.runs.pool import cohort
+from tma_ray.students.players import CohortSettings
 
 HERE = Path(__file__).parent
 ROOT = HERE.parents[1]
@@ -204,12 +207,18 @@ def private_environment(place: Path) -> dict[str, str]:
 
 
 @cache
-def undisturbed_files(module: str = "chaos_campaign", name: str = "CAMPAIGN") -> dict[str, bytes]:
-    """Returns the data files of a campaign of a module, run by run in this process, without Ray."""
+def undisturbed_files(
+    module: str = "chaos_campaign", name: str = "CAMPAIGN", width: int = 0
+) -> dict[str, bytes]:
+    """Returns the data files of a campaign of a module, run by run in this process, without Ray.
+
+    Runs learn alone, or each in an otherwise empty cohort of a width.
+    """
     campaign = getattr(importlib.import_module(module), name)
-    with tempfile.TemporaryDirectory() as root:
+    with tempfile.TemporaryDirectory() as root, ExitStack() as stack:
+        learner = stack.enter_context(cohort(CohortSettings(width=width))) if width else None
         for spec in campaign.plan().runs:
-            run_locally(spec, Committer.open(root))
+            run_locally(spec, Committer.open(root), Placement(learner=learner))
         return data_files(root)
 
 

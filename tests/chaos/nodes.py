@@ -29,7 +29,7 @@ OBJECT_STORE_BYTES = 80_000_000
 
 
 class Nodes:
-    """A head node without CPUs, and worker nodes, by number, with one CPU each.
+    """A head node without CPUs, and worker nodes, by number.
 
     Args:
         environment: of all their processes.
@@ -54,9 +54,9 @@ class Nodes:
         self._process.join(60)
         self._process.kill()
 
-    def add(self) -> int:
-        """Starts a worker node; returns its number."""
-        return int(self._ask("add"))
+    def add(self, cpus: int = 1) -> int:
+        """Starts a worker node with so many CPUs; returns its number."""
+        return int(self._ask("add", cpus))
 
     def kill(self, number: int) -> None:
         """Kills a node and all its processes."""
@@ -180,7 +180,7 @@ def _serve(connection: Connection, environment: dict[str, str]) -> None:
 def _do(cluster: Any, nodes: dict[int, Any], name: str, *arguments: int) -> Any:
     if name == "add":
         number = max(nodes, default=-1) + 1
-        nodes[number] = cluster.add_node(num_cpus=1, object_store_memory=OBJECT_STORE_BYTES)
+        nodes[number] = cluster.add_node(num_cpus=arguments[0], object_store_memory=OBJECT_STORE_BYTES)
         return number
     if name == "raylet":
         return nodes[arguments[0]].all_processes["raylet"][0].process.pid

@@ -31,6 +31,7 @@ NOT_MEASURED = {
     ("docs/architecture.md", "Edits for three additions"): "how many edits an addition takes",
     ("docs/benchmark.md", "Protocol"): "what the paper says, and where",
     ("docs/experiments.md", "The experiments of the paper"): "how many runs the matrices have",
+    ("docs/gpu.md", "What decides the speed"): "values of settings",
     ("docs/releasing.md", "A batch of runs"): "how many cells and seeds the stages have",
     ("docs/simulated_students.md", "The challenges"): "how they are defined",
     ("docs/students.md", "SAC"): "values of settings",

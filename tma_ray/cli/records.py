@@ -108,10 +108,10 @@ def plan_record(experiment: Experiment, options: argparse.Namespace) -> dict[str
         "parts": [asdict(part) for part in planned_experiments(plan)],
         "cost": {
             "hours": cost.hours,
-            "core_hours": cost.hours * cost.resources.cpus,
-            "gpu_hours": cost.hours * cost.resources.gpus,
+            "core_hours": cost.core_hours,
+            "gpu_hours": cost.gpu_hours,
             "at_once": cost.at_once,
-            "wall_hours": cost.hours / cost.at_once,
+            "wall_hours": cost.wall_hours,
             "disk_gib": cost.disk_gib,
             "checkpoint_gib": cost.checkpoint_gib,
             "memory_gib": cost.memory_gib,

@@ -18,7 +18,7 @@ LONGEST_HOURS = 1.0
 """Time on this machine up to which nothing is asked, h."""
 
 
-SLOWEST = Throughput("any", training=20, playing=2_000, transition_bytes=0)
+SLOWEST = Throughput("any", training=20, playing=2_000, transition_bytes=0, learner=20)
 """A run that is slower than any: what takes less than an hour at that speed needs no measurement."""
 
 
@@ -76,7 +76,7 @@ def _slowest(examples: Mapping[Kind, RunSpec], *_: object) -> Mapping[Kind, Thro
 
 
 def _hours(cost: Cost) -> float:
-    return cost.hours / cost.at_once
+    return cost.wall_hours
 
 
 def _unfinished(plan: Plan, results: str) -> tuple[RunSpec, ...]:

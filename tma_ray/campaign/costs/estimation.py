@@ -9,6 +9,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
 from tma_ray.campaign.costs.known import Kind, kind_of, measured_speeds
+from tma_ray.campaign.costs.sharing import Sharing
 from tma_ray.campaign.costs.speed import Source, Throughput
 from tma_ray.campaign.plan import Plan
 from tma_ray.campaign.settings import GIB, Resources, Settings
@@ -28,6 +29,9 @@ EVALUATION_BYTES, PROBE_BYTES, STEP_BYTES = 12, 8, 0.04
 
 PROCESS_BYTES = 0.9 * GIB
 """Memory of a run's processes, student and teacher, without a replay buffer (measured)."""
+
+PLAYER_BYTES = 0.5 * GIB
+"""The same of a run in a cohort, whose learner has the replay buffers of all."""
 
 NETWORK_BYTES = 5e6
 """Of a run's two checkpoints without a replay buffer (measured)."""
@@ -58,6 +62,7 @@ class Cost:
         disk_gib: of all results, GiB.
         checkpoint_gib: of the checkpoints of the largest runs under way at once, GiB.
         memory_gib: of the largest runs under way at once, GiB.
+        sharing: of learners, if runs learn in cohorts; hours are then those of players' cores.
     """
 
     throughputs: Mapping[Kind, Throughput]
@@ -67,14 +72,43 @@ class Cost:
     disk_gib: float
     checkpoint_gib: float
     memory_gib: float
+    sharing: Sharing | None = None
+
+    @property
+    def wall_hours(self) -> float:
+        """Time on this machine, h."""
+        return self.sharing.hours if self.sharing else self.hours / self.at_once
+
+    @property
+    def core_hours(self) -> float:
+        """Time of cores, h."""
+        return self.sharing.core_hours if self.sharing else self.hours * self.resources.cpus
+
+    @property
+    def gpu_hours(self) -> float:
+        """Time of GPUs, h."""
+        return self.sharing.gpu_hours if self.sharing else self.hours * self.resources.gpus
 
     def summary(self) -> str:
         """Returns the time that it takes."""
+        if self.sharing:
+            return self._shared_summary(self.sharing)
         spent = f"{_amount(self.hours * self.resources.cpus)} core-hours"
         if self.resources.gpus:
             spent += f" and {_amount(self.hours * self.resources.gpus)} GPU-hours"
         at_once = f"{self.at_once} {'run' if self.at_once == 1 else 'runs'} at once"
         return f"{spent}, {_time(self.hours / self.at_once)} with {at_once} as on this machine"
+
+    def _shared_summary(self, sharing: Sharing) -> str:
+        spent = f"{_amount(self.core_hours)} core-hours"
+        if sharing.gpus:
+            spent = f"{_amount(self.gpu_hours)} GPU-hours and {spent}"
+        one = sharing.learners == 1
+        where = f"one GPU and {os.cpu_count()} cores" if sharing.gpus else f"{os.cpu_count()} cores"
+        return (
+            f"{spent}, {_time(sharing.hours)} with {'a cohort' if one else f'{sharing.learners} cohorts'} of "
+            f"{sharing.width} runs on {where}, {sharing.bound}"
+        )
 
     def describe(self) -> str:
         """Returns the cost in a few lines."""
@@ -89,9 +123,11 @@ class Cost:
         """Returns the speeds, in a line for each origin that they have."""
         origins = {each.source: [] for each in self.throughputs.values()}  # type: dict[Source, list[str]]
         for each in self.throughputs.values():
-            origins[each.source].append(f"{each.label} {each.training:,.0f}")
+            fed = f" (a full learner {each.learner:,.0f})" if each.learner else ""
+            origins[each.source].append(f"{each.label} {each.training:,.0f}{fed}")
+        each_of = "a player on a core" if self.sharing else f"{self.at_once} at once, in steps/s of each"
         return "\n".join(
-            f"  {ORIGINS[source]}, {self.at_once} at once, in steps/s of each: {', '.join(speeds)}"
+            f"  {ORIGINS[source]}, {each_of}: {', '.join(speeds)}"
             for source, speeds in sorted(origins.items())
         )
 
@@ -119,26 +155,38 @@ def estimate(
         key = (*kind_of(spec), spec.schedule, len(spec.test_set))
         counts[key] += 1
         examples.setdefault(key, spec)
-    at_once = min(len(plan.runs), _at_once(settings.resources))
+    at_once = min(len(plan.runs), settings.width or _at_once(settings.resources))
     throughputs = dict(known or {})
     kinds = {kind_of(spec): spec for spec in examples.values()}
     missing = {kind: spec for kind, spec in kinds.items() if kind not in throughputs}
-    throughputs |= (find_speeds or measured_speeds)(missing, settings, at_once)
+    measured_at_once = 1 if settings.width else at_once
+    throughputs |= (find_speeds or measured_speeds)(missing, settings, measured_at_once)
     buffers = [_buffer_bytes(throughputs[kind_of(spec)], spec) for spec in examples.values()]
+    hours = sum(counts[key] * _hours(throughputs[kind_of(spec)], spec) for key, spec in examples.items())
+    learning = sum(
+        counts[key] * _learner_hours(throughputs[kind_of(spec)], spec) for key, spec in examples.items()
+    )
+    process = PLAYER_BYTES if settings.width else PROCESS_BYTES
     return Cost(
         throughputs=throughputs,
-        hours=sum(counts[key] * _hours(throughputs[kind_of(spec)], spec) for key, spec in examples.items()),
-        resources=settings.resources,
+        hours=hours,
+        resources=settings.each,
         at_once=at_once,
         disk_gib=sum(counts[key] * _result_bytes(spec) for key, spec in examples.items()) / GIB,
         checkpoint_gib=at_once * (NETWORK_BYTES + BUFFER_SHARE * max(buffers)) / GIB,
-        memory_gib=at_once * (PROCESS_BYTES + max(buffers)) / GIB,
+        memory_gib=at_once * (process + max(buffers)) / GIB,
+        sharing=Sharing.of(settings, learning, hours) if settings.width else None,
     )
 
 
 def _hours(throughput: Throughput, spec: RunSpec) -> float:
     evaluating = _test_tasks(spec) * TEST_STEPS / throughput.playing
     return (START_SECONDS + spec.schedule.steps / throughput.training + evaluating) / 3600
+
+
+def _learner_hours(throughput: Throughput, spec: RunSpec) -> float:
+    """Returns the time of a full learner that a run takes; 0 of one that learns alone."""
+    return spec.schedule.steps / throughput.learner / 3600 if throughput.learner else 0.0
 
 
 def _test_tasks(spec: RunSpec) -> int:

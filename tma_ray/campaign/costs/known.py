@@ -7,6 +7,7 @@ from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any, NamedTuple
 
+from tma_ray.campaign.costs.cohort_speed import LEARNERS
 from tma_ray.campaign.costs.measuring import measure_all
 from tma_ray.campaign.costs.memory import remember, remembered, speed_key
 from tma_ray.campaign.costs.speed import Source, Throughput, label_of
@@ -29,6 +30,22 @@ class KnownSpeed(NamedTuple):
     algorithm_version: int
     physics_version: int
 
+
+class KnownPlayer(NamedTuple):
+    """Steps per second of a player on one core, of its evaluations, and that a learner on a core feeds."""
+
+    training: float
+    playing: float
+    learner: float
+    algorithm_version: int
+    physics_version: int
+
+
+KNOWN_PLAYERS = {
+    "ppo": KnownPlayer(30_000, 20_000, 11_000, algorithm_version=1, physics_version=3),
+    "sac": KnownPlayer(30_000, 20_000, 120, algorithm_version=1, physics_version=3),
+}
+"""Likewise of students in cohorts, as `cohort_speed.measure_cohort` found them."""
 
 KNOWN = {
     "ppo": KnownSpeed(training=8_000, playing=20_000, algorithm_version=1, physics_version=3),
@@ -82,6 +99,8 @@ def quick_speeds(
 
 def shipped_speed(spec: RunSpec, settings: Settings) -> Throughput | None:
     """Returns the throughput of runs like `spec` as `KNOWN` has it, None if that says nothing of them."""
+    if settings.width:
+        return _shipped_cohort(spec, settings)
     known = KNOWN.get(spec.student)
     current = (spec.algorithm_versions.get("student"), spec.physics_version)
     if known is None or settings.device != "cpu" or current != known[2:] or "environment" in spec.plugins:
@@ -89,10 +108,25 @@ def shipped_speed(spec: RunSpec, settings: Settings) -> Throughput | None:
     return Throughput(label_of(spec), known.training, known.playing, 0, Source.SHIPPED)
 
 
+def _shipped_cohort(spec: RunSpec, settings: Settings) -> Throughput | None:
+    """Returns the same of runs in a cohort: players are as fast on any device."""
+    known, gpu = KNOWN_PLAYERS.get(spec.student), settings.device != "cpu"
+    current = (spec.algorithm_versions.get("student"), spec.physics_version)
+    if known is None or current != known[3:] or "environment" in spec.plugins:
+        return None
+    precision = str(spec.student_hyperparameters.get("matmul_precision", "highest"))
+    learner = LEARNERS.get((spec.student, precision)) if gpu else known.learner
+    if learner is None:
+        return None
+    return Throughput(label_of(spec), known.training, known.playing, 0, Source.SHIPPED, learner=learner)
+
+
 def _speeds(
     examples: Mapping[Kind, RunSpec], settings: Settings, at_once: int, patience: float
 ) -> dict[Kind, Throughput]:
-    if not is_available(settings.device):  # as where a campaign is sent to a cluster with GPUs
+    if not settings.width and not is_available(
+        settings.device
+    ):  # as where a campaign is sent to a cluster with GPUs
         settings = replace(settings, device="cpu", resources=replace(settings.resources, gpus=0))
     keys = {kind: speed_key(spec, settings, at_once) for kind, spec in examples.items()}
     before = remembered()

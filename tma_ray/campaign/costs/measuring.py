@@ -76,12 +76,13 @@ class _Worker:
 
     def __init__(self, order: Order) -> None:
         self.errors = tempfile.TemporaryFile()  # noqa: SIM115  (closed with the process)
+        threads = {"OMP_NUM_THREADS": str(order.settings.each.threads)} if order.settings.width else {}
         self.process = subprocess.Popen(
             [sys.executable, "-m", "tma_ray.campaign.costs.worker"],
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             stderr=self.errors,
-            env=os.environ | {"PYTHONPATH": os.pathsep.join(path for path in sys.path if path)},
+            env=os.environ | threads | {"PYTHONPATH": os.pathsep.join(path for path in sys.path if path)},
         )
         assert self.process.stdin is not None
         with self.process.stdin as stream:
@@ -156,4 +157,6 @@ def _mean(each: Sequence[Throughput]) -> Throughput:
         sum(throughput.training for throughput in each) / number,
         sum(throughput.playing for throughput in each) / number,
         first.transition_bytes,
+        first.source,
+        learner=sum(throughput.learner for throughput in each) / number,
     )

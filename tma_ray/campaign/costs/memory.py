@@ -33,11 +33,12 @@ def speed_key(spec: RunSpec, settings: Settings, at_once: int) -> str:
     """Returns a digest of what the speed of runs like `spec` depends on: machine, versions and settings."""
     content = {
         "machine": (platform.node(), os.cpu_count(), at_once),
-        "fingerprint": fingerprint(settings.resources.threads, settings.device),
+        "fingerprint": fingerprint(settings.each.threads, settings.device),
         "version": (__version__, spec.physics_version, sorted(spec.algorithm_versions.items())),
         "environment": (spec.environment, sorted(spec.environment_options.items())),
         "student": (spec.student, sorted(spec.student_hyperparameters.items())),
         "inputs": sorted((option, file.sha256) for option, file in spec.inputs.items()),
+        **({"cohort": settings.width} if settings.width else {}),
         "plugins": sorted((part, plugin.digest) for part, plugin in spec.plugins.items()),
     }
     return hashlib.sha256(json.dumps(content, sort_keys=True, default=str).encode()).hexdigest()[:32]

@@ -10,6 +10,7 @@ from enum import StrEnum
 from typing import Any
 
 import numpy as np
+from gymnasium import Space
 
 from tma_ray.campaign.settings import Settings
 from tma_ray.envs import make_environment
@@ -60,11 +61,14 @@ class Throughput:
 
     Attributes:
         label: student, environment and body.
-        training: environment steps per second of training.
+        training: environment steps per second of training; in a cohort of a player on a core of its own,
+            without waiting for the learner.
         playing: environment steps per second of an evaluation.
         transition_bytes: of one transition in a replay buffer.
         source: where the speed is from.
         measured_on: day of a remembered measurement, as 2026-01-31; empty otherwise.
+        learner: environment steps per second that the learner of a full cohort feeds; 0 of runs that learn
+            alone.
     """
 
     label: str
@@ -73,6 +77,7 @@ class Throughput:
     transition_bytes: int
     source: Source = Source.MEASURED
     measured_on: str = ""
+    learner: float = 0.0
 
 
 def label_of(spec: RunSpec) -> str:
@@ -97,19 +102,23 @@ def measure(spec: RunSpec, settings: Settings) -> Throughput:
     student = make_student(
         base_name(spec.student), observation, action, seed, values, settings.device, resources.threads
     )
-    player = _TrainingLoop(environment, student, spec)
+    player = TrainingLoop(environment, student, spec)
     chunk = next((int(values[name]) for name in CHUNKS if isinstance(values.get(name), int)), 100)
     clock = _clock(settings)
     player.train(max(EXPLORATION.values()))
-    _speed(player.train, chunk, WARM_UP_SECONDS, clock)
-    training = _speed(player.train, chunk, MEASURED_SECONDS, clock)
+    speed_of(player.train, chunk, WARM_UP_SECONDS, clock)
+    training = speed_of(player.train, chunk, MEASURED_SECONDS, clock)
     environment.close()
-    playing = _evaluation_speed(spec, student, clock)
-    floats = math.prod(observation.shape or ()) + math.prod(action.shape or ()) + 2
-    return Throughput(label_of(spec), training, playing, 4 * floats)
+    playing = evaluation_speed(spec, student, clock)
+    return Throughput(label_of(spec), training, playing, bytes_of_transition(observation, action))
 
 
-class _TrainingLoop:
+def bytes_of_transition(observations: Space[Any], actions: Space[Any]) -> int:
+    """Returns the size of a transition in a replay buffer, whose observations are stored once."""
+    return 4 * (math.prod(observations.shape or ()) + math.prod(actions.shape or ()) + 2)
+
+
+class TrainingLoop:
     """A student in an environment, on the middle task."""
 
     def __init__(self, environment: Any, student: Student, spec: RunSpec) -> None:
@@ -137,7 +146,7 @@ def _clock(settings: Settings) -> Clock:
     return (lambda: time.process_time() / threads) if settings.device == "cpu" else time.perf_counter
 
 
-def _speed(play: Callable[[int], None], chunk: int, seconds: float, clock: Clock) -> float:
+def speed_of(play: Callable[[int], None], chunk: int, seconds: float, clock: Clock) -> float:
     """Returns steps per second of `play`, over whole chunks that take at least `seconds` together."""
     start, steps = clock(), 0
     while clock() - start < seconds:
@@ -146,7 +155,7 @@ def _speed(play: Callable[[int], None], chunk: int, seconds: float, clock: Clock
     return steps / (clock() - start)
 
 
-def _evaluation_speed(spec: RunSpec, student: Student, clock: Clock) -> float:
+def evaluation_speed(spec: RunSpec, student: Student, clock: Clock) -> float:
     """Returns steps per second of `student` on every tenth test task, having played one before."""
     _play(spec, student, spec.test_set.tasks[:1], clock)
     steps, seconds = _play(spec, student, spec.test_set.tasks[::10], clock)

@@ -13,7 +13,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from typing import Any
 
-from tma_ray.campaign.costs.speed import measure
+from tma_ray.campaign.costs.cohort_speed import measure_cohort
+from tma_ray.campaign.costs.speed import Throughput, measure
 from tma_ray.campaign.settings import Settings
 from tma_ray.runs.inputs import provide
 from tma_ray.runs.plugins import REGISTRIES, import_plugins
@@ -44,11 +45,16 @@ def work(order: Order) -> None:
     specs = [(key, RunSpec.from_dict(content)) for key, content in order.specs]
     for key, spec in specs:
         import_plugins(spec, *REGISTRIES)
-        throughput = asdict(measure(spec, order.settings))
+        throughput = asdict(measure_either(spec, order.settings))
         sys.stdout.write(json.dumps({"key": key, "throughput": throughput}) + "\n")
         sys.stdout.flush()
     while True:
-        measure(specs[-1][1], order.settings)
+        measure_either(specs[-1][1], order.settings)
+
+
+def measure_either(spec: RunSpec, settings: Settings) -> Throughput:
+    """Returns the speed of runs like `spec`, which learn in a cohort or alone."""
+    return measure_cohort(spec, settings) if settings.width else measure(spec, settings)
 
 
 if __name__ == "__main__":

@@ -86,8 +86,8 @@ class AnyNode:
         return False
 
     def look(self, *, over: bool) -> Sequence[LearnerProgress]:  # noqa: ARG002
-        """Returns nothing: there are no learners."""
+        """Returns an empty sequence: every run is its own learner."""
         return ()
 
     def close(self) -> None:
-        """Does nothing: there are no learners."""
+        """Does nothing: every run is its own learner."""

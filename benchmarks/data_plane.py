@@ -1,0 +1,128 @@
+"""Time of an exchange between a player and its learner: the socket of their node, or calls of a Ray actor.
+
+    python benchmarks/data_plane.py
+
+A player hands over an episode of SAC (300 steps of the classic bipedal) and gets weights back (hidden 400
+and 300). Both are processes of this machine, and nothing is learned. Prints the milliseconds until the
+weights are there, and those of the learner's processor.
+"""
+
+from __future__ import annotations
+
+import argparse
+import tempfile
+import threading
+import time
+from collections.abc import Callable
+from itertools import pairwise
+from multiprocessing.connection import Listener
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import ray
+
+from tma_ray.campaign.cluster.connection import connect
+from tma_ray.students import Learner
+from tma_ray.students.players.link import SocketLink
+
+STEPS, OBSERVATION, ACTION, HIDDEN = 300, 24, 4, (400, 300)
+
+WARM_UP = 20
+"""Exchanges before a measurement."""
+
+
+def experience() -> tuple[Any, ...]:
+    """Returns what SAC's player hands over after an episode."""
+    observations = np.zeros((STEPS + 1, OBSERVATION), np.float32)
+    return observations, np.zeros((STEPS, ACTION), np.float32), np.zeros(STEPS, np.float32), True
+
+
+def weights() -> np.ndarray:
+    """Returns as many parameters as SAC's actor has."""
+    sizes = OBSERVATION, *HIDDEN, 2 * ACTION
+    return np.zeros(sum((i + 1) * o for i, o in pairwise(sizes)), np.float32)
+
+
+class Learning:
+    """A learner that learns nothing, behind a socket and behind calls."""
+
+    def __init__(self, folder: str) -> None:
+        self._learner, self._weights = Learner(f"{folder}/learner", b"key"), weights()
+        listener = Listener(self._learner.address, family="AF_UNIX", authkey=self._learner.key)
+        threading.Thread(target=self._serve, args=(listener,), daemon=True).start()
+
+    def address(self) -> Learner:
+        """Returns where it listens."""
+        return self._learner
+
+    def seconds(self) -> float:
+        """Returns the time of its processor so far, s."""
+        return time.process_time()
+
+    def learn(self, _experience: tuple[Any, ...], _updates: int) -> np.ndarray:
+        """Returns weights."""
+        return self._weights
+
+    def _serve(self, listener: Listener) -> None:
+        with listener.accept() as connection:
+            while True:
+                connection.recv()
+                connection.send((True, self._weights))
+
+
+class Playing:
+    """A player that plays nothing."""
+
+    def socket(self, learner: Learner, count: int) -> float:
+        """Returns the median time of an exchange over the learner's socket, s."""
+        link, handed = SocketLink(learner), experience()
+        return median(lambda: link.learn(handed, STEPS // 10), count)
+
+    def calls(self, actor: Any, count: int) -> float:
+        """Returns the median time of a call of the learner's actor, s."""
+        handed = experience()
+        return median(lambda: ray.get(actor.learn.remote(handed, STEPS // 10)), count)
+
+
+def median(exchange: Callable[[], object], count: int) -> float:
+    """Returns the median time of an exchange, s."""
+    for _ in range(WARM_UP):
+        exchange()
+    seconds = []
+    for _ in range(count):
+        began = time.perf_counter()
+        exchange()
+        seconds.append(time.perf_counter() - began)
+    return float(np.median(seconds))
+
+
+def main() -> int:
+    """Measures and prints."""
+    parser = argparse.ArgumentParser(
+        description=str(__doc__), formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("--exchanges", type=int, default=500, help="of each kind")
+    count = parser.parse_args().exchanges
+    with tempfile.TemporaryDirectory() as folder:
+        connect(None)
+        made: Any = ray.remote(num_cpus=0)
+        learner, player = made(Learning).remote(folder), made(Playing).remote()
+        address = ray.get(learner.address.remote())
+        assert Path(address.address).exists()
+        measured = {
+            "socket": lambda: player.socket.remote(address, count),
+            "Ray calls": lambda: player.calls.remote(learner, count),
+        }
+        print("| | ms | ms of the learner's processor |\n| --- | --- | --- |")
+        for name, measure in measured.items():
+            before = ray.get(learner.seconds.remote())
+            milliseconds = 1000 * ray.get(measure())
+            used = 1000 * (ray.get(learner.seconds.remote()) - before) / (count + WARM_UP)
+            print(f"| {name} | {milliseconds:.2f} | {used:.2f} |", flush=True)
+    ray.shutdown()
+    return 0
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())
