@@ -110,7 +110,7 @@ def main() -> int:
         learner, player = made(Learning).remote(folder), made(Playing).remote()
         address = ray.get(learner.address.remote())
         assert Path(address.address).exists()
-        measured = {
+        measured: dict[str, Callable[[], Any]] = {
             "socket": lambda: player.socket.remote(address, count),
             "Ray calls": lambda: player.calls.remote(learner, count),
         }

@@ -58,7 +58,8 @@ def measure_cohort(spec: RunSpec, settings: Settings) -> Throughput:
     membership = Membership(name, *spaces, check_hyperparameters(name, values), np.random.SeedSequence(0))
     here = is_available(settings.device)
     recorder = _Recorder(CohortSettings(settings.device, settings.width) if here else CohortSettings(width=1))
-    player = COHORT_STUDENTS[name](membership, recorder)
+    player_type: Any = COHORT_STUDENTS[name]  # the recorder is as much of a link as is needed here
+    player = player_type(membership, recorder)
     loop = TrainingLoop(environment, player, spec)
     loop.train(3 * max(EXPLORATION.values()))
     training = speed_of(loop.train, 500, MEASURED_SECONDS, time.process_time)
