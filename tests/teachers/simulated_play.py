@@ -47,7 +47,7 @@ def play(teacher: Teacher, episodes: int, step: int = 0) -> list[Task]:
     """
     tasks = []
     for index in range(step, step + episodes):
-        task = teacher.sample()
+        task = teacher.propose().task
         difficulty = float(teacher.space.normalise(task).mean())
         episodic_return = 300 - 400 * difficulty + 0.2 * index
         initial_observation = np.array([difficulty, 0, 0], dtype=np.float32)

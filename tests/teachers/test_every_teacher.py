@@ -11,6 +11,9 @@ from tma_ray.testing import TeacherConformance
 from tma_ray.testing.playing import SCENARIOS
 
 SMALLER: dict[str, dict[str, Any]] = {
+    "accel": {"buffer_size": 50},
+    "plr": {"buffer_size": 50},
+    "robust_plr": {"buffer_size": 50},
     "alp_gmm": {"most_components": 5},
     "covar_gmm": {"most_components": 5},
     "goal_gan": {"pretraining_iterations": 20, "iterations_per_task": 0.25},
@@ -24,6 +27,9 @@ TINY: dict[str, dict[str, Any]] = {
     "goal_gan": {"pretraining_iterations": 10, "iterations_per_task": 0.1},
     "setter_solver": {"hidden_units": 4},
     "spdl": {},
+    "accel": {"buffer_size": 30},
+    "plr": {"buffer_size": 30},
+    "robust_plr": {"buffer_size": 30},
 }
 """Likewise, for the two task spaces of the fast tier: the plane and the rugged one."""
 

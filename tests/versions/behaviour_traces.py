@@ -7,6 +7,7 @@ more than rounding does.
 
 from __future__ import annotations
 
+from functools import partial
 from typing import Any
 
 import gymnasium
@@ -18,8 +19,9 @@ from tma_ray.embodiments import embodiment_names
 from tma_ray.envs import ENVIRONMENTS, make_environment
 from tma_ray.physics import PHYSICS_VERSION
 from tma_ray.students import STUDENTS, Transition, make_student
-from tma_ray.tasks import Answer, Episode, KnowledgeLevel, Query, TaskSpace, expert_knowledge
+from tma_ray.tasks import Episode, KnowledgeLevel, Outcomes, TaskSpace, expert_knowledge
 from tma_ray.teachers import TEACHERS, make_teacher
+from tma_ray.testing.conversation import report_episode
 
 NUMBERS = 4
 """How many weighted means a trace consists of."""
@@ -38,7 +40,10 @@ TEACHER_SIZES: dict[str, dict[str, Any]] = {
     "alp_gmm": {"fit_every": 40, "most_components": 3},
     "covar_gmm": {"fit_every": 40, "most_components": 3},
     "goal_gan": {"train_every": 30, "iterations_per_task": 0.3, "pretraining_iterations": 20},
+    "accel": {"buffer_size": 20},
+    "plr": {"buffer_size": 20},
     "riac": {"region_capacity": 30, "split_attempts": 10},
+    "robust_plr": {"buffer_size": 20, "score": "max_mc"},
     "setter_solver": {"update_every": 30, "hidden_units": 16},
     "spdl": {"first_update": 40_000, "update_every": 40_000},
 }
@@ -165,28 +170,34 @@ def _tasks(name: str, level: KnowledgeLevel) -> list[Any]:
     noise = np.random.default_rng(2)
     tasks = []
     for index in range(EPISODES):
-        task = teacher.sample()
-        difficulty = float(SPACE.normalise(task).mean())
-        gained = 300 - 400 * difficulty + 1.2 * index + noise.normal(0, 20)
+        proposal = teacher.propose()
+        task, gained = proposal.task, _return(proposal.task, index) + noise.normal(0, 20)
         episode = Episode(
             task=task,
             episodic_return=gained,
             success=gained > 230,
             length=EPISODE_LENGTH,
-            initial_observation=np.array([difficulty, 0, 0], dtype=np.float32),
+            initial_observation=np.array([SPACE.normalise(task).mean(), 0, 0], dtype=np.float32),
             discounted_return=gained / 5,
             step=EPISODE_LENGTH * (index + 1),
+            trains=proposal.trains,
         )
-        query = teacher.observe(episode)
-        while query is not None:
-            query = teacher.answer(_answer(query))
+        report_episode(teacher, episode, _values, partial(_outcomes, index))
         tasks.append(task)
     return [*tasks, *teacher.probe(20)]
 
 
-def _answer(query: Query) -> Answer:
-    assert query.observations is not None
-    return 60 - 80 * query.observations[:, 0].astype(np.float64)
+def _return(task: Any, index: int) -> float:
+    return 300 - 400 * float(SPACE.normalise(task).mean()) + 1.2 * index
+
+
+def _values(observations: Any) -> Any:
+    return 60 - 80 * observations[:, 0].astype(np.float64)
+
+
+def _outcomes(index: int, tasks: Any, _greedy: bool) -> Outcomes:
+    gained = np.array([_return(task, index) + 60 * (-1) ** place for place, task in enumerate(tasks)])
+    return Outcomes(gained, gained > 230, np.full(len(tasks), EPISODE_LENGTH))
 
 
 def _steps(name: str, body: str) -> list[Any]:

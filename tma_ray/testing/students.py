@@ -168,7 +168,9 @@ class SimulatedStudent:
         return self._expected(self.initial_observations(tasks))
 
     def state_values(self, observations: NDArray[np.float32]) -> Array:
-        """Returns the expected discounted returns (n,) of initial observations (n, d)."""
+        """Returns the expected discounted returns (n,) of initial observations (n, d), which never change."""
+        if (observations == observations[0]).all():  # a trajectory
+            return np.repeat(DISCOUNTED_SHARE * self._expected(observations[:1]), len(observations))
         return DISCOUNTED_SHARE * self._expected(observations)
 
     def _check(self) -> None:

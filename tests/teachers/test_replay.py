@@ -1,0 +1,165 @@
+"""PLR, robust PLR and ACCEL: scores, the buffer, and what is played when."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from tma_ray.tasks import (
+    Episode,
+    ExpertKnowledge,
+    KnowledgeLevel,
+    Proposal,
+    Query,
+    QueryKind,
+    TaskSpace,
+    Trajectory,
+    expert_knowledge,
+)
+from tma_ray.teachers import make_teacher
+from tma_ray.teachers.replay.prioritised_replay import PrioritisedReplay
+from tma_ray.teachers.replay.scores import positive_value_loss
+from tma_ray.teachers.replay.task_buffer import TaskBuffer
+
+SPACE = TaskSpace.from_bounds({"height": (0, 3), "fixed": (7, 7), "gap": (0, 6)})
+
+
+def trajectory(rewards: list[float], terminated: bool, gamma: float = 0.9) -> Trajectory:
+    steps = len(rewards)
+    observations, actions = np.zeros((steps + 1, 1), np.float32), np.zeros((steps, 1), np.float32)
+    return Trajectory(observations, actions, np.array(rewards), terminated, gamma)
+
+
+@pytest.mark.parametrize("terminated", [False, True])
+@pytest.mark.parametrize("gae_lambda", [0.0, 0.7, 1.0])
+def test_the_positive_value_loss_is_the_recursion_written_out(terminated: bool, gae_lambda: float) -> None:
+    rng = np.random.default_rng(0)
+    rewards, values = rng.normal(size=12).tolist(), rng.normal(size=13)
+    advantage, total = 0.0, 0.0
+    for step in reversed(range(12)):
+        following = 0.0 if terminated and step == 11 else values[step + 1]
+        advantage = rewards[step] + 0.9 * following - values[step] + 0.9 * gae_lambda * advantage
+        total += max(advantage, 0.0)
+    score = positive_value_loss(trajectory(rewards, terminated), values, gae_lambda)
+    assert score == pytest.approx(total / 12, rel=1e-12)
+
+
+def test_a_student_that_knows_its_values_has_no_positive_value_loss() -> None:
+    rewards = [1.0, 2.0, 4.0]
+    values = np.array([1 + 0.9 * (2 + 0.9 * 4), 2 + 0.9 * 4, 4.0, 99.0])
+    assert positive_value_loss(trajectory(rewards, True), values, 0.9) == pytest.approx(0, abs=1e-12)
+    assert positive_value_loss(trajectory(rewards, True), values - 1, 1.0) == pytest.approx(1.0)
+
+
+def buffer_of(scores: list[float], capacity: int = 3, staleness_share: float = 0.25) -> TaskBuffer:
+    buffer = TaskBuffer(1, capacity, 0.5, staleness_share)
+    for place, score in enumerate(scores):
+        buffer.offer(np.array([place], np.float32), score, score)
+    return buffer
+
+
+def test_chances_are_those_of_ranks_and_staleness() -> None:
+    buffer = buffer_of([5.0, 9.0, 1.0])
+    by_score = np.array([1 / 4, 1, 1 / 9]) / (1 / 4 + 1 + 1 / 9)
+    np.testing.assert_allclose(buffer.chances(), 0.75 * by_score + 0.25 / 3)
+    buffer.replay(1)
+    buffer.replay(2)
+    np.testing.assert_allclose(buffer.chances(), 0.75 * by_score + 0.25 * np.array([2, 1, 0]) / 3)
+    drawn = np.bincount(buffer.draw(np.random.default_rng(0), 20_000), minlength=3) / 20_000
+    np.testing.assert_allclose(drawn, buffer.chances(), atol=0.01)
+
+
+def test_a_new_task_replaces_the_one_replayed_least_if_it_scores_as_high() -> None:
+    buffer = buffer_of([5.0, 9.0, 1.0], staleness_share=0.0)
+    buffer.offer(np.array([3], np.float32), 0.5, 0.5)
+    assert sorted(buffer.scores) == [1.0, 5.0, 9.0]
+    buffer.offer(np.array([4], np.float32), 1.0, 7.0)
+    assert buffer.tasks[:, 0].tolist() == [0, 1, 4]
+    assert buffer.best.tolist() == [5.0, 9.0, 7.0]
+
+
+def started(name: str, level: KnowledgeLevel = KnowledgeLevel.NONE, **settings: object) -> PrioritisedReplay:
+    teacher = make_teacher(name, {"buffer_size": 20, "staleness_share": 0.3, **settings})
+    assert isinstance(teacher, PrioritisedReplay)
+    knowledge: ExpertKnowledge = expert_knowledge(level, SPACE, np.random.default_rng(1), [0.2, 7, 5.8])
+    teacher.start(SPACE, knowledge, np.random.default_rng(0))
+    return teacher
+
+
+def play(teacher: PrioritisedReplay, proposal: Proposal, gained: float, value: float = 0.0) -> None:
+    """Plays an episode of three steps, each of which returns a third."""
+    trains = proposal.trains
+    observation = np.zeros(1, np.float32)
+    query: Query | None = teacher.observe(
+        Episode(proposal.task, gained, False, 3, observation, gained, 0, trains)
+    )
+    while query is not None:
+        if query.kind is QueryKind.TRAJECTORY:
+            query = teacher.answer(trajectory([gained / 3] * 3, True, gamma=1.0))
+        else:
+            assert query.observations is not None
+            query = teacher.answer(np.full(len(query.observations), value))
+
+
+@pytest.mark.parametrize(("name", "trains"), [("plr", True), ("robust_plr", False), ("accel", False)])
+def test_new_tasks_fill_the_buffer_before_it_is_replayed(name: str, trains: bool) -> None:
+    teacher = started(name)
+    proposals = []
+    for index in range(400):
+        proposals.append(teacher.propose())
+        play(teacher, proposals[-1], float(index % 7))
+    assert all(one.trains == trains for one in proposals[:10])
+    assert len(teacher.buffer_) == 20
+    share = sum(one.trains for one in proposals[10:]) / 390
+    expected = {"plr": 1.0, "robust_plr": 0.5, "accel": 0.9 / 1.9}[name]  # an edit follows each replay
+    assert share == pytest.approx(expected, abs=0.08)
+
+
+def test_high_scores_are_replayed_most() -> None:
+    teacher = started("robust_plr", score="max_mc", replay_share=1.0, fill_first=1.0)
+    for index in range(20):
+        play(teacher, teacher.propose(), 100.0 + index, value=40.0)
+    np.testing.assert_allclose(sorted(teacher.buffer_.scores), np.arange(60.0, 80.0))
+    best = teacher.buffer_.tasks[teacher.buffer_.scores.argmax()].copy()
+    times = 0
+    for _ in range(200):
+        proposal = teacher.propose()
+        assert proposal.trains
+        times += bool((proposal.task == best).all())
+        play(teacher, proposal, 0.0, value=40.0)  # worse than the best return seen, which counts
+    np.testing.assert_allclose(sorted(teacher.buffer_.scores), np.arange(60.0, 80.0))
+    assert times / 200 == pytest.approx(0.7 + 0.3 / 20, abs=0.08)
+
+
+def test_an_edit_moves_coordinates_of_the_task_just_replayed() -> None:
+    teacher = started("accel", replay_share=1.0, fill_first=1.0)
+    step = 0.04 * np.array([3, 0, 6])
+    before, edits = None, 0
+    for index in range(300):
+        proposal = teacher.propose()
+        if before is not None and not proposal.trains and before.trains:
+            moved = proposal.task.astype(float) - before.task
+            inside = (proposal.task > SPACE.low) & (proposal.task < SPACE.high)
+            whole = np.divide(moved, step, out=np.zeros(3), where=step > 0)[inside]
+            np.testing.assert_allclose(whole, np.round(whole), atol=1e-4)
+            assert np.abs(whole).sum() <= 3 + 1e-4
+            edits += 1
+        assert not (before is not None and before.trains and proposal.trains), "each replay is edited"
+        before = proposal
+        play(teacher, proposal, float(index % 5))
+    assert edits > 100
+
+
+def test_accel_starts_from_easy_tasks_where_an_expert_knows_them() -> None:
+    teacher = started("accel", KnowledgeLevel.HIGH)
+    tasks = np.stack([teacher.new_task() for _ in range(500)])
+    np.testing.assert_allclose(tasks.mean(axis=0), [0.27, 7, 5.6], atol=0.2)
+
+
+def test_senseless_hyperparameters_are_refused() -> None:
+    for settings in ({"temperature": 0.0}, {"replay_share": 1.5}, {"buffer_size": 0}):
+        with pytest.raises(ValueError, match="expected"):
+            make_teacher("plr", settings)
+    for more in ({"edits": 0}, {"edit_step": 0.0}, {"edit_share": -0.1}):
+        with pytest.raises(ValueError, match="expected"):
+            make_teacher("accel", more)

@@ -1,0 +1,1 @@
+"""Teachers that replay tasks by a score of the episode, as unsupervised environment design does."""
