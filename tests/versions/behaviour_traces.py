@@ -43,8 +43,10 @@ TEACHER_SIZES: dict[str, dict[str, Any]] = {
     "accel": {"buffer_size": 20},
     "plr": {"buffer_size": 20},
     "riac": {"region_capacity": 30, "split_attempts": 10},
+    "ramp": {"steps": 200_000},
     "robust_plr": {"buffer_size": 20, "score": "max_mc"},
     "setter_solver": {"update_every": 30, "hidden_units": 16},
+    "sfl": {"candidates": 20, "rollouts": 2, "kept": 5, "refresh_every": 50},
     "spdl": {"first_update": 40_000, "update_every": 40_000},
 }
 """Hyper-parameters that let 150 episodes show everything; all others are the defaults."""

@@ -65,7 +65,10 @@ class TaskBuffer:
     def draw(self, rng: np.random.Generator, count: int) -> NDArray[np.int64]:
         """Returns the places (count,) of tasks to replay; none of them grows staler by it."""
         cumulative = np.cumsum(self.chances())
-        return np.searchsorted(cumulative, rng.random(count) * cumulative[-1], side="right")
+        places: NDArray[np.int64] = np.searchsorted(
+            cumulative, rng.random(count) * cumulative[-1], side="right"
+        )
+        return places
 
     def replay(self, place: int) -> Task:
         """Returns the task (d,) at `place`, and makes all others staler."""

@@ -1,0 +1,82 @@
+"""A hand-made schedule from easy tasks to all: an upper reference."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+
+from tma_ray.tasks import (
+    Episode,
+    ExpertKnowledge,
+    Gaussian,
+    KnowledgeLevel,
+    Task,
+    TaskSpace,
+    TeacherUpdate,
+    WeightedGaussian,
+)
+from tma_ray.teachers.base import Teacher
+
+LOG_EVERY = 100
+"""Episodes between two log rows."""
+
+
+@dataclass
+class Ramp(Teacher):
+    """Moves a Gaussian steadily from the initial to the target distribution, however the student fares.
+
+    Mean and standard deviation change linearly with the steps of the run until `steps`; from there on tasks
+    come from the target distribution. It is the schedule that somebody who knows which tasks are easy would
+    write down first: a reference for what a curriculum can gain where difficulty lies along the axes.
+
+    Attributes:
+        steps: environment steps of the way; by default half of the paper's budget.
+    """
+
+    algorithm_version: ClassVar[int | None] = 1
+    knowledge_levels: ClassVar[tuple[KnowledgeLevel, ...]] = (KnowledgeLevel.HIGH,)
+
+    steps: int = 10_000_000
+
+    def __post_init__(self) -> None:
+        if self.steps < 1:
+            raise ValueError(f"steps = {self.steps}: expected at least 1 environment step")
+
+    def start(self, space: TaskSpace, knowledge: ExpertKnowledge, rng: np.random.Generator) -> None:
+        """Starts at the initial Gaussian."""
+        super().start(space, knowledge, rng)
+        self.step_, self.episodes_ = 0, 0
+        self._log()
+
+    def sample(self) -> Task:
+        """Returns a task (d,) of the present Gaussian, clipped to the space."""
+        return self._gaussian().sample(self.space, self.rng)
+
+    def observe(self, episode: Episode) -> None:
+        """Takes over how many steps there were."""
+        self.step_, self.episodes_ = episode.step, self.episodes_ + 1
+        if self.episodes_ % LOG_EVERY == 0:
+            self._log()
+
+    def probe(self, count: int) -> Task:
+        """Returns `count` tasks (count, d) of the present Gaussian."""
+        return self._gaussian().sample(self.space, self.probe_rng(), count)
+
+    def _gaussian(self) -> Gaussian:
+        share = self._share
+        initial, target = self.knowledge.initial, self.knowledge.target
+        mean = (1 - share) * initial.mean + share * target.mean
+        deviation = (1 - share) * np.sqrt(initial.variance) + share * np.sqrt(target.variance)
+        return Gaussian(mean, deviation**2)
+
+    @property
+    def _share(self) -> float:
+        """Share of the way that is behind it, in [0, 1]."""
+        return min(1.0, self.step_ / self.steps)
+
+    def _log(self) -> None:
+        gaussian = self._gaussian()
+        parts = (WeightedGaussian(1.0, gaussian.mean, np.diag(gaussian.variance)),)
+        self.log(TeacherUpdate(gaussians=parts, scalars={"share_of_the_way": self._share}))

@@ -1,0 +1,113 @@
+"""SFL, sampling for learnability (Rutherford et al. 2024)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+
+from tma_ray.tasks import (
+    Episode,
+    ExpertKnowledge,
+    KnowledgeLevel,
+    Outcomes,
+    Query,
+    QueryKind,
+    Task,
+    TaskSpace,
+    TeacherUpdate,
+)
+from tma_ray.teachers.base import Teacher
+from tma_ray.teachers.numerics.task_cloud import cloud_gaussian
+
+
+@dataclass
+class SFL(Teacher):
+    """Samples from the tasks of highest learnability among random ones, which are evaluated now and then.
+
+    The learnability of a task that the student masters with the frequency p is p (1 - p). After the first
+    episode, and then every `refresh_every` episodes, the student plays `rollouts` episodes of each of
+    `candidates` uniform tasks with its exploring policy, without learning. The `kept` tasks of highest
+    learnability make up the buffer; those of learnability 0 are left out.
+
+    Sources: Rutherford et al. 2024, algorithms 1 and 2. The sizes of its evaluations, of millions of steps,
+    are cut to what a budget of 20 million steps bears, to which they count here: about a fourth of the
+    episodes. All else is the authors' configuration of single-agent JaxNav.
+
+    Attributes:
+        candidates: tasks evaluated in a refresh (paper: N = 5000).
+        rollouts: episodes of each (paper: as many as 1000 steps hold).
+        kept: most tasks in the buffer (paper: K = 100).
+        refresh_every: episodes between two refreshes (paper: T = 50 updates of 256 environments).
+        buffer_share: share of tasks from the buffer, in [0, 1]; the others are uniform (paper: rho).
+    """
+
+    algorithm_version: ClassVar[int | None] = 1
+    knowledge_levels: ClassVar[tuple[KnowledgeLevel, ...]] = (KnowledgeLevel.LOW,)
+    wants_evaluations: ClassVar[bool] = True
+
+    candidates: int = 60
+    rollouts: int = 3
+    kept: int = 20
+    refresh_every: int = 500
+    buffer_share: float = 0.5
+
+    def __post_init__(self) -> None:
+        for name in ("candidates", "kept", "refresh_every"):
+            if getattr(self, name) < 1:
+                raise ValueError(f"{name} = {getattr(self, name)}: expected at least 1")
+        if self.rollouts < 2:
+            raise ValueError(f"rollouts = {self.rollouts}: expected at least 2, of which some may succeed")
+        if not 0 <= self.buffer_share <= 1:
+            raise ValueError(f"buffer_share = {self.buffer_share} is a share; expected it in [0, 1]")
+
+    def start(self, space: TaskSpace, knowledge: ExpertKnowledge, rng: np.random.Generator) -> None:
+        """Starts with an empty buffer."""
+        super().start(space, knowledge, rng)
+        self.buffer_ = np.empty((0, space.size), dtype=np.float32)
+        self.asked_: Task | None = None
+        self.episodes_ = 0
+
+    def sample(self) -> Task:
+        """Returns a task (d,) of the buffer, or a uniform one."""
+        return self._draw(self.rng)
+
+    def observe(self, episode: Episode) -> Query | None:  # noqa: ARG002 - evaluations tell all
+        """Asks for an evaluation when a refresh is due."""
+        self.episodes_ += 1
+        if (self.episodes_ - 1) % self.refresh_every:
+            return None
+        self.asked_ = self.space.sample(self.rng, self.candidates)
+        return Query(QueryKind.EVALUATION, tasks=np.repeat(self.asked_, self.rollouts, axis=0))
+
+    def answer(self, answer: Outcomes) -> None:
+        """Fills the buffer anew with the tasks of highest learnability; ties are broken at random."""
+        assert self.asked_ is not None, "an answer follows a query"
+        mastered = answer.successes.reshape(self.candidates, self.rollouts).mean(axis=1)
+        learnability = mastered * (1 - mastered)
+        order = self.rng.permutation(self.candidates)
+        order = order[np.argsort(-learnability[order], kind="stable")][: self.kept]
+        order = order[learnability[order] > 0]
+        self.buffer_, self.asked_ = self.asked_[order], None
+        scalars = {
+            "buffer_size": float(len(order)),
+            "mean_learnability": float(learnability.mean()),
+            "mastered_share": float(mastered.mean()),
+        }
+        gaussians = (cloud_gaussian(self.space, self.buffer_),) if len(order) else ()
+        self.log(TeacherUpdate(gaussians=gaussians, scalars=scalars))
+
+    def probe(self, count: int) -> Task:
+        """Returns `count` tasks (count, d) of the buffer, uniform ones while it is empty."""
+        rng = self.probe_rng()
+        if not len(self.buffer_):
+            return self.space.sample(rng, count)
+        tasks: Task = self.buffer_[rng.integers(len(self.buffer_), size=count)]
+        return tasks
+
+    def _draw(self, rng: np.random.Generator) -> Task:
+        if len(self.buffer_) and rng.random() < self.buffer_share:
+            task: Task = self.buffer_[rng.integers(len(self.buffer_))].copy()
+            return task
+        return self.space.sample(rng)

@@ -1,0 +1,65 @@
+"""Tasks of a low-discrepancy sequence: a better Random."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tma_ray.tasks import Episode, ExpertKnowledge, Task, TaskSpace
+from tma_ray.teachers.base import Teacher
+from tma_ray.teachers.numerics.unit_box import UnitBox
+
+BLOCK = 256
+"""Points that are made at once; a power of 2, after which the sequence is balanced."""
+
+
+@dataclass
+class Sobol(Teacher):
+    """Samples the points of a scrambled Sobol sequence: uniform, and without the gaps and clusters of chance.
+
+    Each power of 2 of its first tasks is spread evenly over the space; the seed scrambles them.
+
+    Sources: Sobol 1967, with the direction numbers of Joe and Kuo 2008 and the scrambling of Matousek 1998, as
+    in scipy.
+    """
+
+    algorithm_version: ClassVar[int | None] = 1
+
+    def start(self, space: TaskSpace, knowledge: ExpertKnowledge, rng: np.random.Generator) -> None:
+        """Draws the scrambling."""
+        super().start(space, knowledge, rng)
+        self._box = UnitBox(space)
+        self.scrambling_ = int(rng.integers(2**31))
+        self.drawn_ = 0
+        self.block_: NDArray[np.float64] = self._points(0)
+
+    def sample(self) -> Task:
+        """Returns the next task (d,) of the sequence."""
+        task: Task = self._box.denormalise(self.block_[self.drawn_ % BLOCK])
+        return task
+
+    def observe(self, episode: Episode) -> None:  # noqa: ARG002 - it is enough that there was one
+        """Goes on to the next point."""
+        self.drawn_ += 1
+        if self.drawn_ % BLOCK == 0:
+            self.block_ = self._points(self.drawn_)
+
+    def probe(self, count: int) -> Task:
+        """Returns the next `count` tasks (count, d)."""
+        blocks = range(self.drawn_ // BLOCK, (self.drawn_ + count - 1) // BLOCK + 1)
+        points = np.concatenate([self._points(block * BLOCK) for block in blocks])
+        first = self.drawn_ % BLOCK
+        return self._box.denormalise(points[first : first + count])
+
+    def _points(self, first: int) -> NDArray[np.float64]:
+        """Returns the points (BLOCK, f) of the sequence from number `first` on."""
+        from scipy.stats import qmc  # imported here: who only names a teacher starts sooner without it
+
+        sequence = qmc.Sobol(self._box.size, scramble=True, seed=self.scrambling_)
+        if first:
+            sequence.fast_forward(first)
+        points: NDArray[np.float64] = sequence.random(BLOCK)
+        return points
