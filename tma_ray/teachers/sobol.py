@@ -18,12 +18,11 @@ BLOCK = 256
 
 @dataclass
 class Sobol(Teacher):
-    """Samples the points of a scrambled Sobol sequence: uniform, and without the gaps and clusters of chance.
+    """Samples a scrambled Sobol sequence: uniform, without the gaps and clusters of chance.
 
     Each power of 2 of its first tasks is spread evenly over the space; the seed scrambles them.
 
-    Sources: Sobol 1967, with the direction numbers of Joe and Kuo 2008 and the scrambling of Matousek 1998, as
-    in scipy.
+    Sources: Sobol 1967; direction numbers of Joe and Kuo 2008, scrambling of Matousek 1998, as in scipy.
     """
 
     algorithm_version: ClassVar[int | None] = 1
