@@ -3,7 +3,8 @@
     python benchmarks/cohort.py --device cuda --widths 16,48 --precisions highest,high,medium --compiled 0,1
 
 Measures an update of all slots for each width and precision, and what it could feed in environment steps;
-checks that a run learns the same bits alone and with full neighbours. Writes JSON to ``--output``.
+checks that a run learns the same bits alone and with full neighbours. Prints a table last, and writes JSON to
+``--output``.
 """
 
 from __future__ import annotations
@@ -108,6 +109,15 @@ def independent(options: argparse.Namespace, width: int, precision: str, compile
     return all(np.array_equal(one, other) for one, other in zip(*results, strict=True))
 
 
+def table(rows: list[dict[str, Any]]) -> str:
+    """Returns the measurements as a table."""
+    names = "width", "precision", "compiled", "update_ms", "bound_steps_s", "independent"
+    lines = [f"| {' | '.join(names)} |", f"|{' --- |' * len(names)}"]
+    return "\n".join(
+        [*lines, *(f"| {' | '.join(str(row.get(name, '')) for name in names)} |" for row in rows)]
+    )
+
+
 def variants(options: argparse.Namespace) -> Iterator[tuple[int, str, bool]]:
     """Yields width, precision, and whether updates are compiled."""
     widths = [int(width) for width in options.widths.split(",")]
@@ -141,6 +151,7 @@ def main() -> int:
             }
         print(row, flush=True)
         rows.append(row)
+    print(table(rows))
     if options.output:
         Path(options.output).write_text(json.dumps(rows, indent=1))
     return 0
