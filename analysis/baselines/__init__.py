@@ -3,6 +3,7 @@
 from analysis.baselines.catalogue import Baseline, as_baseline, baselines, find_baseline
 from analysis.baselines.growing import add_to_release
 from analysis.baselines.manifest import BaselineError, BaselineFile, BaselineKind, BaselineManifest
+from analysis.baselines.publishing import check_address, publish
 from analysis.baselines.releasing import release
 from analysis.baselines.verification import Verification, verify
 
@@ -16,7 +17,9 @@ __all__ = [
     "add_to_release",
     "as_baseline",
     "baselines",
+    "check_address",
     "find_baseline",
+    "publish",
     "release",
     "verify",
 ]

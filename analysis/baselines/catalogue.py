@@ -12,10 +12,10 @@ from typing import Final
 import pandas as pd
 
 from analysis.baselines.manifest import BASELINE_FILE, BaselineError, BaselineKind, BaselineManifest
-from analysis.data.frames import Frames, load
+from analysis.data.frames import Frames, frames_of
 from analysis.data.published import published_frame
 from tma_ray.part_names import nearest
-from tma_ray.results import Store
+from tma_ray.results import RecordedStore, Results, Store
 
 SHIPPED: Final = Path(__file__).parent
 """Where the baselines of the package lie."""
@@ -53,7 +53,7 @@ class Baseline:
         """
         if self.manifest.kind is not BaselineKind.RUNS:
             raise BaselineError(f"{self.manifest.name} has no runs, only published results; use published()")
-        return load(self.place)
+        return frames_of(Results(self.store()))
 
     def published(self) -> pd.DataFrame:
         """Returns its published results, in the columns of `published.paper_frame`.
@@ -63,7 +63,14 @@ class Baseline:
         """
         if self.manifest.kind is not BaselineKind.PUBLISHED:
             raise BaselineError(f"{self.manifest.name} has runs, and no published results; use frames()")
-        return published_frame(Store.open(self.place))
+        return published_frame(self.store())
+
+    def store(self) -> Store:
+        """Returns its files; at an address all of each is compared with its checksum before it is used."""
+        store = Store.open(self.place)
+        if "://" not in self.place:
+            return store
+        return RecordedStore(store, {file.path: file.sha256 for file in self.manifest.files})
 
 
 def baselines() -> tuple[Baseline, ...]:

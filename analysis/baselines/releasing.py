@@ -149,7 +149,7 @@ def release_folder(name: str, output: Path) -> Path:
             f"release {name!r}: use letters, digits, '.', '_' and '-', a letter or digit first"
         )
     if "://" in str(output):
-        raise BaselineError(f"{output} is not a local folder: write the release to a disk, then upload it")
+        raise BaselineError(f"{output} is not a local folder: pack the release on a disk, then publish it")
     return output.expanduser() / name
 
 

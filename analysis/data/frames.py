@@ -189,7 +189,11 @@ def load(root: str | Path) -> Frames:
     Raises:
         ResultsRootError: no results root at that place.
     """
-    results = Results.open(root)
+    return frames_of(Results.open(root))
+
+
+def frames_of(results: Results) -> Frames:
+    """Returns the frames of opened results; what is missing becomes an empty frame and a warning."""
     runs = with_settings(_plain(results.table(Table.RUNS).to_pandas()))
     (cells,), split = named_apart([_join(_plain(_frame(results, Table.CELLS)), runs)])
     cells, apart = experiments_apart(cells)

@@ -11,8 +11,16 @@ from pathlib import Path
 import fsspec
 import pytest
 
-from analysis.baselines import find_baseline
-from tma_ray.results import DamagedFileWarning, ObjectStoreError, Results, Store, check_usable
+from analysis.baselines import BaselineError, find_baseline, publish, release, verify
+from tma_ray.cli import main
+from tma_ray.results import (
+    DamagedFileError,
+    DamagedFileWarning,
+    ObjectStoreError,
+    Results,
+    Store,
+    check_usable,
+)
 
 ROOT = Path(__file__).parents[2] / "notebooks" / "data" / "ppo-lite"
 
@@ -75,3 +83,68 @@ def test_campaigns_are_refused_where_nothing_can_be_written(served: str, memory:
     with pytest.raises(ObjectStoreError, match="can only be read"):
         check_usable(Store.open(served))
     check_usable(Store.open(memory))
+
+
+@pytest.fixture(scope="module")
+def packed(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A release with a file of several runs."""
+    return release(ROOT, "mine-1.0", tmp_path_factory.mktemp("packed"))
+
+
+@pytest.fixture
+def published(packed: Path) -> Iterator[str]:
+    """The address of the release in memory, where nothing was before."""
+    address = "memory://published/mine-1.0"
+    yield publish(packed, address)
+    fsspec.filesystem("memory").rm("memory://published", recursive=True)
+
+
+def test_a_published_release_is_whole_and_reads_as_on_disk(packed: Path, published: str) -> None:
+    assert verify(published).whole
+    assert measures(published) == measures(packed)
+
+
+def test_a_published_release_is_never_overwritten(packed: Path, published: str) -> None:
+    with pytest.raises(BaselineError, match="never overwritten"):
+        publish(packed, published)
+
+
+def test_an_interrupted_upload_is_continued_among_its_own_files_only(packed: Path, published: str) -> None:
+    filesystem = fsspec.filesystem("memory")
+    filesystem.rm(f"{published}/baseline.json")  # the last to come
+    filesystem.rm(f"{published}/root.json")
+    assert verify(publish(packed, published)).whole
+    filesystem.rm(f"{published}/baseline.json")
+    filesystem.pipe_file(f"{published}/notes.txt", b"mine")
+    with pytest.raises(BaselineError, match=r"1 files of something else, such as notes\.txt"):
+        publish(packed, published)
+
+
+def test_nothing_of_a_changed_file_is_shown(published: str) -> None:
+    filesystem = fsspec.filesystem("memory")
+    for path in filesystem.glob(f"{published}/tables/evaluations/*.parquet"):
+        filesystem.pipe_file(path, filesystem.cat_file(path) + b"\0")
+    with pytest.warns(DamagedFileWarning, match="its sha256 is not the recorded one"):
+        frames = find_baseline(published).frames()
+    assert frames.evaluations.empty
+    assert frames.left_out
+    filesystem.pipe_file(f"{published}/README.md", b"another card")
+    with pytest.raises(DamagedFileError, match=r"README\.md is damaged: its sha256"):
+        find_baseline(published).store().read_bytes("README.md")
+
+
+def test_where_nothing_can_be_written_a_release_is_refused_before_it_is_packed(
+    served: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    pytest.importorskip("aiohttp")
+    assert main(["release", str(ROOT), "mine-1.0", "--output", served]) == 2
+    assert "can only be read" in capsys.readouterr().err
+
+
+def test_the_command_publishes(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    place = (tmp_path / "place").as_uri()
+    assert main(["release", str(ROOT), "mine-1.0", "--lean", "--output", place]) == 0
+    assert capsys.readouterr().out.strip() == f"{place}/mine-1.0"
+    assert verify(tmp_path / "place" / "mine-1.0").whole
+    assert main(["release", str(ROOT), "mine-1.0", "--shard", "one", "--output", place]) == 2
+    assert "--shard adds to a release in a folder" in capsys.readouterr().err

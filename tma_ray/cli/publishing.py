@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import argparse
 import sys
+from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any
 
 from tma_ray.cli.json_output import add_json_option, print_json
@@ -57,14 +59,9 @@ def add_commands(commands: Any) -> None:
         populate=_add_release,
         examples=(
             "tma-ray release results mine-1.0 --licence CC-BY-4.0",
+            "tma-ray release results mine-1.0 --licence CC-BY-4.0 --output s3://bucket/releases",
             "tma-ray release results growing --shard batch-1 --licence CC-BY-4.0",
         ),
-    )
-    commands.add_parser(
-        "compact",
-        help="merge the files of finished runs, by experiment",
-        description="Merge the table files of finished runs into one file per table and experiment.",
-        populate=_add_compact,
     )
 
 
@@ -153,20 +150,18 @@ def _add_baselines(parser: CommandParser) -> None:
 
 
 def _add_baselines_list(parser: CommandParser) -> None:
-
     add_json_option(parser)
     parser.set_defaults(command=_list_baselines)
 
 
 def _add_baselines_path(parser: CommandParser) -> None:
-    parser.add_argument("name", type=named("a baseline"), metavar="BASELINE", help="name of the baseline")
+    parser.add_argument("name", type=named("a baseline"), metavar="BASELINE", help="its name")
     parser.set_defaults(command=_baseline_path)
 
 
 def _add_baselines_verify(parser: CommandParser) -> None:
-    parser.add_argument(
-        "name", type=named("a baseline"), metavar="BASELINE", help="name or folder of the baseline"
-    )
+    help_ = "name, folder or address of the baseline"
+    parser.add_argument("name", type=named("a baseline"), metavar="BASELINE", help=help_)
     parser.set_defaults(command=_verify_baseline)
 
 
@@ -178,9 +173,9 @@ def _add_release(parser: CommandParser) -> None:
     parser.add_argument(
         "-o",
         "--output",
-        type=folder,
+        type=root,
         metavar="FOLDER",
-        help="folder in which the baseline's own, NAME, is made (default: the current one)",
+        help="folder or address in which the baseline's own folder, NAME, is made (default: the current one)",
     )
     parser.add_argument(
         "--licence",
@@ -208,11 +203,6 @@ def _add_release(parser: CommandParser) -> None:
         help="campaigns that 'tma-ray campaign --like' repeats (default: all)",
     )
     parser.set_defaults(command=_release)
-
-
-def _add_compact(parser: CommandParser) -> None:
-    parser.add_argument("root", type=root, metavar="ROOT", help="results root")
-    parser.set_defaults(command=_compact)
 
 
 def _tables(options: argparse.Namespace) -> int:
@@ -266,33 +256,28 @@ def _verify_baseline(options: argparse.Namespace) -> int:
 
 
 def _release(options: argparse.Namespace) -> int:
+    from analysis.baselines import check_address, publish
+
+    place = options.output or ""
+    if "://" not in place:
+        print(_packed(options, Path(place)))
+        return 0
+    if options.shard:
+        raise ValueError("--shard adds to a release in a folder: publish it from there when it is whole")
+    address = f"{place.rstrip('/')}/{options.name}"
+    check_address(address)
+    with TemporaryDirectory(prefix="tma_ray_release_") as aside:
+        print(publish(_packed(options, Path(aside)), address))
+    return 0
+
+
+def _packed(options: argparse.Namespace, output: Path) -> Path:
+    """Returns the folder of the release, or of that to which a shard was added."""
     from analysis.baselines import add_to_release, release
     from tma_ray.results import LEAN, WHOLE
 
-    where, core = (options.root, options.name), tuple(options.core)
+    where, licence, core = (options.root, options.name), options.licence or "", tuple(options.core)
     if options.shard:
-        print(add_to_release(*where, options.shard, options.output, options.licence or "", core=core))
-        return 0
+        return add_to_release(*where, options.shard, output, licence, core=core)
     contents = LEAN if options.lean else WHOLE
-    print(
-        release(
-            *where,
-            options.output,
-            options.licence or "",
-            partial=options.partial,
-            contents=contents,
-            core=core,
-        )
-    )
-    return 0
-
-
-def _compact(options: argparse.Namespace) -> int:
-    from tma_ray.results import compact
-
-    done = compact(options.root)
-    print(
-        f"{done.runs:,} runs merged: {done.files_before:,} files of tables became {done.files_after:,}, "
-        f"{done.bytes_before:,} bytes {done.bytes_after:,}"
-    )
-    return 0
+    return release(*where, output, licence, partial=options.partial, contents=contents, core=core)

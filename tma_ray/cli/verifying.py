@@ -1,4 +1,4 @@
-"""The command that compares results with what was written."""
+"""Commands on the files of a results root: compared with what was written, merged."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ DAMAGED = 1
 
 
 def add_commands(commands: Any) -> None:
-    """Adds it to the subparsers `commands`."""
+    """Adds them to the subparsers `commands`."""
     commands.add_parser(
         "verify",
         help="compare a results root or a release with what was written",
@@ -26,6 +26,12 @@ def add_commands(commands: Any) -> None:
         "malice. The exit code is 1 if something is damaged; the campaign's own command repeats such runs.",
         populate=_add_verify,
         examples=("tma-ray verify results", "tma-ray verify results --json"),
+    )
+    commands.add_parser(
+        "compact",
+        help="merge the files of finished runs, by experiment",
+        description="Merge the table files of finished runs into one file per table and experiment.",
+        populate=_add_compact,
     )
 
 
@@ -40,6 +46,11 @@ def _add_verify(parser: CommandParser) -> None:
     )
     add_json_option(parser)
     parser.set_defaults(command=_verify)
+
+
+def _add_compact(parser: CommandParser) -> None:
+    parser.add_argument("root", type=root, metavar="ROOT", help="results root")
+    parser.set_defaults(command=_compact)
 
 
 def _verify(options: argparse.Namespace) -> int:
@@ -75,3 +86,14 @@ def _lacking(options: argparse.Namespace, baseline: Baseline | None) -> list[str
     from analysis.baselines.completeness import lacking
 
     return lacking(baseline) if options.complete and baseline is not None else []
+
+
+def _compact(options: argparse.Namespace) -> int:
+    from tma_ray.results import compact
+
+    done = compact(options.root)
+    print(
+        f"{done.runs:,} runs merged: {done.files_before:,} files of tables became {done.files_after:,}, "
+        f"{done.bytes_before:,} bytes {done.bytes_after:,}"
+    )
+    return 0

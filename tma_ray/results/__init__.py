@@ -50,6 +50,7 @@ from tma_ray.results.rows import teacher_log_row
 from tma_ray.results.schema import DATA_TABLES, SCHEMA_VERSION, SCHEMAS, Table
 from tma_ray.results.storage.errors import DISK_FULL, StorageError, explained_disk, retry
 from tma_ray.results.storage.object_store import ObjectStoreError
+from tma_ray.results.storage.recorded_store import RecordedStore
 from tma_ray.results.storage.store import Store
 from tma_ray.results.verification import RootVerification, verify_root
 from tma_ray.results.writer import RunWriter
@@ -92,6 +93,7 @@ __all__ = [
     "NotRunningError",
     "ObjectStoreError",
     "PartFile",
+    "RecordedStore",
     "Results",
     "ResultsRootError",
     "RootInUseError",
