@@ -54,10 +54,10 @@ KINDS: dict[str, dict[str, object]] = {
 
 SHORT = pytest.mark.parametrize(
     "root",
-    [pytest.param(kind, marks=() if kind in ("budgets", "students") else pytest.mark.slow) for kind in KINDS],
+    [pytest.param(kind, marks=() if kind == "budgets" else pytest.mark.slow) for kind in KINDS],
     indirect=True,
 )
-"""Two kinds among the fast tests, all among the slow ones."""
+"""One kind among the fast tests, all among the slow ones."""
 
 
 @pytest.fixture(scope="module")

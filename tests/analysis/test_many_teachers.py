@@ -44,7 +44,9 @@ def root(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
-@pytest.mark.parametrize("kind", ["report", pytest.param("compare", marks=pytest.mark.slow)])
+@pytest.mark.parametrize(
+    "kind", [pytest.param(kind, marks=pytest.mark.slow) for kind in ("report", "compare")]
+)
 def test_a_page_of_many_teachers_lets_readers_choose_and_keeps_sentences_short(
     kind: str, root: Path, tmp_path: Path
 ) -> None:

@@ -54,13 +54,6 @@ def test_the_page_names_every_column(page: tuple[Path, dict[str, Any]]) -> None:
     assert not missing
 
 
-def test_importing_it_imports_nothing_slow() -> None:
-    slow = "scipy", "matplotlib", "jinja2", "plotly", "torch", "ray", "sklearn", "numba"
-    code = f"import sys, analysis; print(*(set({slow}) & set(sys.modules)))"
-    found = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    assert found.stdout.split() == []
-
-
 def test_every_name_that_it_offers_is_there() -> None:
     """Functions, not the modules of the same name, whatever was imported before."""
     import analysis.comparisons.pairwise

@@ -186,6 +186,7 @@ def test_one_seed_concludes_nothing(tmp_path: Path) -> None:
     assert "significant difference" not in page.words
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("unpainted")
 def test_one_teacher_alone(tmp_path: Path) -> None:
     small(tmp_path).run("random", 0)
@@ -205,6 +206,7 @@ def test_failed_runs_are_named_with_their_error(tmp_path: Path) -> None:
     assert "1 of 2" in page.text
 
 
+@pytest.mark.usefixtures("unpainted")
 def test_a_campaign_under_way(tmp_path: Path) -> None:
     campaign = small(tmp_path)
     for seed in range(2):
@@ -218,6 +220,7 @@ def test_a_campaign_under_way(tmp_path: Path) -> None:
     assert "p =" not in page.text
 
 
+@pytest.mark.slow
 def test_a_campaign_whose_runs_have_only_begun(tmp_path: Path) -> None:
     campaign = small(tmp_path)
     record = campaign.record("random", 0, "low")
@@ -252,6 +255,7 @@ def test_no_teacher_better_than_random(tmp_path: Path) -> None:
     assert "No teacher does better than Random. Significantly worse than Random: ADR." in page.words
 
 
+@pytest.mark.slow
 def test_test_tasks_in_no_grid_and_a_larger_task_space(tmp_path: Path) -> None:
     campaign = small(tmp_path, steps=1000)
     space = json.dumps({"task_space": [{"name": name, "low": 0, "high": 1, "unit": ""} for name in "abc"]})
@@ -289,15 +293,6 @@ def test_a_damaged_file_is_left_out_and_named(tmp_path: Path, harm: Callable[[Pa
     page = report(tmp_path)
     assert "was left out" in page.text
     assert "ALP-GMM masters" in page.words
-
-
-def test_analysis_needs_neither_torch_nor_ray() -> None:
-    code = (
-        "import sys, analysis, analysis.pages.report\n"
-        "found = {'torch', 'ray', 'stable_baselines3', 'pymunk', 'matplotlib.pyplot'} & set(sys.modules)\n"
-        "assert not found, found"
-    )
-    subprocess.run([sys.executable, "-c", code], check=True, timeout=120)
 
 
 @pytest.mark.parametrize(

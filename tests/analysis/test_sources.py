@@ -111,9 +111,7 @@ def test_joined_roots_are_the_same_as_one_root(tmp_path: Path) -> None:
     "command",
     [
         "ranking",
-        "claims",
-        "tables",
-        *(pytest.param(name, marks=pytest.mark.slow) for name in ("report", "figures")),
+        *(pytest.param(name, marks=pytest.mark.slow) for name in ("claims", "tables", "report", "figures")),
     ],
 )
 def test_every_command_takes_several_roots_and_baselines(

@@ -18,8 +18,8 @@ SCRIPT = Path(sys.executable).with_name("tma-ray")
 @pytest.mark.parametrize(
     "start",
     [
-        (sys.executable, "-m", "tma_ray.cli"),
-        pytest.param((str(SCRIPT),), marks=pytest.mark.skipif(not SCRIPT.exists(), reason="not installed")),
+        pytest.param((sys.executable, "-m", "tma_ray.cli"), marks=pytest.mark.slow),
+        (str(SCRIPT),),
     ],
 )
 def test_the_users_own_files_shadow_nothing(start: tuple[str, ...], tmp_path: Path) -> None:

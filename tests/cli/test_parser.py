@@ -99,27 +99,3 @@ def test_completions_know_commands_and_options(shell: str, capsys: pytest.Captur
         assert word in script
     if shell == "bash":
         assert subprocess.run(["bash", "-n"], input=script, text=True).returncode == 0
-
-
-def test_the_list_of_commands_imports_no_heavy_library() -> None:
-    """Start-up is a matter of imports: these take most of a second each, or more."""
-    code = (
-        "import sys, contextlib, io\n"
-        "from tma_ray import cli\n"
-        "with contextlib.redirect_stdout(io.StringIO()), contextlib.suppress(SystemExit):\n"
-        "    cli.main(['--help'])\n"
-        "print(*{name.partition('.')[0] for name in sys.modules})"
-    )
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    loaded = set(done.stdout.split())
-    assert not loaded & {
-        "torch",
-        "ray",
-        "pandas",
-        "pyarrow",
-        "numba",
-        "matplotlib",
-        "rich",
-        "scipy",
-        "analysis",
-    }

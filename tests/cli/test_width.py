@@ -21,7 +21,10 @@ COMMANDS = [
     "doctor",
     "list",
     "baselines list",
-    "simulate --teachers random,alp_gmm:fit_every=20 --challenges original --seeds 1 --episodes 20",
+    pytest.param(
+        "simulate --teachers random,alp_gmm:fit_every=20 --challenges original --seeds 1 --episodes 20",
+        marks=pytest.mark.slow,
+    ),
 ]
 
 

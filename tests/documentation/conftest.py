@@ -25,7 +25,7 @@ LINKED = ("experiments", "docs", "cluster.yaml")
 
 
 @pytest.fixture(scope="session")
-def root(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def documented(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A results root with two teachers' runs."""
     folder = tmp_path_factory.mktemp("documentation")
     (folder / "one.csv").write_text("stump_height,obstacle_spacing\n0,6\n1.5,3\n")
@@ -53,9 +53,9 @@ def _original(folder: Path) -> None:
 
 
 @pytest.fixture
-def place(root: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+def place(documented: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """A folder with what pages assume: results, a test set, the examples, and the checkout's files."""
-    shutil.copytree(root, tmp_path, dirs_exist_ok=True)
+    shutil.copytree(documented, tmp_path, dirs_exist_ok=True)
     for folder in (tmp_path, tmp_path / "examples"):
         shutil.copytree(ROOT / "examples", folder, dirs_exist_ok=True)
     for name in LINKED:

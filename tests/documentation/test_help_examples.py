@@ -19,7 +19,7 @@ EXAMPLES = [
 ]
 
 
-LONG = ("--latex", "--watch", "tma-ray compare", "tma-ray wandb", "tma-ray report results colleague")
+LONG = ("--latex", "--watch", "tma-ray compare", "tma-ray wandb", "tma-ray report", "tma-ray leaderboard")
 """In examples that draw many pages or start another library's process; fast ones try each command's page."""
 
 

@@ -98,14 +98,6 @@ def test_without_a_compiler_pymunk_is_taken() -> None:
     assert "NUMBA_DISABLE_JIT" in choice
 
 
-def test_importing_the_package_loads_neither_numba_nor_pymunk() -> None:
-    code = (
-        "import sys, tma_ray.physics, tma_ray.envs\n"
-        "print([name for name in ('numba', 'pymunk') if name in sys.modules])"
-    )
-    assert output(code) == "[]"
-
-
 def test_selection_makes_the_engine_that_is_in_use() -> None:
     for name, kind in (("compiled", CompiledEngine), ("pymunk", PymunkEngine)):
         assert selection._engine_class(name) is kind

@@ -99,14 +99,6 @@ def test_unknown_students_are_refused():
             default_hyperparameters(name)
 
 
-def test_names_and_values_are_checked_without_torch():
-    script = (
-        "import sys; import tma_ray.students as s; s.default_hyperparameters('ppo'); s.STUDENTS.names();"
-        "assert not {'torch', 'stable_baselines3'} & set(sys.modules)"
-    )
-    subprocess.run([sys.executable, "-c", script], check=True)
-
-
 def test_spaces_that_do_not_fit_are_refused():
     import numpy as np
     from gymnasium import spaces

@@ -1,6 +1,6 @@
 """Which cases share a process when several test side by side: those of a module, and those of a service.
 
-A Ray, an S3 server or a browser is started by one process only. Their cases wait more than they compute, and
+A Ray, an S3 server or a browser is started by one process only, and the campaign of the pages run by one. Their cases wait more than they compute, and
 come first, beside modules that only compute; all else comes in the session's order.
 """
 
@@ -24,8 +24,11 @@ SERVICES: dict[str, tuple[str, ...]] = {
         "tests/object_stores/test_s3_runs.py",
         "tests/object_stores/test_s3_store.py",
     ),
+    "documented": tuple(
+        f"tests/documentation/test_{name}.py" for name in ("pages", "help_examples", "campaigns")
+    ),
 }
-"""Modules that share a service, by the fixture that starts it, those that take longest first."""
+"""Modules that share a service or a campaign, by the fixture that makes it, those that take longest first."""
 
 SERVICE_OF = {module: service for service, modules in SERVICES.items() for module in modules}
 

@@ -28,7 +28,6 @@ TINY: dict[str, dict[str, Any]] = {
     "goal_gan": {"pretraining_iterations": 10, "iterations_per_task": 0.1},
     "setter_solver": {"hidden_units": 4},
     "sfl": {"refresh_every": 100, "candidates": 20},
-    "spdl": {},
     "accel": {"buffer_size": 30},
     "plr": {"buffer_size": 30},
     "robust_plr": {"buffer_size": 30},
@@ -37,9 +36,12 @@ TINY: dict[str, dict[str, Any]] = {
 
 FEW = tuple(scenario for scenario in SCENARIOS if scenario.name in ("plane", "rugged"))
 
+IN_NEW_PROCESSES = ("riac",)
+"""Teachers that the fast tier continues in a new process, too; the slow tier does so with all."""
 
-class HeavyConformance(TeacherConformance):
-    """The kit of a teacher whose libraries take seconds to import in the new process of a case."""
+
+class FastConformance(TeacherConformance):
+    """The kit without its new process, which has to import everything anew."""
 
     @pytest.mark.slow
     def test_a_saved_teacher_continues_in_a_new_process(self) -> None:
@@ -55,11 +57,9 @@ def _kit(
 
 for _name in TEACHERS.names():
     _teacher = TEACHERS.get(_name)
-    if _name in TINY:
-        globals()[f"Test_{_name}"] = _kit(
-            f"Test_{_name}", HeavyConformance, teacher=_teacher, hyperparameters=TINY[_name], scenarios=FEW
-        )
-        _kept = _kit(f"Test_{_name}_everywhere", teacher=_teacher, hyperparameters=SMALLER.get(_name, {}))
-        globals()[f"Test_{_name}_everywhere"] = pytest.mark.slow(_kept)
-    else:
-        globals()[f"Test_{_name}"] = _kit(f"Test_{_name}", teacher=_teacher)
+    _kind = TeacherConformance if _name in IN_NEW_PROCESSES else FastConformance
+    globals()[f"Test_{_name}"] = _kit(
+        f"Test_{_name}", _kind, teacher=_teacher, hyperparameters=TINY.get(_name, {}), scenarios=FEW
+    )
+    _kept = _kit(f"Test_{_name}_everywhere", teacher=_teacher, hyperparameters=SMALLER.get(_name, {}))
+    globals()[f"Test_{_name}_everywhere"] = pytest.mark.slow(_kept)
