@@ -1,4 +1,4 @@
-"""Heavy libraries are imported by what needs them, and by nothing else: most of the time of a start goes to imports."""
+"""Heavy libraries are imported by what needs them, and by nothing else: a start is mostly imports."""
 
 from __future__ import annotations
 
@@ -27,7 +27,8 @@ STEPS = (
     Step(
         "list of commands",
         "from tma_ray import cli\n"
-        "with contextlib.redirect_stdout(io.StringIO()), contextlib.suppress(SystemExit): cli.main(['--help'])",
+        "with contextlib.redirect_stdout(io.StringIO()), contextlib.suppress(SystemExit):\n"
+        "    cli.main(['--help'])",
         LEARNING | PLOTTING | {"ray", "pandas", "pyarrow", "numba", "rich", "scipy", "analysis"},
     ),
     Step(
@@ -42,7 +43,8 @@ STEPS = (
     ),
     Step(
         "a baseline",
-        "from analysis.baselines import find_baseline; assert len(find_baseline('lite-1').frames().evaluations)",
+        "from analysis.baselines import find_baseline\n"
+        "assert len(find_baseline('lite-1').frames().evaluations)",
         LEARNING | PLOTTING | {"ray", "numba", "pymunk"},
     ),
     Step(

@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import math
 import struct
-import subprocess
 import sys
 from collections import defaultdict
 from collections.abc import Sequence
