@@ -1,8 +1,8 @@
 """Which cases share a process when several test side by side: those of a module, and those of a service.
 
 A Ray, an S3 server or a browser is started by one process only, and one makes the campaign that pages show.
-Their cases wait more than they compute, and come first, beside modules that only compute; all else comes in the
-session's order.
+Their cases wait more than they compute, and come first, beside modules that only compute; all else comes in
+the order of the session.
 """
 
 from __future__ import annotations
