@@ -169,29 +169,39 @@ def assert_opens_well(reader: Reader, path: Path) -> None:
     assert_nothing_overflows(reader.page)
 
 
+def assert_a_phone_shows_it(reader: Reader) -> None:
+    """In a window as narrow as a phone, too, nothing is complained of or wider than the window."""
+    reader.page.set_viewport_size(PHONE)
+    reader.settle()
+    reader.read_through()
+    assert reader.complaints == []
+    assert_nothing_overflows(reader.page)
+
+
 def test_a_report_is_read_through_at_another_step_and_without_a_teacher(
-    anywhere: Reader, small_report: Path
+    reader: Reader, small_report: Path
 ) -> None:
-    assert_opens_well(anywhere, small_report)
-    assert anywhere.page.locator(".chart .main-svg").count() >= 4 + 2 * 3
-    cell = anywhere.page.locator("#comparison-1 tr[data-of=alp_gmm] td[data-field=mastered]")
+    assert_opens_well(reader, small_report)
+    assert reader.page.locator(".chart .main-svg").count() >= 4 + 2 * 3
+    cell = reader.page.locator("#comparison-1 tr[data-of=alp_gmm] td[data-field=mastered]")
     at_end = cell.inner_text()
-    anywhere.choose_step(0)
+    reader.choose_step(0)
     assert cell.inner_text() != at_end
-    assert "alp_gmm" in {trace["teacher"] for trace in anywhere.traces("comparison-1-seeds")}
-    anywhere.page.locator(".chip", has_text="ALP-GMM").click()
-    anywhere.page.locator("#comparison-1-seeds").scroll_into_view_if_needed()
-    anywhere.settle()
-    assert "alp_gmm" not in {trace["teacher"] for trace in anywhere.traces("comparison-1-seeds")}
-    assert anywhere.page.locator("[data-of=alp_gmm]:visible").count() == 0
-    assert anywhere.complaints == []
+    assert "alp_gmm" in {trace["teacher"] for trace in reader.traces("comparison-1-seeds")}
+    reader.page.locator(".chip", has_text="ALP-GMM").click()
+    reader.page.locator("#comparison-1-seeds").scroll_into_view_if_needed()
+    reader.settle()
+    assert "alp_gmm" not in {trace["teacher"] for trace in reader.traces("comparison-1-seeds")}
+    assert reader.page.locator("[data-of=alp_gmm]:visible").count() == 0
+    assert_a_phone_shows_it(reader)
 
 
-def test_a_comparison_is_read_through_at_another_step(anywhere: Reader, small_comparison: Path) -> None:
-    assert_opens_well(anywhere, small_comparison)
-    anywhere.choose_step(0)
-    mastered = anywhere.page.locator("section[data-comparison]:visible td[data-field=mastered]")
+def test_a_comparison_is_read_through_at_another_step(reader: Reader, small_comparison: Path) -> None:
+    assert_opens_well(reader, small_comparison)
+    reader.choose_step(0)
+    mastered = reader.page.locator("section[data-comparison]:visible td[data-field=mastered]")
     assert mastered.first.inner_text().startswith("0.0")
+    assert_a_phone_shows_it(reader)
 
 
 @pytest.mark.slow

@@ -6,8 +6,6 @@ import json
 import shutil
 import subprocess
 import sys
-from collections.abc import Callable
-from functools import cache, partial
 from pathlib import Path
 
 import pytest
@@ -20,10 +18,10 @@ HERE = Path(__file__).parent
 
 Case = tuple[str, str, str]
 RunAndFolder = tuple[RunSpec, Path]
-Finished = Callable[[tuple[Case, ...]], dict[Case, RunAndFolder]]
 
-FEW: tuple[Case, ...] = (("corridor", "ppo", "alp_gmm"), ("corridor", "ppo", "odd_teachers:Examining"))
-MORE: tuple[Case, ...] = (
+CASES: tuple[Case, ...] = (
+    ("corridor", "ppo", "alp_gmm"),
+    ("corridor", "ppo", "odd_teachers:Examining"),
     ("corridor", "sac", "odd_teachers:Examining"),
     ("corridor", "sac", "alp_gmm"),
     ("stump_tracks", "ppo", "alp_gmm"),
@@ -37,45 +35,50 @@ WORLDS = {"corridor": (small_spec, 2_000, (37, 11)), "stump_tracks": (stump_trac
 """How specs are made, steps, and the episodes after which a run is stopped."""
 
 
+def stopped_run(folder: Path, case: Case) -> RunSpec:
+    """Begins a run of `case`, and stops it as often as its world says."""
+    world, student, teacher = case
+    make, steps, stops = WORLDS[world]
+    spec = make(folder, student, teacher, steps=steps, evaluation_interval=steps // 2)
+    for stop in stops:
+        assert run(spec, folder / "resumed", stop_after=stop) == "stopped"
+    return spec
+
+
+def assert_resumed_as_undisturbed(spec: RunSpec, folder: Path) -> None:
+    run(spec, folder / "undisturbed")
+    undisturbed = data_files(folder / "undisturbed")
+    assert len(undisturbed) == 5
+    assert data_files(folder / "resumed") == undisturbed
+
+
 @pytest.fixture(scope="module")
-def finished(tmp_path_factory: pytest.TempPathFactory) -> Finished:
-    """Of cases, makes runs that were stopped, and then all finished in one new process; once."""
-    return cache(partial(_finished, tmp_path_factory))
-
-
-def _finished(tmp_path_factory: pytest.TempPathFactory, cases: tuple[Case, ...]) -> dict[Case, RunAndFolder]:
+def finished(tmp_path_factory: pytest.TempPathFactory) -> dict[Case, RunAndFolder]:
+    """Runs that were stopped, and then all finished in one new process."""
     runs = {}
-    for world, student, teacher in cases:
-        make, steps, stops = WORLDS[world]
-        folder = tmp_path_factory.mktemp(f"{world}-{student}")
-        spec = make(folder, student, teacher, steps=steps, evaluation_interval=steps // 2)
-        for stop in stops:
-            assert run(spec, folder / "resumed", stop_after=stop) == "stopped"
-        (folder / "spec.json").write_text(json.dumps(spec.to_dict()))
-        runs[world, student, teacher] = spec, folder
+    for case in CASES:
+        folder = tmp_path_factory.mktemp("-".join(case[:2]))
+        runs[case] = stopped_run(folder, case), folder
+        (folder / "spec.json").write_text(json.dumps(runs[case][0].to_dict()))
     folders = [str(folder) for _, folder in runs.values()]
     subprocess.run([sys.executable, "small_runs.py", *folders], cwd=HERE, check=True)
     return runs
 
 
-@pytest.mark.parametrize(
-    ("together", "case"),
-    [
-        *(pytest.param(FEW, case, id="-".join(case)) for case in FEW),
-        *(pytest.param(MORE, case, id="-".join(case), marks=pytest.mark.slow) for case in MORE),
-    ],
-)
-def test_stopped_and_finished_in_a_new_process(
-    finished: Finished, together: tuple[Case, ...], case: Case
-) -> None:
+@pytest.mark.slow
+@pytest.mark.parametrize("case", CASES, ids="-".join)
+def test_stopped_and_finished_in_a_new_process(finished: dict[Case, RunAndFolder], case: Case) -> None:
     """Many short episodes, stopped twice; or few long ones."""
-    spec, folder = finished(together)[case]
-    run(spec, folder / "undisturbed")
-    undisturbed = data_files(folder / "undisturbed")
-    assert len(undisturbed) == 5
-    assert data_files(folder / "resumed") == undisturbed
+    spec, folder = finished[case]
+    assert_resumed_as_undisturbed(spec, folder)
     if case[0] == "corridor":
         assert len(rows(folder / "resumed", Table.TEACHER_LOG)) > 3
+
+
+def test_stopped_and_finished_with_all_that_a_teacher_may_ask_for(tmp_path: Path) -> None:
+    spec = stopped_run(tmp_path, ("corridor", "ppo", "odd_teachers:Examining"))
+    assert run(spec, tmp_path / "resumed") == "done"
+    assert_resumed_as_undisturbed(spec, tmp_path)
 
 
 @pytest.fixture(scope="module")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import os
 import random
 import sys
@@ -31,12 +32,18 @@ def _names_of_a_module() -> Iterator[None]:
     yield from _restored_registries()
 
 
+def pytest_configure() -> None:
+    """Collects no garbage while modules are imported: looking for it takes a quarter of that time."""
+    gc.disable()
+
+
 def pytest_collection_finish() -> None:
-    """Refuses modules whose import, before any case, makes names known to all cases.
+    """Refuses modules whose import, before any case, makes names known to all cases; collects garbage again.
 
     Raises:
         UsageError: there is such a name.
     """
+    gc.enable()
     known = [name for registry in REGISTRIES for name in registry._decorated]
     if known:
         raise pytest.UsageError(f"collecting made {known} known: import plug-ins within a fixture")

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from functools import cache
 from pathlib import Path
 
 from tma_ray.part_names import base_name, nearest
@@ -193,6 +194,12 @@ def shipped_test_sets() -> list[str]:
     return sorted(path.stem for path in TEST_SETS.glob("*.csv"))
 
 
+@cache
+def _shipped(name: str) -> TestSet:
+    """Returns a shipped test set, read once: all runs of a plan ask for the same few."""
+    return TestSet.from_csv(TEST_SETS / f"{name}.csv")
+
+
 def load_test_set(name_or_path: str) -> TestSet:
     """Returns a shipped test set by name, or any other from the path of a CSV file.
 
@@ -200,7 +207,7 @@ def load_test_set(name_or_path: str) -> TestSet:
         ValueError: neither a known name nor a readable file.
     """
     if name_or_path in shipped_test_sets():
-        return TestSet.from_csv(TEST_SETS / f"{name_or_path}.csv")
+        return _shipped(name_or_path)
     path = Path(name_or_path)
     if not path.is_file():
         raise ValueError(

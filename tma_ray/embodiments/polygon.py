@@ -43,19 +43,19 @@ class Polygon:
         """Vertices as an array (v, 2)."""
         return np.array(self.vertices, dtype=np.float64)
 
-    @property
+    @cached_property
     def area(self) -> float:
         """Area in m²."""
         return float(np.sum(self._wedges) / 2)
 
-    @property
+    @cached_property
     def centroid(self) -> Point:
         """Centre of mass at uniform density."""
         sums = self.points + np.roll(self.points, -1, axis=0)
         x, y = (sums * self._wedges[:, None]).sum(axis=0) / (6 * self.area)
         return float(x), float(y)
 
-    @property
+    @cached_property
     def second_moment(self) -> float:
         """Polar second moment of area about the centroid, in m⁴; times density it is the inertia."""
         a, b = self.points, np.roll(self.points, -1, axis=0)
@@ -68,7 +68,7 @@ class Polygon:
         outwards = _cross(np.asarray(point) - self.points, edges) / np.hypot(edges[:, 0], edges[:, 1])
         return float(np.max(outwards))
 
-    @property
+    @cached_property
     def _wedges(self) -> NDArray[np.float64]:
         return _cross(self.points, np.roll(self.points, -1, axis=0))
 
