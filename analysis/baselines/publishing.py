@@ -24,7 +24,7 @@ def publish(folder: str | Path, address: str) -> str:
         The address.
 
     Raises:
-        BaselineError: the folder is no release or a damaged one, or `check_address` refuses the address.
+        BaselineError: the folder is not a release, or a damaged one, or `check_address` refuses the address.
         ObjectStoreError: as `check_address` says, or the upload fails.
     """
     _refuse_damage(folder, "pack it again")

@@ -79,6 +79,7 @@ BY_KIND: Mapping[str, Sequence[str]] = {
     "LICENCE": ("", " ", "\n", "my own", LONG, "CC BY 4.0"),
     "SIZE": ("", "0x0", "1x1", "640", "640x", "x480", "-1x-1", "640x480x3", "1e30x5", "99999x99999", "6*4"),
     "N": (*NO_NUMBERS, *TOO_MANY, "0.5", "0.0001k", "1,5"),
+    "WIDTH": (*NO_NUMBERS, *TOO_MANY, "0", "0.5", "of", "OFF"),
     "X": (*NO_NUMBERS, *TOO_MANY, "1,5"),
     "SECONDS": (*NO_NUMBERS, *TOO_MANY, "1,5"),
     "MIB": (*NO_NUMBERS, *TOO_MANY, "0.5"),

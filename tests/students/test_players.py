@@ -188,4 +188,4 @@ def test_students_without_a_stacked_learner_are_refused(learner):
 
 
 def test_the_hardware_of_a_cohort_is_known(learner):
-    assert hardware(learner) == {"device": "cpu", "cohort": 3, "compiled": False}
+    assert hardware(learner) == {"device": "cpu", "cohort": 3, "compiled": False, "threads": 1}

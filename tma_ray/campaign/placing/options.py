@@ -40,8 +40,8 @@ def add_placing_options(group: argparse._ActionsContainer) -> None:
     group.add_argument(
         "--cohort",
         type=parse_cohort,
-        metavar="N",
-        help="runs that learn together beside each other, one learner for each N or for each GPU; or off "
+        metavar="WIDTH",
+        help="runs that learn together beside each other, one learner for each WIDTH or for each GPU; or off "
         f"(default: {COHORT_WIDTH} with --device cuda, else off)",
     )
     group.add_argument(
