@@ -23,6 +23,13 @@ def plus_minus(mean: float, std: float, digits: int = 1) -> str:
     return f"{number(mean, digits)} ± {number(std, digits)}"
 
 
+def ends(low: float, high: float, digits: int = 1) -> str:
+    """Returns an interval as ``[1.0, 2.5]``, or that there is none."""
+    if not math.isfinite(low):
+        return "[no interval: no spread]"
+    return f"[{number(low, digits)}, {number(high, digits)}]"
+
+
 def p_value(p: float) -> str:
     """Returns ``p = 0.012`` or ``p < 0.001``."""
     return "p\N{NO-BREAK SPACE}< 0.001" if p < 0.001 else f"p = {p:.3f}"

@@ -11,8 +11,8 @@ import pandas as pd
 from numpy.typing import NDArray
 from scipy import stats
 
+from analysis.statistics import stratified
 from analysis.statistics.estimates import (
-    Estimate,
     interquartile_mean,
     interquartile_mean_of,
     performance_profile,
@@ -44,8 +44,11 @@ def bimodal(rng: np.random.Generator, shift: float, shape: tuple[int, ...]) -> F
     return np.where(learns, rng.normal(80.0, 8.0, shape), rng.normal(5.0, 3.0, shape)).clip(0.0, 100.0)
 
 
-def coverage(draw: Draw, strata: int, n: int, experiments: int) -> tuple[float, float, float]:
-    """Returns how often the intervals of the three estimates hold."""
+def coverage(draw: Draw, strata: int, n: int, experiments: int) -> tuple[float, ...]:
+    """Returns how often intervals hold: of a mean, a difference, and the three estimates.
+
+    Experiments in which runs are all the same, so that there is no interval, do not count.
+    """
     rng = np.random.default_rng([strata, n])
     population, better = draw(rng, 0.0, (LARGE,)), draw(rng, 1.0, (LARGE,))
     middle = float(np.mean(interquartile_mean(draw(rng, 0.0, (20_000, n * strata)))))
@@ -53,7 +56,9 @@ def coverage(draw: Draw, strata: int, n: int, experiments: int) -> tuple[float, 
     chance = (ranks - LARGE * (LARGE + 1) / 2) / LARGE**2
     threshold = float(np.quantile(population, 0.7))
     share = float((population > threshold).mean())
-    held = np.zeros(3)
+    mean, difference = float(population.mean()), float(better.mean() - population.mean())
+    zero = pd.Series(0.0, index=["no", "spread"])
+    held, counted = np.zeros(5), np.zeros(5)
     for _ in range(experiments):
         first, second = (
             {
@@ -63,17 +68,20 @@ def coverage(draw: Draw, strata: int, n: int, experiments: int) -> tuple[float, 
             for name, shift in (("a", 0.0), ("b", 1.0))
         )
         profile = performance_profile(first, [threshold]).iloc[0]
-        held += [
-            _holds(interquartile_mean_of(first), middle),
-            _holds(probability_of_improvement(second, first), chance),
-            profile["low"] <= share <= profile["high"],
+        weights = [1.0] * strata
+        alone = stratified([(values, zero) for values in first.values()], weights)
+        both = stratified([(second[name], values) for name, values in first.items()], weights)
+        middling, better_than = interquartile_mean_of(first), probability_of_improvement(second, first)
+        intervals = [
+            (alone.low, mean, alone.high),
+            (both.low, difference, both.high),
+            (middling.low, middle, middling.high),
+            (better_than.low, chance, better_than.high),
+            (profile["low"], share, profile["high"]),
         ]
-    return tuple(held / experiments)
-
-
-def _holds(estimate: Estimate, truth: float) -> bool:
-    assert math.isfinite(estimate.low)
-    return estimate.low <= truth <= estimate.high
+        held += [low <= truth <= high for low, truth, high in intervals]
+        counted += [math.isfinite(low) for low, _, _ in intervals]
+    return tuple(held / counted)
 
 
 def main() -> None:

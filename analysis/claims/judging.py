@@ -10,7 +10,7 @@ from typing import Protocol
 
 import pandas as pd
 
-from analysis.formatting import number, p_value
+from analysis.formatting import ends, number, p_value
 from analysis.names import label
 from analysis.statistics import Comparison, Description, mean_interval, welch, welch_from_statistics
 from analysis.statistics.verdicts import Standing, contrary, equivalent, greater
@@ -177,7 +177,7 @@ def _(statement: Scaled, source: Source) -> Finding:
     mine, theirs = first.description.mean, second.description.mean
     evidence = (
         f"{_name(statement.first)}: {number(mine)} % beside {number(theirs)} %; above {statement.factor:g} "
-        f"times that by {number(test.difference)} [{number(test.low)}, {number(test.high)}]"
+        f"times that by {number(test.difference)} {ends(test.low, test.high)}"
     )
     return Finding(statement, greater(test.low, test.high, 0.0), evidence)
 
@@ -205,7 +205,7 @@ def _relation(relation: Relation, test: Comparison) -> Standing:
 
 def _evidence(statement: Compared, test: Comparison) -> str:
     beside = f"{_name(statement.first)} {number(test.difference)} points from {_name(statement.second)}"
-    interval = test.reason or f"95 % interval {number(test.low)} to {number(test.high)}, {p_value(test.p)}"
+    interval = test.reason or f"95 % interval {ends(test.low, test.high)}, {p_value(test.p)}"
     return f"{beside} ({interval}, n = {test.n} and {test.reference_n})"
 
 
@@ -218,7 +218,7 @@ def _certain(holds: bool) -> Standing:
 
 
 def _interval(sample: Description) -> tuple[float, float]:
-    """Returns the 95 % interval of a mean of shares, within 0 to 100; a point where all seeds are equal."""
+    """Returns the 95 % interval of a mean of shares, within 0 to 100."""
     low, high = mean_interval(sample)
     return max(low, 0.0), min(high, 100.0)
 

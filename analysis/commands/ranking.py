@@ -13,11 +13,12 @@ from rich.table import Table
 from analysis.baselines.sources import Sources, read
 from analysis.comparisons.aggregates import ACROSS
 from analysis.comparisons.overall import THRESHOLDS, headlines, interval, overall
-from analysis.comparisons.ranking import MEASURE, MEASURES, places, ranked, sentences
+from analysis.comparisons.ranking import places, ranked, sentences
 from analysis.data.reference import NO_BASELINE, is_baseline
-from analysis.formatting import number, p_value, plus_minus
+from analysis.formatting import ends, number, p_value, plus_minus
 from analysis.measures.conditions import condition_words, varying
 from analysis.measures.student_pools import runs_after
+from analysis.measures.tested import MEASURE, MEASURES
 from analysis.names import label
 from tma_ray.terminal import terminal
 
@@ -121,7 +122,7 @@ def _cells(row: pd.Series, measure: str) -> list[str]:
         return [*names, "", ""]
     if row["reason"] or pd.isna(row["p"]):
         return [*names, "not tested", ""]
-    gap = f"{number(row['difference'])} [{number(row['low'])}, {number(row['high'])}]"
+    gap = f"{number(row['difference'])} {ends(row['low'], row['high'])}"
     return [*names, gap, p_value(row["holm"]).lstrip("p =\N{NO-BREAK SPACE}")]
 
 

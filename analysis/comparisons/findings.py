@@ -9,9 +9,9 @@ from typing import Any, NamedTuple
 import pandas as pd
 
 from analysis.data.reference import NO_BASELINE, is_baseline
-from analysis.formatting import amount, listed, number, p_value, plus_minus
+from analysis.formatting import amount, ends, listed, number, p_value, plus_minus
 from analysis.names import label
-from analysis.statistics import SIGNIFICANCE
+from analysis.statistics import SIGNIFICANCE, Method
 
 
 class Measure(NamedTuple):
@@ -139,8 +139,9 @@ def _against_random(teacher: str, test: pd.Series, measure: Measure) -> str:
         return f"{lead}, but a single seed cannot tell skill from luck: nothing can be concluded."
     if test["reason"]:
         return f"{lead}; not tested ({test['reason']})."
-    interval = f"95 % confidence interval {number(test['low'])} to {number(test['high'])}"
-    found = f"Welch's t-test, {p_value(test['holm'])} after Holm"
+    interval = f"95 % confidence interval {ends(test['low'], test['high'])}"
+    method = "permutation test" if test["method"] == Method.PERMUTATION else "Welch's t-test"
+    found = f"{method}, {p_value(test['holm'])} after Holm"
     if test["holm"] < SIGNIFICANCE:
         return f"{lead} ({interval}), a significant difference ({found})."
     return (

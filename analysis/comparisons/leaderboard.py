@@ -8,10 +8,11 @@ from typing import Any
 import pandas as pd
 
 from analysis.comparisons.aggregates import ACROSS, PLACES, stratified_means
-from analysis.comparisons.ranks import MEASURE, Rank, ranks
+from analysis.comparisons.ranks import Rank, ranks
 from analysis.data.frames import Frames
 from analysis.formatting import amount
 from analysis.measures.student_pools import runs_after
+from analysis.measures.tested import MEASURE
 from analysis.names import challenge_title
 
 

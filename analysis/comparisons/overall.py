@@ -17,13 +17,12 @@ from analysis.comparisons.aggregates import (
     stratified_differences,
 )
 from analysis.data.reference import BASELINE
-from analysis.formatting import number, p_value
+from analysis.formatting import ends, number, p_value
 from analysis.looks import look
 from analysis.measures.conditions import CONDITIONS, condition_words, varying
+from analysis.measures.tested import MEASURE
 from analysis.names import label
 from analysis.statistics import SIGNIFICANCE
-
-MEASURE = "mastered_percent"
 
 THRESHOLDS = (25, 50, 75)
 """Per cent of the test tasks, over which the share of runs is told in tables."""
@@ -55,7 +54,7 @@ def _headline(row: pd.Series, told: list[str]) -> str:
     verdict = "not distinguishable from"
     if row["holm"] < SIGNIFICANCE:
         verdict = "better than" if row["difference"] > 0 else "worse than"
-    interval = f"{number(row['difference'])} points [{number(row['low'])}, {number(row['high'])}]"
+    interval = f"{number(row['difference'])} points {ends(row['low'], row['high'])}"
     return (
         f"Over {row['challenges']} challenges (expert knowledge {row['expert_knowledge']}, "
         f"{', '.join(condition_words(row, told))}) {label(row['teacher'])} is {verdict} Random: {interval}, "
@@ -92,11 +91,12 @@ def overall(runs: pd.DataFrame, measure: str = MEASURE) -> pd.DataFrame:
     return table[table["n"] > 0].sort_values([*ACROSS, "value"], ascending=order, ignore_index=True)
 
 
-def overall_rows(runs: pd.DataFrame) -> list[dict[str, Any]]:
+def overall_rows(runs: pd.DataFrame, measure: str = MEASURE) -> list[dict[str, Any]]:
     """Returns the rows of `overall` as text.
 
     Args:
         runs: of `pooling.pool_runs`.
+        measure: column of `runs`, in per cent.
 
     Returns:
         place, name (of the teacher), teacher (its label), colour, n, mean and better (with intervals), worst,
@@ -104,7 +104,7 @@ def overall_rows(runs: pd.DataFrame) -> list[dict[str, Any]]:
     """
     if runs.empty:
         return []
-    table = overall(runs)
+    table = overall(runs, measure)
     told = ["steps", *(name for name in varying(runs) if name != "steps")]
     return [
         {
@@ -123,11 +123,12 @@ def overall_rows(runs: pd.DataFrame) -> list[dict[str, Any]]:
     ]
 
 
-def performance_profiles(runs: pd.DataFrame) -> Iterator[tuple[str, pd.DataFrame]]:
+def performance_profiles(runs: pd.DataFrame, measure: str = MEASURE) -> Iterator[tuple[str, pd.DataFrame]]:
     """Yields where (level and budget, in words) and the performance profiles of all teachers there.
 
     Args:
         runs: of `pooling.pool_runs`.
+        measure: column of `runs`, in per cent.
 
     Returns:
         Of `aggregates.profiles`, at `STEPS`.
@@ -135,7 +136,7 @@ def performance_profiles(runs: pd.DataFrame) -> Iterator[tuple[str, pd.DataFrame
     if runs.empty:
         return
     told = ["steps", *(name for name in varying(runs) if name != "steps")]
-    table = profiles(runs, MEASURE, STEPS, by=[*ACROSS, "teacher"], strata=CHALLENGES)
+    table = profiles(runs, measure, STEPS, by=[*ACROSS, "teacher"], strata=CHALLENGES)
     for _, rows in table[table["n"] > 0].groupby(ACROSS, dropna=False, sort=True):
         first = rows.iloc[0]
         yield (

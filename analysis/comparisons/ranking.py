@@ -11,13 +11,9 @@ from analysis.data.reference import is_baseline
 from analysis.measures.conditions import CONDITIONS, condition_words, varying
 from analysis.measures.pooling import COMPARED, POOLED, pooled
 from analysis.measures.student_pools import runs_after
+from analysis.measures.tested import MEASURE
 from analysis.names import challenge_title, label
 from analysis.statistics import SIGNIFICANCE
-
-MEASURES = {"mastered_percent": "mastered %", "mastered_area": "area %"}
-"""Measures of a ranking, in per cent of the test tasks: mastered at the end, and on average over training."""
-
-MEASURE = "mastered_percent"
 
 TEACHER = ["environment", "expert_knowledge", "teacher", *CONDITIONS]
 """Columns that tell the results of one sentence: a teacher's at one level, of one kind."""
@@ -29,7 +25,7 @@ def ranking(frames: Frames, share: float = 1.0, measure: str = MEASURE) -> pd.Da
     Args:
         frames: what was run.
         share: of the budget, after which runs are read.
-        measure: of `MEASURES`.
+        measure: of `tested.MEASURES`.
 
     Returns:
         `pooling.POOLED`, runs, n, missing, mean and standard deviation (as mastered_percent_mean and _std),

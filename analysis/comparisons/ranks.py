@@ -11,10 +11,9 @@ import pandas as pd
 from analysis.comparisons.aggregates import ACROSS, stratified_differences, stratified_means
 from analysis.data.reference import is_baseline
 from analysis.formatting import amount, listed
+from analysis.measures.tested import MEASURE
 from analysis.names import label
 from analysis.statistics import SIGNIFICANCE, holm
-
-MEASURE = "mastered_percent"
 
 
 @dataclass(frozen=True)
@@ -79,7 +78,7 @@ class Rank:
         )
 
 
-def ranks(runs: pd.DataFrame, teachers: Collection[str] | None = None) -> list[Rank]:
+def ranks(runs: pd.DataFrame, teachers: Collection[str] | None = None, measure: str = MEASURE) -> list[Rank]:
     """Returns the rank of each teacher at each level and budget, the best first.
 
     One family at each: the tests of all pairs of teachers of which one is looked at, corrected by Holm.
@@ -87,24 +86,25 @@ def ranks(runs: pd.DataFrame, teachers: Collection[str] | None = None) -> list[R
     Args:
         runs: of `pooling.pool_runs`.
         teachers: whose ranks; all by default.
+        measure: column of `runs`.
     """
     found: list[Rank] = []
-    for key, group in runs[runs[MEASURE].notna()].groupby(ACROSS, dropna=False, sort=True):
+    for key, group in runs[runs[measure].notna()].groupby(ACROSS, dropna=False, sort=True):
         across = dict(zip(ACROSS, key, strict=True))
         present = sorted(group["teacher"].unique())
         looked = [name for name in present if teachers is None or name in teachers]
-        tests = _tests(group, looked)
-        means = {row["teacher"]: row for row in stratified_means(group, MEASURE).to_dict("records")}
+        tests = _tests(group, looked, measure)
+        means = {row["teacher"]: row for row in stratified_means(group, measure).to_dict("records")}
         here = [_rank(name, across, means[name], tests[tests["teacher"] == name]) for name in looked]
         found += sorted(here, key=lambda rank: (-rank.mean, rank.teacher))
     return found
 
 
-def _tests(group: pd.DataFrame, teachers: list[str]) -> pd.DataFrame:
+def _tests(group: pd.DataFrame, teachers: list[str], measure: str) -> pd.DataFrame:
     """Returns the test of each of `teachers` against every other one: teacher, other, difference, holm."""
     parts = []
     for teacher in teachers:
-        table = stratified_differences(group, MEASURE, teacher)
+        table = stratified_differences(group, measure, teacher)
         flipped = table.assign(other=table["teacher"], teacher=teacher, difference=-table["difference"])
         parts.append(flipped[["teacher", "other", "challenges", "difference", "p"]])
     columns = ["teacher", "other", "challenges", "difference", "p"]

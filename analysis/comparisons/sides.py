@@ -22,14 +22,13 @@ from analysis.measures.conditions import CONDITIONS, condition_words, varying
 from analysis.measures.pooling import COMPARED, POOLED, pooled
 from analysis.measures.run_measures import evaluations_at, run_measures
 from analysis.measures.student_pools import result_runs
+from analysis.measures.tested import MEASURE
 from analysis.measures.variants import parts_of
 from analysis.names import label
 from analysis.statistics import SIGNIFICANCE, holm
 from tma_ray.benchmark import MATRICES, TEACHERS
 from tma_ray.part_names import base_name
 from tma_ray.results import CHIPMUNK
-
-MEASURE = "mastered_percent"
 
 PLACE = ["environment", "challenge", "expert_knowledge"]
 """Columns that say where a result was had."""
@@ -150,14 +149,19 @@ def new_teachers(mine: Side) -> list[str]:
     return [teacher for teacher in teachers if teacher not in TEACHERS] or teachers
 
 
-def duels(runs: pd.DataFrame, teachers: Sequence[str]) -> pd.DataFrame:
-    """Returns Welch's test of each of `teachers` against every other one, challenge by challenge.
+def duels(runs: pd.DataFrame, teachers: Sequence[str], measure: str = MEASURE) -> pd.DataFrame:
+    """Returns the test of each of `teachers` against every other one, challenge by challenge.
+
+    Args:
+        runs: of `together`.
+        teachers: that are looked at.
+        measure: column of `runs`.
 
     Returns:
         Of `pairwise.pairwise`, with the teacher that is looked at first, and holm over all that it is tested
         against on a challenge.
     """
-    tests = pairwise(runs, MEASURE)
+    tests = pairwise(runs, measure)
     swapped = tests.assign(
         first=tests["second"],
         second=tests["first"],

@@ -151,18 +151,6 @@ def every(frames: Frames, interval: int) -> list[int]:
     return [] if pd.isna(last) else list(range(interval, int(last) + 1, interval))
 
 
-def best_seeds(runs: pd.DataFrame, measure: str, within: Sequence[str]) -> pd.DataFrame:
-    """Returns the rows of `runs` with the highest `measure`, one for each group that has any.
-
-    Args:
-        runs: one row per run, with the columns `within`, seed and `measure`.
-        measure: what to go by; the lowest seed wins where several are equal.
-        within: columns that a group has in common.
-    """
-    ranked = runs.dropna(subset=[measure]).sort_values([measure, "seed"], ascending=[False, True])
-    return ranked.drop_duplicates(list(within)).sort_values(list(within), ignore_index=True)
-
-
 def _until(frames: Frames, rows: pd.DataFrame, *, cut: bool) -> pd.DataFrame:
     """Returns the evaluations, `cut` at the steps at which runs are measured."""
     evaluations = frames.evaluations

@@ -9,6 +9,7 @@ from typing import Any
 import pandas as pd
 
 from analysis.comparisons.overall import THRESHOLDS, overall_rows, performance_profiles
+from analysis.measures.tested import MEASURE, QUANTITIES
 from analysis.pages.charts import Chart, profile_chart
 
 CAPTION = (
@@ -25,19 +26,22 @@ class Overall:
         rows: of `overall_rows`.
         over: the thresholds of its last column, as text.
         charts: performance profiles, one for each level and budget.
+        quantity: that is aggregated, as charts call it.
     """
 
     rows: list[dict[str, Any]]
     over: str
     charts: list[Chart]
+    quantity: str
 
 
-def overall_section(runs: pd.DataFrame) -> Overall:
+def overall_section(runs: pd.DataFrame, measure: str = MEASURE) -> Overall:
     """Returns the section on all runs that count as results, of `pooling.pool_runs`."""
-    return Overall(overall_rows(runs), " / ".join(map(str, THRESHOLDS)), list(_charts(runs)))
+    over = " / ".join(map(str, THRESHOLDS))
+    return Overall(overall_rows(runs, measure), over, list(_charts(runs, measure)), QUANTITIES[measure])
 
 
-def _charts(runs: pd.DataFrame) -> Iterator[Chart]:
-    for count, (where, table) in enumerate(performance_profiles(runs), start=1):
+def _charts(runs: pd.DataFrame, measure: str) -> Iterator[Chart]:
+    for count, (where, table) in enumerate(performance_profiles(runs, measure), start=1):
         title = f"Performance profiles, {where}"
-        yield profile_chart(f"profiles-{count}", table, "Mastered test tasks (%)", title, CAPTION)
+        yield profile_chart(f"profiles-{count}", table, QUANTITIES[measure], title, CAPTION)

@@ -2,12 +2,14 @@
 
 from analysis.statistics.comparisons import (
     Comparison,
+    Method,
     standard_error_of_difference,
     stratified,
     welch,
     welch_from_statistics,
 )
 from analysis.statistics.corrections import holm
+from analysis.statistics.pairing import paired
 from analysis.statistics.samples import CONFIDENCE, SIGNIFICANCE, Description, describe, mean_interval
 
 __all__ = [
@@ -15,9 +17,11 @@ __all__ = [
     "SIGNIFICANCE",
     "Comparison",
     "Description",
+    "Method",
     "describe",
     "holm",
     "mean_interval",
+    "paired",
     "standard_error_of_difference",
     "stratified",
     "welch",

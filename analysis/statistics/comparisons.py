@@ -1,31 +1,56 @@
-"""Welch's t-test between two samples of runs, between published means and deviations, and over strata."""
+"""Tests between two samples of runs, between published means and deviations, and over strata."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from enum import StrEnum
 
 import pandas as pd
 
-from analysis.statistics.samples import CONFIDENCE, SIGNIFICANCE, Description, describe
+from analysis.statistics.permutations import permutation_p
+from analysis.statistics.samples import CONFIDENCE, SIGNIFICANCE, Description, describe, finite
 from tma_ray.commands.arguments import check_kind
+
+ALL_EQUAL = "no spread between seeds"
+"""Why two samples are not tested whose values are all the same."""
+
+
+class Method(StrEnum):
+    """Test that a p-value comes from.
+
+    Attributes:
+        WELCH: Welch's t-test, of one stratum or of several.
+        PAIRED: Student's t-test of paired differences.
+        PERMUTATION: runs change groups, where a standard deviation is 0.
+        SIGN_FLIP: paired differences change signs, where their standard deviation is 0.
+        NONE: no test was made.
+    """
+
+    WELCH = "Welch"
+    PAIRED = "paired"
+    PERMUTATION = "permutation"
+    SIGN_FLIP = "sign flip"
+    NONE = ""
 
 
 @dataclass(frozen=True)
 class Comparison:
-    """Welch's t-test of a sample against a reference; NaN where it was not tested.
+    """A test of the mean of a sample against a reference's; NaN where there is none.
 
     Attributes:
         n: values in the sample.
         reference_n: values in the reference.
         difference: mean of the sample minus mean of the reference.
-        low: lower end of the 95 % confidence interval of `difference`.
+        low: lower end of the 95 % confidence interval of `difference`; NaN where no method holds, as between
+            two samples without any spread.
         high: upper end of it.
-        t: test statistic.
+        t: test statistic of a t-test.
         degrees_of_freedom: Welch and Satterthwaite's, seldom whole.
         p: two-sided p-value.
         reason: why it was not tested; empty where it was.
+        method: test that p comes from.
     """
 
     n: int
@@ -37,6 +62,7 @@ class Comparison:
     degrees_of_freedom: float = math.nan
     p: float = math.nan
     reason: str = ""
+    method: Method = Method.NONE
 
     @property
     def significant(self) -> bool:
@@ -46,6 +72,10 @@ class Comparison:
 
 def welch(sample: pd.Series, reference: pd.Series) -> Comparison:
     """Compares the means of two independent samples without assuming equal variances.
+
+    Where a standard deviation is 0, as of a teacher that masters nothing with any seed, p is that of the
+    permutation test. With spread in the other sample the interval is Welch's, widened to hold 0 where p is
+    not under 0.05; with none in either there is no interval.
 
     Args:
         sample: one value per run, indexed by run id.
@@ -57,11 +87,29 @@ def welch(sample: pd.Series, reference: pd.Series) -> Comparison:
     first, second = describe(sample), describe(reference)
     if set(sample.index) & set(reference.index):
         return Comparison(first.n, second.n, first.mean - second.mean, reason="same runs")
-    return welch_from_statistics(first, second)
+    if _obstacle(first, second) or min(first.std, second.std) > 0:
+        return welch_from_statistics(first, second)
+    if first.std == second.std:
+        return welch_from_statistics(first, second)
+    p = permutation_p([(finite(sample), finite(reference))])
+    return _permuted(welch_from_statistics(first, second), p)
+
+
+def _permuted(test: Comparison, p: float) -> Comparison:
+    """Returns Welch's interval with the p of the permutation test, which it must not contradict."""
+    low, high = test.low, test.high
+    if not p < SIGNIFICANCE:
+        low, high = min(low, 0.0), max(high, 0.0)
+    freedom = math.nan
+    return replace(
+        test, low=low, high=high, t=math.nan, degrees_of_freedom=freedom, p=p, method=Method.PERMUTATION
+    )
 
 
 def welch_from_statistics(first: Description, second: Description) -> Comparison:
     """Compares the means of two independent samples of which only n, mean and std are known.
+
+    Without any spread in either all values are known, and p is that of the permutation test.
 
     Args:
         first: the sample, as in a published table.
@@ -71,7 +119,10 @@ def welch_from_statistics(first: Description, second: Description) -> Comparison
     reason = _obstacle(first, second)
     if reason:
         return Comparison(first.n, second.n, difference, reason=reason)
-    return _tested(first.n, second.n, difference, *standard_error_of_difference(first, second))
+    if first.std == 0 and second.std == 0:
+        p = permutation_p([([first.mean] * first.n, [second.mean] * second.n)])
+        return Comparison(first.n, second.n, difference, p=p, method=Method.PERMUTATION)
+    return t_test(first.n, second.n, difference, *standard_error_of_difference(first, second))
 
 
 def standard_error_of_difference(first: Description, second: Description) -> tuple[float, float]:
@@ -89,8 +140,8 @@ def _obstacle(first: Description, second: Description) -> str:
         return "needs 2 seeds"
     if not (math.isfinite(first.std) and math.isfinite(second.std)):
         return "no standard deviation"
-    if first.std == 0 and second.std == 0:
-        return "no spread between seeds"
+    if first.std == second.std == 0 and first.mean == second.mean:
+        return ALL_EQUAL
     return ""
 
 
@@ -99,6 +150,9 @@ def stratified(pairs: Sequence[tuple[pd.Series, pd.Series]], weights: Sequence[f
 
     The difference is the weighted mean of the strata's differences. Samples of a stratum need not have equal
     variances, nor strata each other's: the degrees of freedom are Welch and Satterthwaite's over all of them.
+
+    Where no sample of any stratum has a spread, p is that of the permutation test within strata, and there
+    is no interval.
 
     Args:
         pairs: samples of both groups in each stratum, one value a run, indexed by run id.
@@ -114,6 +168,9 @@ def stratified(pairs: Sequence[tuple[pd.Series, pd.Series]], weights: Sequence[f
     reason = _obstacle_of_strata(pairs, samples)
     if reason:
         return Comparison(n, reference_n, difference, reason=reason)
+    if not any(sample.std > 0 for pair in samples for sample in pair):
+        p = permutation_p([(finite(first), finite(second)) for first, second in pairs], shares)
+        return Comparison(n, reference_n, difference, p=p, method=Method.PERMUTATION)
     parts = [
         ((share * sample.standard_error) ** 2, sample.n - 1)
         for share, pair in zip(shares, samples, strict=True)
@@ -121,7 +178,7 @@ def stratified(pairs: Sequence[tuple[pd.Series, pd.Series]], weights: Sequence[f
     ]
     variance = sum(part for part, _ in parts)
     freedom = variance**2 / sum(part**2 / own for part, own in parts)
-    return _tested(n, reference_n, difference, math.sqrt(variance), freedom)
+    return t_test(n, reference_n, difference, math.sqrt(variance), freedom)
 
 
 def _obstacle_of_strata(
@@ -132,11 +189,14 @@ def _obstacle_of_strata(
         return "same runs"
     if min(sample.n for pair in samples for sample in pair) < 2:
         return "needs 2 seeds"
-    return "" if any(sample.std > 0 for pair in samples for sample in pair) else "no spread between seeds"
+    constant = all(sample.std == 0 for pair in samples for sample in pair)
+    return ALL_EQUAL if constant and all(first.mean == second.mean for first, second in samples) else ""
 
 
-def _tested(n: int, reference_n: int, difference: float, error: float, freedom: float) -> Comparison:
-    """Returns the t-test of a difference with standard error `error`."""
+def t_test(
+    n: int, reference_n: int, difference: float, error: float, freedom: float, method: Method = Method.WELCH
+) -> Comparison:
+    """Returns the t-test of a difference with standard error `error` and `freedom` degrees of freedom."""
     from scipy import special  # `stats` has the same functions, and takes a second to import
 
     t = difference / error
@@ -150,4 +210,5 @@ def _tested(n: int, reference_n: int, difference: float, error: float, freedom: 
         t=t,
         degrees_of_freedom=freedom,
         p=2 * float(special.stdtr(freedom, -abs(t))),
+        method=method,
     )

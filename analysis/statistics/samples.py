@@ -48,8 +48,12 @@ def describe(values: ArrayLike) -> Description:
 
 
 def mean_interval(sample: Description) -> tuple[float, float]:
-    """Returns the 95 % confidence interval of the mean, by Student's t; NaN under two values."""
-    if sample.n < 2:
+    """Returns the 95 % confidence interval of the mean, by Student's t.
+
+    NaN under two values and without any spread, where no method holds: equal values do not show that the mean
+    is known.
+    """
+    if sample.n < 2 or sample.std == 0:
         return math.nan, math.nan
     from scipy import special  # half of the time that `import analysis` takes otherwise
 

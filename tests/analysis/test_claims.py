@@ -41,7 +41,7 @@ IN_THE_PAPER = {
     "parkour_stops_adr": (Standing.SUPPORTED, "1 of 1"),
     "parkour_spdl_and_setter_solver": (Standing.UNDECIDED, "0 of 2"),
     "parkour_goal_gan": (Standing.UNDECIDED, "0 of 2"),
-    "nobody_climbs": (Standing.UNDECIDED, "3 of 8"),
+    "nobody_climbs": (Standing.UNDECIDED, "0 of 8"),
     "parkour_is_open": (Standing.UNDECIDED, "13 of 16"),
     "easy_space_teaches_climbing": (Standing.NO_DATA, "0 of 2"),
 }
@@ -158,7 +158,7 @@ def test_half_a_pool_decides_nothing(tmp_path: Path) -> None:
     for body, kind in (("classic_bipedal", "walker"), ("fish", "swimmer")):
         tests = {"embodiment": body, "test_set": sets.test_set_of(kind)}
         for place, teacher in enumerate(("random", "adr")):
-            write(tmp_path / body, teacher, [3 + place] * 4 + [4], **parkour, **tests)
+            write(tmp_path / body, teacher, [3 + place] * 4 + [5], **parkour, **tests)
     reading = Reading("adr", "original", LOW, "parkour", "fish")
     assert standing(tmp_path / "fish", Bounded(reading, most=50.0)) == [Standing.SUPPORTED]
     everywhere = Reading("adr", "original", LOW, "parkour")

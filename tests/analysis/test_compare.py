@@ -130,3 +130,28 @@ def test_a_root_without_results_gives_a_page_that_says_so(tmp_path: Path) -> Non
     page = write_comparison(tmp_path, ["paper-2021"], tmp_path / "page").read_text()
     assert "This root holds no runs yet." in page
     assert "No result of yours may be compared" in page
+
+
+def test_the_area_under_the_curve_can_be_the_measure(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Random ends as high as the new teacher, which was there from the start."""
+    mine, theirs = tmp_path / "mine", tmp_path / "theirs"
+    for root, teacher, first in ((mine, "frontier", 8), (theirs, "random", 0)):
+        campaign = SyntheticCampaign(root, experiment=CHALLENGES[0], steps=1_000)
+        for seed, last in enumerate((7, 8, 9)):
+            mastered = {0: first, 1_000: last}
+            returns = {step: [300.0] * count + [0.0] * (10 - count) for step, count in mastered.items()}
+            names = {"challenge": CHALLENGES[0], "run_id": f"{teacher}-{seed}"}
+            campaign.plain_run(teacher, seed, returns, level="none", **names)
+    runs = together(side_of(load(mine), "yours"), [side_of(load(theirs), "theirs")])
+    ends, areas = (duels(runs, ["frontier"], measure) for measure in ("mastered_percent", "mastered_area"))
+    assert ends["difference"].tolist() == [0.0]
+    assert areas["difference"].tolist() == [40.0]
+    output = str(tmp_path / "page")
+    command = ["compare", str(mine), "--baseline", str(theirs), "-o", output, "--measure", "mastered_area"]
+    assert main(command) == 0
+    assert "frontier ranks 1 of 2 by mean, which is certain" in capsys.readouterr().out
+    text = (tmp_path / "page" / "index.html").read_text()
+    assert "Mastered test tasks over training (%), mean" in text
+    assert "80.0 ± 5.0" in text

@@ -9,8 +9,9 @@ from scipy import stats
 from synthetic_pools import cell
 
 from analysis.comparisons.aggregates import stratified_means
-from analysis.comparisons.ranks import MEASURE, Rank, ranks
+from analysis.comparisons.ranks import Rank, ranks
 from analysis.measures.pooling import pool_runs
+from analysis.measures.tested import MEASURE
 
 CHALLENGES = ("original", "mostly_trivial", "rugged_difficulty")
 

@@ -1,13 +1,12 @@
 import json
 from pathlib import Path
 
-import numpy as np
 import pandas as pd
 import pytest
 from synthetic_results import SyntheticCampaign
 
 from analysis.data.frames import load
-from analysis.measures.run_measures import best_seeds, evaluations_at, every, measure_names, run_measures
+from analysis.measures.run_measures import evaluations_at, every, measure_names, run_measures
 from tma_ray.results import Table
 
 
@@ -170,16 +169,3 @@ def test_each_run_masters_by_its_own_threshold(campaign: SyntheticCampaign) -> N
     spec = json.dumps({"mastery_threshold": 99})
     campaign.plain_run("random", 0, {0: [99.0, 99.1, 231.0, 0.0]}, spec=spec)
     assert only(campaign)["mastered_percent"] == 50
-
-
-def test_the_best_seed_is_the_lowest_of_the_best() -> None:
-    rows = pd.DataFrame(
-        {
-            "teacher": ["adr", "adr", "adr", "random", "random", "spdl"],
-            "seed": [3, 1, 0, 7, 8, 0],
-            "run_id": ["a3", "a1", "a0", "r7", "r8", "s0"],
-            "mastered_percent": [50, 50, 10, 1, np.nan, np.nan],
-        }
-    )
-    best = best_seeds(rows, "mastered_percent", ["teacher"])
-    assert list(best["run_id"]) == ["a1", "r7"]

@@ -8,7 +8,18 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy import stats
 
-from analysis.statistics import Description, describe, holm, welch, welch_from_statistics
+from analysis.statistics import (
+    Description,
+    Method,
+    describe,
+    holm,
+    paired,
+    stratified,
+    welch,
+    welch_from_statistics,
+)
+from analysis.statistics.pairing import Correlation, least_correlation, pairing_helps, seed_correlation
+from analysis.statistics.permutations import permutation_p, sign_flip_p
 
 
 def sample(values: Sequence[float], prefix: str) -> pd.Series:
@@ -93,11 +104,92 @@ def test_a_mean_published_without_its_spread_is_not_tested() -> None:
     )
 
 
-def test_one_sample_without_spread_can_be_compared() -> None:
-    # Random masters nothing with any seed: only the other sample's variance counts.
-    result = welch(sample([1.0, 2.0, 3.0], "a"), sample([0.0, 0.0], "b"))
-    assert result.t == pytest.approx(2 / math.sqrt(1 / 3))
-    assert result.degrees_of_freedom == pytest.approx(2)
+def test_a_sample_without_spread_is_tested_by_permutation() -> None:
+    # Random masters nothing with any seed.
+    values = [1.0, 2.0, 4.0, 5.0]
+    result = welch(sample(values, "a"), sample([0.0] * 4, "b"))
+    found = stats.permutation_test(
+        (values, [0.0] * 4), lambda x, y, axis: x.mean(axis) - y.mean(axis), vectorized=True
+    )
+    assert result.p == pytest.approx(found.pvalue)
+    assert (result.method, result.significant) == (Method.PERMUTATION, True)
+    margin = stats.t.ppf(0.975, 3) * np.std(values, ddof=1) / 2
+    assert (result.low, result.high) == pytest.approx((3 - margin, 3 + margin))
+
+
+def test_an_interval_holds_0_where_the_permutation_test_finds_nothing() -> None:
+    result = welch(sample([60.0, 61.0, 62.0], "a"), sample([0.0, 0.0, 0.0], "b"))
+    assert (result.p, result.low) == (pytest.approx(2 / 20), 0.0)
+    assert result.high > 61
+
+
+def test_samples_without_any_spread_have_a_p_and_no_interval() -> None:
+    first, second = sample([50.0] * 5, "a"), sample([0.0] * 5, "b")
+    for result in (
+        welch(first, second),
+        welch_from_statistics(describe(first), describe(second)),
+        stratified([(first, second)], [1.0]),
+    ):
+        assert result.p == pytest.approx(2 / math.comb(10, 5))
+        assert (result.reason, result.significant) == ("", True)
+        assert math.isnan(result.low)
+        assert math.isnan(result.high)
+
+
+def test_strata_without_any_spread_are_permuted_within_themselves() -> None:
+    pairs = [(sample([9.0, 9.0], f"a{i}"), sample([0.0, 0.0], f"b{i}")) for i in range(3)]
+    # In each stratum 1 of 6 arrangements is the one found, and 1 its contrary.
+    assert stratified(pairs, [1.0, 1.0, 1.0]).p == pytest.approx(2 / 6**3)
+
+
+def test_permutations_of_many_runs_are_drawn_and_always_the_same() -> None:
+    rng = np.random.default_rng(4)
+    first, second = rng.normal(0.4, 1, 32), rng.normal(0, 1, 32)
+    drawn = permutation_p([(first, second)])
+    assert drawn == permutation_p([(first, second)])
+    assert drawn == pytest.approx(stats.ttest_ind(first, second).pvalue, abs=0.02)
+
+
+def test_pairs_agree_with_scipy_and_flip_signs_without_spread() -> None:
+    rng = np.random.default_rng(5)
+    seeds = rng.normal(0, 5, 8)
+    first, second = (pd.Series(seeds + rng.normal(mean, 1, 8)) for mean in (1.0, 0.0))
+    ours, theirs = paired(first, second), stats.ttest_rel(first, second)
+    interval = theirs.confidence_interval()
+    np.testing.assert_allclose(
+        [ours.t, ours.p, ours.low, ours.high], [theirs.statistic, theirs.pvalue, interval.low, interval.high]
+    )
+    equal = paired(pd.Series([2.0, 3.0, 4.0, 5.0]), pd.Series([1.0, 2.0, 3.0, 4.0]))
+    assert (equal.method, equal.p) == (Method.SIGN_FLIP, pytest.approx(2 / 2**4))
+    assert math.isnan(equal.low)
+    drawn = sign_flip_p(first - second + rng.normal(0, 0.01, 8))
+    assert drawn == pytest.approx(stats.wilcoxon(first - second).pvalue, abs=0.05)
+
+
+def test_the_correlation_of_seeds_holds_the_true_one() -> None:
+    rng, true, held = np.random.default_rng(6), 0.5, 0
+    for _ in range(400):
+        tables = [rng.normal(0, 1, (6, 1)) + rng.normal(0, 1, (6, 3)) + rng.normal(0, 9, 3) for _ in range(4)]
+        found = seed_correlation(tables)
+        held += found.low <= true <= found.high
+    assert 0.92 <= held / 400 <= 0.99
+
+
+def test_pairing_needs_more_correlation_the_fewer_the_runs() -> None:
+    assert least_correlation(2) > least_correlation(5) > least_correlation(32) > 0
+    rng = np.random.default_rng(7)
+    n = 5
+    for correlation, narrower in ((least_correlation(n) - 0.2, False), (least_correlation(n) + 0.2, True)):
+        covariance = [[1, correlation], [correlation, 1]]
+        widths = np.zeros(2)
+        for _ in range(2_000):
+            both = rng.multivariate_normal([0, 0], covariance, n).T
+            of_pairs = paired(*map(pd.Series, both))
+            of_both = welch(sample(list(both[0]), "a"), sample(list(both[1]), "b"))
+            widths += [of_pairs.high - of_pairs.low, of_both.high - of_both.low]
+        assert (widths[0] < widths[1]) == narrower
+    assert pairing_helps(Correlation(0.9, 0.8, 1.0, 1), n)
+    assert not pairing_helps(Correlation(0.9, 0.1, 1.0, 1), n)
 
 
 def test_the_interval_excludes_zero_exactly_when_significant() -> None:

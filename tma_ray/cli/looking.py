@@ -10,7 +10,7 @@ from tma_ray.cli.json_output import add_json_option, print_json
 from tma_ray.cli.playing import TASK, add_episode, add_scene
 from tma_ray.cli.records import any_failed, claims_record, ranking_record, status_record
 from tma_ray.cli.reporting import add_report_commands
-from tma_ray.cli.sources import add_sources, chosen_sources
+from tma_ray.cli.sources import add_measure, add_sources, chosen_sources
 from tma_ray.command_line import CommandParser
 from tma_ray.commands.exits import FAILED
 from tma_ray.commands.places import folder, new_file, root
@@ -120,13 +120,7 @@ def _add_ranking(parser: CommandParser) -> None:
     parser.add_argument(
         "--share", type=SHARE, default=1.0, metavar="X", help="share of the budget after which runs are read"
     )
-    parser.add_argument(
-        "--measure",
-        choices=("mastered_percent", "mastered_area"),
-        default="mastered_percent",
-        help="what teachers are ranked by and tested on: test tasks mastered at the end, or their mean over "
-        "training (area under the curve)",
-    )
+    add_measure(parser)
     add_json_option(parser)
     parser.set_defaults(command=_ranking)
 

@@ -10,7 +10,7 @@ from typing import Any
 
 from tma_ray.cli.json_output import add_json_option, print_json
 from tma_ray.cli.records import baselines_record
-from tma_ray.cli.sources import add_sources, chosen_sources
+from tma_ray.cli.sources import add_measure, add_sources, chosen_sources
 from tma_ray.command_line import CommandParser
 from tma_ray.commands.places import folder, root
 from tma_ray.commands.quantities import COUNT
@@ -124,6 +124,7 @@ def _add_compare(parser: CommandParser) -> None:
         metavar="FOLDER",
         help="folder to write to (default: compare in the first ROOT)",
     )
+    add_measure(parser)
     parser.set_defaults(command=_compare)
 
 
@@ -228,7 +229,7 @@ def _figures(options: argparse.Namespace) -> int:
 def _compare(options: argparse.Namespace) -> int:
     from analysis.pages.compare.page import write_comparison
 
-    print(write_comparison(options.roots, options.baselines, options.output, print))
+    print(write_comparison(options.roots, options.baselines, options.output, print, options.measure))
     return 0
 
 

@@ -25,6 +25,17 @@ def add_sources(parser: Any, what: str = "results root, or the name of a baselin
     )
 
 
+def add_measure(parser: Any) -> None:
+    """Adds what teachers are tested on to the options of a command."""
+    parser.add_argument(
+        "--measure",
+        choices=("mastered_percent", "mastered_area"),
+        default="mastered_percent",
+        help="what teachers are ranked by and tested on: test tasks mastered at the end, or their mean over "
+        "training (area under the curve)",
+    )
+
+
 def chosen_sources(options: argparse.Namespace) -> tuple[str, ...]:
     """Returns all roots and baselines that were given, in their order."""
     return (*options.roots, *options.baselines)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from typing import Any
 
@@ -142,8 +143,8 @@ def _patch(name: str, values: pd.Series, place: float) -> dict[str, Any]:
     if not sample.n:
         return NOTHING
     low, high = mean_interval(sample)
-    interval = f", 95 % interval {number(low)} to {number(high)}" if sample.n > 1 else ""
-    reach = round(high - sample.mean, 2) if sample.n > 1 else 0.0
+    interval = f", 95 % interval {number(low)} to {number(high)}" if math.isfinite(low) else ""
+    reach = round(high - sample.mean, 2) if math.isfinite(low) else 0.0
     text = f"{name}: {number(sample.mean)}{interval}, n = {sample.n}<extra></extra>"
     return {
         "x": [round(sample.mean, 2)],

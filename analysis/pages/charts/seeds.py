@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 import pandas as pd
@@ -83,7 +84,7 @@ def _patches(teacher: str, name: str, rows: pd.DataFrame) -> list[dict[str, Any]
         return [dots, {"x": [], "y": [], "hovertemplate": "", "error_x": {"array": [], "arrayminus": []}}]
     sample = describe(mine["value"])
     low, high = mean_interval(sample)
-    interval = f"<br>95 % interval {number(low)} to {number(high)}" if sample.n > 1 else ""
+    interval = f"<br>95 % interval {number(low)} to {number(high)}" if math.isfinite(low) else ""
     mean = {
         "x": [round(sample.mean, 2)],
         "y": [name],

@@ -16,7 +16,6 @@ from analysis.comparisons.pairwise import pairwise
 from analysis.comparisons.pairwise_statistics import pairwise_from_statistics
 from analysis.comparisons.ranks import ranks
 from analysis.comparisons.sides import (
-    MEASURE,
     PLACE,
     Side,
     baseline_side,
@@ -36,6 +35,7 @@ from analysis.figures.radars.chart import radar
 from analysis.formatting import listed, plus_minus
 from analysis.measures.pooling import SETTINGS, pooled
 from analysis.measures.student_pools import by_students
+from analysis.measures.tested import MEASURE, QUANTITIES
 from analysis.measures.variants import parts_of
 from analysis.names import label, teacher_order
 from analysis.pages.compare.places import Place, places, places_chart
@@ -55,6 +55,7 @@ def write_comparison(
     baselines: Sequence[str],
     output: Path | None = None,
     tell: Callable[[str], object] | None = None,
+    measure: str = MEASURE,
 ) -> Path:
     """Writes a page that compares the results of a root with baselines; returns its ``index.html``.
 
@@ -63,6 +64,7 @@ def write_comparison(
         baselines: names of released baselines, folders or addresses of results.
         output: folder to write to; ``compare`` in the first of `sources` if that is a folder.
         tell: is called with the rank of each new teacher over all challenges, in words.
+        measure: of `tested.MEASURES`, that teachers are ranked by and tested on.
 
     Raises:
         ResultsRootError: one of `sources` or a baseline is not a results root.
@@ -71,22 +73,22 @@ def write_comparison(
     if not baselines:
         raise ValueError(f"compare with what? Name a baseline, as in --baseline {PAPER}")
     folder = page_folder(places_of(sources)[0], output, "compare", "page")
-    text, pictures = _render(read(sources), baselines, tell)
+    text, pictures = _render(read(sources), baselines, tell, measure)
     return write_page(folder, text, {f"{picture.name}.png": picture.png for picture in pictures})
 
 
 def _render(
-    frames: Frames, baselines: Sequence[str], tell: Callable[[str], object] | None
+    frames: Frames, baselines: Sequence[str], tell: Callable[[str], object] | None, measure: str
 ) -> tuple[str, list[Picture]]:
     """Returns the page, and the figures on it."""
     mine, others, split = named_jointly(side_of(frames, "yours"), [baseline_side(name) for name in baselines])
     runs, curves = together(mine, others), together(mine, others, along=True)
-    tests = duels(runs, teachers := new_teachers(mine))
-    standings = [rank.describe() for rank in ranks(runs, teachers)]
+    tests = duels(runs, teachers := new_teachers(mine), measure)
+    standings = [rank.describe() for rank in ranks(runs, teachers, measure)]
     _tell(standings, tell)
-    shown = leading(pooled(runs, [MEASURE]), f"{MEASURE}_mean")
+    shown = leading(pooled(runs, [measure]), f"{measure}_mean")
     tests = pd.concat(_those_shown_first(tests, shown), ignore_index=True)
-    found = list(places(runs, curves, tests, mine))
+    found = list(places(runs, curves, tests, mine, measure))
     verdicts, notes = root_verdicts(frames)
     text = page(
         "compare.html.j2",
@@ -96,16 +98,17 @@ def _render(
         sentences=[each for part in _those_shown_first(tests, shown) for each in sentences(part)],
         missing=missing(mine, teachers),
         places=found,
-        overview=list(places_chart(found)),
+        overview=list(places_chart(found, measure)),
         controls=_controls(found, runs, curves, shown),
         beside=[(side, _beside_rows(beside(mine, side))) for side in others],
         pictures=(pictures := list(_radars(runs[runs["teacher"].isin(shown)], others))),
         tables=list(_tables(runs)),
         standings=standings,
-        headlines=headlines(runs),
-        overall=overall_section(runs),
+        headlines=headlines(runs, measure),
+        overall=overall_section(runs, measure),
         warnings=list(dict.fromkeys([*frames.notes, *split, *notes])),
         verdicts=decided(verdicts),
+        quantity=QUANTITIES[measure],
         significance=SIGNIFICANCE,
         version=installed_version("tma_ray"),
         written=datetime.now(UTC),

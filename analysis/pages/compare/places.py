@@ -11,16 +11,15 @@ import numpy as np
 import pandas as pd
 
 from analysis.comparisons.ranking import places as titles_of
-from analysis.comparisons.sides import MEASURE, Side
-from analysis.formatting import number, p_value, plus_minus
+from analysis.comparisons.sides import Side
+from analysis.formatting import ends, number, p_value, plus_minus
 from analysis.looks import look
 from analysis.measures.evaluations import aggregate
 from analysis.measures.pooling import COMPARED, pooled
+from analysis.measures.tested import MEASURE, QUANTITIES
 from analysis.measures.variants import parts_of
 from analysis.names import label
 from analysis.pages.charts import END, Chart, curve_chart, overview_chart, seeds_chart
-
-QUANTITY = "Mastered test tasks (%)"
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,7 +45,9 @@ class Place:
     charts: tuple[Chart, ...]
 
 
-def places(runs: pd.DataFrame, curves: pd.DataFrame, tests: pd.DataFrame, mine: Side) -> Iterator[Place]:
+def places(
+    runs: pd.DataFrame, curves: pd.DataFrame, tests: pd.DataFrame, mine: Side, measure: str = MEASURE
+) -> Iterator[Place]:
     """Yields each place with its ranking and charts.
 
     Args:
@@ -54,36 +55,38 @@ def places(runs: pd.DataFrame, curves: pd.DataFrame, tests: pd.DataFrame, mine: 
         curves: of `compare.together`, at every evaluation.
         tests: of `compare.duels`.
         mine: results of one's own.
+        measure: of `tested.MEASURES`; learning curves are always of mastered tasks.
     """
     if runs.empty:
         return
     sources = runs.groupby([*COMPARED, "teacher"], dropna=False)["source"].agg("first").reset_index()
-    table = pooled(runs, [MEASURE]).merge(sources, on=[*COMPARED, "teacher"])
+    table = pooled(runs, [measure]).merge(sources, on=[*COMPARED, "teacher"])
     table = table.assign(title=titles_of(table))
     for count, (key, rows) in enumerate(table.groupby(COMPARED, dropna=False, sort=True), start=1):
         place = dict(zip(COMPARED, key, strict=True))
         here, ends, along = (_at(frame, place) for frame in (tests, runs, curves))
-        ranked = rows.sort_values(f"{MEASURE}_mean", ascending=False, na_position="last")
-        points, anchor = _points(ends, along), f"place-{count}"
+        ranked = rows.sort_values(f"{measure}_mean", ascending=False, na_position="last")
+        points, anchor = _points(ends, along, measure), f"place-{count}"
         yield Place(
             anchor=anchor,
             title=_title(rows["title"].iloc[0], place),
             chosen_by={name: str(place[name]) for name in ("environment", "challenge", "expert_knowledge")}
             | {"student": _students(place)},
-            rows=[_ranked(row, here, mine) for _, row in ranked.iterrows()],
-            step_rows=json.dumps(_step_rows(along)).replace("<", "\\u003c"),
+            rows=[_ranked(row, here, mine, measure) for _, row in ranked.iterrows()],
+            step_rows=json.dumps(_step_rows(along) if measure == MEASURE else {}).replace("<", "\\u003c"),
             points=points.assign(comparison=anchor),
-            charts=tuple(_charts(anchor, points)),
+            charts=tuple(_charts(anchor, points, measure)),
         )
 
 
-def places_chart(found: list[Place]) -> Iterator[Chart]:
+def places_chart(found: list[Place], measure: str = MEASURE) -> Iterator[Chart]:
     """Yields the chart of all places at once, if there are several."""
     if len(found) > 1:
         points = pd.concat([place.points for place in found], ignore_index=True)
+        points = points if measure == MEASURE else points[points["step"] == END]
         titles = {place.anchor: place.title for place in found}
         caption = "Marks are means over runs, lines their 95 % intervals, of results that may be compared."
-        yield overview_chart(points, titles, QUANTITY, "All challenges", caption)
+        yield overview_chart(points, titles, QUANTITIES[measure], "All challenges", caption)
 
 
 def _at(frame: pd.DataFrame, place: dict[str, Any]) -> pd.DataFrame:
@@ -93,25 +96,29 @@ def _at(frame: pd.DataFrame, place: dict[str, Any]) -> pd.DataFrame:
     return frame[fits]
 
 
-def _points(ends: pd.DataFrame, along: pd.DataFrame) -> pd.DataFrame:
+def _points(ends: pd.DataFrame, along: pd.DataFrame, measure: str) -> pd.DataFrame:
     """Returns teacher, seed, step (or `END`) and value of every run that was evaluated."""
-    columns = ["teacher", "seed", "step", MEASURE]
-    parts = [along[along["step"].notna()][columns].astype({"step": int}).astype({"step": object})]
-    parts.append(ends.assign(step=END)[columns])
-    table = pd.concat(parts, ignore_index=True).rename(columns={MEASURE: "value"})
+    curves = along[along["step"].notna()].astype({"step": int}).astype({"step": object})
+    parts = [
+        rows[["teacher", "seed", "step", column]].rename(columns={column: "value"})
+        for rows, column in ((curves, MEASURE), (ends.assign(step=END), measure))
+    ]
+    table = pd.concat(parts, ignore_index=True)
     return table[table["value"].notna()]
 
 
-def _charts(anchor: str, points: pd.DataFrame) -> Iterator[Chart]:
+def _charts(anchor: str, points: pd.DataFrame, measure: str) -> Iterator[Chart]:
     if points.empty:
         return
     along = points[points["step"] != END].astype({"step": "int64"})
     if along["step"].nunique() > 1:
         table = aggregate(along, "value", ["teacher"])
         caption = "Lines are means over runs, bands ± one standard error of the mean."
-        yield curve_chart(f"{anchor}-curves", table, QUANTITY, "Mastered test tasks over training", caption)
+        title = "Mastered test tasks over training"
+        yield curve_chart(f"{anchor}-curves", table, QUANTITIES[MEASURE], title, caption)
     caption = "Rings are runs, marks their means with 95 % intervals."
-    yield seeds_chart(f"{anchor}-runs", points, QUANTITY, "Run by run", caption)
+    shown = points if measure == MEASURE else points[points["step"] == END]
+    yield seeds_chart(f"{anchor}-runs", shown, QUANTITIES[measure], "Run by run", caption)
 
 
 def _step_rows(along: pd.DataFrame) -> dict[str, dict[str, dict[str, str]]]:
@@ -133,7 +140,7 @@ def _title(challenge: str, place: dict[str, Any]) -> str:
     return f"{challenge}, {_students(place)}, expert knowledge {place['expert_knowledge']}"
 
 
-def _ranked(row: pd.Series, tests: pd.DataFrame, mine: Side) -> dict[str, Any]:
+def _ranked(row: pd.Series, tests: pd.DataFrame, mine: Side, measure: str) -> dict[str, Any]:
     against = tests[tests["second"] == row["teacher"]]
     return {
         "name": row["teacher"],
@@ -142,7 +149,7 @@ def _ranked(row: pd.Series, tests: pd.DataFrame, mine: Side) -> dict[str, Any]:
         "source": row["source"],
         "own": row["source"] == mine.name,
         "n": row["n"],
-        "mastered": plus_minus(row[f"{MEASURE}_mean"], row[f"{MEASURE}_std"]),
+        "mastered": plus_minus(row[f"{measure}_mean"], row[f"{measure}_std"]),
         "missing": row["missing"],
         "tests": [_test(test) for _, test in against.iterrows()],
     }
@@ -152,5 +159,5 @@ def _test(test: pd.Series) -> str:
     first = label(test["first"])
     if test["reason"]:
         return f"{first}: not tested ({test['reason']})"
-    interval = f"{number(test['difference'])} [{number(test['low'])}, {number(test['high'])}]"
+    interval = f"{number(test['difference'])} {ends(test['low'], test['high'])}"
     return f"{first} {interval}, {p_value(test['p'])}, {p_value(test['holm']).replace('p', 'Holm', 1)}"

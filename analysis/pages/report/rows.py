@@ -11,7 +11,7 @@ from analysis.comparisons.against_random import along_baseline, reference_of
 from analysis.comparisons.findings import compared_by, verdict
 from analysis.comparisons.measured import Measured
 from analysis.data.reference import is_baseline
-from analysis.formatting import amount, number, p_value, plus_minus
+from analysis.formatting import amount, ends, number, p_value, plus_minus
 from analysis.looks import look
 from analysis.names import label, teacher_order
 from analysis.statistics import describe
@@ -89,6 +89,6 @@ def _against_random(test: Mapping[str, Any]) -> dict[str, str]:
         return {"verdict": verdict(test), "difference": difference, "p": ""}
     return {
         "verdict": verdict(test),
-        "difference": f"{difference} [{number(test['low'])}, {number(test['high'])}]",
+        "difference": f"{difference} {ends(test['low'], test['high'])}",
         "p": p_value(test["holm"]).removeprefix("p").removeprefix(" = ").strip(),
     }
