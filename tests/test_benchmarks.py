@@ -26,12 +26,14 @@ SHORT_RUNS = "--steps 200 --yes --local --teacher-placement inline --results res
 IN_A_MOMENT = "--results results --processes 1 --order 0:1 --minutes 0.05"
 
 OTHERS = {
+    "claim_standings": "--experiments 1",
     "cohort": "--device cpu --widths 2 --precisions highest --compiled 0 --seconds 0.2 --output o.json",
     "data_plane": "--exchanges 5",
     "interval_coverage": "--experiments 1",
     "learning": f"{SHORT_RUNS} --seeds 1",
     "lite": IN_A_MOMENT,
     "locomotion": f"{SHORT_RUNS} --seeds 1",
+    "pairing": f"{IN_A_MOMENT} --seeds 1",
     "precision": "--student ppo --seeds 2 --steps 400 --cohort 2 --processes 2 --results results",
     "sac_learning": f"{IN_A_MOMENT} --seeds 1 --parts easy",
     "sensitivity": f"{IN_A_MOMENT} --seeds 1 --parts cohort",
@@ -82,12 +84,14 @@ def test_a_measurement_ends_and_writes_json(name: str, tmp_path: Path) -> None:
 @pytest.mark.parametrize("name", sorted(OTHERS))
 def test_another_script_ends_with_its_summary(name: str, tmp_path: Path) -> None:
     summaries = {
+        "claim_standings": "In Parkour ADR is worse than Random. | supported: 1 of 1",
         "cohort": "'independent': True",
         "data_plane": "| Ray calls |",
         "interval_coverage": "| bimodal | 5 | 32 |",
         "learning": "of 1 seeds walk",
         "lite": "steps/s; ",
         "locomotion": "climbing_chimpanzee, easy_climbing: mean return by seed",
+        "pairing": "steps/s; ",
         "precision": "| at 400 steps | highest | medium | difference |",
         "sac_learning": "steps/s; ",
         "sensitivity": "steps/s; ",

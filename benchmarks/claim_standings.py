@@ -1,0 +1,81 @@
+"""Standings of claims: the paper's by its own tables and by a release, and simulated ones of known effect.
+
+    python benchmarks/claim_standings.py
+
+Prints the tables of ``docs/statistics.md``.
+"""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Callable
+
+import numpy as np
+import pandas as pd
+
+from analysis.baselines.sources import read
+from analysis.claims.judging import judge
+from analysis.claims.sources import PaperSource, RootSource
+from analysis.statistics import Comparison, stratified
+from analysis.statistics.verdicts import Standing, equivalent, greater
+
+DIFFERENCES = (0.0, 2.0, 10.0, 20.0)
+"""True differences of two teachers, in points of mastered tasks."""
+
+SIZES = (3, 5, 10, 32)
+CHALLENGES = (1, 6)
+
+SPREAD = 10.0
+"""Standard deviation of runs, in points."""
+
+STATEMENTS: dict[str, Callable[[Comparison], Standing]] = {
+    "better": lambda test: greater(test.low, test.high),
+    "alike": lambda test: equivalent(test.low, test.high),
+}
+
+
+def standings(difference: float, seeds: int, challenges: int, experiments: int) -> dict[str, list[float]]:
+    """Returns the shares of experiments in which each statement is supported, undecided and refuted, in %."""
+    rng = np.random.default_rng([int(difference), seeds, challenges])
+    order = [Standing.SUPPORTED, Standing.UNDECIDED, Standing.REFUTED]
+    counts = {name: np.zeros(3) for name in STATEMENTS}
+    for _ in range(experiments):
+        values = rng.normal(0.0, SPREAD, (challenges, 2, seeds))
+        pairs = [(_sample(mine + difference, "a"), _sample(theirs, "b")) for mine, theirs in values]
+        test = stratified(pairs, [1.0] * challenges)
+        for name, standing in STATEMENTS.items():
+            counts[name][order.index(standing(test))] += 1
+    return {name: list(100 * count / experiments) for name, count in counts.items()}
+
+
+def _sample(values: np.ndarray, prefix: str) -> pd.Series:
+    return pd.Series(values, index=[f"{prefix}{i}" for i in range(len(values))])
+
+
+def of_the_paper(release: str) -> list[str]:
+    """Returns a row for each of the paper's claims: its standing by the paper's tables, and by a release."""
+    theirs, ours = (judge(source) for source in (PaperSource(), RootSource(read(release))))
+    return [
+        f"| {mine.claim.text} | {mine.standing}: {mine.describe()} | {other.standing}: {other.describe()} |"
+        for mine, other in zip(theirs, ours, strict=True)
+    ]
+
+
+def main() -> None:
+    """Prints the paper's claims, then shares of simulated ones: supported / undecided / refuted."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--experiments", type=int, default=2_000, help="simulated for each row (%(default)s)")
+    parser.add_argument("--release", default="lite-1", help="that claims are held against (%(default)s)")
+    given = parser.parse_args()
+    experiments = given.experiments
+    print(*of_the_paper(given.release), sep="\n")
+    for challenges in CHALLENGES:
+        for difference in DIFFERENCES:
+            for seeds in SIZES:
+                found = standings(difference, seeds, challenges, experiments)
+                shares = (" / ".join(f"{share:.0f}" for share in found[name]) for name in STATEMENTS)
+                print(f"| {challenges} | {difference:.0f} | {seeds} | {' | '.join(shares)} |", flush=True)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,93 @@
+"""What runs of the same seed have in common, and whether pairing them by seed would help, without Ray.
+
+    python benchmarks/pairing.py --processes 2 --results build/pairing
+    python benchmarks/pairing.py --csv benchmarks/measured/pairing.csv benchmarks/measured/sensitivity.csv
+
+Three teachers of PPO on the shuffled space, 40 thousand steps each: of all challenges the one whose runs have
+most in common, the worlds of the evaluations and, by seed, the shuffle. Prints the correlation of runs of the
+same seed, the widths of Welch's and of the paired intervals, and what the rule says.
+"""
+
+from __future__ import annotations
+
+import itertools
+import sys
+from pathlib import Path
+
+import pandas as pd
+from pools import describe, execute, parser
+from sac_learning import curves
+
+from analysis.statistics import paired, welch
+from analysis.statistics.pairing import least_correlation, pairing_helps, seed_correlation
+from tma_ray.campaign.matrices import joined_plan
+from tma_ray.campaign.plan import CampaignSpec, Plan
+from tma_ray.runs import Cell, Schedule
+
+TEACHERS = ("random", "riac", "alp_gmm")
+
+MEASURES = ("mastered", "episodic_return")
+
+CELL = ["embodiment", "teacher", "student"]
+"""Columns that tell the runs of a seed apart."""
+
+
+def plan(seeds: int) -> Plan:
+    """Returns the runs of the first `seeds` of each teacher."""
+    cells = tuple(Cell(challenge="rugged_difficulty", teacher=name, student="ppo") for name in TEACHERS)
+    schedule = Schedule(40_000, 40_000, 40_000, training_window=20_000)
+    return joined_plan("pairing", [CampaignSpec("pairing", cells, tuple(range(seeds)), schedule)])
+
+
+def told(name: str, table: pd.DataFrame) -> list[str]:
+    """Returns what pairing gives at the ends of runs, a line for each measure and challenge.
+
+    Args:
+        name: of the results.
+        table: challenge, `CELL`, seed, step and `MEASURES` of every evaluation.
+    """
+    last = table[table["step"] == table["step"].max()]
+    lines = []
+    for challenge, rows in last.groupby("challenge", observed=True):
+        for measure in MEASURES:
+            wide = rows.pivot(index="seed", columns=CELL, values=measure).dropna()
+            if min(wide.shape) < 2 or not (wide.std() > 0).all():
+                continue
+            found, n = seed_correlation([wide.to_numpy(float)]), len(wide)
+            widths = [_widths(wide[first], wide[second]) for first, second in itertools.combinations(wide, 2)]
+            unpaired, pairs = (sum(each) / len(widths) for each in zip(*widths, strict=True))
+            lines.append(
+                f"| {name} | {challenge} | {measure} | {wide.shape[1]} | {n} | {found.value:+.2f} "
+                f"[{found.low:+.2f}, {found.high:+.2f}] | {least_correlation(n):.2f} | {unpaired:.1f} | "
+                f"{pairs:.1f} | {'paired' if pairing_helps(found, n) else 'not paired'} |"
+            )
+    return lines
+
+
+def _widths(first: pd.Series, second: pd.Series) -> tuple[float, float]:
+    """Returns the widths of Welch's interval and of the paired one."""
+    apart = welch(first.add_prefix("first"), second.add_prefix("second"))
+    pairs = paired(first, second)
+    return apart.high - apart.low, pairs.high - pairs.low
+
+
+def main() -> int:
+    """Runs what is missing, or reads tables; prints what pairing gives."""
+    options = parser(str(__doc__))
+    options.add_argument("--seeds", type=int, default=6, help="of every cell")
+    options.add_argument("--csv", nargs="+", type=Path, help="evaluations of measured runs, to read instead")
+    arguments = [*sys.argv[1:], *(["--results", ""] if "--csv" in sys.argv else [])]
+    given = options.parse_args(arguments)
+    if given.csv:
+        for file in given.csv:
+            print(*told(file.stem, pd.read_csv(file)), sep="\n")
+        return 0
+    print(describe(execute(plan(given.seeds), given)))
+    table = curves(given.results)
+    table.round(2).to_csv(Path(given.results, "pairing.csv"), index=False)
+    print(*told("pairing", table), sep="\n")
+    return 0
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())
