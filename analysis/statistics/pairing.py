@@ -83,9 +83,8 @@ def seed_correlation(tables: Sequence[NDArray[np.float64]]) -> Correlation:
     ratio = (between / of_seeds) / (within / of_rest) if within else math.inf
     low = ratio / float(special.fdtri(of_seeds, of_rest, TAIL))
     high = ratio * float(special.fdtri(of_rest, of_seeds, TAIL))
-    return Correlation(
-        *((f - 1) / (f + k - 1) if math.isfinite(f) else 1.0 for f in (ratio, low, high)), len(tables)
-    )
+    value, low, high = ((f - 1) / (f + k - 1) if math.isfinite(f) else 1.0 for f in (ratio, low, high))
+    return Correlation(value, low, high, len(tables))
 
 
 def least_correlation(n: int) -> float:
