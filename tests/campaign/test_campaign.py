@@ -190,6 +190,7 @@ def test_a_second_campaign_on_the_same_root_is_refused(tmp_path: Path) -> None:
         execute(campaign(corridor("random")), tmp_path)
 
 
+@pytest.mark.slow
 def test_a_plugin_that_the_workers_lack_is_refused_before_anything_starts(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -26,6 +26,7 @@ def as_two(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(storage_access, "working_nodes", lambda: nodes + others)
 
 
+@pytest.mark.slow
 def test_a_folder_that_all_nodes_see_is_used_and_nothing_is_left_in_it(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -15,6 +15,11 @@ from data_blocks import CHECKS
 from declared import CHANGES, ENDINGS, EXEMPTIONS, changed, exempt, exit_code
 
 LONG = (
+    "docs/commands.md",
+    "docs/object_stores.md",
+    "docs/policies.md",
+    "docs/simulated_students.md",
+    "examples/README.md",
     "README.md",
     "docs/add_embodiment.md",
     "docs/baselines.md",

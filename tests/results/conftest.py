@@ -7,7 +7,7 @@ from results_examples import make_record
 from tma_ray.results import RunRecord, Store
 
 
-@pytest.fixture(params=["local", "memory", pytest.param("s3", marks=pytest.mark.slow)])
+@pytest.fixture(params=["local", *(pytest.param(kind, marks=pytest.mark.slow) for kind in ("memory", "s3"))])
 def store(request: pytest.FixtureRequest, tmp_path: Path) -> Store:
     """A store on a disk, one that only knows pyarrow's file system interface, and one in a bucket."""
     if request.param == "local":

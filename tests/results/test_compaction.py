@@ -39,7 +39,9 @@ RUNS = {"first": ["run-00", "run-01", "run-02", "run-03"], "second": ["run-00a"]
 OPEN = Store.open
 
 BOTH = pytest.mark.parametrize(
-    "store", ["local", "memory", pytest.param("s3", marks=pytest.mark.slow)], indirect=True
+    "store",
+    ["local", *(pytest.param(kind, marks=pytest.mark.slow) for kind in ("memory", "s3"))],
+    indirect=True,
 )
 """Stores of all kinds among the fast tests; of other tests the slow ones try them."""
 

@@ -168,7 +168,7 @@ def test_sac_values_are_the_expected_soft_values():
     student = small_student("sac", value_samples=4000, entropy_coefficient=0.7)
     train(student, Drift(), 130)
     model, observations = student.model, 10 * OBSERVATIONS[:4]
-    repeated = torch.from_numpy(observations).repeat_interleave(20_000, dim=0)
+    repeated = torch.from_numpy(observations).repeat_interleave(8_000, dim=0)
     torch.manual_seed(0)
     with torch.no_grad():
         actions, log_probabilities = model.actor.action_log_prob(repeated)

@@ -49,9 +49,8 @@ def test_the_discriminator_separates_and_the_generator_follows() -> None:
     assert np.mean(np.linalg.norm(generated - [0.3, -0.2], axis=1) < 0.3) > 0.7
 
 
-@pytest.mark.parametrize(
-    "level", [pytest.param(KnowledgeLevel.LOW, marks=pytest.mark.slow), KnowledgeLevel.HIGH]
-)
+@pytest.mark.slow
+@pytest.mark.parametrize("level", [KnowledgeLevel.LOW, KnowledgeLevel.HIGH])
 def test_pretraining_brings_generated_tasks_near_the_initial_gaussian(level: KnowledgeLevel) -> None:
     """A generator circles around what it imitates, and rounding decides where; the mean of some is near."""
     errors = []
