@@ -68,3 +68,26 @@ def test_listens_on_loopback_only_and_ends_with_its_core_processes(tmp_path: Pat
     assert found.heartbeat.ended
     states = {run.state for cells in found.campaigns.values() for runs in cells.values() for run in runs}
     assert states <= {"interrupted", "waiting"}
+
+
+@pytest.mark.parametrize("core", ["gcs_server", "raylet"])
+def test_a_ray_that_dies_while_it_starts_ends_the_driver_with_a_message(tmp_path: Path, core: str) -> None:
+    driver = start(tmp_path / "root", tmp_path / "said.txt")
+    try:
+        while not (victims := [each for each in family(driver.pid) if each.name() == core]):
+            assert driver.poll() is None, "the driver ended before Ray had started"
+            time.sleep(0.05)
+        processes = family(driver.pid)
+        victims[0].kill()
+        killed = time.monotonic()
+        assert driver.wait(timeout=60) == RAY_LOST
+        seconds = time.monotonic() - killed
+    finally:
+        driver.kill()
+    assert seconds < 15
+    _, left = psutil.wait_procs(processes, timeout=3)
+    assert left == []
+    said = (tmp_path / "said.txt").read_text()
+    assert "same command" in said
+    assert "Traceback" not in said
+    assert list((tmp_path / "root").rglob("*.parquet")) == []

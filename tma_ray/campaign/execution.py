@@ -7,6 +7,7 @@ from pathlib import Path
 
 from tma_ray.campaign.cluster.connection import check_feasible, connect
 from tma_ray.campaign.cluster.head import Head
+from tma_ray.campaign.cluster.local import OwnProcesses
 from tma_ray.campaign.failures.stopping import StopSignals
 from tma_ray.campaign.monitor.progress import ProgressView, PublishedProgress, Snapshot, View
 from tma_ray.campaign.placing.kinds import kinds_of
@@ -72,7 +73,8 @@ def execute_plan(
         kinds_of(plan.runs)
     if address is None:
         check_available(settings.device)
-    connection = connect(address, plugin_sources(plan.runs))
+    with leaving_without_head(OwnProcesses(), plan.name):
+        connection = connect(address, plugin_sources(plan.runs))
     with closing(connection.head) as head:
         with leaving_without_head(head, plan.name):
             if not settings.autoscaling:

@@ -7,7 +7,19 @@ from typing import Any, Protocol
 from ray._private.state import state
 
 
-class Head(Protocol):
+class Watched(Protocol):
+    """A Ray without which a campaign cannot go on."""
+
+    def lost(self, patience: float) -> str | None:
+        """Returns why the head counts as lost after a silence of `patience`, s; None while it does not."""
+        ...
+
+    def abandon(self) -> None:
+        """Kills what is left of a Ray that this process has started, without any call of Ray."""
+        ...
+
+
+class Head(Watched, Protocol):
     """The head node of a Ray, with the Global Control Store (GCS) that every process of a cluster needs."""
 
     def nodes(self) -> list[dict[str, Any]]:
@@ -20,14 +32,6 @@ class Head(Protocol):
         Raises:
             HeadLostError: it is lost. This process has left Ray then.
         """
-        ...
-
-    def lost(self, patience: float) -> str | None:
-        """Returns why the head counts as lost after a silence of `patience`, s; None while it does not."""
-        ...
-
-    def abandon(self) -> None:
-        """Kills what is left of a Ray that this process has started, without any call of Ray."""
         ...
 
     def close(self) -> None:

@@ -15,6 +15,7 @@ from typing import Any, Final
 import psutil
 import ray
 from ray._private import ray_constants
+from ray.exceptions import AuthenticationError
 
 from tma_ray.campaign.cluster.errors import HeadLostError
 from tma_ray.campaign.cluster.head import living_nodes
@@ -29,6 +30,49 @@ END_SECONDS: Final = 3.0
 """How long killed processes are waited for, s."""
 
 
+class OwnProcesses:
+    """Processes of the Ray that this process starts from now on, watched while it starts and afterwards."""
+
+    def __init__(self) -> None:
+        self._others = set(psutil.Process().children())
+        self._started: set[psutil.Process] = set()
+        self._core: dict[psutil.Process, str] = {}
+
+    def look(self) -> None:
+        """Takes note of what has been started."""
+        self._started |= set(psutil.Process().children(recursive=True)) - self._others
+        for process in self._started - set(self._core):
+            with suppress(psutil.NoSuchProcess):
+                name = process.name()
+                if name in CORE:
+                    self._core[process] = CORE[name]
+
+    def lost(self, patience: float = 0.0) -> str | None:  # noqa: ARG002  # processes are seen at once
+        """Returns which core processes are gone, however short the silence; see `Watched`."""
+        self.look()
+        gone = [name for process, name in self._core.items() if not _lives(process)]
+        if not gone:
+            return None
+        return (
+            f"the {' and the '.join(gone)} of the campaign's own Ray died or was stopped, as by 'ray stop', "
+            f"or by the system when memory runs out"
+        )
+
+    def abandon(self) -> None:
+        """Kills what is left of this Ray, some of which would stay for minutes; see `Watched`."""
+        self.look()
+        for process in self._core:
+            with suppress(psutil.NoSuchProcess):
+                self._started.update(process.children(recursive=True))
+        for process in self._started:
+            with suppress(psutil.NoSuchProcess):
+                process.kill()
+
+    def wait(self) -> None:
+        """Waits a moment for killed processes."""
+        psutil.wait_procs(self._started, timeout=END_SECONDS)
+
+
 class LocalHead:
     """The head of a Ray that this process starts, and whose processes are its children.
 
@@ -37,24 +81,31 @@ class LocalHead:
 
     Args:
         options: of `ray.init`, more than those that make it local.
+
+    Raises:
+        HeadLostError: Ray gave up while it started; nothing of it is left.
     """
 
     def __init__(self, options: dict[str, Any]) -> None:
         # Ray asks for a token even here, and would write one into the user's home.
         os.environ.setdefault("RAY_AUTH_TOKEN", _own_token())
-        others = set(psutil.Process().children())
-        with _loopback():
-            ray.init(
-                address="local",
-                include_dashboard=False,
-                object_store_memory=OBJECT_STORE_BYTES,
-                _system_config={"enable_metrics_collection": False},
-                _temp_dir=private_folder(),
-                **options,
-            )
-        self._started = set(psutil.Process().children(recursive=True)) - others
-        names = {process: process.name() for process in self._started}
-        self._core = {process: CORE[name] for process, name in names.items() if name in CORE}
+        self._processes = OwnProcesses()
+        try:
+            with _loopback():
+                ray.init(
+                    address="local",
+                    include_dashboard=False,
+                    object_store_memory=OBJECT_STORE_BYTES,
+                    _system_config={"enable_metrics_collection": False},
+                    _temp_dir=private_folder(),
+                    **options,
+                )
+        except Exception as error:
+            self._processes.abandon()
+            if isinstance(error, OSError | ValueError | AuthenticationError):
+                raise
+            raise HeadLostError(f"the campaign's own Ray did not start: {error}") from error
+        self._processes.look()
         self._nodes, self._address = living_nodes(), ray.get_runtime_context().gcs_address
 
     def nodes(self) -> list[dict[str, Any]]:
@@ -71,30 +122,19 @@ class LocalHead:
         if reason is not None:
             self.abandon()
             ray.shutdown()
-            psutil.wait_procs(self._started, timeout=END_SECONDS)
+            self._processes.wait()
             raise HeadLostError(reason)
 
-    def lost(self, patience: float = 0.0) -> str | None:  # noqa: ARG002  # processes are seen at once
-        """Returns which core processes are gone, however short the silence; see `Head`."""
-        gone = [name for process, name in self._core.items() if not _lives(process)]
-        if not gone:
-            return None
-        return (
-            f"the {' and the '.join(gone)} of the campaign's own Ray died or was stopped, as by 'ray stop', "
-            f"or by the system when memory runs out"
-        )
+    def lost(self, patience: float = 0.0) -> str | None:
+        """Returns which core processes are gone; see `Watched`."""
+        return self._processes.lost(patience)
+
+    def abandon(self) -> None:
+        """Kills what is left of this Ray; see `Watched`."""
+        self._processes.abandon()
 
     def close(self) -> None:
         """Does nothing: it is watched without a thread."""
-
-    def abandon(self) -> None:
-        """Kills what is left of this Ray, some of which would stay for minutes; see `Head`."""
-        for process in self._core:
-            with suppress(psutil.NoSuchProcess):
-                self._started.update(process.children(recursive=True))
-        for process in self._started:
-            with suppress(psutil.NoSuchProcess):
-                process.kill()
 
 
 @cache

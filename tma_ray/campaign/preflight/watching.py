@@ -1,4 +1,4 @@
-"""A watch over Ray's head while a campaign is checked: nothing has been started, so nothing is waited for."""
+"""A watch over Ray's head while it starts and a campaign is checked: no run is there yet to be waited for."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import Final
 
-from tma_ray.campaign.cluster.head import Head
+from tma_ray.campaign.cluster.head import Watched
 from tma_ray.commands.exits import RAY_LOST
 
 PATIENCE_SECONDS: Final = 20.0
@@ -20,7 +20,7 @@ LOOK_SECONDS: Final = 1.0
 
 
 @contextmanager
-def leaving_without_head(head: Head, name: str) -> Iterator[None]:
+def leaving_without_head(head: Watched, name: str) -> Iterator[None]:
     """Ends this process with a message and `RAY_LOST` if Ray's head is lost while the block runs.
 
     A call of Ray waits for a head that is gone until Ray itself ends the process, after 60 s and without a
