@@ -74,11 +74,11 @@ def test_listens_on_loopback_only_and_ends_with_its_core_processes(tmp_path: Pat
 def test_a_ray_that_dies_while_it_starts_ends_the_driver_with_a_message(tmp_path: Path, core: str) -> None:
     driver = start(tmp_path / "root", tmp_path / "said.txt")
     try:
-        while not (victims := [each for each in family(driver.pid) if each.name() == core]):
+        while "raylet" not in (names := {each.name(): each for each in family(driver.pid)}):
             assert driver.poll() is None, "the driver ended before Ray had started"
             time.sleep(0.05)
         processes = family(driver.pid)
-        victims[0].kill()
+        names[core].kill()
         killed = time.monotonic()
         assert driver.wait(timeout=60) == RAY_LOST
         seconds = time.monotonic() - killed

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from contextlib import closing
+from contextlib import ExitStack, closing
 from pathlib import Path
 
-from tma_ray.campaign.cluster.connection import check_feasible, connect
-from tma_ray.campaign.cluster.head import Head
+from tma_ray.campaign.cluster.connection import Connection, check_feasible, connect
 from tma_ray.campaign.cluster.local import OwnProcesses
+from tma_ray.campaign.cluster.watching import BEGUN, GRACE_SECONDS, leaving_without_head
 from tma_ray.campaign.failures.stopping import StopSignals
 from tma_ray.campaign.monitor.progress import ProgressView, PublishedProgress, Snapshot, View
 from tma_ray.campaign.placing.kinds import kinds_of
@@ -16,7 +16,6 @@ from tma_ray.campaign.plan import CampaignSpec, Plan, lease_holder
 from tma_ray.campaign.preflight.installation import check_installation
 from tma_ray.campaign.preflight.storage_access import check_storage_access
 from tma_ray.campaign.preflight.warming import warm_nodes
-from tma_ray.campaign.preflight.watching import leaving_without_head
 from tma_ray.campaign.scheduler import Scheduler
 from tma_ray.campaign.settings import Settings
 from tma_ray.results import Committer, HeartbeatWriter, Lease, Store, check_usable
@@ -83,11 +82,12 @@ def execute_plan(
                 check_installation()
             check_storage_access(store)
             warm_nodes(plan.runs, connection.shipped)
-        return _schedule(plan, store, settings, head, view or ProgressView())
+        return _schedule(plan, store, settings, connection, view or ProgressView())
 
 
-def _schedule(plan: Plan, store: Store, settings: Settings, head: Head, view: View) -> Snapshot:
+def _schedule(plan: Plan, store: Store, settings: Settings, connection: Connection, view: View) -> Snapshot:
     """Holds the root for as long as `plan` runs there."""
+    head = connection.head
     committer = Committer(store)
     with Lease(store, lease_holder(plan.name)) as lease:
         keep(store, plan.runs)
@@ -96,5 +96,14 @@ def _schedule(plan: Plan, store: Store, settings: Settings, head: Head, view: Vi
         committer.sweep()
         progress = PublishedProgress(view, HeartbeatWriter(store, lease.holder))
         scheduler = Scheduler(committer, settings, progress, lease.keep, head)
-        with StopSignals() as signals:
+
+        def conclude() -> None:
+            scheduler.abandon()
+            lease.release()
+
+        with ExitStack() as stack:
+            signals = stack.enter_context(StopSignals())
+            if connection.is_own:  # a cluster is waited for
+                watch = leaving_without_head(head, plan.name, BEGUN, grace=GRACE_SECONDS, conclude=conclude)
+                stack.enter_context(watch)
             return scheduler.execute(plan.runs, lambda: signals.requested or lease.asked_to_stop())

@@ -65,9 +65,8 @@ class _Running:
 class Scheduler:
     """Executes runs on the connected Ray cluster, alone or in cohorts, with as many in flight as it holds.
 
-    Every run gets a fresh actor.
-    A run whose process dies is taken up again from its newest checkpoint by a new attempt; a run
-    that raises is marked as failed, with its traceback, and the others go on.
+    Every run gets a fresh actor. A run whose process dies is taken up again from its newest checkpoint by a
+    new attempt; a run that raises is marked as failed, with its traceback, and the others go on.
 
     Args:
         committer: of the results root.
@@ -95,9 +94,7 @@ class Scheduler:
         self._silence = Silence(settings.unreachable_seconds)
         self._places: Places
         self._learners: Sequence[LearnerProgress] = ()
-        self._done = 0
-        self._failed = 0
-        self._stopped = 0
+        self._done = self._failed = self._stopped = 0
 
     def execute(self, specs: Sequence[RunSpec], stop_requested: Callable[[], bool]) -> Snapshot:
         """Runs all of `specs` whose results the root does not hold yet.
@@ -127,8 +124,7 @@ class Scheduler:
                 self._fill()
                 self._wait(self._settings.poll_seconds)
         except HeadLostError:  # no call of Ray may follow: it would start another one
-            for running in self._running.values():
-                self._record(running, AttemptOutcome.LOST)
+            self._record_lost()
             self._running.clear()
             self._places = AnyNode(self._settings, self._head)
             raise
@@ -139,6 +135,11 @@ class Scheduler:
             self._places.close()
             self._view.close(self._snapshot())
         return self._snapshot()
+
+    def abandon(self) -> None:
+        """Records all runs as lost and ends the view: for a thread beside one that waits for Ray."""
+        self._record_lost()
+        self._view.close(self._snapshot())
 
     def _fill(self) -> None:
         self._waiting.extend(self._retries.due())
@@ -177,8 +178,7 @@ class Scheduler:
     def _poll_report(self, running: _Running) -> None:
         """Takes in the report that was asked for, if it has come, and asks for the next."""
         if running.asked is not None:
-            come, _ = ray.wait([running.asked], timeout=0)
-            if not come:
+            if not ray.wait([running.asked], timeout=0)[0]:
                 return
             asked, running.asked = running.asked, None
             try:
@@ -258,14 +258,17 @@ class Scheduler:
         deadline = time.monotonic() + self._settings.grace_seconds
         while self._running and time.monotonic() < deadline:
             self._wait(0.2)
-        for running in self._running.values():
-            self._record(running, AttemptOutcome.LOST)
+        self._record_lost()
 
     def _fetch_final_report(self, running: _Running) -> None:
         try:
             self._receive_report(running, ray.get(running.actor.report.remote(), timeout=10))
         except (RayActorError, ray.exceptions.GetTimeoutError):
             return  # what it reported before stands
+
+    def _record_lost(self) -> None:
+        for running in list(self._running.values()):
+            self._record(running, AttemptOutcome.LOST)
 
     def _record(self, running: _Running, outcome: AttemptOutcome) -> None:
         unheard = AttemptRecord(

@@ -89,7 +89,7 @@ class LocalHead:
     def __init__(self, options: dict[str, Any]) -> None:
         # Ray asks for a token even here, and would write one into the user's home.
         os.environ.setdefault("RAY_AUTH_TOKEN", _own_token())
-        self._processes = OwnProcesses()
+        self._processes, self._left = OwnProcesses(), False
         try:
             with _loopback():
                 ray.init(
@@ -118,16 +118,17 @@ class LocalHead:
 
     def check(self) -> None:
         """Ends this Ray if one of its core processes is gone; see `Head`."""
-        reason = self.lost()
+        reason = self._processes.lost()
         if reason is not None:
+            self._left = True
             self.abandon()
             ray.shutdown()
             self._processes.wait()
             raise HeadLostError(reason)
 
     def lost(self, patience: float = 0.0) -> str | None:
-        """Returns which core processes are gone; see `Watched`."""
-        return self._processes.lost(patience)
+        """Returns which core processes are gone, None once `check` has found it out; see `Watched`."""
+        return None if self._left else self._processes.lost(patience)
 
     def abandon(self) -> None:
         """Kills what is left of this Ray; see `Watched`."""
