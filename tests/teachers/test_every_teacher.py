@@ -17,6 +17,7 @@ SMALLER: dict[str, dict[str, Any]] = {
     "sfl": {"refresh_every": 100},
     "alp_gmm": {"most_components": 5},
     "covar_gmm": {"most_components": 5},
+    "currot": {"particles": 60},
     "goal_gan": {"pretraining_iterations": 20, "iterations_per_task": 0.25},
     "setter_solver": {"hidden_units": 16},
 }
@@ -28,6 +29,8 @@ TINY: dict[str, dict[str, Any]] = {
     "goal_gan": {"pretraining_iterations": 10, "iterations_per_task": 0.1},
     "setter_solver": {"hidden_units": 4},
     "sfl": {"refresh_every": 100, "candidates": 20},
+    "currot": {"particles": 40},
+    "doraemon": {"update_every": 40_000},
     "accel": {"buffer_size": 30},
     "plr": {"buffer_size": 30},
     "robust_plr": {"buffer_size": 30},

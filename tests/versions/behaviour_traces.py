@@ -39,6 +39,8 @@ TEACHER_SIZES: dict[str, dict[str, Any]] = {
     "adr": {"queue_size": 4},
     "alp_gmm": {"fit_every": 40, "most_components": 3},
     "covar_gmm": {"fit_every": 40, "most_components": 3},
+    "currot": {"particles": 40, "update_every": 20},
+    "doraemon": {"update_every": 50_000},
     "goal_gan": {"train_every": 30, "iterations_per_task": 0.3, "pretraining_iterations": 20},
     "accel": {"buffer_size": 20},
     "plr": {"buffer_size": 20},

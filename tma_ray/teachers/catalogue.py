@@ -21,6 +21,8 @@ TEACHERS: Registry[type[Teacher]] = Registry(
         "adr": "tma_ray.teachers.adr:ADR",
         "alp_gmm": "tma_ray.teachers.alp_gmm:ALPGMM",
         "covar_gmm": "tma_ray.teachers.covar_gmm:CovarGMM",
+        "currot": "tma_ray.teachers.currot:CURROT",
+        "doraemon": "tma_ray.teachers.doraemon:DORAEMON",
         "goal_gan": "tma_ray.teachers.goal_gan:GoalGAN",
         "plr": "tma_ray.teachers.replay.plr:PLR",
         "ramp": "tma_ray.teachers.ramp:Ramp",
