@@ -55,8 +55,8 @@ class BetaProduct(NamedTuple):
         """Returns `count` points (count, f), which depend smoothly on the parameters: nothing is rejected."""
         from scipy.special import betaincinv  # imported here: drivers start sooner without it
 
-        points: Array = betaincinv(self.alpha, self.beta, rng.random((count, len(self.alpha))))
-        return points
+        shares = rng.random((count, len(self.alpha)))
+        return np.asarray(betaincinv(self.alpha, self.beta, shares), dtype=np.float64)
 
     def entropy(self) -> tuple[float, Array]:
         """Returns the differential entropy in nats, at most 0, and its gradient by `logs` (2f,)."""
