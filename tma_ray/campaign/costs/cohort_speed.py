@@ -26,7 +26,7 @@ from tma_ray.runs.inputs import arguments
 from tma_ray.runs.placement import is_available
 from tma_ray.runs.spec import RunSpec
 from tma_ray.students import check_hyperparameters
-from tma_ray.students.players import COHORT_STUDENTS, CohortSettings, Membership
+from tma_ray.students.players import CohortSettings, Membership, player_class
 from tma_ray.students.spaces import checked_spaces
 
 LEARNERS = {
@@ -58,7 +58,7 @@ def measure_cohort(spec: RunSpec, settings: Settings) -> Throughput:
     membership = Membership(name, *spaces, check_hyperparameters(name, values), np.random.SeedSequence(0))
     here = is_available(settings.device)
     recorder = _Recorder(CohortSettings(settings.device, settings.width) if here else CohortSettings(width=1))
-    player_type: Any = COHORT_STUDENTS[name]  # the recorder is as much of a link as is needed here
+    player_type: Any = player_class(name)  # the recorder is as much of a link as is needed here
     player = player_type(membership, recorder)
     loop = TrainingLoop(environment, player, spec)
     loop.train(3 * max(EXPLORATION.values()))

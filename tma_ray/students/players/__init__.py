@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from tma_ray.students.players.catalogue import COHORT_STUDENTS, make_player
+from tma_ray.students.players.catalogue import COHORT_STUDENTS, make_player, player_class
 from tma_ray.students.players.link import (
     CohortFullError,
     Learner,
@@ -27,4 +27,5 @@ __all__ = [
     "PlayerState",
     "hardware",
     "make_player",
+    "player_class",
 ]

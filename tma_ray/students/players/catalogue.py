@@ -3,20 +3,24 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any
+from importlib import import_module
+from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 from gymnasium import Space
 
 from tma_ray.students.catalogue import check_hyperparameters
-from tma_ray.students.players.base import Player
 from tma_ray.students.players.link import Learner, Membership, SocketLink
-from tma_ray.students.players.ppo import PPOPlayer
-from tma_ray.students.players.sac import SACPlayer
 from tma_ray.students.spaces import checked_spaces
 
-COHORT_STUDENTS: dict[str, type[Player]] = {"ppo": PPOPlayer, "sac": SACPlayer}
-"""The acting half of each student that has a stacked learner."""
+if TYPE_CHECKING:
+    from tma_ray.students.players.base import Player
+
+COHORT_STUDENTS: Final = {
+    "ppo": ("tma_ray.students.players.ppo", "PPOPlayer"),
+    "sac": ("tma_ray.students.players.sac", "SACPlayer"),
+}
+"""Module and class of the acting half of each student that has a stacked learner: see `player_class`."""
 
 
 def make_player(
@@ -46,4 +50,11 @@ def make_player(
         raise ValueError(f"student {name!r} cannot learn in a cohort: {', '.join(COHORT_STUDENTS)} can")
     spaces = checked_spaces(observation_space, action_space)
     membership = Membership(name, *spaces, check_hyperparameters(name, hyperparameters), seed)
-    return COHORT_STUDENTS[name](membership, SocketLink(learner))
+    return player_class(name)(membership, SocketLink(learner))
+
+
+def player_class(name: str) -> type[Player]:
+    """Returns the acting half of a student of `COHORT_STUDENTS`; importing it takes a while."""
+    module, kind = COHORT_STUDENTS[name]
+    found: type[Player] = getattr(import_module(module), kind)
+    return found
