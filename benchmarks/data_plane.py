@@ -1,4 +1,4 @@
-"""Time of an exchange between a player and its learner: the socket of their node, or calls of a Ray actor.
+"""Time of an exchange between a player and its learner: socket and shared memory of a node, or Ray's calls.
 
     python benchmarks/data_plane.py
 
@@ -15,7 +15,6 @@ import threading
 import time
 from collections.abc import Callable
 from itertools import pairwise
-from multiprocessing.connection import Listener
 from pathlib import Path
 from typing import Any
 
@@ -24,6 +23,8 @@ import ray
 
 from tma_ray.campaign.cluster.connection import connect
 from tma_ray.students import Learner
+from tma_ray.students.cohort.server import LearnerServer
+from tma_ray.students.players import CohortSettings
 from tma_ray.students.players.link import SocketLink
 
 STEPS, OBSERVATION, ACTION, HIDDEN = 300, 24, 4, (400, 300)
@@ -44,13 +45,25 @@ def weights() -> np.ndarray:
     return np.zeros(sum((i + 1) * o for i, o in pairwise(sizes)), np.float32)
 
 
+class Idle(LearnerServer):
+    """A learner that learns nothing."""
+
+    def _join_for(self, _: Any, __: Any) -> Any:
+        return weights()
+
+    def _learn_for(self, connection: Any, posted: tuple[Any, ...], _: int) -> Any:
+        mailbox = self._mailboxes[connection]
+        mailbox.collect(posted)
+        return mailbox.post((weights(),))[0]
+
+
 class Learning:
-    """A learner that learns nothing, behind a socket and behind calls."""
+    """The same behind calls, too."""
 
     def __init__(self, folder: str) -> None:
         self._learner, self._weights = Learner(f"{folder}/learner", b"key"), weights()
-        listener = Listener(self._learner.address, family="AF_UNIX", authkey=self._learner.key)
-        threading.Thread(target=self._serve, args=(listener,), daemon=True).start()
+        server = Idle(self._learner, CohortSettings())
+        threading.Thread(target=server.serve, args=(lambda: False,), daemon=True).start()
 
     def address(self) -> Learner:
         """Returns where it listens."""
@@ -64,12 +77,6 @@ class Learning:
         """Returns weights."""
         return self._weights
 
-    def _serve(self, listener: Listener) -> None:
-        with listener.accept() as connection:
-            while True:
-                connection.recv()
-                connection.send((True, self._weights))
-
 
 class Playing:
     """A player that plays nothing."""
@@ -77,6 +84,8 @@ class Playing:
     def socket(self, learner: Learner, count: int) -> float:
         """Returns the median time of an exchange over the learner's socket, s."""
         link, handed = SocketLink(learner), experience()
+        membership: Any = None
+        link.join(membership)
         return median(lambda: link.learn(handed, STEPS // 10), count)
 
     def calls(self, actor: Any, count: int) -> float:
@@ -111,7 +120,7 @@ def main() -> int:
         address = ray.get(learner.address.remote())
         assert Path(address.address).exists()
         measured: dict[str, Callable[[], Any]] = {
-            "socket": lambda: player.socket.remote(address, count),
+            "socket and shared memory": lambda: player.socket.remote(address, count),
             "Ray calls": lambda: player.calls.remote(learner, count),
         }
         print("| | ms | ms of the learner's processor |\n| --- | --- | --- |")

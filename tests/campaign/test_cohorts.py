@@ -7,17 +7,19 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from cohort_in_a_thread import ENOUGH_FOR, CrampedLearner, serving
+from cohort_in_a_thread import serving
+from cramped_learner import ENOUGH_FOR, CrampedLearner
 from small_runs import STUDENTS, data_files, rows
-from test_campaign import campaign, corridor, execute, idle
+from test_campaign import campaign, corridor, execute, idle, lingering, quiet, settings
 
 from tma_ray.campaign import scheduler
+from tma_ray.campaign.cluster.connection import connect
 from tma_ray.campaign.placing.cohorts import Cohorts
 from tma_ray.campaign.placing.kinds import kinds_of
 from tma_ray.campaign.placing.options import parse_cohort
 from tma_ray.campaign.placing.room import Room, learner_resources, room_of
 from tma_ray.campaign.settings import GIB, PLAYER, Resources, Settings, TeacherPlacement
-from tma_ray.results import Committer, Table
+from tma_ray.results import Committer, Store, Table
 from tma_ray.runs import Cell, Placement, run_locally
 
 WIDTH = 4
@@ -39,6 +41,12 @@ def without_ray(what: Any, root: Path) -> dict[str, bytes]:
 
 def sac(teacher: str) -> Cell:
     return replace(corridor(teacher), student="sac", student_hyperparameters=STUDENTS["sac"])
+
+
+def slowed(folder: Path) -> Cell:
+    """Returns a cell of SAC whose run cannot end before a file `stopped` is in a folder."""
+    teacher = lingering(folder)
+    return replace(sac(teacher.teacher), teacher_hyperparameters=teacher.teacher_hyperparameters)
 
 
 @pytest.mark.usefixtures("cluster")
@@ -84,6 +92,24 @@ def test_without_memory_a_smaller_width_is_tried_and_said(
         row["run_id"]: row for row in sorted(rows(tmp_path, Table.ATTEMPTS), key=lambda row: row["attempt"])
     }
     assert all(f'"cohort": {ENOUGH_FOR}' in row["fingerprint"] for row in last.values())
+
+
+@pytest.mark.slow
+@pytest.mark.usefixtures("cluster")
+def test_a_stopped_cohort_leaves_checkpoints_and_continues(tmp_path: Path) -> None:
+    """Both runs leave one, the learner outlives them, and another one goes on with the same bits."""
+    what, root = campaign(slowed(tmp_path), seeds=(0, 1)), tmp_path / "root"
+    committer = Committer(Store.open(root))
+    chosen = settings(cohort=WIDTH, player=SMALL, resources=Resources(), teachers=TeacherPlacement.INLINE)
+    checkpoints = root / "checkpoints"
+    ended = scheduler.Scheduler(committer, chosen, quiet(), lambda: None, connect(None).head).execute(
+        what.plan().runs, lambda: len(list(checkpoints.glob("*/*/index.json"))) >= 2
+    )
+    (tmp_path / "stopped").touch()
+    assert (ended.done, ended.stopped, ended.waiting) == (0, 2, 0)
+    committer.write_cells("short", what.plan().cell_rows)
+    assert in_cohort(what, root).done == 2
+    assert data_files(root) == without_ray(what, tmp_path / "alone")
 
 
 def test_a_student_without_a_stacked_learner_is_refused_before_anything_starts(tmp_path: Path) -> None:

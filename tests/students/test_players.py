@@ -17,6 +17,7 @@ from tma_ray.students import Learner, make_player
 from tma_ray.students.cohort.server import LearnerServer
 from tma_ray.students.players import CohortSettings, LearnerError, LearnerLostError, hardware
 from tma_ray.students.players.base import Player
+from tma_ray.students.players.mailbox import Mailbox, room_for
 
 
 @contextmanager
@@ -189,3 +190,31 @@ def test_students_without_a_stacked_learner_are_refused(learner):
 
 def test_the_hardware_of_a_cohort_is_known(learner):
     assert hardware(learner) == {"device": "cpu", "cohort": 3, "compiled": False, "threads": 1}
+
+
+@pytest.mark.parametrize("name", ["ppo", "sac"])
+def test_shared_memory_changes_no_bit(tmp_path, monkeypatch, name):
+    """The same weights where the system has no memory without a name, and all goes through the socket."""
+    played = []
+    for shared in (True, False):
+        folder = tmp_path / str(shared)
+        folder.mkdir()
+        with monkeypatch.context() as patch, serving(folder) as (learner, server):
+            patch.setattr("tma_ray.students.players.link.can_share", lambda shared=shared: shared)
+            player = player_of(learner, name)
+            played.append(train(player, Drift(seed=5), 160))
+            assert len(server._mailboxes) == shared
+    for one, other in zip(*played, strict=True):
+        np.testing.assert_array_equal(one.action, other.action)
+
+
+def test_a_mailbox_returns_what_was_posted_and_larger_ones_replace_it():
+    parts = np.arange(5, dtype=np.float32), True, np.zeros((0, 3)), np.arange(6).reshape(2, 3)
+    box = Mailbox.create(room_for(parts))
+    found = box.collect(box.post(parts))
+    for one, other in zip(parts, found, strict=True):
+        np.testing.assert_array_equal(one, other)
+    assert found[0].flags.owndata, "the next message may not change it"
+    with pytest.raises(ValueError, match="cannot reshape"):
+        box.post([np.zeros(1_000)])
+    box.close()

@@ -18,6 +18,7 @@ from tma_ray.students.cohort.deliveries import Delivery, Pace
 from tma_ray.students.cohort.seats import Seat
 from tma_ray.students.cohort.stacks import Stacks
 from tma_ray.students.players import CohortFullError, Learner, Membership, PlayerState
+from tma_ray.students.players.mailbox import Mailbox
 from tma_ray.students.players.settings import CohortSettings
 
 MOST_AT_ONCE = 8
@@ -49,6 +50,7 @@ class LearnerServer:
         self._stacks = Stacks(settings)
         self._pace = Pace(torch.device(settings.device), most=2)
         self._seats: dict[Connection, Seat[Any, Any]] = {}
+        self._mailboxes: dict[Connection, Mailbox] = {}
         self._learning: dict[tuple[int, int], Connection] = {}
         self._deliveries: list[Delivery[Connection]] = []
         self._listener = Listener(learner.address, family="AF_UNIX", authkey=learner.key, backlog=256)
@@ -139,7 +141,13 @@ class LearnerServer:
         if seat is not None:
             self._learning.pop((id(seat.stack), seat.slot), None)
             self._stacks.leave(seat)
+        self._drop_mailbox(connection)
         connection.close()
+
+    def _drop_mailbox(self, connection: Connection) -> None:
+        mailbox = self._mailboxes.pop(connection, None)
+        if mailbox is not None:
+            mailbox.close()
 
     def _update(self) -> None:
         """Makes some of the updates that are due, and starts to copy the weights of who owes no more."""
@@ -164,15 +172,21 @@ class LearnerServer:
                 self._deliveries.append(delivery)
                 continue
             for connection, weights in zip(delivery.receivers, delivery.rows.numpy(), strict=True):
-                self._send(connection, (True, weights))
+                mailbox = self._mailboxes.get(connection)
+                (message,) = mailbox.post((weights,)) if mailbox else (weights,)
+                self._send(connection, (True, message))
 
     def _join_for(self, connection: Connection, membership: Membership) -> Any:
         self._seats[connection] = self._stacks.seat(membership)
         return self._seats[connection].weights()
 
+    def _share_for(self, connection: Connection, size: int) -> Any:
+        self._drop_mailbox(connection)
+        self._mailboxes[connection] = Mailbox.receive(connection, size)
+
     def _learn_for(self, connection: Connection, experience: tuple[Any, ...], updates: int) -> Any:
-        seat = self._seats[connection]
-        seat.learn(experience, updates)
+        seat, mailbox = self._seats[connection], self._mailboxes.get(connection)
+        seat.learn(mailbox.collect(experience) if mailbox else experience, updates)
         if not updates:
             return None
         self._learning[id(seat.stack), seat.slot] = connection

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from multiprocessing.connection import Client
 from pathlib import Path
@@ -12,6 +13,7 @@ from gymnasium import spaces
 from numpy.typing import NDArray
 
 from tma_ray.students.base import Observations
+from tma_ray.students.players.mailbox import Mailbox, can_share, room_for
 
 Weights = NDArray[np.float32]
 """Parameters that a player acts with (p,), in the layout of its network."""
@@ -143,6 +145,8 @@ def _asked(learner: Learner, request: str) -> Any:
 class SocketLink:
     """A `LearnerLink` over a socket of this machine; leaves the cohort when it is closed or its process ends.
 
+    Experience and weights are in memory that both sides share, where the system has such memory.
+
     Args:
         learner: where to connect.
 
@@ -155,18 +159,39 @@ class SocketLink:
             self._connection = Client(learner.address, family="AF_UNIX", authkey=learner.key)
         except (OSError, EOFError) as error:
             raise LearnerLostError(f"no learner listens at {learner.address}") from error
+        self._mailbox: Mailbox | None = None
+        self._weights_size = 0
 
     def close(self) -> None:
         """Leaves the cohort."""
         self._connection.close()
+        if self._mailbox is not None:
+            self._mailbox.close()
+            self._mailbox = None
 
     def join(self, membership: Membership) -> Weights:  # noqa: D102
         weights: Weights = self._call("join", membership)
+        self._weights_size = room_for([weights])
         return weights
 
     def learn(self, experience: tuple[Any, ...], updates: int) -> Weights | None:  # noqa: D102
-        weights: Weights | None = self._call("learn", experience, updates)
+        weights: Weights | None
+        if not can_share():
+            weights = self._call("learn", experience, updates)
+            return weights
+        mailbox = self._mailbox_for(max(room_for(experience), self._weights_size))
+        reply = self._call("learn", mailbox.post(experience), updates)
+        (weights,) = mailbox.collect((reply,))
         return weights
+
+    def _mailbox_for(self, size: int) -> Mailbox:
+        """Returns the mailbox, or a larger one in its place that the learner is given, too."""
+        if self._mailbox is None or self._mailbox.size < size:
+            if self._mailbox is not None:
+                self._mailbox.close()
+            self._mailbox = Mailbox.create(size + size // 2)
+            self._call("share", self._mailbox.size, follows=self._mailbox.offer)
+        return self._mailbox
 
     def values(self, observations: Observations) -> NDArray[np.float64]:  # noqa: D102
         values: NDArray[np.float64] = self._call("values", observations)
@@ -191,9 +216,11 @@ class SocketLink:
         figures: dict[str, float] = self._call("scalars")
         return figures
 
-    def _call(self, request: str, *arguments: Any) -> Any:
+    def _call(self, request: str, *arguments: Any, follows: Callable[[Any], None] = lambda _: None) -> Any:
+        """Returns the reply to a request, after which `follows` may send more over the connection."""
         try:
             self._connection.send((request, *arguments))
+            follows(self._connection)
             succeeded, result = self._connection.recv()
         except (OSError, EOFError) as error:
             raise LearnerLostError(f"the learner of the cohort ended during {request!r}") from error

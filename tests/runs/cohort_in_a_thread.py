@@ -1,4 +1,4 @@
-"""A learner in a thread of this process, and learner actors for which memory does not suffice."""
+"""A learner in a thread of this process."""
 
 from __future__ import annotations
 
@@ -6,14 +6,9 @@ import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
 
-from tma_ray.campaign.placing.learner import LearnerActor
 from tma_ray.students import Learner
 from tma_ray.students.players import CohortSettings
-
-ENOUGH_FOR = 2
-"""Slots for which memory suffices."""
 
 
 @contextmanager
@@ -30,20 +25,3 @@ def serving(folder: Path, width: int) -> Iterator[Learner]:
     finally:
         over.set()
         thread.join()
-
-
-class CrampedLearner(LearnerActor):
-    """A learner whose process has memory for a few slots only."""
-
-    def _work(self) -> None:
-        from tma_ray.students.cohort import replay
-
-        allocate = replay.empty
-
-        def cramped(shape: tuple[int, ...], *arguments: Any) -> Any:
-            if shape[0] > ENOUGH_FOR:
-                raise MemoryError(f"Unable to allocate an array with shape {shape}")
-            return allocate(shape, *arguments)
-
-        replay.empty = cramped
-        super()._work()

@@ -1,0 +1,27 @@
+"""Learner actors for which memory does not suffice."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from tma_ray.campaign.placing.learner import LearnerActor
+
+ENOUGH_FOR = 2
+"""Slots for which memory suffices."""
+
+
+class CrampedLearner(LearnerActor):
+    """A learner whose process has memory for a few slots only."""
+
+    def _work(self) -> None:
+        from tma_ray.students.cohort import replay
+
+        allocate = replay.empty
+
+        def cramped(shape: tuple[int, ...], *arguments: Any) -> Any:
+            if shape[0] > ENOUGH_FOR:
+                raise MemoryError(f"Unable to allocate an array with shape {shape}")
+            return allocate(shape, *arguments)
+
+        replay.empty = cramped
+        super()._work()
