@@ -25,10 +25,16 @@ STUDENTS: dict[str, dict[str, Any]] = {
 
 TEACHERS: dict[str, dict[str, Any]] = {
     "random": {},
+    "accel": {"buffer_size": 10},
     "adr": {"queue_size": 3},
     "alp_gmm": {"fit_every": 20},
     "covar_gmm": {"fit_every": 20},
+    "currot": {"particles": 20, "update_every": 10},
+    "doraemon": {"update_every": 200},
+    "plr": {"buffer_size": 10},
     "riac": {"region_capacity": 20, "split_attempts": 5},
+    "robust_plr": {"buffer_size": 10},
+    "sfl": {"candidates": 3, "rollouts": 2, "refresh_every": 15},
     "spdl": {"first_update": 500, "update_every": 250},
     "goal_gan": {"train_every": 20, "iterations_per_task": 0.2, "pretraining_iterations": 10},
     "setter_solver": {"update_every": 20, "hidden_units": 8},

@@ -2,20 +2,24 @@
 
 from __future__ import annotations
 
+import pickle
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 from corridor import Corridor
-from small_runs import rows, run, small_spec
+from small_runs import data_files, rows, run, small_spec
 
 from tma_ray.results import RunWriter, Store, Table
-from tma_ray.runs import Cell, InlineTeacher, RunSpec, Schedule, effective_spec
+from tma_ray.runs import Cell, InlineTeacher, Placement, Reply, RunSpec, Schedule, effective_spec
 from tma_ray.runs.playing import trials
 from tma_ray.runs.playing.trials import Trials
+from tma_ray.runs.pool.cohorts import cohort
 from tma_ray.runs.run import Run
 from tma_ray.students import STUDENTS, Student
+from tma_ray.students.players import CohortSettings
+from tma_ray.tasks import Answer, Episode
 
 
 def student_files(run: Run, folder: Path) -> dict[str, bytes]:
@@ -70,6 +74,46 @@ def test_the_student_stays_as_it_was(tmp_path: Path, student: str) -> None:
     assert len(set(returns)) == len(returns) > 5
     assert student_files(watched, tmp_path / "after") == before
     watched.close()
+
+
+class DistantTeacher(InlineTeacher):
+    """A teacher whose messages are pickled both ways, as those of an actor are."""
+
+    def exchange(self, episode: Episode | None) -> Reply:
+        return _sent(super().exchange(_sent(episode)))
+
+    def answer(self, answer: Answer) -> Reply:
+        return _sent(super().answer(_sent(answer)))
+
+
+def _sent(message: Any) -> Any:
+    return pickle.loads(pickle.dumps(message))
+
+
+@pytest.mark.parametrize("teacher", ["odd_teachers:Examining", "sfl", "accel"])
+def test_it_makes_no_difference_where_the_teacher_is(tmp_path: Path, teacher: str) -> None:
+    spec, played = small_spec(tmp_path, teacher=teacher, steps=1_500), []
+    for kind in (InlineTeacher, DistantTeacher):
+        whole = Run(spec, kind(spec), RunWriter(Store.open(tmp_path / kind.__name__), spec.run_id, 0))
+        episodes = []
+        while not whole.finished:
+            episode = whole.advance()
+            episodes.append(None if episode is None else (episode.episodic_return, *episode.task.tolist()))
+        played.append(episodes)
+        whole.close()
+    assert played[0] == played[1]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("student", ["ppo", "sac"])
+def test_a_run_in_a_cohort_stops_and_resumes_bit_for_bit(tmp_path: Path, student: str) -> None:
+    spec = small_spec(tmp_path, student, teacher="odd_teachers:Examining", steps=1_500)
+    with cohort(CohortSettings(width=2)) as learner:
+        placement = Placement(learner=learner)
+        run(spec, tmp_path / "whole", placement=placement)
+        assert run(spec, tmp_path / "parts", stop_after=25, placement=placement) == "stopped"
+        run(spec, tmp_path / "parts", placement=placement)
+    assert data_files(tmp_path / "whole") == data_files(tmp_path / "parts")
 
 
 def examined(tmp_path: Path, spec: RunSpec) -> tuple[Trials, Run]:
