@@ -14,7 +14,7 @@ from test_campaign import campaign, corridor, execute, idle, lingering, quiet, s
 
 from tma_ray.campaign import scheduler
 from tma_ray.campaign.cluster.connection import connect
-from tma_ray.campaign.placing.cohorts import Cohorts
+from tma_ray.campaign.placing.cohorts import Cohorts, compilation
 from tma_ray.campaign.placing.kinds import kinds_of
 from tma_ray.campaign.placing.options import parse_cohort
 from tma_ray.campaign.placing.room import Room, learner_resources, room_of
@@ -161,3 +161,9 @@ def test_runs_of_equal_shapes_and_settings_are_of_one_kind() -> None:
     assert len({first, *others}) == 4
     memory = learner_resources(Settings(cohort=48, device="cuda"), runs, kinds_of(runs)).memory_gib
     assert 4 < memory < 20
+
+
+def test_only_bfloat16_is_autotuned() -> None:
+    runs = {name: campaign(Cell(student=name)).plan().runs for name in ("sac", "sac:matmul_precision=medium")}
+    assert [compilation(each) for each in runs.values()] == ["default", True]
+    assert compilation([spec for each in runs.values() for spec in each]) == "default"

@@ -218,3 +218,20 @@ def test_a_mailbox_returns_what_was_posted_and_larger_ones_replace_it():
     with pytest.raises(ValueError, match="cannot reshape"):
         box.post([np.zeros(1_000)])
     box.close()
+
+
+def test_an_empty_stack_makes_room_for_one_of_another_kind(tmp_path):
+    """A player that leaves keeps its kind's memory for the next, until another kind needs some."""
+    with serving(tmp_path) as (learner, server):
+        first = player_of(learner, "ppo")
+        first._link.close()
+        again = player_of(learner, "ppo", seed=1)
+        (stack,) = server._stacks.stacks
+        other = player_of(learner, "sac")
+        assert stack in server._stacks.stacks
+        again._link.close()
+        train(other, Drift(), 60)
+        third = player_of(learner, "ppo", epochs=1)
+        assert stack not in server._stacks.stacks
+        assert len(server._stacks.stacks) == 2
+        train(third, Drift(), 60)

@@ -46,6 +46,7 @@ class Stacks:
         sizes = membership.observation_space.shape[0], membership.action_space.shape[0]
         kind = membership.student, sizes, membership.hyperparameters
         if kind not in self._by_kind:
+            self._drop_empty()
             self._by_kind[kind] = self._new(stack_type, sizes, membership.hyperparameters)
         stack = self._by_kind[kind]
         free = self._free[id(stack)]
@@ -62,6 +63,14 @@ class Stacks:
         """Frees the slot of `seat`."""
         seat.leave()
         self._free[id(seat.stack)].append(seat.slot)
+
+    def _drop_empty(self) -> None:
+        """Frees the memory of stacks that nobody is in: a stack of another kind is to be made."""
+        empty = [stack for stack in self.stacks if len(self._free[id(stack)]) == self.settings.width]
+        for stack in empty:
+            self.stacks.remove(stack)
+            del self._free[id(stack)]
+        self._by_kind = {kind: stack for kind, stack in self._by_kind.items() if stack in self.stacks}
 
     def _new(self, stack_type: type[Any], sizes: tuple[int, int], hyperparameters: Any) -> Any:
         settings = self.settings
