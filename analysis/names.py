@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import itertools
 from collections.abc import Iterable, Mapping
 
@@ -9,6 +10,9 @@ from tma_ray.benchmark import CHALLENGES, challenges_of
 from tma_ray.hyperparameters import PRESET
 from tma_ray.part_names import split_name
 from tma_ray.tasks import KnowledgeLevel
+
+LONGEST = 80
+"""Characters of a name in sentences and tables."""
 
 _LABELS = {
     "random": "Random",
@@ -25,12 +29,19 @@ _LABELS = {
 def label(teacher: str) -> str:
     """Returns the name of a teacher as the paper prints it, or the plug-in's own, with its settings.
 
+    Of a name over `LONGEST` its beginning and end are kept, and four digits of its hash, so that no two names
+    that differ in the middle alone become one.
+
     Examples:
         >>> label("alp_gmm"), label("alp_gmm:fit_every=100"), label("goal_gan:preset=release")
         ('ALP-GMM', 'ALP-GMM (fit_every=100)', 'GoalGAN (release)')
     """
     name, settings = split_name(teacher)
-    return with_settings(_LABELS.get(plain_name(name), name), settings)
+    full = with_settings(_LABELS.get(plain_name(name), name), settings)
+    if len(full) <= LONGEST:
+        return full
+    digest = hashlib.sha256(teacher.encode()).hexdigest()[:4]
+    return f"{full[: LONGEST - 27]}…{full[-20:]} [{digest}]"
 
 
 def with_settings(name: str, settings: Mapping[str, str]) -> str:

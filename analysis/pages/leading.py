@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import pandas as pd
 
 from analysis.data.reference import is_baseline
@@ -13,14 +15,16 @@ SHOWN = 8
 """Of more teachers so many are shown at first, beside Random."""
 
 
-def leading(results: pd.DataFrame, measure: str) -> frozenset[str]:
+def leading(results: pd.DataFrame, measure: str, within: Sequence[str] = ()) -> frozenset[str]:
     """Returns the teachers that a page shows at first: all, or of many Random and the best.
 
-    The best are those with the highest mean of a measure over the challenges that each has results of.
+    The best are those with the highest mean of a measure over the challenges that each has results of, and
+    the best one of each comparison that would otherwise be empty.
 
     Args:
         results: a row for each teacher and challenge, with the columns teacher and `measure`.
         measure: column of `results`; NaN where there is nothing.
+        within: columns that the teachers of a comparison have in common.
     """
     if results.empty:
         return frozenset()
@@ -28,4 +32,10 @@ def leading(results: pd.DataFrame, measure: str) -> frozenset[str]:
     if len(means) <= MANY:
         return frozenset(map(str, means.index))
     others = [str(teacher) for teacher in means.index if not is_baseline(str(teacher))]
-    return frozenset({*others[:SHOWN], *(str(each) for each in means.index if is_baseline(str(each)))})
+    shown = {*others[:SHOWN], *(str(each) for each in means.index if is_baseline(str(each)))}
+    if within:
+        best = results.dropna(subset=[measure]).sort_values(measure, ascending=False, kind="stable")
+        for _, rows in best.groupby(list(within), dropna=False, sort=True):
+            if shown.isdisjoint(rows["teacher"]):
+                shown.add(str(rows["teacher"].iloc[0]))
+    return frozenset(shown)

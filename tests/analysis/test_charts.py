@@ -113,6 +113,8 @@ def test_tasks_on_a_full_grid_fill_the_map_at_every_step() -> None:
     (chart,) = mastery_charts("mastery", shares, tasks, PLANE, "caption")
     (trace,) = figure_of(chart).data
     assert trace.type == "heatmap"
+    scale = json.loads(chart.json)["data"][0]["colorscale"]  # by a name plotly.js has another one
+    assert (scale[0], scale[-1]) == ([0.0, "rgb(247,251,255)"], [1.0, "rgb(8,48,107)"])
     assert (list(trace.x), list(trace.y)) == ([0, 2], [1, 5])
     assert [[list(row) for row in shown(chart, step)[0]["z"]] for step in (0, END)] == [
         [[50, 0], [100, 25]],

@@ -391,3 +391,28 @@ def test_contents_lead_to_every_comparison(reader: Reader, report: Path) -> None
     assert links.count() == reader.page.locator("section[data-comparison]").count() == 3
     links.last.click()
     assert reader.page.url.endswith(str(links.last.get_attribute("href")))
+
+
+@pytest.mark.slow
+def test_paper_has_tables_as_wide_as_itself(reader: Reader, report: Path) -> None:
+    reader.open(report)
+    reader.page.emulate_media(media="print")
+    reader.page.set_viewport_size({"width": 690, "height": 1000})
+    row = reader.page.locator("section[data-comparison] tr[data-of=random]").first
+    assert row.evaluate("row => getComputedStyle(row).display") == "table-row"
+    assert reader.page.evaluate("document.documentElement.scrollWidth") <= 690
+
+
+@pytest.mark.slow
+def test_a_dark_page_has_maps_that_get_paler_for_more(browser: Browser, report: Path) -> None:
+    page = browser.new_page(viewport=DESK, color_scheme="dark")
+    dark = Reader(page)
+    dark.open(report)
+    dark.read_through()
+    scale = page.evaluate(
+        """() => [...document.querySelectorAll(".plot")].flatMap(plot => plot._fullData || [])
+            .find(trace => trace.type === "heatmap").colorscale.map(([_, colour]) => colour)"""
+    )
+    light = [sum(bytes.fromhex(colour.removeprefix("#"))) for colour in (scale[0], scale[-1])]
+    assert light[0] < light[1]
+    page.close()

@@ -10,6 +10,7 @@ from typing import Any, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
+from plotly.colors import get_colorscale
 from plotly.io.json import to_json_plotly
 from plotly.offline import get_plotlyjs
 
@@ -142,6 +143,11 @@ def scatter(**own: Any) -> Trace:
 def heatmap(**own: Any) -> Trace:
     """Returns a trace that colours the cells of a grid."""
     return {"type": "heatmap", **own}
+
+
+def scale(name: str) -> list[list[Any]]:
+    """Returns a colour scale by its name in Python: of the same names plotly.js has other scales."""
+    return [[place, colour] for place, colour in get_colorscale(name)]
 
 
 def axis(title: str = "", **own: Any) -> dict[str, Any]:

@@ -15,6 +15,7 @@ from analysis.pages.charts.chart import (
     Chart,
     drawing_of,
     named,
+    scale,
     scatter,
     step_frame,
     transparent,
@@ -72,7 +73,7 @@ def training_task_charts(
     if not shown or not view.varied:
         return
     low, high = return_range(shown, next(iter(shown.values())).mastery)
-    colours = {"cmin": low, "cmax": high, "colorscale": RETURN_COLOURS, "size": 6}
+    colours = {"cmin": low, "cmax": high, "colorscale": scale(RETURN_COLOURS), "size": 6}
     for teacher in sorted(shown, key=teacher_order):
         parts = {
             round(shown[teacher].steps * (part + 1) / PANELS): _episodes(shown[teacher].during(part), view)

@@ -21,6 +21,7 @@ from analysis.pages.charts.chart import (
     Trace,
     drawing_of,
     heatmap,
+    scale,
     scatter,
     shown,
     step_frame,
@@ -29,7 +30,7 @@ from analysis.pages.charts.chart import (
 
 HEIGHT = 270
 
-COLOURS = "Blues"
+COLOURS = scale("Blues")
 """From nearly white for nobody to dark for every seed."""
 
 ACROSS = 180

@@ -33,7 +33,7 @@ from analysis.data.published import PAPER
 from analysis.figures.picture import Picture
 from analysis.figures.radars.chart import radar
 from analysis.formatting import listed, plus_minus
-from analysis.measures.pooling import SETTINGS, pooled
+from analysis.measures.pooling import COMPARED, SETTINGS, pooled
 from analysis.measures.student_pools import by_students
 from analysis.measures.tested import MEASURE, QUANTITIES
 from analysis.measures.variants import parts_of
@@ -86,7 +86,7 @@ def _render(
     tests = duels(runs, teachers := new_teachers(mine), measure)
     standings = [rank.describe() for rank in ranks(runs, teachers, measure)]
     _tell(standings, tell)
-    shown = leading(pooled(runs, [measure]), f"{measure}_mean")
+    shown = leading(pooled(runs, [measure]), f"{measure}_mean", COMPARED)
     tests = pd.concat(_those_shown_first(tests, shown), ignore_index=True)
     found = list(places(runs, curves, tests, mine, measure))
     verdicts, notes = root_verdicts(frames)
