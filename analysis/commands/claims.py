@@ -45,7 +45,7 @@ def show_claims(sources: Sources, details: bool = False, console: Console | None
             console.print(f"    {finding.standing}: {finding.evidence}", highlight=False, markup=False)
     missing = [verdict for verdict in verdicts if verdict.standing is Standing.NO_DATA]
     if missing and not details:
-        console.print(f"[dim]{_without_data(missing, len(verdicts))}[/dim]", highlight=False)
+        console.print(_without_data(missing, len(verdicts)), highlight=False, markup=False, style="dim")
     for warning in (*frames.notes, *notes):
         console.print(warning, highlight=False, markup=False, style="dim")
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 
 import pandas as pd
 
@@ -15,7 +15,9 @@ SHOWN = 8
 """Of more teachers so many are shown at first, beside Random."""
 
 
-def leading(results: pd.DataFrame, measure: str, within: Sequence[str] = ()) -> frozenset[str]:
+def leading(
+    results: pd.DataFrame, measure: str, teachers: Iterable[object], within: Sequence[str] = ()
+) -> frozenset[str]:
     """Returns the teachers that a page shows at first: all, or of many Random and the best.
 
     The best are those with the highest mean of a measure over the challenges that each has results of, and
@@ -24,13 +26,13 @@ def leading(results: pd.DataFrame, measure: str, within: Sequence[str] = ()) -> 
     Args:
         results: a row for each teacher and challenge, with the columns teacher and `measure`.
         measure: column of `results`; NaN where there is nothing.
+        teachers: of the page, also those without results yet.
         within: columns that the teachers of a comparison have in common.
     """
-    if results.empty:
-        return frozenset()
+    everyone = frozenset(map(str, teachers))
+    if len(everyone) <= MANY:
+        return everyone
     means = results.groupby("teacher")[measure].mean().sort_values(ascending=False, kind="stable")
-    if len(means) <= MANY:
-        return frozenset(map(str, means.index))
     others = [str(teacher) for teacher in means.index if not is_baseline(str(teacher))]
     shown = {*others[:SHOWN], *(str(each) for each in means.index if is_baseline(str(each)))}
     if within:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from typing import Any
 
 import numpy as np
@@ -22,6 +23,7 @@ from analysis.pages.charts import (
     seeds_chart,
     training_task_charts,
 )
+from analysis.pages.charts.mastery import COLOURS
 
 PLANE = (Axis("Stump height", 0.0, 3.0), Axis("Obstacle spacing (m)", 0.0, 6.0))
 CUBE = (Axis("a", 0.0, 1.0), Axis("constant", 2.0, 2.0), Axis("b", -1.0, 1.0), Axis("c", 0.0, 10.0))
@@ -184,3 +186,22 @@ def test_a_chart_cannot_end_its_script_element() -> None:
     chart = seeds_chart("seeds", points().replace("alp_gmm", hostile), "Mastered (%)", "title", "caption")
     assert "<" not in chart.json
     assert hostile in json.loads(chart.json)["data"][2]["meta"]["teacher"]
+
+
+def test_tasks_that_more_seeds_master_are_darker() -> None:
+    shares, colours = zip(*COLOURS, strict=True)
+    assert (shares[0], shares[-1]) == (0, 1)
+    brightness = [sum(map(int, re.findall(r"\d+", colour))) for colour in colours]
+    assert brightness == sorted(brightness, reverse=True)
+
+
+def test_an_axis_of_zeros_does_not_reach_below() -> None:
+    zeros = {
+        "teacher": ["random"] * 2,
+        "step": [0, 1],
+        "n": [2, 2],
+        "mean": [0.0, 0.0],
+        "standard_error": [0.0, 0.0],
+    }
+    chart = curve_chart("curves", pd.DataFrame(zeros), "Mastered test tasks (%)", "", "")
+    assert figure_of(chart)["layout"]["yaxis"]["rangemode"] == "nonnegative"

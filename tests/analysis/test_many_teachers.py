@@ -19,13 +19,13 @@ TEACHERS = ("random", *(f"teacher_{number:02d}" for number in range(13)))
 
 def test_of_many_teachers_random_and_the_best_are_shown_at_first() -> None:
     few = pd.DataFrame({"teacher": list("abc"), "mean": [1.0, 2.0, float("nan")]})
-    assert leading(few, "mean") == {"a", "b", "c"}
+    assert leading(few, "mean", "abcd") == {"a", "b", "c", "d"}  # one has not begun
     many = pd.DataFrame({"teacher": TEACHERS * 2, "mean": [float(place) for place in range(14)] * 2})
-    assert leading(many, "mean") == {"random", *TEACHERS[-8:]}
-    assert leading(many.head(0), "mean") == set()
+    assert leading(many, "mean", TEACHERS) == {"random", *TEACHERS[-8:]}
+    assert leading(many.head(0), "mean", ()) == set()
     apart = pd.DataFrame({"teacher": ["teacher_00", "teacher_01"], "mean": [1.0, 2.0], "challenge": "b"})
     both = pd.concat([many.assign(challenge="a"), apart])
-    assert leading(both, "mean", ["challenge"]) == {"random", "teacher_01", *TEACHERS[-8:]}
+    assert leading(both, "mean", TEACHERS, ["challenge"]) == {"random", "teacher_01", *TEACHERS[-8:]}
 
 
 def test_long_lists_are_cut_and_say_by_how_much() -> None:

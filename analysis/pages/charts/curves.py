@@ -43,13 +43,19 @@ def curve_chart(name: str, table: pd.DataFrame, quantity: str, title: str, capti
     traces = [trace for teacher in teachers for trace in _traces(teacher, names[teacher], table, mode)]
     layout = {
         "xaxis": axis("Environment steps", rangemode="tozero", hoverformat=",d", showgrid=False),
-        "yaxis": axis(quantity),
+        "yaxis": axis(quantity, **_from_zero(table)),
         "hovermode": "x unified",
         "showlegend": True,
         "legend": {"orientation": "h", "x": 0, "y": 1.02, "yanchor": "bottom"},
         "meta": {"marks_step": True},
     }
     return Chart(name, title, caption, drawing_of(traces, HEIGHT, layout, ()))
+
+
+def _from_zero(table: pd.DataFrame) -> dict[str, str]:
+    """Returns what keeps an axis of nothing but zeros, as of mastered tasks at first, from reaching below."""
+    lowest = (table["mean"] - table["standard_error"].fillna(0)).min()
+    return {"rangemode": "nonnegative"} if lowest >= 0 else {}
 
 
 def _traces(teacher: str, name: str, table: pd.DataFrame, mode: str) -> Iterator[Trace]:

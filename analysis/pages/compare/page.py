@@ -86,7 +86,7 @@ def _render(
     tests = duels(runs, teachers := new_teachers(mine), measure)
     standings = [rank.describe() for rank in ranks(runs, teachers, measure)]
     _tell(standings, tell)
-    shown = leading(pooled(runs, [measure]), f"{measure}_mean", COMPARED)
+    shown = leading(pooled(runs, [measure]), f"{measure}_mean", runs["teacher"], COMPARED)
     tests = pd.concat(_those_shown_first(tests, shown), ignore_index=True)
     found = list(places(runs, curves, tests, mine, measure))
     verdicts, notes = root_verdicts(frames)

@@ -50,7 +50,8 @@ def write_report(
     output = report_folder(sources, output)
     frames = read(sources)
     measured = measure(frames)
-    shown = leading(measured.finals, compared_by(measured.finals).column, COMPARISON)
+    column = compared_by(measured.finals).column
+    shown = leading(measured.finals, column, frames.cells["teacher"], COMPARISON)
     with shown_together(frames.cells["teacher"]):
         parts = list(sections(frames, measured, shown))
         tables = downloads(frames, measured)
