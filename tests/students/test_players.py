@@ -18,6 +18,7 @@ from tma_ray.students.cohort.server import LearnerServer
 from tma_ray.students.players import CohortSettings, LearnerError, LearnerLostError, hardware
 from tma_ray.students.players.base import Player
 from tma_ray.students.players.mailbox import Mailbox, room_for
+from tma_ray.students.ppo.student import PPO
 
 
 @contextmanager
@@ -235,3 +236,26 @@ def test_an_empty_stack_makes_room_for_one_of_another_kind(tmp_path):
         assert stack not in server._stacks.stacks
         assert len(server._stacks.stacks) == 2
         train(third, Drift(), 60)
+
+
+def test_a_checkpoint_holds_no_other_run_up(learner, tmp_path, monkeypatch):
+    """While one player waits for its files, another learns."""
+    first, second = player_of(learner, "ppo"), player_of(learner, "ppo", seed=1)
+    begun, let = threading.Event(), threading.Event()
+    write = PPO.save
+
+    def slow(*arguments):
+        begun.set()
+        assert let.wait(60)
+        return write(*arguments)
+
+    monkeypatch.setattr(PPO, "save", slow)
+    saving = threading.Thread(target=first.save, args=(tmp_path,))
+    saving.start()
+    assert begun.wait(60)
+    train(second, Drift(), 130)
+    assert saving.is_alive()
+    let.set()
+    saving.join()
+    again = player_of(learner, "ppo", seed=1)
+    again.load(tmp_path)

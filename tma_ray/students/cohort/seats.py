@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any, Generic, TypeVar
 
@@ -83,17 +84,20 @@ class Seat(ABC, Generic[S, H]):
         self.student.reset()
         self._enter()
 
-    def save(self, folder: Path, state: PlayerState, incremental: bool) -> tuple[str, ...]:
-        """Writes the student's complete state."""
+    def save(self, folder: Path, state: PlayerState, incremental: bool) -> Callable[[], tuple[str, ...]]:
+        """Returns how to write the student's complete state, in any thread while the run waits."""
         self._copy_back()
         self._put(state)
         for generator, saved in zip(self.student._generators[:2], state.generators[:2], strict=True):
             generator.bit_generator.state = saved
-        return self.student.save(folder, incremental)
+        return lambda: self.student.save(folder, incremental)
 
-    def load(self, folder: Path) -> PlayerState:
-        """Takes over the state in `folder`; returns the player's half."""
+    def read(self, folder: Path) -> None:
+        """Reads the state in `folder`, in any thread; `take_over` follows."""
         self.student.load(folder)
+
+    def take_over(self) -> PlayerState:
+        """Takes over the state that was read; returns the player's half."""
         self._enter()
         generators = [dict(each.bit_generator.state) for each in self.student._generators]
         return PlayerState(generators, self._player_state())

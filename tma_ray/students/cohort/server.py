@@ -5,6 +5,7 @@ from __future__ import annotations
 import threading
 import time
 import traceback
+from collections import deque
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from multiprocessing.connection import Connection, Listener, Pipe, wait
@@ -14,8 +15,9 @@ from typing import Any
 import numpy as np
 import torch
 
-from tma_ray.students.cohort.deliveries import Delivery, Pace
 from tma_ray.students.cohort.seats import Seat
+from tma_ray.students.cohort.serving.deliveries import Delivery, Pace
+from tma_ray.students.cohort.serving.files import Aside
 from tma_ray.students.cohort.stacks import Stacks
 from tma_ray.students.players import CohortFullError, Learner, Membership, PlayerState
 from tma_ray.students.players.mailbox import Mailbox
@@ -54,10 +56,11 @@ class LearnerServer:
         self._learning: dict[tuple[int, int], Connection] = {}
         self._deliveries: list[Delivery[Connection]] = []
         self._listener = Listener(learner.address, family="AF_UNIX", authkey=learner.key, backlog=256)
-        self._arrivals, inbox = Pipe(duplex=False)
+        self._arrivals, self._inbox = Pipe(duplex=False)
         self._connections: list[Connection] = [self._arrivals]
-        self._new: list[Connection] = []
-        threading.Thread(target=self._accept, args=(inbox,), daemon=True).start()
+        self._new: deque[Connection] = deque()
+        self._files = Aside(lambda: self._inbox.send(None))
+        threading.Thread(target=self._accept, daemon=True).start()
         self.account = dict.fromkeys(("asking for updates", "requests", "deliveries", "waiting"), 0.0)
         self.account |= {"stacked updates": 0.0, "updates of runs": 0.0}
 
@@ -97,19 +100,22 @@ class LearnerServer:
         yield
         self.account[part] += time.perf_counter() - started
 
-    def _accept(self, inbox: Connection) -> None:
+    def _accept(self) -> None:
         while True:
             try:
                 self._new.append(self._listener.accept())
             except Exception:  # a stranger without the key, or one that went away
                 time.sleep(0.01)
                 continue
-            inbox.send(None)
+            self._inbox.send(None)
 
     def _handle(self, connection: Any) -> None:
         if connection is self._arrivals:
             self._arrivals.recv()
-            self._connections.append(self._new.pop(0))
+            while self._new:
+                self._connections.append(self._new.popleft())
+            for done in self._files.done():
+                self._conclude(*done)
             return
         try:
             request, *arguments = connection.recv()
@@ -127,6 +133,20 @@ class LearnerServer:
         else:
             if reply is not _LATER:
                 self._send(connection, (True, reply))
+
+    def _conclude(self, connection: Connection, result: Any, then: Callable[[Any], Any]) -> None:
+        """Answers a request whose files are written or read, unless who made it has gone."""
+        if connection not in self._seats:
+            return
+        try:
+            if isinstance(result, Exception):
+                raise result
+            reply = True, then(result)
+        except (MemoryError, torch.OutOfMemoryError):
+            raise
+        except Exception:
+            reply = False, traceback.format_exc()
+        self._send(connection, reply)
 
     def _send(self, connection: Connection, message: tuple[bool, Any]) -> None:
         try:
@@ -200,12 +220,19 @@ class LearnerServer:
         return self._seats[connection].weights()
 
     def _save_for(self, connection: Connection, folder: Path, state: PlayerState, incremental: bool) -> Any:
-        return self._seats[connection].save(folder, state, incremental)
+        write = self._seats[connection].save(folder, state, incremental)
+        self._files.start(connection, write, lambda unchanged: unchanged)
+        return _LATER
 
     def _load_for(self, connection: Connection, folder: Path) -> Any:
         seat = self._seats[connection]
-        state = seat.load(folder)
-        return seat.weights(), state
+
+        def taken_over(_: Any) -> Any:
+            state = seat.take_over()
+            return seat.weights(), state
+
+        self._files.start(connection, lambda: seat.read(folder), taken_over)
+        return _LATER
 
     def _save_policy_for(self, connection: Connection, folder: Path, state: PlayerState) -> Any:
         return self._seats[connection].save_policy(folder, state)
