@@ -16,12 +16,20 @@ LONGEST = 80
 
 _LABELS = {
     "random": "Random",
+    "accel": "ACCEL",
     "adr": "ADR",
     "alpgmm": "ALP-GMM",
     "covargmm": "Covar-GMM",
+    "currot": "CURROT",
+    "doraemon": "DORAEMON",
     "goalgan": "GoalGAN",
+    "plr": "PLR",
+    "ramp": "Ramp",
     "riac": "RIAC",
+    "robustplr": "Robust PLR",
     "settersolver": "Setter-Solver",
+    "sfl": "SFL",
+    "sobol": "Sobol",
     "spdl": "SPDL",
 }
 
