@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import pickle
+from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
-from corridor import Corridor
-from small_runs import data_files, rows, run, small_spec
+from small_runs import data_files, rows, run, small_spec, stump_tracks_spec
 
 from tma_ray.results import RunWriter, Store, Table
 from tma_ray.runs import Cell, InlineTeacher, Placement, Reply, RunSpec, Schedule, effective_spec
@@ -19,7 +20,7 @@ from tma_ray.runs.pool.cohorts import cohort
 from tma_ray.runs.run import Run
 from tma_ray.students import STUDENTS, Student
 from tma_ray.students.players import CohortSettings
-from tma_ray.tasks import Answer, Episode
+from tma_ray.tasks import Answer, Episode, Task
 
 
 def student_files(run: Run, folder: Path) -> dict[str, bytes]:
@@ -116,30 +117,41 @@ def test_a_run_in_a_cohort_stops_and_resumes_bit_for_bit(tmp_path: Path, student
     assert data_files(tmp_path / "whole") == data_files(tmp_path / "parts")
 
 
-def examined(tmp_path: Path, spec: RunSpec) -> tuple[Trials, Run]:
-    store = RunWriter(Store.open(tmp_path / "root"), spec.run_id, 0)
-    return Trials(spec, np.random.SeedSequence(5)), Run(spec, InlineTeacher(spec), store)
-
-
-def test_an_evaluation_is_one_episode_of_each_task(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize(
+    "make_spec", [small_spec, partial(stump_tracks_spec, student="ppo", teacher="random")]
+)
+def test_an_evaluation_is_one_episode_of_each_task(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, make_spec: Callable[..., RunSpec]
+) -> None:
+    """Three at a time; more of them, then fewer."""
     monkeypatch.setattr(trials, "WORLDS", 3)
-    playing, whole = examined(tmp_path, small_spec(tmp_path))
-    tasks = Corridor.task_space.sample(np.random.default_rng(1), 7)
-    outcomes = playing.evaluate(whole.student, tasks, greedy=True, budget=1_000)
-    assert outcomes is not None
-    world, seeds = Corridor(), np.random.default_rng(np.random.SeedSequence(5)).integers(2**31, size=7)
-    for index, task in enumerate(tasks):
-        observation, _ = world.reset(seed=int(seeds[index]), options={"task": task})
-        total, length, over = 0.0, 0, False
-        while not over:
-            action = whole.student.act_greedily(observation[None])[0]
-            observation, reward, terminated, truncated, _ = world.step(action)
-            total, length, over = total + reward, length + 1, terminated or truncated
-        assert (length, total) == (outcomes.lengths[index], pytest.approx(outcomes.episodic_returns[index]))
-    for budget, ended in ((1, True), (outcomes.lengths.sum(), True), (outcomes.lengths.sum() + 1, False)):
-        playing.state = np.random.default_rng(np.random.SeedSequence(5)).bit_generator.state
-        assert (playing.evaluate(whole.student, tasks, greedy=True, budget=int(budget)) is None) == ended
+    spec = make_spec(tmp_path)
+    whole = Run(spec, InlineTeacher(spec), RunWriter(Store.open(tmp_path / "root"), spec.run_id, 0))
+    playing, seeds = Trials(spec, np.random.SeedSequence(5)), np.random.default_rng(np.random.SeedSequence(5))
+    for count in (2, 7, 1):
+        tasks, before = spec.task_space.sample(np.random.default_rng(count), count), playing.state
+        outcomes = playing.evaluate(whole.student, tasks, greedy=True, budget=100_000)
+        assert outcomes is not None
+        for index, seed in enumerate(seeds.integers(2**31, size=count)):
+            played = one_episode(whole, tasks[index], int(seed))
+            assert played == (outcomes.lengths[index], pytest.approx(outcomes.episodic_returns[index]))
+    steps = int(outcomes.lengths.sum())
+    for budget, ended in ((1, True), (steps, True), (steps + 1, False)):
+        playing.state = before
+        assert (playing.evaluate(whole.student, tasks, greedy=True, budget=budget) is None) == ended
     playing.close()
+    whole.close()
+
+
+def one_episode(whole: Run, task: Task, seed: int) -> tuple[int, float]:
+    """Plays `task` greedily in the training environment; returns length and episodic return."""
+    observation, _ = whole.environment.reset(seed=seed, options={"task": task})
+    total, length, over = 0.0, 0, False
+    while not over:
+        action = whole.student.act_greedily(observation[None])[0]
+        observation, reward, terminated, truncated, _ = whole.environment.step(action)
+        total, length, over = total + float(reward), length + 1, terminated or truncated
+    return length, total
 
 
 def test_a_run_ends_where_an_evaluation_takes_what_is_left(tmp_path: Path) -> None:
