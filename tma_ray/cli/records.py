@@ -112,6 +112,7 @@ def plan_record(experiment: Experiment, options: argparse.Namespace) -> dict[str
             "gpu_hours": cost.gpu_hours,
             "at_once": cost.at_once,
             "wall_hours": cost.wall_hours,
+            "bound": cost.sharing.bound_by if cost.sharing else None,
             "disk_gib": cost.disk_gib,
             "checkpoint_gib": cost.checkpoint_gib,
             "memory_gib": cost.memory_gib,

@@ -53,10 +53,15 @@ class Sharing:
         return self.hours * self.learners * self.gpus
 
     @property
+    def bound_by(self) -> str:
+        """Part that decides the time."""
+        by_learner = self.learner_hours / self.learners >= self.player_hours / self.cores
+        return "learner" if by_learner else "players' cores"
+
+    @property
     def bound(self) -> str:
         """Part that decides the time, and how much of it the other part is at work."""
         share = self.learner_hours / self.learners, self.player_hours / self.cores
-        slower, faster = (
-            ("learner", "players' cores") if share[0] >= share[1] else ("players' cores", "learner")
-        )
+        slower = self.bound_by
+        faster = "learner" if slower != "learner" else "players' cores"
         return f"bound by the {slower}; the {faster} would take {min(share) / max(share):.0%} of that time"
