@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 import threading
 from collections.abc import Iterator
 from functools import partial
@@ -76,6 +77,18 @@ def test_what_was_changed_there_is_named_and_left_out(memory: str) -> None:
 def test_an_unknown_address_is_refused_in_a_sentence() -> None:
     with pytest.raises(ObjectStoreError, match="Protocol not known: nothing"):
         Store.open("nothing://of/the/kind")
+
+
+@pytest.mark.parametrize("address", ["hf://datasets/me/mine-1.0", "https://example.org/mine-1.0"])
+def test_a_missing_library_is_named_with_the_extra_that_has_it(
+    address: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for library in ("huggingface_hub", "aiohttp", "fsspec.implementations.http"):
+        monkeypatch.setitem(sys.modules, library, None)
+    for protocol in ("hf", "https"):  # which another test may have asked for
+        monkeypatch.delitem(sys.modules["fsspec.registry"]._registry, protocol, raising=False)
+    with pytest.raises(ObjectStoreError, match=r"pip install 'tma_ray\[addresses\]'"):
+        Store.open(address)
 
 
 def test_campaigns_are_refused_where_nothing_can_be_written(served: str, memory: str) -> None:

@@ -6,7 +6,7 @@ import os
 import re
 import time
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from datetime import timedelta
 from random import SystemRandom
 from typing import Any, Final, TypeVar, cast
@@ -117,10 +117,8 @@ def open_address(uri: str) -> tuple[Any, str]:
         ObjectStoreError: neither knows it, or a library is missing.
     """
     try:
-        return cast("tuple[Any, str]", fs.FileSystem.from_uri(uri))
-    except (pa.ArrowInvalid, ValueError):
-        pass
-    try:
+        with suppress(pa.ArrowInvalid, ValueError):  # not its own: fsspec may know it
+            return cast("tuple[Any, str]", fs.FileSystem.from_uri(uri))
         from fsspec.core import url_to_fs
 
         filesystem, path = url_to_fs(uri)
