@@ -9,8 +9,8 @@ from rich.table import Table
 
 from analysis.baselines import BaselineError, BaselineKind, as_baseline, baselines
 from analysis.baselines.catalogue import Baseline
+from analysis.baselines.sources import read
 from analysis.comparisons.leaderboard import Entry, Leaderboard, leaderboards
-from analysis.data.frames import load
 from analysis.formatting import number, plus_minus
 from analysis.names import label
 from tma_ray.terminal import terminal
@@ -36,7 +36,7 @@ def show_leaderboards(names: Sequence[str], console: Console | None = None) -> N
     console = terminal(console)
     for name, place, partial in _places(names):
         console.print(f"{name}{f' (partial: {partial})' if partial else ''}", style="bold", highlight=False)
-        boards = leaderboards(load(place))
+        boards = leaderboards(read(place))
         if not boards:
             console.print("No run has been evaluated here.")
         for board in boards:
@@ -52,7 +52,7 @@ def markdown(names: Sequence[str] = ()) -> str:
     for name, place, partial in _places(names):
         parts.append(f"## {name}")
         parts += [f"*This release is not complete: {partial}.*"] if partial else []
-        for board in leaderboards(load(place)):
+        for board in leaderboards(read(place)):
             head = ["rank", "teacher", "mean, % [95 %]", *board.challenges, "runs", "hours a run"]
             lines = [head, ["---"] * len(head), *(_cells(board, entry) for entry in board.entries)]
             parts.append(f"### {board.title[0].upper()}{board.title[1:]}")

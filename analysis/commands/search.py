@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from pathlib import Path
 from typing import Any
 
 import pandas as pd
 from rich.console import Console
 from rich.table import Table
 
-from analysis.data.frames import load
+from analysis.baselines.sources import Sources, read
 from analysis.formatting import p_value, plus_minus
 from analysis.measures.evaluations import final_evaluations
 from analysis.measures.searches import search_results
@@ -19,13 +18,17 @@ from analysis.statistics import welch
 from tma_ray.terminal import terminal
 
 
-def show_search(root: str | Path, console: Console | None = None) -> None:
-    """Prints the best point of each grid beside the paper's choice, from what a root holds.
+def show_search(sources: Sources, console: Console | None = None) -> None:
+    """Prints the best point of each grid beside the paper's choice, from what is there.
+
+    Args:
+        sources: results roots.
+        console: where to print.
 
     Raises:
         ResultsRootError: no results root at that place.
     """
-    frames, console = load(root), terminal(console)
+    frames, console = read(sources), terminal(console)
     found = search_results(frames)
     if found.empty:
         console.print("No point of a search has been run to its end here.")

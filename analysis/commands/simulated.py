@@ -8,17 +8,15 @@ from pathlib import Path
 
 import pandas as pd
 from rich.table import Table
-from scipy import stats
 
+from analysis.data.reference import BASELINE, baseline_rows, is_baseline
 from analysis.formatting import number, plus_minus
-from analysis.statistics import CONFIDENCE, describe, welch
+from analysis.statistics import SIGNIFICANCE, Comparison, describe, holm, mean_interval, welch
 from tma_ray.tasks import KnowledgeLevel
 from tma_ray.terminal import terminal
 
-BASELINE = "random"
-
 BETTER, WORSE = "\N{BLACK UP-POINTING TRIANGLE}", "\N{BLACK DOWN-POINTING TRIANGLE}"
-"""Marks of a difference from Random with p < 0.05 by Welch's test."""
+"""Marks of a difference from Random with p < 0.05 after Holm, of all that a challenge has beside it."""
 
 RECOVERY = {"before_reset": "before", "tenth_later": "10 % later", "three_tenths_later": "30 % later"}
 
@@ -54,11 +52,9 @@ def show(frame: pd.DataFrame) -> None:
 
 
 def margin(values: pd.Series) -> float:
-    """Returns half the width of the 95 % confidence interval of the mean; NaN for a single value."""
-    described = describe(values)
-    if described.n < 2:
-        return math.nan
-    return float(stats.t.ppf((1 + CONFIDENCE) / 2, described.n - 1)) * described.standard_error
+    """Returns half the width of the 95 % confidence interval of the mean; NaN where it has none."""
+    low, high = mean_interval(describe(values))
+    return (high - low) / 2
 
 
 def mastered_table(frame: pd.DataFrame) -> pd.DataFrame:
@@ -71,15 +67,15 @@ def mastered_table(frame: pd.DataFrame) -> pd.DataFrame:
         Columns teacher, expert knowledge, and one per challenge. Levels that make no difference to a
         teacher are one row; a level that it cannot run with is a row of dashes.
     """
-    challenges = list(dict.fromkeys(frame["challenge"]))
-    rows = []
-    for teacher, levels, runs in _rows(frame):
-        row = {"teacher": teacher, "expert knowledge": levels}
-        for challenge in challenges:
-            cell = runs[runs["challenge"] == challenge]
-            row[challenge] = _entry(cell, frame[frame["challenge"] == challenge])
-        rows.append(row)
-    return pd.DataFrame(rows)
+    groups = list(_rows(frame))
+    table = pd.DataFrame(
+        [{"teacher": teacher, "expert knowledge": levels} for teacher, levels, _ in groups],
+        columns=["teacher", "expert knowledge"],
+    )
+    for challenge, everything in frame.groupby("challenge", sort=False):
+        cells = [runs[runs["challenge"] == challenge] for *_, runs in groups]
+        table[str(challenge)] = _entries(cells, baseline_rows(everything).drop_duplicates("seed"))
+    return table
 
 
 def recovery_table(frame: pd.DataFrame) -> pd.DataFrame:
@@ -124,14 +120,19 @@ def _mean(values: pd.Series) -> str:
     return plus_minus(describe(values).mean, margin(values))
 
 
-def _entry(cell: pd.DataFrame, challenge: pd.DataFrame) -> str:
-    values = cell["mastered_percent"].dropna()
-    if values.empty:
-        return number(math.nan)
-    text = _mean(values)
-    baseline = challenge[challenge["teacher"] == BASELINE].drop_duplicates("seed")
-    if baseline.empty or cell["teacher"].iloc[0] == BASELINE:
-        return text
-    comparison = welch(values, baseline["mastered_percent"])
-    mark = BETTER if comparison.difference > 0 else WORSE
-    return f"{text} {mark}" if comparison.significant else text
+def _entries(cells: list[pd.DataFrame], baseline: pd.DataFrame) -> list[str]:
+    """Returns mastered per cent of each group of runs on a challenge, and how it differs from Random."""
+    samples = [cell["mastered_percent"].dropna() for cell in cells]
+    tests = [_against(cell, baseline) for cell in cells]
+    adjusted = holm([test.p for test in tests])
+    texts = [_mean(values) if len(values) else number(math.nan) for values in samples]
+    return [
+        f"{text} {BETTER if test.difference > 0 else WORSE}" if p < SIGNIFICANCE else text
+        for text, test, p in zip(texts, tests, adjusted, strict=True)
+    ]
+
+
+def _against(cell: pd.DataFrame, baseline: pd.DataFrame) -> Comparison:
+    if cell.empty or is_baseline(str(cell["teacher"].iloc[0])):
+        return Comparison(len(cell), len(baseline), math.nan, reason="the baseline, or no results")
+    return welch(cell["mastered_percent"], baseline["mastered_percent"])

@@ -158,6 +158,20 @@ def test_the_table_shows_intervals_sharing_and_refusals() -> None:
     assert lines[2] == "| random | none = low = high | 10.0 ± 1.0 |"
 
 
+def test_marks_are_those_after_holm() -> None:
+    """Two groups of three have p = 0.036 against Random alone, and 0.072 as a family of two."""
+    rows = [
+        {"teacher": teacher, "challenge": "original", "seed": seed, "before_reset": np.nan}
+        | {"expert_knowledge": "none", "effective_knowledge": "none", "mastered_percent": mean + spread}
+        for teacher, mean in (("random", 0.0), ("one", 2.5), ("other", 2.5))
+        for seed, spread in enumerate((-1.0, 0.0, 1.0))
+    ]
+    frame = pd.DataFrame(rows)
+    alone = simulated.mastered_table(frame[frame["teacher"] != "other"])
+    assert alone["original"].tolist() == ["0.0 ± 2.5", f"2.5 ± 2.5 {simulated.BETTER}"]
+    assert simulated.mastered_table(frame)["original"].tolist() == ["0.0 ± 2.5", "2.5 ± 2.5", "2.5 ± 2.5"]
+
+
 def test_a_matrix_that_is_refused_as_a_whole_is_a_row_of_dashes(capsys: pytest.CaptureFixture[str]) -> None:
     arguments = ["simulate", "--teachers", "odd_levels:NeedsLow", "--expert-knowledge", "none"]
     assert main([*arguments, "--challenges", "original"]) == 0
