@@ -24,7 +24,7 @@ def plus_minus(mean: float, std: float, digits: int = 1) -> str:
 
 
 def ends(low: float, high: float, digits: int = 1) -> str:
-    """Returns an interval as ``[1.0, 2.5]``; without spread between runs there is none."""
+    """Returns an interval as ``[1.0, 2.5]``, or that runs have no spread for one."""
     if not math.isfinite(low):
         return "[no spread]"
     return f"[{number(low, digits)}, {number(high, digits)}]"

@@ -75,7 +75,7 @@ def welch(sample: pd.Series, reference: pd.Series) -> Comparison:
 
     Where a standard deviation is 0, as of a teacher that masters nothing with any seed, p is that of the
     permutation test. With spread in the other sample the interval is Welch's, widened to hold 0 where p is
-    not under 0.05; with none in either there is no interval.
+    not under 0.05; with none in either the interval is missing.
 
     Args:
         sample: one value per run, indexed by run id.
@@ -151,8 +151,8 @@ def stratified(pairs: Sequence[tuple[pd.Series, pd.Series]], weights: Sequence[f
     The difference is the weighted mean of the strata's differences. Samples of a stratum need not have equal
     variances, nor strata each other's: the degrees of freedom are Welch and Satterthwaite's over all of them.
 
-    Where no sample of any stratum has a spread, p is that of the permutation test within strata, and there
-    is no interval.
+    Where no sample of any stratum has a spread, p is that of the permutation test within strata, and
+    the interval is missing.
 
     Args:
         pairs: samples of both groups in each stratum, one value a run, indexed by run id.

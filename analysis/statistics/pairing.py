@@ -37,7 +37,7 @@ class Correlation:
 def paired(sample: pd.Series, reference: pd.Series) -> Comparison:
     """Compares the means of two samples whose values belong together in pairs, by Student's t-test.
 
-    Where all differences are equal, p is that of the sign-flip test, and there is no interval.
+    Where all differences are equal, p is that of the sign-flip test, and the interval is missing.
 
     Args:
         sample: one value a seed, indexed by seed.
