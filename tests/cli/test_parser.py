@@ -57,6 +57,11 @@ def test_metavars_follow_the_rule() -> None:
             assert METAVAR.fullmatch(action.metavar), f"{name}: {action.metavar}"
 
 
+def test_every_value_is_read_by_a_type_or_chosen() -> None:
+    for name, _, action in every_option():
+        assert action.nargs == 0 or action.type is not None or action.choices, name
+
+
 def test_the_help_of_a_script_shows_what_its_campaign_has() -> None:
     script = CommandParser()
     add_options(script, Campaign("script", cells_of(("random", "riac"), ("ppo",)), (3, 5)))

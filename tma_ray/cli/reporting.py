@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 from tma_ray.cli.sources import add_sources, chosen_sources
 from tma_ray.command_line import CommandParser
 from tma_ray.commands.places import folder
+from tma_ray.commands.texts import named
 
 if TYPE_CHECKING:
     from analysis.pages.report.videos import Video, WantedVideo
@@ -146,6 +147,7 @@ def _add_leaderboard(parser: CommandParser) -> None:
     parser.add_argument(
         "releases",
         nargs="*",
+        type=named("a baseline"),
         metavar="BASELINE",
         help="releases, or folders or addresses of results (default: those that ship with runs)",
     )
