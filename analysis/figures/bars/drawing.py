@@ -200,7 +200,7 @@ def _draw_letters(axes: Axes, panel: BarPanel, teachers: Sequence[str], end: flo
 
 def _notes(panels: Sequence[BarPanel], brackets: bool) -> list[str]:
     sign = "<" if brackets else "\N{GREATER-THAN OR EQUAL TO}"
-    test = f"(Welch, p\N{NO-BREAK SPACE}{sign}\N{NO-BREAK SPACE}0.05)."
+    test = f"(after Holm, p\N{NO-BREAK SPACE}{sign}\N{NO-BREAK SPACE}0.05)."
     text = "Brackets join teachers that" if brackets else "Teachers that share a letter do not"
     notes = [f"{text} differ significantly {test}"]
     if any(panel.rows["doubt"].astype(bool).any() for panel in panels):
