@@ -19,8 +19,16 @@ EXAMPLES = [
 ]
 
 
-LONG = ("--latex", "--watch", "tma-ray compare", "tma-ray wandb", "tma-ray report", "tma-ray leaderboard")
-"""In examples that draw many pages or start another library's process; fast ones try each command's page."""
+LONG = (
+    "--latex",
+    "--watch",
+    "tma-ray compare",
+    "tma-ray wandb",
+    "tma-ray report",
+    "tma-ray leaderboard",
+    "s3://",
+)
+"""In examples that draw many pages, start another library's process or need a store; fast ones try each command's page."""
 
 
 @pytest.mark.parametrize(
@@ -30,7 +38,9 @@ LONG = ("--latex", "--watch", "tma-ray compare", "tma-ray wandb", "tma-ray repor
         for each in EXAMPLES
     ],
 )
-def test_the_example_runs(example: str, place: Path) -> None:
+def test_the_example_runs(example: str, place: Path, request: pytest.FixtureRequest) -> None:
     shutil.copytree(place / "results", place / "colleague")
+    if "s3://" in example:
+        example = example.replace("s3://bucket", request.getfixturevalue("s3_root"))
     once = example.replace(" --watch", "")  # which goes on until Ctrl-C
     assert execute(shlex.split(once, comments=True)) == 0
