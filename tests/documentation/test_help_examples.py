@@ -28,7 +28,7 @@ LONG = (
     "tma-ray leaderboard",
     "s3://",
 )
-"""In examples that draw many pages, start another library's process or need a store; fast ones try each command's page."""
+"""In examples that draw many pages, start a library in a process or need a store; the others are fast."""
 
 
 @pytest.mark.parametrize(
