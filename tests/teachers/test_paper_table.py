@@ -1,4 +1,4 @@
-"""What the paper's tables say of each teacher: the hyper-parameters chosen, and the knowledge it uses."""
+"""What the paper's tables say of its teachers: hyper-parameters; and the knowledge that each teacher uses."""
 
 from __future__ import annotations
 
@@ -58,11 +58,19 @@ DIFFERENT_LEVELS = {
     "adr": (None, LOW, HIGH),
     "goal_gan": (None, LOW, HIGH),
     "setter_solver": (None, LOW, LOW),
+    "plr": (NONE, NONE, NONE),
+    "robust_plr": (NONE, NONE, NONE),
+    "accel": (NONE, NONE, HIGH),
+    "sfl": (None, LOW, LOW),
+    "currot": (None, LOW, HIGH),
+    "doraemon": (None, LOW, HIGH),
+    "sobol": (NONE, NONE, NONE),
+    "ramp": (None, None, HIGH),
 }
 """What each makes of no, low and high knowledge; with None it cannot run."""
 
 
-@pytest.mark.parametrize("name", TEACHERS.names())
+@pytest.mark.parametrize("name", BEST_VALUES)
 def test_defaults_are_the_papers_best_values(name: str) -> None:
     expected = BEST_VALUES[name] | OF_THE_TEXT.get(name, {})
     values = hyperparameters_of(make_teacher(name))
@@ -84,7 +92,9 @@ def test_the_preset_release_has_the_values_of_the_launch_files(name: str) -> Non
 def test_knowledge_is_used_or_refused_by_name(name: str) -> None:
     for given, used in zip(KnowledgeLevel, DIFFERENT_LEVELS[name], strict=True):
         if used is None:
-            with pytest.raises(ValueError, match=f"teacher '{name}' cannot run with expert knowledge 'none'"):
+            with pytest.raises(
+                ValueError, match=f"teacher '{name}' cannot run with expert knowledge '{given}'"
+            ):
                 effective_level(TEACHERS.get(name), name, given)
         else:
             assert effective_level(TEACHERS.get(name), name, given) is used
