@@ -184,6 +184,7 @@ def test_an_empty_root_is_nothing_to_release(tmp_path: Path) -> None:
         release(tmp_path / "root", "mine", tmp_path)
 
 
+@pytest.mark.slow
 def test_a_root_with_merged_files_makes_the_same_release(root: Path, released: Path, tmp_path: Path) -> None:
     copy = tmp_path / "root"
     subprocess.run(["cp", "-r", root, copy], check=True)

@@ -125,6 +125,7 @@ def test_the_page_has_all_of_it(
     assert "required: --baseline" in capsys.readouterr().err
 
 
+@pytest.mark.slow
 def test_a_root_without_results_gives_a_page_that_says_so(tmp_path: Path) -> None:
     SyntheticCampaign(tmp_path)
     page = write_comparison(tmp_path, ["paper-2021"], tmp_path / "page").read_text()
@@ -132,6 +133,7 @@ def test_a_root_without_results_gives_a_page_that_says_so(tmp_path: Path) -> Non
     assert "No result of yours may be compared" in page
 
 
+@pytest.mark.slow
 def test_the_area_under_the_curve_can_be_the_measure(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

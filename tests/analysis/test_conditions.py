@@ -120,6 +120,7 @@ def test_comparisons_of_two_teachers_count_challenges(frames: Frames) -> None:
     assert all("on 2 of 2 challenges" in text for text in said)
 
 
+@pytest.mark.slow
 @SHORT
 def test_figures_have_a_set_for_each(frames: Frames) -> None:
     tags = [tag for tag, _ in by_conditions(runs_after(frames))]

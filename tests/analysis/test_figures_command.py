@@ -45,6 +45,7 @@ def test_a_campaign_gives_curves_maps_films_and_says_what_is_missing(tmp_path: P
         assert motion.n_frames > 1
 
 
+@pytest.mark.slow
 def test_only_some_are_drawn_if_asked(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     output = str(tmp_path / "figures")
     assert main(["figures", "paper-2021", "-o", output, "--only", "radar"]) == 0

@@ -116,6 +116,7 @@ def test_nothing_new_and_names_twice_are_refused_and_change_nothing(
     assert sorted(path.name for path in grown.parent.iterdir()) == ["growing"]
 
 
+@pytest.mark.slow
 def test_what_campaigns_lack_is_told_until_they_have_it(first: Path, tmp_path: Path) -> None:
     waiting = SyntheticCampaign(first, campaign="batch", **SMALL)
     waiting.cell(waiting.record("random", 5, "low"), "low")
@@ -130,6 +131,7 @@ def test_what_campaigns_lack_is_told_until_they_have_it(first: Path, tmp_path: P
     assert find_baseline(grown).manifest.partial == ""
 
 
+@pytest.mark.slow
 def test_shards_are_merged_by_packing_the_release_anew(grown: Path, tmp_path: Path) -> None:
     add_to_release(batch(tmp_path / "more", range(2, 3)), "growing", "batch-2", grown.parent)
     merged = release(grown, "whole", grown.parent, contents=LEAN)

@@ -165,6 +165,7 @@ def test_the_same_settings_are_pooled_across_roots(tmp_path: Path) -> None:
     assert set(together(own, others)["source"]) == {"mine", "theirs"}
 
 
+@pytest.mark.slow
 def test_names_say_what_differs(tmp_path: Path) -> None:
     write(tmp_path, SPEC, 2, range(3))
     other = changed(*OTHERS["learning rate"])

@@ -99,6 +99,7 @@ def test_taus_are_kendalls() -> None:
     np.testing.assert_allclose(taus(first, second), expected)
 
 
+@pytest.mark.slow
 def test_the_papers_order_agrees_with_itself_and_disagrees_with_its_reverse(
     root: Path, tmp_path: Path
 ) -> None:
@@ -130,6 +131,7 @@ def test_a_complete_release_lacks_nothing(released: Path, capsys: pytest.Capture
     assert "it is complete" in capsys.readouterr().out
 
 
+@pytest.mark.slow
 def test_what_a_release_lacks_is_named(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     root = write(tmp_path / "root", {"random": 2, "adr": 1})
     SyntheticCampaign(root, experiment="mostly_trivial", campaign="core", steps=STEPS).run(

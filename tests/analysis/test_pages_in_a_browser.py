@@ -196,6 +196,7 @@ def test_a_report_is_read_through_at_another_step_and_without_a_teacher(
     assert_a_phone_shows_it(reader)
 
 
+@pytest.mark.slow
 def test_a_comparison_is_read_through_at_another_step(reader: Reader, small_comparison: Path) -> None:
     assert_opens_well(reader, small_comparison)
     reader.choose_step(0)

@@ -59,6 +59,7 @@ def test_sentences_count_challenges_after_holms_correction(tmp_path: Path) -> No
     assert "Over 3 challenges (expert knowledge none" in shown(tmp_path)
 
 
+@pytest.mark.slow
 def test_estimates_over_all_challenges_and_the_area_under_the_curve(tmp_path: Path) -> None:
     for challenge in ("mostly_trivial", "mostly_unfeasible"):
         write(tmp_path, "random", [2, 3, 2, 3], challenge)

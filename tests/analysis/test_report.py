@@ -204,6 +204,7 @@ def test_failed_runs_are_named_with_their_error(tmp_path: Path) -> None:
     assert "1 of 2" in page.text
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("unpainted")
 def test_a_campaign_under_way(tmp_path: Path) -> None:
     campaign = small(tmp_path)
@@ -229,6 +230,7 @@ def test_a_campaign_whose_runs_have_only_begun(tmp_path: Path) -> None:
     assert "not evaluated yet" in page.text
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("unpainted")
 def test_nothing_mastered_compares_returns(tmp_path: Path) -> None:
     campaign = small(tmp_path, steps=1000)
@@ -243,6 +245,7 @@ def test_nothing_mastered_compares_returns(tmp_path: Path) -> None:
     assert "better" in page.text
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("unpainted")
 def test_no_teacher_better_than_random(tmp_path: Path) -> None:
     campaign = small(tmp_path, steps=1000)
@@ -263,6 +266,7 @@ def test_test_tasks_in_no_grid_and_a_larger_task_space(tmp_path: Path) -> None:
     assert report(tmp_path).charts == [*(f"comparison-1-{name}" for name in charts), "profiles-1"]
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("unpainted")
 def test_warnings_are_shown(tmp_path: Path) -> None:
     campaign = small(tmp_path, steps=1000)
@@ -293,6 +297,7 @@ def test_a_damaged_file_is_left_out_and_named(tmp_path: Path, harm: Callable[[Pa
     assert "ALP-GMM masters" in page.words
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "highs",
     [pytest.param((1,), marks=pytest.mark.slow), (1, 0), pytest.param((1, 1, 1), marks=pytest.mark.slow)],

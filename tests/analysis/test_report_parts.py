@@ -52,6 +52,7 @@ def test_videos_are_embedded_with_what_came_of_them(
     assert "ADR, seed 2 (its best seed by mastered tasks), on test task 1 (1): return 123.4" in text
 
 
+@pytest.mark.slow
 def test_without_videos_there_is_no_heading_for_them(root: Path) -> None:
     assert "Policies at work" not in write_report(root).read_text()
 

@@ -61,6 +61,7 @@ def test_random_serves_across_roots_and_levels(roots: tuple[Path, Path]) -> None
     assert (duel["second"], duel["difference"], duel["reason"]) == ("random", 50, "")
 
 
+@pytest.mark.slow
 def test_random_of_other_conditions_does_not_serve(tmp_path: Path) -> None:
     write(tmp_path / "mine", "frontier", "low", [7, 8], "frontier")
     for name, changes in (("budget", {"steps": 500}), ("physics", {"physics_version": 2})):
@@ -94,6 +95,7 @@ def test_what_is_one_name_in_two_roots_and_two_things_is_split(tmp_path: Path) -
     assert any("stand apart as" in note for note in frames.notes)
 
 
+@pytest.mark.slow
 def test_joined_roots_are_the_same_as_one_root(tmp_path: Path) -> None:
     write(tmp_path / "a", "random", "low", [2, 3, 2], "original")
     write(tmp_path / "b", "adr", "low", [7, 8, 7], "original")

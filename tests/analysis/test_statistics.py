@@ -175,6 +175,7 @@ def test_the_correlation_of_seeds_holds_the_true_one() -> None:
     assert 0.92 <= held / 400 <= 0.99
 
 
+@pytest.mark.slow
 def test_pairing_needs_more_correlation_the_fewer_the_runs() -> None:
     assert least_correlation(2) > least_correlation(5) > least_correlation(32) > 0
     rng = np.random.default_rng(7)

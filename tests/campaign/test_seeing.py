@@ -104,6 +104,7 @@ def test_status_tells_speed_and_time_left_of_a_living_campaign(one_failed: Path)
     assert {state.steps_per_second for state in later} == {0}, "a dead campaign has no speed"
 
 
+@pytest.mark.slow
 def test_thousands_of_failures_stay_readable(tmp_path: Path) -> None:
     committer = Committer.open(tmp_path)
     plan = campaign(idle("random"), seeds=tuple(range(100))).plan()

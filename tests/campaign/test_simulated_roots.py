@@ -72,6 +72,7 @@ def test_a_root_is_whole_and_written_once(played: Played, root: Path) -> None:
     assert verify_root(Store.open(root)).damage == ()
 
 
+@pytest.mark.slow
 def test_it_can_be_released_and_is_complete(root: Path, tmp_path: Path) -> None:
     place = release(root, "simulated-x", tmp_path, "CC0-1.0", contents=LEAN)
     found = verify(place)

@@ -15,6 +15,7 @@ NAMES = ("analysis.py", "ray.py", "pandas.py")
 SCRIPT = Path(sys.executable).with_name("tma-ray")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "start",
     [

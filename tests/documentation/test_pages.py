@@ -15,6 +15,7 @@ from data_blocks import CHECKS
 from declared import CHANGES, ENDINGS, EXEMPTIONS, changed, exempt, exit_code
 
 LONG = (
+    "docs/add_environment.md",
     "docs/commands.md",
     "docs/object_stores.md",
     "docs/policies.md",

@@ -45,6 +45,7 @@ def pixels(frame: np.ndarray, colour: palette.Colour, tolerance: int = 8) -> int
     return int(np.sum(np.all(np.abs(frame.astype(int) - colour) <= tolerance, axis=-1)))
 
 
+@pytest.mark.slow
 def test_the_camera_moves_smoothly_and_keeps_the_head_in_the_frame() -> None:
     for delta in (5, 10, 40):
         terrain = world(delta=delta)

@@ -101,6 +101,7 @@ def test_no_pair_is_tested_across_engines(mixed: Frames) -> None:
     assert set(pooled(runs)["engine"]) == {"Box2D", CHIPMUNK}
 
 
+@pytest.mark.slow
 def test_reports_and_tables_keep_them_apart(mixed: Frames) -> None:
     assert "engine" in GROUP
     finals = final_evaluations(mixed)

@@ -178,6 +178,7 @@ def test_a_matrix_that_is_refused_as_a_whole_is_a_row_of_dashes(capsys: pytest.C
     assert capsys.readouterr().out.splitlines()[-1].split()[-2:] == ["none", "–"]  # noqa: RUF001
 
 
+@pytest.mark.slow
 def test_the_command_writes_rows_and_shows_tables(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     command = ["simulate", "--teachers", "random,odd_levels:NeedsLow", "--challenges", "forgetting_student"]
     command += ["--expert-knowledge", "none,low", "--seeds", "2", "--episodes", "100"]
