@@ -146,6 +146,7 @@ def unnamed(damaged: dict[str, str], text: str) -> dict[str, str]:
     return {run: path for run, path in damaged.items() if path not in text}
 
 
+@pytest.mark.slow
 def test_status_and_ranking_go_on(root: Path, runs: Any) -> None:
     _, damaged, records = runs
     found, text = messages_of(lambda: overview(root, time.time()))

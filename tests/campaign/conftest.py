@@ -20,6 +20,7 @@ def cluster() -> Iterator[None]:
 
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("PYTHONPATH", os.pathsep.join(HELPERS), prepend=os.pathsep)  # workers inherit it
+        patch.setenv("RAY_worker_niceness", "0")  # else tests beside them leave workers next to nothing
         connect(None)
     yield
     ray.shutdown()

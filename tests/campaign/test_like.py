@@ -62,6 +62,7 @@ def test_cells_seeds_and_settings_are_those_of_the_release(tmp_path: Path, level
     }
 
 
+@pytest.mark.slow
 def test_a_teacher_of_the_release_gives_the_runs_of_the_release(tmp_path: Path) -> None:
     source = core(("spdl:preset=release", "setter_solver"))
     plan = like_plan("mine", released(tmp_path, source), ["setter_solver", "spdl:preset=release"])

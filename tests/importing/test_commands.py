@@ -20,6 +20,7 @@ def run(*arguments: object) -> int:
     return main([*map(str, arguments)])
 
 
+@pytest.mark.slow
 def test_from_their_folder_to_a_ranking(
     release: Release, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

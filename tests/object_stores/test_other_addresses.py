@@ -117,6 +117,7 @@ def test_a_published_release_is_whole_and_reads_as_on_disk(packed: Path, publish
     assert measures(published) == measures(packed)
 
 
+@pytest.mark.slow
 def test_a_published_release_is_never_overwritten(packed: Path, published: str) -> None:
     with pytest.raises(BaselineError, match="never overwritten"):
         publish(packed, published)

@@ -72,7 +72,9 @@ def test_up_to_its_first_reset_a_run_is_one_without(tmp_path: Path, student: str
 @pytest.mark.parametrize(
     ("student", "changes"),
     [
-        pytest.param("ppo", {"resets": (1_050, 1_600), "cuts": 4}, id="ppo-resets-shuffled"),
+        pytest.param(
+            "ppo", {"resets": (1_050, 1_600), "cuts": 4}, id="ppo-resets-shuffled", marks=pytest.mark.slow
+        ),
         pytest.param("sac", {"resets": (1_050, 1_600)}, id="sac-resets", marks=pytest.mark.slow),
     ],
 )

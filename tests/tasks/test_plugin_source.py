@@ -144,6 +144,7 @@ def python(*arguments: str, cwd: Path) -> str:
     return result.stdout.strip() or result.stderr.strip().splitlines()[-1]
 
 
+@pytest.mark.slow
 def test_a_script_is_known_by_its_file(tmp_path: Path) -> None:
     folder = tmp_path / "far" / "away"
     folder.mkdir(parents=True)

@@ -77,6 +77,7 @@ def test_one_task_in_ten_is_uniform() -> None:
     assert np.abs(teacher.probe(1000)[:, 0] - 1).max() < 0.01
 
 
+@pytest.mark.slow
 def test_it_follows_forgetting_too_and_logs_every_fit() -> None:
     teacher = covar_gmm()
     for index in range(900):  # low stumps are forgotten, the others stay as they are

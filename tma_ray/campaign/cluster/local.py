@@ -39,9 +39,13 @@ class OwnProcesses:
         self._core: dict[psutil.Process, str] = {}
 
     def look(self) -> None:
-        """Takes note of what has been started."""
+        """Takes note of what has been started.
+
+        Core processes are children of this one. The node manager's own children bear its name, too, until
+        they become workers, which may end at any time.
+        """
         self._started |= set(psutil.Process().children(recursive=True)) - self._others
-        for process in self._started - set(self._core):
+        for process in set(psutil.Process().children()) - self._others - set(self._core):
             with suppress(psutil.NoSuchProcess):
                 name = process.name()
                 if name in CORE:

@@ -1,0 +1,38 @@
+"""Which processes of its own Ray a driver cannot do without."""
+
+from __future__ import annotations
+
+import shutil
+import subprocess
+from pathlib import Path
+
+import psutil
+
+from tma_ray.campaign.cluster.local import OwnProcesses
+
+
+def test_children_of_the_node_manager_may_end_and_the_node_manager_may_not(tmp_path: Path) -> None:
+    """Until they are workers, they bear its name."""
+    bash = shutil.which("bash")
+    assert bash is not None
+    raylet = shutil.copy(bash, tmp_path / "raylet")
+    processes = OwnProcesses()
+    with subprocess.Popen(
+        [raylet, "-c", f"{raylet} -c 'echo; read line'; echo; read line"],
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        text=True,
+    ) as node:
+        assert node.stdin is not None and node.stdout is not None  # noqa: PT018
+        node.stdout.readline()
+        (child,) = psutil.Process(node.pid).children()
+        assert child.name() == "raylet"
+        assert processes.lost() is None
+        node.stdin.write("\n")
+        node.stdin.flush()
+        node.stdout.readline()
+        assert not child.is_running()
+        assert processes.lost() is None
+        node.kill()
+        node.wait()
+        assert "node manager (raylet)" in str(processes.lost())
