@@ -21,6 +21,8 @@ from analysis.looks import look
 from analysis.names import teacher_order
 from analysis.pages.charts.scalars import BINS, MOST_PER_TEACHER, hidden_scalars, scalar_charts, scalars_of
 
+pytestmark = pytest.mark.slow
+
 PLANE = axes(2)
 
 

@@ -18,6 +18,8 @@ from analysis.figures.style import png
 from analysis.looks import look
 from analysis.measures.pooling import COMPARED, pooled
 
+pytestmark = pytest.mark.slow
+
 TEACHERS = ("random", "adr", "alp_gmm", "spdl")
 
 

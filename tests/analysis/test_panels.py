@@ -16,6 +16,8 @@ from analysis.figures.style import png
 from analysis.measures.pooling import pool_runs
 from analysis.measures.run_measures import evaluations_at, training_returns_at
 
+pytestmark = pytest.mark.slow
+
 
 def parkour_runs() -> pd.DataFrame:
     bodies = ("classic_bipedal", "fish", "climbing_chimpanzee")

@@ -22,6 +22,8 @@ from analysis.figures.style import png
 from analysis.looks import look
 from analysis.measures.pooling import pooled, reuse_random
 
+pytestmark = pytest.mark.slow
+
 CHALLENGES = [
     "mostly_unfeasible",
     "mostly_trivial",

@@ -23,6 +23,8 @@ from tma_ray.importing import import_results
 from tma_ray.results import CHIPMUNK, Committer, RunRecord, RunWriter, Store, Table
 from tma_ray.runs import RunSpec
 
+pytestmark = pytest.mark.slow
+
 LEVEL = "none"
 
 
