@@ -68,7 +68,7 @@ def plain(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return root
 
 
-FAST = ("budgets", "bodies")
+FAST = ("budgets",)
 
 
 @pytest.fixture(

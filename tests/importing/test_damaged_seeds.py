@@ -16,6 +16,8 @@ from analysis import load
 from tma_ray.importing import ImportRefusedError, import_results
 from tma_ray.results import RunStatus, Table
 
+pytestmark = pytest.mark.slow
+
 NAME = stumps("ALP-GMM", 1)
 BAD = f"{NAME}/{NAME}_s1"
 

@@ -23,6 +23,8 @@ from tma_ray.results import (
     check_usable,
 )
 
+pytestmark = pytest.mark.slow
+
 ROOT = Path(__file__).parents[2] / "notebooks" / "data" / "ppo-lite"
 
 MEMORY = "memory://other-addresses/ppo-lite"

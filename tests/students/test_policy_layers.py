@@ -14,6 +14,8 @@ from torch import nn
 from tma_ray.students import PolicyFileError, Student, load_policy, policy_layers
 from tma_ray.students.layers import acting_layers
 
+pytestmark = pytest.mark.slow
+
 
 @pytest.mark.parametrize("name", [*OURS, *VALUES])
 def test_layers_act_as_the_policy(name: str, tmp_path: Path) -> None:
