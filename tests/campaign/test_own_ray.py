@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ipaddress
+import subprocess
 import time
 from pathlib import Path
 
@@ -39,6 +40,17 @@ def is_loopback(address: str) -> bool:
     return (mapped or found).is_loopback
 
 
+def assert_ends_soon_with_nothing_left(
+    driver: subprocess.Popen[bytes], processes: list[psutil.Process]
+) -> None:
+    """Once one of its Ray's core processes has been killed."""
+    killed = time.monotonic()
+    assert driver.wait(timeout=60) == RAY_LOST
+    assert time.monotonic() - killed < 15
+    _, left = psutil.wait_procs(processes, timeout=3)
+    assert left == []
+
+
 @pytest.mark.parametrize("core", ["gcs_server", "raylet"])
 def test_listens_on_loopback_only_and_ends_with_its_core_processes(tmp_path: Path, core: str) -> None:
     root = tmp_path / "root"
@@ -51,14 +63,9 @@ def test_listens_on_loopback_only_and_ends_with_its_core_processes(tmp_path: Pat
         assert [place for place in sockets if not is_loopback(place[0])] == []
 
         next(process for process in processes if process.name() == core).kill()
-        killed = time.monotonic()
-        assert driver.wait(timeout=60) == RAY_LOST
-        seconds = time.monotonic() - killed
+        assert_ends_soon_with_nothing_left(driver, processes)
     finally:
         driver.kill()
-    assert seconds < 15
-    _, left = psutil.wait_procs(processes, timeout=3)
-    assert left == []
     said = (tmp_path / "said.txt").read_text()
     assert "the same command continues" in said
     assert "Traceback" not in said
@@ -79,14 +86,9 @@ def test_a_ray_that_dies_while_it_starts_ends_the_driver_with_a_message(tmp_path
             time.sleep(0.05)
         processes = family(driver.pid)
         names[core].kill()
-        killed = time.monotonic()
-        assert driver.wait(timeout=60) == RAY_LOST
-        seconds = time.monotonic() - killed
+        assert_ends_soon_with_nothing_left(driver, processes)
     finally:
         driver.kill()
-    assert seconds < 15
-    _, left = psutil.wait_procs(processes, timeout=3)
-    assert left == []
     said = (tmp_path / "said.txt").read_text()
     assert "same command" in said
     assert "Traceback" not in said

@@ -9,10 +9,10 @@ from dataclasses import dataclass
 from typing import Any, Concatenate, ParamSpec, TypeVar, cast
 
 import ray
-from ray.util.scheduling_strategies import NodeAffinitySchedulingStrategy, NodeLabelSchedulingStrategy, NotIn
 
+from tma_ray.campaign.placing.launching import launcher, node_strategy
 from tma_ray.campaign.preflight.shipping import use_shipped
-from tma_ray.campaign.settings import GIB, Resources, TeacherPlacement
+from tma_ray.campaign.settings import Resources, TeacherPlacement
 from tma_ray.results import AttemptOutcome, AttemptRecord, PartFile, Store
 from tma_ray.runs.inputs import contents, fetch, provide
 from tma_ray.runs.placement import Placement, Status
@@ -21,9 +21,6 @@ from tma_ray.runs.teaching import InlineTeacher, TeacherLink
 
 Arguments = ParamSpec("Arguments")
 Result = TypeVar("Result")
-
-NODE_LABEL = "ray.io/node-id"
-"""Label that Ray gives every node."""
 
 CONCURRENT_CALLS = 4
 """Of a seed actor at once: the run, another that waits for it, a report and a request."""
@@ -44,19 +41,6 @@ class Report:
     status: Status
     parts: tuple[PartFile, ...] | None
     node: str
-
-
-def node_strategy(node: str, avoid: Sequence[str]) -> Any:
-    """Returns how Ray chooses the node of a run.
-
-    Args:
-        node: Ray's id of the only one that will do; empty: any.
-        avoid: nodes that are taken only if the others are full.
-    """
-    if node:
-        return NodeAffinitySchedulingStrategy(node, soft=False)
-    others: Any = NotIn
-    return NodeLabelSchedulingStrategy({}, soft={NODE_LABEL: others(*avoid)}) if avoid else "DEFAULT"
 
 
 class TeacherActor(InlineTeacher):
@@ -84,7 +68,7 @@ class RemoteTeacher:
     """The link to a teacher actor on this node; see `TeacherLink`. The actor dies with this process."""
 
     def __init__(self, spec: RunSpec) -> None:
-        here = NodeAffinitySchedulingStrategy(ray.get_runtime_context().get_node_id(), soft=False)
+        here = node_strategy(ray.get_runtime_context().get_node_id())
         remote: Any = ray.remote(TeacherActor)
         options = {"num_cpus": 0, "max_restarts": 0, "scheduling_strategy": here}
         self.actor = remote.options(**options).remote(spec.to_dict(), contents([spec]))
@@ -125,15 +109,7 @@ class SeedActor:
     @classmethod
     def launch(cls, resources: Resources, strategy: Any, *arguments: Any) -> Any:
         """Returns the handle of a new seed actor on a node of `node_strategy`, made with `arguments`."""
-        remote: Any = ray.remote(cls)
-        return remote.options(
-            num_cpus=resources.cpus,
-            num_gpus=resources.gpus,
-            memory=int(resources.memory_gib * GIB),
-            max_restarts=0,
-            max_concurrency=CONCURRENT_CALLS,
-            scheduling_strategy=strategy,
-        ).remote(*arguments)
+        return launcher(cls, resources, strategy, CONCURRENT_CALLS).remote(*arguments)
 
     def run(self) -> tuple[PartFile, ...] | None:
         """Executes the attempt; returns the canonical result files, or None after a stop.

@@ -14,7 +14,7 @@ from typing import Any
 import ray
 from ray.exceptions import ActorUnavailableError, ActorUnschedulableError, RayActorError, RayTaskError
 
-from tma_ray.campaign.actors import Report, SeedActor, node_strategy
+from tma_ray.campaign.actors import Report, SeedActor
 from tma_ray.campaign.cluster.errors import HeadLostError
 from tma_ray.campaign.cluster.head import Head
 from tma_ray.campaign.failures.outages import RetryingCommitter
@@ -22,6 +22,7 @@ from tma_ray.campaign.failures.retries import Retries
 from tma_ray.campaign.failures.silence import Silence
 from tma_ray.campaign.monitor.progress import ActiveRun, Snapshot, View
 from tma_ray.campaign.placing.cohorts import Cohorts
+from tma_ray.campaign.placing.launching import node_strategy
 from tma_ray.campaign.placing.places import AnyNode, Place, Places
 from tma_ray.campaign.settings import Settings
 from tma_ray.results import (

@@ -12,8 +12,8 @@ from typing import Any, NamedTuple
 
 import psutil
 import ray
-from ray.util.scheduling_strategies import NodeAffinitySchedulingStrategy
 
+from tma_ray.campaign.placing.launching import launcher, node_strategy
 from tma_ray.campaign.settings import GIB, Resources
 from tma_ray.results import LearnerProgress
 from tma_ray.students import Learner
@@ -60,16 +60,7 @@ class LearnerActor:
     @classmethod
     def launch(cls, settings: CohortSettings, resources: Resources, node: str) -> Any:
         """Returns the handle of a new learner on a node, by Ray's id; without one, Ray chooses."""
-        here = NodeAffinitySchedulingStrategy(node, soft=False) if node else "DEFAULT"
-        remote: Any = ray.remote(cls)
-        return remote.options(
-            num_cpus=resources.cpus,
-            num_gpus=resources.gpus,
-            memory=int(resources.memory_gib * GIB),
-            max_restarts=0,
-            max_concurrency=CONCURRENT_CALLS,
-            scheduling_strategy=here,
-        ).remote(settings)
+        return launcher(cls, resources, node_strategy(node), CONCURRENT_CALLS).remote(settings)
 
     def open(self) -> Opened:
         """Returns when players can connect.
