@@ -22,7 +22,8 @@ def plan(stage: str) -> Plan:
     assert all(intervals), "lite-1 has intervals of its own"
     evaluation, probe, window = (interval or 0 for interval in intervals)
     schedule = Schedule(evaluation_interval=evaluation, probe_interval=probe, training_window=window)
-    campaigns = matrix_campaigns(LITE_1_STAGES[stage], LITE_1_TEACHERS, schedule)
+    matrices = [matrix.taught_by(LITE_1_TEACHERS) for matrix in LITE_1_STAGES[stage]]
+    campaigns = matrix_campaigns(matrices, schedule=schedule)
     return joined_plan(f"lite_1_{stage}", campaigns)
 
 

@@ -1,4 +1,4 @@
-"""The runs of the release lite-1, a stage after the other: core, levels, parkour, seeds.
+"""The runs of the release lite-1, a stage after the other: core, today, levels, parkour, seeds.
 
 nice -n 19 python experiments/lite_1.py --stage core --results lite --yes
 """

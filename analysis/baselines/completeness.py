@@ -15,16 +15,16 @@ MOST_BYTES = 15_000_000
 FEWEST_SEEDS = 3
 """Seeds that every cell needs."""
 
-COMBINATION = ["experiment", "environment", "challenge", "embodiment", "student", "expert_knowledge"]
+COMBINATION = ["campaign", "experiment", "environment", "challenge", "embodiment", "student", "expert_knowledge"]
 """Columns of cells that teachers have in common to be compared."""
 
 
 def lacking(baseline: Baseline) -> list[str]:
     """Returns what a release lacks to be complete, in words; empty if nothing.
 
-    Complete is a release of whole campaigns under a licence: every planned run is done, the teachers of each
-    combination of challenge, body, student and level have the same seeds, of which there are at least 3; all
-    runs are of one version of the benchmark; no attempt names a machine; it has at most 15 MB.
+    Complete is a release of whole campaigns under a licence: every planned run is done, in each campaign the
+    teachers of a combination of challenge, body, student and level have the same seeds, of which there are at
+    least 3; all runs are of one version of the benchmark; no attempt names a machine; it has at most 15 MB.
 
     Raises:
         BaselineError: it has no runs, being published means and deviations.
@@ -56,7 +56,7 @@ def _of_runs(frames: Frames) -> Iterator[str]:
     if len(frames.attempts) and (frames.attempts["host"].astype(str) != "").any():
         yield "its attempts name machines: release it with --lean"
     for key, rows in frames.cells.groupby(COMBINATION, sort=True):
-        place = " ".join(str(value) for value in key[1:])
+        place = " ".join(str(value) for value in key[2:])
         seeds = {str(teacher): frozenset(own["seed"]) for teacher, own in rows.groupby("teacher")}
         everywhere = frozenset().union(*seeds.values())
         for teacher, own in seeds.items():

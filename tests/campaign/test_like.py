@@ -33,9 +33,11 @@ def released(folder: Path, *plans: Plan) -> Results:
     return Results.open(folder)
 
 
-def core(teachers: tuple[str, ...] = ("random", "alp_gmm"), name: str = "core") -> Plan:
+def core(
+    teachers: tuple[str, ...] = ("random", "alp_gmm"), name: str = "core", seeds: tuple[int, ...] = (0, 1)
+) -> Plan:
     matrices = find_experiment("lite_1").stage("core")
-    small = [replace(matrix, seeds=(0, 1), steps=2_000) for matrix in matrices]
+    small = [replace(matrix, seeds=seeds, steps=2_000) for matrix in matrices]
     return joined_plan(name, matrix_campaigns(small, teachers, SCHEDULE))
 
 
@@ -50,8 +52,8 @@ def kinds(specs: tuple[RunSpec, ...]) -> set[tuple[object, ...]]:
 
 
 def test_cells_seeds_and_settings_are_those_of_the_release(tmp_path: Path, levels: Plan) -> None:
-    source = core()
-    plan = like_plan("mine", released(tmp_path, source, levels), ["riac"], ["core"])
+    source, more_seeds = core(), core(("random",), "seeds", (0, 1, 2))
+    plan = like_plan("mine", released(tmp_path, source, levels, more_seeds), ["riac"], ["core"])
     assert kinds(plan.runs) == kinds(source.runs)
     assert len(plan.runs) == 7 * 2
     assert {spec.teacher for spec in plan.runs} == {"riac"}

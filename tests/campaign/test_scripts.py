@@ -65,6 +65,18 @@ def test_a_stage_runs_every_first_seed_first_at_the_highest_level_that_makes_a_d
     assert len({spec.run_id for spec in plan.runs} & {s.run_id for s in planned("lite_1").runs}) == 350
 
 
+def test_the_stage_of_todays_teachers_has_their_cells_alone() -> None:
+    plan = planned("lite_1", "--stage", "today")
+    assert (plan.name, len(plan.runs)) == ("lite_1_today", 8 * 3 * 3)
+    assert values(plan, "challenge") == {"original", "mostly_unfeasible", "rugged_difficulty"}
+    assert {spec.seed for spec in plan.runs} == {0, 1, 2}
+    assert "ramp:steps=1000000" in values(plan, "teacher")
+    assert values(planned("lite_1", "--stage", "today", "--teachers", "sfl,ramp"), "teacher") == {
+        "sfl",
+        "ramp:steps=1000000",
+    }
+
+
 def test_students_of_the_users_own_take_the_place_of_the_papers() -> None:
     plan = planned("parkour", "--students", "TD3", "--embodiments", "fish", "--teachers", "random")
     assert {(spec.student, spec.embodiment) for spec in plan.runs} == {("TD3", "fish")}

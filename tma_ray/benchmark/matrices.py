@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 from tma_ray.benchmark.challenges import find_challenge
@@ -53,6 +53,10 @@ class Matrix:
 
     def __post_init__(self) -> None:
         find_challenge(self.environment, self.challenge)
+
+    def taught_by(self, teachers: Sequence[str]) -> Matrix:
+        """Returns it with `teachers` if it leaves them open, else as it is."""
+        return self if self.teachers else replace(self, teachers=tuple(teachers))
 
     def points(self) -> tuple[tuple[dict[str, Any], dict[str, Any]], ...]:
         """Returns hyper-parameters of teacher and student for each point; one empty point without grids."""

@@ -75,9 +75,10 @@ def experiment_plan(experiment: Experiment, options: argparse.Namespace) -> Plan
         name: getattr(size, name) for name in ("evaluation_interval", "probe_interval", "training_window")
     }
     schedule = Schedule(**{name: value for name, value in given.items() if value is not None})
-    campaigns = matrix_campaigns(
-        matrices, _teachers(experiment, size, options), replace_schedule(schedule, options)
-    )
+    if not options.teachers:
+        default = _default_teachers(experiment, size)
+        matrices = tuple(matrix.taught_by(default) for matrix in matrices)
+    campaigns = matrix_campaigns(matrices, options.teachers or (), replace_schedule(schedule, options))
     independent = options.independent_levels
     return joined_plan(
         "_".join(filter(None, (experiment.name, options.stage))),
@@ -125,12 +126,13 @@ def _seeds(matrix: Matrix, places: Sequence[int]) -> tuple[int, ...]:
     return tuple(matrix.seeds[place] for place in places)
 
 
-def _teachers(experiment: Experiment, size: Size, options: argparse.Namespace) -> Sequence[str]:
-    """Returns who teaches: whom the flags name, else whom the tier or the experiment does."""
-    open_matrices = any(not matrix.teachers for matrix in experiment.matrices)
-    if options.teachers or not open_matrices:
-        return tuple(options.teachers or ())
-    if not experiment.teachers:
+def _default_teachers(experiment: Experiment, size: Size) -> Sequence[str]:
+    """Returns who teaches where neither a matrix nor the flags say: whom the tier names, else the experiment.
+
+    Raises:
+        ValueError: nobody does, and a matrix leaves it open.
+    """
+    if not experiment.teachers and any(not matrix.teachers for matrix in experiment.matrices):
         raise ValueError(
             "which teachers? Name them with --teachers, as in --teachers mine:Teacher,random; a teacher of "
             "your own is module:Name"

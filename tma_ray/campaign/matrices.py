@@ -23,8 +23,8 @@ def matrix_cells(
 
     Args:
         matrix: what to run.
-        teachers: who runs it if the matrix does not say; else those of its own that are kept, with the
-            hyper-parameters given here, all if none is given.
+        teachers: who runs it if the matrix does not say; else those of its own that are kept, with
+            hyper-parameters that are given here, all if none is given.
         teacher_hyperparameters: values that differ from each teacher's defaults.
         student_hyperparameters: values that differ from each student's defaults.
 
@@ -105,7 +105,12 @@ def _kept(matrix: Matrix, teachers: Sequence[str]) -> Sequence[str]:
         return teachers
     if not teachers:
         return matrix.teachers
-    return [given for teacher in matrix.teachers for given in teachers if base_name(given) == teacher]
+    return [
+        given if given != base_name(given) else teacher
+        for teacher in matrix.teachers
+        for given in teachers
+        if base_name(given) == base_name(teacher)
+    ]
 
 
 def _schedule(matrix: Matrix, schedule: Schedule | None) -> Schedule:

@@ -98,7 +98,7 @@ def _settings(released: Results, core: Collection[str]) -> list[_Setting]:
         raise ValueError(f"{released.store} has no campaign {unknown[0]!r}")
     names = ("experiment", "environment", "challenge", "embodiment", "student", "expert_knowledge")
     found: dict[tuple[str, ...], list[dict[str, Any]]] = {}
-    for row in cells:
+    for row in cells if not core else [row for row in cells if row["campaign"] in core]:
         found.setdefault(tuple(row[name] for name in names), []).append(row)
     return [
         _Setting(
@@ -108,7 +108,6 @@ def _settings(released: Results, core: Collection[str]) -> list[_Setting]:
             tuple(sorted({row["seed"] for row in rows})),
         )
         for key, rows in sorted(found.items())
-        if not core or any(row["campaign"] in core for row in rows)
     ]
 
 
