@@ -15,7 +15,15 @@ MOST_BYTES = 15_000_000
 FEWEST_SEEDS = 3
 """Seeds that every cell needs."""
 
-COMBINATION = ["campaign", "experiment", "environment", "challenge", "embodiment", "student", "expert_knowledge"]
+COMBINATION = [
+    "campaign",
+    "experiment",
+    "environment",
+    "challenge",
+    "embodiment",
+    "student",
+    "expert_knowledge",
+]
 """Columns of cells that teachers have in common to be compared."""
 
 
