@@ -29,7 +29,19 @@ STEPS = (
         "from tma_ray import cli\n"
         "with contextlib.redirect_stdout(io.StringIO()), contextlib.suppress(SystemExit):\n"
         "    cli.main(['--help'])",
-        LEARNING | PLOTTING | {"ray", "pandas", "pyarrow", "numba", "rich", "scipy", "analysis"},
+        LEARNING | PLOTTING | {"ray", "pandas", "pyarrow", "numba", "rich", "scipy", "analysis", "gymnasium"},
+    ),
+    Step(
+        "names of everything",
+        "quietly(['list'])",
+        LEARNING | PLOTTING | {"ray", "pandas", "pyarrow", "numba", "scipy", "analysis", "gymnasium"},
+    ),
+    Step(
+        "names known to gymnasium",
+        "import gymnasium, tma_ray.envs\n"
+        "assert tma_ray.envs.make_environment\n"
+        "assert gymnasium.spec('tma_ray/StumpTracks-v0')",
+        LEARNING | PLOTTING | {"ray", "pandas", "pyarrow", "numba", "scipy", "analysis"},
     ),
     Step(
         "names of worlds",
@@ -76,12 +88,12 @@ STEPS = (
         "InlineTeacher(spec).exchange(None)",
         LEARNING | {"pygame", "sklearn"},
     ),
-    Step("names of everything", "quietly(['list'])", LEARNING | {"pygame", "sklearn"}),
 )
 """What one process does, one after the other, those that need least first."""
 
 SCRIPT = """
 import contextlib, io, json, sys
+sys.orig_argv[1:1] = ["tma-ray"]  # as in a process of the command
 def quietly(arguments):
     with contextlib.redirect_stdout(io.StringIO()):
         assert cli.main(arguments) == 0

@@ -3,12 +3,14 @@
 Importing it makes the environments known to `gymnasium.make`.
 """
 
-from tma_ray.commands.early_interrupts import expect_early
+from importlib import import_module
+from sys import orig_argv
 
-expect_early()  # of the command alone: what follows takes a while
-
-from tma_ray.envs.registration import register_environments  # noqa: E402
+from tma_ray.commands.early_interrupts import expect_early, is_command
 
 __version__ = "0.1.0"
 
-register_environments()
+if is_command(orig_argv):  # starts at once; what it does with environments makes them known
+    expect_early()
+else:
+    import_module("tma_ray.envs.registration")

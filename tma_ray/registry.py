@@ -51,19 +51,28 @@ class Registry(Generic[T]):
         kind: what the names stand for ("teacher"), used in messages.
         entry_point_group: group under which installed packages may offer more.
         builtin: names shipped with tma_ray, each a ``module:Name`` target.
-        base: class that all implementations inherit from.
+        base: class that all implementations inherit from, or its ``module:Name``, imported when needed.
     """
 
     def __init__(
-        self, kind: str, entry_point_group: str, builtin: Mapping[str, str], base: type = object
+        self, kind: str, entry_point_group: str, builtin: Mapping[str, str], base: type | str = object
     ) -> None:
         self.kind = kind
-        self.base = base
+        self._base = base
         self.entry_point_group = entry_point_group
         self._targets = dict(builtin)
         self._decorated: dict[str, T] = {}
         self._origins: dict[str, str] = {}
         self._sources: dict[tuple[str, T], PluginSource] = {}
+
+    @property
+    def base(self) -> type:
+        """The class that all implementations inherit from."""
+        if isinstance(self._base, str):
+            module, _, name = self._base.partition(":")
+            found: type = getattr(importlib.import_module(module), name)
+            self._base = found
+        return self._base
 
     def register(self, name: str) -> Callable[[C], C]:
         """Returns a decorator that makes an implementation known under `name`.

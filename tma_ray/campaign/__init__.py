@@ -5,8 +5,9 @@ What is listed here is imported when it is first asked for: looking at a root ne
 
 from __future__ import annotations
 
-from importlib import import_module
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
+
+from tma_ray.later_imports import import_later
 
 if TYPE_CHECKING:
     from tma_ray.campaign.campaign import Campaign
@@ -23,23 +24,15 @@ __all__ = [
     "matrix_cells",
 ]
 
-_MODULES = {
-    "Campaign": "campaign",
-    "CampaignSpec": "plan",
-    "Plan": "plan",
-    "cells_of": "plan",
-    "joined_plan": "matrices",
-    "matrix_campaigns": "matrices",
-    "matrix_cells": "matrices",
-}
-
-
-def __getattr__(name: str) -> Any:
-    """Imports the module of a name when it is first asked for."""
-    if name not in _MODULES:
-        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    return getattr(import_module(f"{__name__}.{_MODULES[name]}"), name)
-
-
-def __dir__() -> list[str]:
-    return sorted({*globals(), *__all__})
+__getattr__, __dir__ = import_later(
+    __name__,
+    {
+        "Campaign": "tma_ray.campaign.campaign",
+        "CampaignSpec": "tma_ray.campaign.plan",
+        "Plan": "tma_ray.campaign.plan",
+        "cells_of": "tma_ray.campaign.plan",
+        "joined_plan": "tma_ray.campaign.matrices",
+        "matrix_campaigns": "tma_ray.campaign.matrices",
+        "matrix_cells": "tma_ray.campaign.matrices",
+    },
+)

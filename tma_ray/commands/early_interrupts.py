@@ -1,8 +1,8 @@
 """Ctrl-C while the package is being imported; it imports next to nothing itself, to be there at once."""
 
+import contextlib
 import os
 import signal
-import sys
 
 INTERRUPTED = 130
 """Exit code of a command that was stopped by Ctrl-C: 128 and the number of the signal, as of a shell."""
@@ -20,9 +20,6 @@ def leave_at_once(*_: object) -> None:
 
 
 def expect_early() -> None:
-    """Answers Ctrl-C while the package is being imported, if that is done for the command."""
-    if is_command(sys.orig_argv):
-        try:
-            signal.signal(signal.SIGINT, leave_at_once)
-        except ValueError:  # another thread than the main one imports it
-            return
+    """Answers Ctrl-C while the command imports the package."""
+    with contextlib.suppress(ValueError):  # another thread than the main one imports it
+        signal.signal(signal.SIGINT, leave_at_once)

@@ -30,6 +30,8 @@ ENTRIES = ("parts", "joints", "grip_sensors", "repeat")
 LARGEST = 1e9
 """Bound of every number in a body's file."""
 
+_TYPES = {kind: get_type_hints(kind) for kind in (Embodiment, Part, Joint, GripSensor)}
+
 EVERY_BODY = (SIZE, MOTOR_TORQUE, *SURVIVAL)
 """Parameters that every body has."""
 
@@ -167,7 +169,7 @@ def _decoded(
 ) -> dict[str, Any]:
     """Returns the fields of an entry as `kind` declares them; lists of further entries stay as they are."""
     _check_fields(what, entry, kind, renamed)
-    types, names = get_type_hints(kind), renamed or {}
+    types, names = _TYPES[kind], renamed or {}
     decoded = {}
     for name, value in entry.items():
         label = f"{what}: {names.get(name, name)}"

@@ -1,15 +1,20 @@
-"""Environments with procedurally generated worlds, as Gymnasium environments."""
+"""Environments with procedurally generated worlds, as Gymnasium environments.
 
-from tma_ray.envs.drawing.look import Look
-from tma_ray.envs.registration import (
-    ENVIRONMENTS,
-    Environment,
-    make_environment,
-    mastery_return,
-    register_environments,
-)
-from tma_ray.envs.vector import VectorEnvironment, make_vector_environment
-from tma_ray.physics import Signal
+What is listed here is imported when it is first asked for: names of environments need no gymnasium.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from tma_ray.later_imports import import_later
+
+if TYPE_CHECKING:
+    from tma_ray.envs.catalogue import ENVIRONMENTS
+    from tma_ray.envs.drawing.look import Look
+    from tma_ray.envs.registration import Environment, make_environment, mastery_return, register_environments
+    from tma_ray.envs.vector import VectorEnvironment, make_vector_environment
+    from tma_ray.physics import Signal
 
 __all__ = [
     "ENVIRONMENTS",
@@ -22,3 +27,18 @@ __all__ = [
     "mastery_return",
     "register_environments",
 ]
+
+__getattr__, __dir__ = import_later(
+    __name__,
+    {
+        "ENVIRONMENTS": "tma_ray.envs.catalogue",
+        "Environment": "tma_ray.envs.registration",
+        "Look": "tma_ray.envs.drawing.look",
+        "Signal": "tma_ray.physics",
+        "VectorEnvironment": "tma_ray.envs.vector",
+        "make_environment": "tma_ray.envs.registration",
+        "make_vector_environment": "tma_ray.envs.vector",
+        "mastery_return": "tma_ray.envs.registration",
+        "register_environments": "tma_ray.envs.registration",
+    },
+)

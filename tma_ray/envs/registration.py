@@ -9,9 +9,9 @@ from typing import Any
 
 import gymnasium
 
+from tma_ray.envs.catalogue import ENVIRONMENTS
 from tma_ray.hyperparameters import parse_settings
 from tma_ray.part_names import split_name
-from tma_ray.registry import Registry
 from tma_ray.tasks import MASTERY_RETURN, TaskSpace
 
 Environment = gymnasium.Env[Any, Any]
@@ -19,17 +19,6 @@ Environment = gymnasium.Env[Any, Any]
 takes ``options={"task": …}``. It may have an attribute `mastery_return`, the episodic return over which a
 task counts as mastered, and `observation_signals` and `action_signals`, which tell what the values mean
 (sequences of `Signal`)."""
-
-ENVIRONMENTS: Registry[type[Environment]] = Registry(
-    "environment",
-    "tma_ray.environments",
-    {
-        "stump_tracks": "tma_ray.envs.stump_tracks:StumpTracks",
-        "parkour": "tma_ray.envs.parkour:Parkour",
-    },
-    gymnasium.Env,
-)
-"""Environments by name; more through `ENVIRONMENTS.register`, an entry point, or ``module:Name``."""
 
 GYMNASIUM_IDS = {
     "tma_ray/StumpTracks-v0": ("tma_ray.envs.stump_tracks:StumpTracks", "tma_ray.envs.vector:stump_tracks"),
@@ -39,7 +28,7 @@ GYMNASIUM_IDS = {
 
 
 def register_environments() -> None:
-    """Registers the environments with gymnasium; importing tma_ray does it."""
+    """Registers the environments with gymnasium; importing this module does it."""
     for name, (one, many) in GYMNASIUM_IDS.items():
         if name not in gymnasium.registry:
             gymnasium.register(id=name, entry_point=one, vector_entry_point=many)
@@ -84,3 +73,6 @@ def mastery_return(environment: Environment) -> float:
     if not isinstance(value, Real) or not math.isfinite(value):
         raise ValueError(f"mastery_return = {value!r} of {environment}: expected a finite number")
     return float(value)
+
+
+register_environments()

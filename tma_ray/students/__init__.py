@@ -1,18 +1,28 @@
-"""Students: deep-RL algorithms over stable-baselines3. Importing this package does not import torch."""
+"""Students: deep-RL algorithms over stable-baselines3.
 
-from tma_ray.students.base import Policy, Student, Transition
-from tma_ray.students.catalogue import (
-    STUDENTS,
-    canonical_student,
-    check_hyperparameters,
-    default_hyperparameters,
-    load_policy,
-    make_student,
-    policy_layers,
-)
-from tma_ray.students.hyperparameters import PPOHyperparameters, SACHyperparameters
-from tma_ray.students.players import Learner, make_player
-from tma_ray.students.policy_files import PolicyFileError, StoredPolicy, read_policy, write_policy
+What is listed here is imported when it is first asked for. None of it imports torch.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from tma_ray.later_imports import import_later
+
+if TYPE_CHECKING:
+    from tma_ray.students.base import Policy, Student, Transition
+    from tma_ray.students.catalogue import (
+        STUDENTS,
+        canonical_student,
+        check_hyperparameters,
+        default_hyperparameters,
+        load_policy,
+        make_student,
+        policy_layers,
+    )
+    from tma_ray.students.hyperparameters import PPOHyperparameters, SACHyperparameters
+    from tma_ray.students.players import Learner, make_player
+    from tma_ray.students.policy_files import PolicyFileError, StoredPolicy, read_policy, write_policy
 
 __all__ = [
     "STUDENTS",
@@ -34,3 +44,27 @@ __all__ = [
     "read_policy",
     "write_policy",
 ]
+
+__getattr__, __dir__ = import_later(
+    __name__,
+    {
+        "STUDENTS": "tma_ray.students.catalogue",
+        "Learner": "tma_ray.students.players",
+        "PPOHyperparameters": "tma_ray.students.hyperparameters",
+        "Policy": "tma_ray.students.base",
+        "PolicyFileError": "tma_ray.students.policy_files",
+        "SACHyperparameters": "tma_ray.students.hyperparameters",
+        "StoredPolicy": "tma_ray.students.policy_files",
+        "Student": "tma_ray.students.base",
+        "Transition": "tma_ray.students.base",
+        "canonical_student": "tma_ray.students.catalogue",
+        "check_hyperparameters": "tma_ray.students.catalogue",
+        "default_hyperparameters": "tma_ray.students.catalogue",
+        "load_policy": "tma_ray.students.catalogue",
+        "make_player": "tma_ray.students.players",
+        "make_student": "tma_ray.students.catalogue",
+        "policy_layers": "tma_ray.students.catalogue",
+        "read_policy": "tma_ray.students.policy_files",
+        "write_policy": "tma_ray.students.policy_files",
+    },
+)

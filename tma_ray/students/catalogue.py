@@ -7,7 +7,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from gymnasium import Space
 
 from tma_ray.commands.arguments import check_kind
 from tma_ray.commands.quantities import PROCESSES
@@ -24,6 +23,7 @@ from tma_ray.students.hyperparameters import (
 from tma_ray.students.sb3.algorithm_names import ALGORITHMS, PACKAGES
 
 if TYPE_CHECKING:
+    from gymnasium import Space
     from torch import nn
 
 STOCK = "stock:"
