@@ -127,7 +127,7 @@ def _within(entry: str) -> Iterator[str]:
     if store.exists(BASELINE_FILE):
         yield entry
         return
-    if store.is_object_store:
+    if "://" in entry:
         below = [path for path in store.files() if path.count("/") == 1]
     else:
         folder = Path(entry).expanduser()

@@ -16,6 +16,9 @@ BASELINE_FILE: Final = "baseline.json"
 FORMAT: Final = "tma_ray baseline"
 FORMAT_VERSION: Final = 1
 
+FOREIGN_FILES: Final = frozenset({".gitattributes"})
+"""Files that a place may keep beside those of a baseline: the hub's data sets have one from the start."""
+
 
 class BaselineError(ValueError):
     """A place that is not a baseline, or one that cannot be used; the message says why and what to do."""

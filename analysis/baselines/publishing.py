@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Collection
 from pathlib import Path
 
-from analysis.baselines.manifest import BASELINE_FILE, BaselineError, BaselineManifest
+from analysis.baselines.manifest import BASELINE_FILE, FOREIGN_FILES, BaselineError, BaselineManifest
 from analysis.baselines.verification import verify
 from tma_ray.results import Store
 
@@ -56,7 +56,7 @@ def check_address(address: str, paths: Collection[str] | None = None) -> None:
         raise BaselineError(
             f"{address} exists: a release is never overwritten; choose another name or address"
         )
-    others = set(target.files()) - set(paths) if paths is not None else ()
+    others = set(target.files()) - set(paths) - FOREIGN_FILES if paths is not None else ()
     if others:
         raise BaselineError(
             f"{address} holds {len(others)} files of something else, such as {min(others)}: choose another"

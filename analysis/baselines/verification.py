@@ -10,11 +10,12 @@ from typing import Final
 import pyarrow as pa
 
 from analysis.baselines.catalogue import Baseline, find_baseline
-from analysis.baselines.manifest import BASELINE_FILE, BaselineKind
+from analysis.baselines.manifest import BASELINE_FILE, FOREIGN_FILES, BaselineKind
 from tma_ray.results import (
     INPUTS,
     Damage,
     DamagedFileError,
+    ObjectStoreError,
     ResultsRootError,
     Store,
     damage_reason,
@@ -67,13 +68,15 @@ def verify(name: str | Path) -> Verification:
 
 def _damaged_files(store: Store, baseline: Baseline) -> Iterator[Damage]:
     files = {file.path: file for file in baseline.manifest.files}
-    for path in sorted(set(store.files()) - set(files) - {BASELINE_FILE}):
+    for path in sorted(set(store.files()) - set(files) - {BASELINE_FILE} - FOREIGN_FILES):
         yield Damage(path, "it is not of this baseline")
     for file in files.values():
         if PurePosixPath(file.path).suffix not in ENDINGS and not file.path.startswith(f"{INPUTS}/"):
             yield Damage(file.path, "a baseline does not hold files of this kind")
         try:
             read_checked(store, file.path, file.sha256)
+        except ObjectStoreError:  # which says nothing of the file
+            raise
         except (OSError, DamagedFileError) as error:
             yield Damage(file.path, damage_reason(error, store.where(file.path)))
 
@@ -85,6 +88,8 @@ def _damaged_content(store: Store, baseline: Baseline, known: set[str]) -> Itera
         return
     try:
         read_published(store)
+    except ObjectStoreError:
+        raise
     except (OSError, ValueError, pa.ArrowException) as error:
         yield Damage(BASELINE_FILE, f"its results cannot be read: {error}")
 

@@ -11,8 +11,10 @@ from pathlib import Path
 
 import fsspec
 import pytest
+from fsspec.implementations.memory import MemoryFile
 
 from analysis.baselines import BaselineError, find_baseline, publish, release, verify
+from analysis.baselines.catalogue import PLACES_VARIABLE
 from tma_ray.cli import main
 from tma_ray.results import (
     DamagedFileError,
@@ -91,6 +93,50 @@ def test_a_missing_library_is_named_with_the_extra_that_has_it(
         monkeypatch.delitem(sys.modules["fsspec.registry"]._registry, protocol, raising=False)
     with pytest.raises(ObjectStoreError, match=r"pip install 'tma_ray\[addresses\]'"):
         Store.open(address)
+
+
+class Refusing(Quiet):
+    """A handler that refuses every request."""
+
+    def do_GET(self) -> None:
+        self.send_error(403)
+
+    def do_HEAD(self) -> None:
+        self.do_GET()
+
+
+def test_a_place_that_refuses_or_is_gone_is_told_from_one_without_a_baseline(served: str) -> None:
+    pytest.importorskip("aiohttp")
+    with ThreadingHTTPServer(("127.0.0.1", 0), Refusing) as server:
+        threading.Thread(target=server.serve_forever, daemon=True).start()
+        address = f"http://127.0.0.1:{server.server_port}/mine"
+        with pytest.raises(ObjectStoreError, match=r"baseline\.json was refused: 403.*who may read there"):
+            verify(address)
+        server.shutdown()
+    for read in (verify, find_baseline, Results.open):
+        with pytest.raises(ObjectStoreError, match=r"cannot be reached: .*Connect call failed"):
+            read(address)
+    with pytest.raises(BaselineError, match=r"baseline\.json is missing"):
+        verify(f"{served}/tables")
+
+
+def test_a_place_that_is_lost_in_the_middle_is_no_damage_of_its_files(
+    packed: Path, published: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def lost(*_: object) -> None:
+        raise TimeoutError("no answer")
+
+    assert verify(published).whole
+    monkeypatch.setattr(MemoryFile, "read", lost)
+    with pytest.raises(ObjectStoreError, match="cannot be reached: no answer"):
+        verify(published)
+
+
+def test_a_variable_may_name_a_folder_of_baselines_at_an_address(
+    published: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv(PLACES_VARIABLE, published.rpartition("/")[0])
+    assert find_baseline("mine-1.0").place == published
 
 
 def test_campaigns_are_refused_where_nothing_can_be_written(served: str, memory: str) -> None:

@@ -6,13 +6,12 @@ import os
 import re
 import time
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from datetime import timedelta
 from random import SystemRandom
-from typing import Any, Final, TypeVar, cast
+from typing import Any, Final, TypeVar
 from urllib.parse import SplitResult, parse_qsl, unquote, urlencode, urlsplit
 
-import pyarrow as pa
 from pyarrow import fs
 
 from tma_ray.results.storage.errors import StorageError
@@ -108,26 +107,6 @@ def unwritable(error: Exception) -> str:
     if isinstance(error, NotImplementedError):
         return "results at an address of this kind can only be read"
     return f"{NO_BUCKET} ({error})"
-
-
-def open_address(uri: str) -> tuple[Any, str]:
-    """Returns the file system and path of an address that pyarrow or fsspec knows, such as ``hf://datasets/…``.
-
-    Raises:
-        ObjectStoreError: neither knows it, or a library is missing.
-    """
-    try:
-        with suppress(pa.ArrowInvalid, ValueError):  # not its own: fsspec may know it
-            return cast("tuple[Any, str]", fs.FileSystem.from_uri(uri))
-        from fsspec.core import url_to_fs
-
-        filesystem, path = url_to_fs(uri)
-    except (ImportError, ValueError) as error:
-        raise ObjectStoreError(
-            f"{uri.split('@')[-1]}: {error}; pip install 'tma_ray[addresses]' has the libraries for https:// "
-            f"and hf://"
-        ) from error
-    return fs.PyFileSystem(fs.FSSpecHandler(filesystem)), path
 
 
 def patiently(read: Callable[[], T]) -> T:

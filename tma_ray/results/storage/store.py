@@ -15,11 +15,11 @@ from pyarrow import fs
 from tma_ray.commands.arguments import check_kind
 from tma_ray.decoding import DamagedFileError
 from tma_ray.results.storage import disk
+from tma_ray.results.storage.addresses import open_address
 from tma_ray.results.storage.errors import explained_disk
 from tma_ray.results.storage.object_store import (
     ObjectStoreError,
     explained,
-    open_address,
     open_bucket,
     patiently,
     read_object,
