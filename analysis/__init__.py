@@ -4,7 +4,7 @@ Where to begin::
 
     import analysis
 
-    frames = analysis.load("results")
+    frames = analysis.load("results")  # or the name of a release, as "lite-1"
     frames.cells, frames.evaluations  # pandas frames
     runs = analysis.runs_after(frames)  # a row a run, with all that is measured of it
     analysis.pooled(runs)  # a row a teacher
@@ -17,11 +17,12 @@ matplotlib, scipy or jinja2, as `analysis.figures` does, is imported when it is 
 from __future__ import annotations
 
 from importlib import import_module
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from analysis.comparisons.pairwise import pairwise
 from analysis.comparisons.pairwise_statistics import pairwise_from_statistics
-from analysis.data.frames import Frames, load
+from analysis.data.frames import Frames
 from analysis.data.published import paper_frame
 from analysis.data.task_axes import task_axes
 from analysis.measures.curriculum_measures import curriculum_curves, curriculum_measures
@@ -79,6 +80,21 @@ _LATER = {
     "result_tables": "tables.paper_tables",
 }
 """Functions by the module they are in, which takes long to import."""
+
+
+def load(root: str | Path) -> Frames:
+    """Reads a results root, finished or not, or a release; what is missing is an empty frame and a warning.
+
+    Args:
+        root: a folder, an ``s3://`` or ``gs://`` address, or the name of a release.
+
+    Raises:
+        ResultsRootError: nothing of that name or at that place.
+        BaselineError: a damaged baseline, or one of published means, without runs.
+    """
+    from analysis.baselines.sources import read_one  # takes longer to import
+
+    return read_one(root)
 
 
 def __getattr__(name: str) -> Any:

@@ -1,4 +1,4 @@
-"""The notebooks run from top to bottom on the dataset beside them, and are committed without outputs."""
+"""The notebooks run from top to bottom on a release and the dataset beside them; none has outputs."""
 
 from __future__ import annotations
 

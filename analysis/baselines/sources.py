@@ -24,7 +24,7 @@ def read(sources: Sources) -> Frames:
         ValueError: none is given.
     """
     places = places_of(sources)
-    return joined([_frames(place) for place in places])
+    return joined([read_one(place) for place in places])
 
 
 def places_of(sources: Sources) -> tuple[str | Path, ...]:
@@ -46,7 +46,13 @@ def published(sources: Sources) -> Baseline | None:
     return baseline if baseline is not None and _without_runs(baseline) else None
 
 
-def _frames(place: str | Path) -> Frames:
+def read_one(place: str | Path) -> Frames:
+    """Returns the runs of a results root or a baseline.
+
+    Raises:
+        BaselineError: a damaged baseline, or one of published means, without runs.
+        ResultsRootError: nothing of that name or at that place.
+    """
     baseline = as_baseline(place)
     if baseline is None:
         return load(place)

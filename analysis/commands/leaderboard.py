@@ -16,9 +16,11 @@ from analysis.names import label
 from tma_ray.terminal import terminal
 
 EXPLANATION = (
-    "Mastered test tasks in %, mean ± 95 % margin. Ranks are by the mean over all challenges, which weigh "
-    "the same; those in brackets are the ranks that Welch's tests over all challenges leave open, after "
-    "Holm's correction for all pairs of teachers. Hours are those of a run on one core of its machines."
+    "Mastered test tasks in %, mean ± 95 % margin. Ranks are by the mean over the challenges of a table, "
+    "which weigh the same; those in brackets are the ranks that Welch's tests over these challenges leave "
+    "open, after Holm's correction for all pairs of teachers. A teacher without results on all challenges "
+    "is ranked on those that it has, in a table of its own. Hours are wall-clock hours of a run beside "
+    "others on the same machine; the card of a release says which."
 )
 
 
@@ -86,10 +88,11 @@ def _ranking(board: Leaderboard) -> Table:
 
 def _challenges(board: Leaderboard) -> Table:
     """Returns teachers by challenges, numbers without decimals so that six fit into 80 columns."""
-    table = Table(box=None, pad_edge=False, padding=(0, 1))
-    table.add_column("teacher", no_wrap=True, max_width=18)
+    table = Table(box=None, pad_edge=False, padding=(0, 0, 0, 1))
+    table.add_column("teacher", max_width=14, overflow="fold")
     for title in board.challenges:
-        table.add_column(title.removeprefix("Stump Tracks, "), justify="right", max_width=11)
+        heading = title.removeprefix("Stump Tracks, ").removesuffix(" task space")
+        table.add_column(heading, justify="right", max_width=10, overflow="fold")
     for entry in board.entries:
         numbers = (entry.results.get(title) for title in board.challenges)
         table.add_row(label(entry.rank.teacher), *(_short(each) if each else "" for each in numbers))
@@ -106,6 +109,11 @@ def _cells(board: Leaderboard, entry: Entry) -> list[str]:
     interval = f"{number(rank.mean)} [{number(rank.low)}, {number(rank.high)}]"
     known = (entry.results.get(title) for title in board.challenges)
     results = [plus_minus(*each) if each else "" for each in known]
-    lacking = "*" if rank.left_out and rank.challenges < len(board.challenges) else ""
-    place = f"{rank.rank}{open_ranks}{lacking}"
-    return [place, label(rank.teacher), interval, *results, str(rank.n), number(entry.hours, 2)]
+    return [
+        f"{rank.rank}{open_ranks}",
+        label(rank.teacher),
+        interval,
+        *results,
+        str(rank.n),
+        number(entry.hours, 2),
+    ]

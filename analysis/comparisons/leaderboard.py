@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any
 
@@ -11,6 +12,7 @@ from analysis.comparisons.aggregates import ACROSS, PLACES, stratified_means
 from analysis.comparisons.ranks import Rank, ranks
 from analysis.data.frames import Frames
 from analysis.formatting import amount
+from analysis.measures.pooling import PARTS
 from analysis.measures.student_pools import runs_after
 from analysis.measures.tested import MEASURE
 from analysis.names import challenge_title
@@ -23,7 +25,7 @@ class Entry:
     Attributes:
         rank: over all of its challenges, with what of it is certain.
         results: mastered test tasks in per cent, mean and 95 % margin, by the title of the challenge.
-        hours: of a run, on one core of the machines that the release was made on; NaN if unknown.
+        hours: of wall-clock time of a run, all its attempts together; NaN if unknown.
     """
 
     rank: Rank
@@ -33,10 +35,10 @@ class Entry:
 
 @dataclass(frozen=True)
 class Leaderboard:
-    """Teachers that may be compared, at one level of expert knowledge and one budget.
+    """Teachers with results on the same challenges, at one level of expert knowledge and one budget.
 
     Attributes:
-        title: level, budget and engine.
+        title: level, budget and engine, and how many challenges where that is not all.
         challenges: titles, in the order of the columns.
         entries: the best first.
     """
@@ -47,7 +49,11 @@ class Leaderboard:
 
 
 def leaderboards(frames: Frames) -> list[Leaderboard]:
-    """Returns a leaderboard for each level of expert knowledge and budget, those with most runs first.
+    """Returns leaderboards for each level of expert knowledge and budget, those with most runs first.
+
+    Teachers are ranked on the same challenges only: beside the leaderboard of those that have results on all,
+    there is one for each smaller set of challenges that is all that some teacher has, of everyone who has
+    these. A challenge counts where a teacher has all bodies and students that others have on it.
 
     Args:
         frames: of a release or any root; runs that have not ended count as far as they were evaluated.
@@ -55,15 +61,30 @@ def leaderboards(frames: Frames) -> list[Leaderboard]:
     runs = runs_after(frames)
     if runs.empty or not runs[MEASURE].notna().any():
         return []
-    hours = _hours(frames)
-    found = [
-        _board(dict(zip(ACROSS, key, strict=True)), group, hours)
-        for key, group in runs[runs[MEASURE].notna()].groupby(ACROSS, dropna=False, sort=True)
-    ]
-    return sorted(found, key=lambda board: -sum(entry.rank.n for entry in board.entries))
+    hours, found = _hours(frames), []
+    for key, group in runs[runs[MEASURE].notna()].groupby(ACROSS, dropna=False, sort=True):
+        across = dict(zip(ACROSS, key, strict=True))
+        found.append([_board(across, part, hours, total) for part, total in _on_the_same(group)])
+    found.sort(key=lambda boards: -sum(entry.rank.n for board in boards for entry in board.entries))
+    return [board for boards in found for board in boards]
 
 
-def _board(across: dict[str, Any], runs: pd.DataFrame, hours: pd.Series) -> Leaderboard:
+def _on_the_same(runs: pd.DataFrame) -> Iterator[tuple[pd.DataFrame, int]]:
+    """Yields the runs of each set of challenges, the largest first, and how many challenges there are."""
+    places = runs.groupby(PLACES, dropna=False, sort=True).ngroup()
+    parts = runs.groupby([*PLACES, *PARTS], dropna=False, sort=True).ngroup()
+    expected = parts.groupby(places).nunique()
+    held: dict[str, frozenset[int]] = {}
+    for teacher, mine in parts.groupby(runs["teacher"]):
+        counts = mine.groupby(places).nunique()
+        held[str(teacher)] = frozenset(counts.index[counts == expected[counts.index]])
+    for wanted in sorted(set(held.values()) - {frozenset()}, key=lambda each: (-len(each), sorted(each))):
+        everyone = [teacher for teacher, own in held.items() if own >= wanted]
+        yield runs[places.isin(wanted) & runs["teacher"].isin(everyone)], len(expected)
+
+
+def _board(across: dict[str, Any], runs: pd.DataFrame, hours: pd.Series, total: int) -> Leaderboard:
+    """Returns the leaderboard of runs on some of `total` challenges."""
     results: dict[str, dict[str, tuple[float, float]]] = {}
     titles: dict[str, None] = {}
     for row in stratified_means(runs, MEASURE, [*ACROSS, *PLACES]).to_dict("records"):
@@ -74,11 +95,15 @@ def _board(across: dict[str, Any], runs: pd.DataFrame, hours: pd.Series) -> Lead
         results.setdefault(str(row["teacher"]), {})[title] = result
     spent = runs.assign(hours=runs["run_id"].map(hours)).drop_duplicates(["teacher", "run_id"])
     mean_hours = spent.groupby("teacher")["hours"].mean()
-    entries = (Entry(rank, results[rank.teacher], float(mean_hours[rank.teacher])) for rank in ranks(runs))
+    entries = tuple(
+        Entry(rank, results[rank.teacher], float(mean_hours[rank.teacher])) for rank in ranks(runs)
+    )
     version = across["physics_version"]
     engine = f"{across['engine']} {version:g}" if version else across["engine"]
     title = f"expert knowledge {across['expert_knowledge']}, {amount(across['steps'])} steps, {engine}"
-    return Leaderboard(title, tuple(titles), tuple(entries))
+    if len(titles) < total:
+        title += f": the {len(entries)} teachers on {len(titles)} of {total} challenges"
+    return Leaderboard(title, tuple(titles), entries)
 
 
 def _hours(frames: Frames) -> pd.Series:

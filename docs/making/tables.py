@@ -6,12 +6,15 @@ import dataclasses
 import os
 import re
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from pathlib import Path
 from typing import Any
 
 import pyarrow as pa
 
+from analysis.baselines import baselines
 from analysis.commands.findings import shipped_findings
-from analysis.commands.leaderboard import markdown as leaderboard
+from analysis.commands.leaderboard import markdown as leaderboards
+from analysis.names import challenge_title
 from tma_ray import cli
 from tma_ray.benchmark import CHALLENGES, KNOWLEDGE_REQUIREMENTS, challenges_of, load_test_set
 from tma_ray.cli.json_output import KEYS
@@ -36,6 +39,10 @@ ABOUT: Mapping[Table, str] = {
     Table.CURRICULUM: "One task that the teacher named when its curriculum was probed.",
     Table.TEACHER_LOG: "One update of a teacher's task distribution, drawable for any teacher.",
 }
+
+
+PICTURES = Path(__file__).parents[1] / "images" / "leaderboard"
+"""Curricula of releases that ship, by ``make_leaderboard_pictures.py``."""
 
 
 def markdown(head: Sequence[str], rows: Iterable[Sequence[object]]) -> str:
@@ -260,6 +267,19 @@ def _type(kind: pa.DataType) -> str:
     if pa.types.is_map(kind):
         return f"map of {_type(kind.key_type)} to {_type(kind.item_type)}"
     return str(kind)
+
+
+def leaderboard() -> str:
+    """Returns the leaderboards of the releases that ship, and the curricula of their teachers."""
+    parts = [leaderboards()]
+    for name in (each.manifest.name for each in baselines()):
+        for strip in sorted(PICTURES.glob(f"{name}-*.png")):
+            challenge = strip.stem.removeprefix(f"{name}-")
+            title = challenge_title("stump_tracks", challenge, challenge)
+            image = f"images/leaderboard/{strip.stem}"
+            parts.append(f"### Curricula of {name}: {title}\n\n[Film of the same]({image}.gif)")
+            parts.append(f"[![Probed tasks of each teacher over a run]({image}.png)]({image}.png)")
+    return "\n\n".join(parts)
 
 
 GENERATED: dict[str, Callable[[], str]] = {

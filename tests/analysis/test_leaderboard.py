@@ -76,6 +76,22 @@ def test_a_leaderboard_has_ranks_results_and_cost(released: Path) -> None:
         assert margins == pytest.approx([stats.t.ppf(0.975, 2) / np.sqrt(3)] * 2)
 
 
+def test_teachers_are_ranked_on_the_same_challenges_only(tmp_path: Path) -> None:
+    root = write(tmp_path / "root", dict.fromkeys(TEACHERS, 3))
+    one = SyntheticCampaign(root, experiment=CHALLENGES[0], campaign="others", steps=STEPS)
+    for seed in range(3):
+        names = {"challenge": CHALLENGES[0], "student": "ppo", "benchmark_version": 1}
+        one.plain_run("sfl", seed, {STEPS: [300.0] * 100}, level="high", run_id=f"sfl-{seed}", **names)
+    whole, part = leaderboards(load(root))
+    assert {entry.rank.teacher for entry in whole.entries} == set(TEACHERS)
+    assert {entry.rank.of for entry in whole.entries} == {4}
+    assert part.title.endswith(": the 5 teachers on 1 of 2 challenges")
+    assert [entry.rank.rank for entry in part.entries] == [1, 2, 3, 4, 5]
+    assert {entry.rank.of for entry in part.entries} == {5}
+    assert part.entries[0].rank.teacher == "sfl"
+    assert all(set(entry.results) == set(part.challenges) for entry in part.entries)
+
+
 def test_the_same_is_shown_in_the_terminal_and_on_the_site(
     released: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -11,6 +11,7 @@ import pandas as pd
 import pytest
 
 import analysis
+from analysis.baselines import BaselineError
 from analysis.measures.pooling import COMPARED
 from tma_ray.results import ResultsRootError
 
@@ -74,6 +75,13 @@ def test_result_runs_keep_every_step() -> None:
     assert set(runs["step"]) == set(steps)
     tests = analysis.pairwise(runs, "mastered_percent", "random", [*COMPARED, "step"])
     assert len(tests) == 8
+
+
+def test_a_release_is_read_by_its_name() -> None:
+    frames = analysis.load("lite-1")
+    assert set(frames.cells["student"]) == {"ppo"}
+    with pytest.raises(BaselineError, match="no runs"):
+        analysis.load("paper-2021")
 
 
 def test_a_root_that_does_not_exist_is_refused_with_advice(tmp_path: Path) -> None:

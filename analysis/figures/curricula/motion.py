@@ -24,7 +24,7 @@ from analysis.figures.style import styled
 FRAMES = 30
 """Of an animation, evenly spaced over the runs."""
 
-MOST_FRAMES, MOST_SHOTS = 60, 8
+MOST_FRAMES, MOST_SHOTS = 60, 12
 """An animation has at most so many frames and panels, and so stays under a few megabytes."""
 
 MOVING_DPI = 90

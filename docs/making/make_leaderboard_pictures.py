@@ -1,0 +1,68 @@
+"""Draws the curricula of a release for the leaderboard: for each challenge a film strip and a film.
+
+python docs/making/make_leaderboard_pictures.py lite-1 --output docs/images/leaderboard
+
+Each teacher is shown by its run with the first seed, so that pictures stay true while a release grows.
+"""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pandas as pd
+from PIL import Image
+
+from analysis.baselines import find_baseline
+from analysis.data.curricula import curricula_of_runs
+from analysis.data.frames import Frames
+from analysis.data.task_axes import task_axes
+from analysis.figures.curricula.film_strips import REPORT_WIDTH, Shot, film_strip
+from analysis.figures.curricula.motion import MOST_SHOTS, animation
+from analysis.names import label, teacher_order
+
+FRAMES, DPI, COLOURS = 9, 90, 64
+
+
+def main() -> None:
+    """Writes NAME-CHALLENGE.png and NAME-CHALLENGE.gif."""
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("release", help="name, folder or address of a release with curricula")
+    parser.add_argument("--output", type=Path, required=True, metavar="FOLDER", help="made if missing")
+    options = parser.parse_args()
+    options.output.mkdir(parents=True, exist_ok=True)
+    baseline = find_baseline(options.release)
+    frames = baseline.frames()
+    for challenge, runs in first_runs(frames):
+        _draw(frames, runs, options.output / f"{baseline.manifest.name}-{challenge}")
+        print(challenge, *runs["teacher"])
+
+
+def first_runs(frames: Frames) -> Iterator[tuple[str, pd.DataFrame]]:
+    """Yields each challenge and the run of each teacher with its first body and seed."""
+    done = frames.cells[frames.cells["status"] == "done"]
+    ordered = done.sort_values(["embodiment", "seed"]).drop_duplicates(["challenge", "teacher"])
+    for challenge, runs in ordered.groupby("challenge"):
+        yield str(challenge), runs.sort_values("teacher", key=lambda names: names.map(teacher_order))
+
+
+def _draw(frames: Frames, runs: pd.DataFrame, path: Path) -> None:
+    rows = [run for _, run in runs.iterrows()]
+    curricula = curricula_of_runs(frames, rows)
+    teachers = [str(run["teacher"]) for run in rows]
+    shots = [Shot(label(name), name, each) for name, each in zip(teachers, curricula, strict=True)]
+    plane: Any = tuple(task_axes(runs)[:2])
+    figure = film_strip(shots, plane, width=REPORT_WIDTH)
+    figure.savefig(path.with_suffix(".png"), dpi=DPI)
+    with Image.open(path.with_suffix(".png")) as picture:
+        smaller = picture.convert("RGB").quantize(COLOURS)
+    smaller.save(path.with_suffix(".png"), optimize=True)
+    path.with_suffix(".gif").write_bytes(animation(shots[:MOST_SHOTS], plane, FRAMES))
+
+
+if __name__ == "__main__":
+    main()
