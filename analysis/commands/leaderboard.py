@@ -23,6 +23,8 @@ EXPLANATION = (
     "others on the same machine; the card of a release says which."
 )
 
+NO_BREAK = "\N{NO-BREAK SPACE}"
+
 
 def show_leaderboards(names: Sequence[str], console: Console | None = None) -> None:
     """Prints the leaderboards of some releases.
@@ -55,11 +57,23 @@ def markdown(names: Sequence[str] = ()) -> str:
         parts.append(f"## {name}")
         parts += [f"*This release is not complete: {partial}.*"] if partial else []
         for board in leaderboards(read(place)):
-            head = ["rank", "teacher", "mean, % [95 %]", *board.challenges, "runs", "hours a run"]
-            lines = [head, ["---"] * len(head), *(_cells(board, entry) for entry in board.entries)]
             parts.append(f"### {board.title[0].upper()}{board.title[1:]}")
-            parts.append("\n".join(f"| {' | '.join(line)} |" for line in lines))
+            parts.append(_markdown_table(board))
     return "\n\n".join([*(parts or ["No release with runs ships with this version."]), EXPLANATION])
+
+
+def _markdown_table(board: Leaderboard) -> str:
+    """Returns a leaderboard as a table whose numbers stay on one line."""
+    head = ["teacher", "rank", "mean, % [95 %]", *map(_short_title, board.challenges), "runs", "hours"]
+    lines = [head, ["---", *["---:"] * (len(head) - 1)]]
+    for entry in board.entries:
+        rank, teacher, *others = _cells(board, entry)
+        lines.append([teacher, *(text.replace(" ", NO_BREAK) for text in (rank, *others))])
+    return "\n".join(f"| {' | '.join(line)} |" for line in lines)
+
+
+def _short_title(title: str) -> str:
+    return title.removeprefix("Stump Tracks, ").removesuffix(" task space")
 
 
 def _places(names: Sequence[str]) -> list[tuple[str, str, str]]:
@@ -91,8 +105,7 @@ def _challenges(board: Leaderboard) -> Table:
     table = Table(box=None, pad_edge=False, padding=(0, 0, 0, 1))
     table.add_column("teacher", max_width=14, overflow="fold")
     for title in board.challenges:
-        heading = title.removeprefix("Stump Tracks, ").removesuffix(" task space")
-        table.add_column(heading, justify="right", max_width=10, overflow="fold")
+        table.add_column(_short_title(title), justify="right", max_width=10, overflow="fold")
     for entry in board.entries:
         numbers = (entry.results.get(title) for title in board.challenges)
         table.add_row(label(entry.rank.teacher), *(_short(each) if each else "" for each in numbers))

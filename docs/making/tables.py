@@ -277,7 +277,7 @@ def leaderboard() -> str:
             challenge = strip.stem.removeprefix(f"{name}-")
             title = challenge_title("stump_tracks", challenge, challenge)
             image = f"images/leaderboard/{strip.stem}"
-            parts.append(f"### Curricula of {name}: {title}\n\n[Film of the same]({image}.gif)")
+            parts.append(f"### Curricula of {name}: {title}\n\n[As a film]({image}.gif)")
             parts.append(f"[![Probed tasks of each teacher over a run]({image}.png)]({image}.png)")
     return "\n\n".join(parts)
 

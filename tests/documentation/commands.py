@@ -65,6 +65,7 @@ def execute(words: Sequence[str]) -> int:
     while words and re.fullmatch(r"[A-Z_]+=\S*", words[0]):
         _export([words.pop(0)])
     program, *arguments = words
+    program = program.removeprefix(".venv/bin/")
     if program not in PROGRAMS:
         raise LookupError(f"nobody knows how to run {program!r}: teach PROGRAMS, or list it in EXEMPTIONS")
     return PROGRAMS[program](arguments)
