@@ -9,6 +9,8 @@ from stock_models import ACTION, OBSERVATION, ppo, ppo_parameters
 from tma_ray.students.cohort.ppo import PPONetworks, RolloutColumns, StackedPPO
 from tma_ray.students.hyperparameters import PPOHyperparameters
 
+pytestmark = pytest.mark.usefixtures("_both_ways")
+
 CPU = torch.device("cpu")
 WIDTH, STEPS, BATCH = 3, 40, 20
 SIZES = {"hidden_units": (20, 12), "steps_per_update": STEPS, "batch_size": BATCH}

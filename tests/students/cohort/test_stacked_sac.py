@@ -12,6 +12,8 @@ from tma_ray.students.hyperparameters import LogStd, SACHyperparameters
 from tma_ray.students.mlp.modules import FlatParameters, blocks_of
 from tma_ray.students.sac.losses import Transitions
 
+pytestmark = pytest.mark.usefixtures("_both_ways")
+
 CPU = torch.device("cpu")
 WIDTH = 3
 HYPER = SACHyperparameters(hidden_units=(20, 12), batch_size=16)

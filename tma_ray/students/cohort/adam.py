@@ -6,6 +6,8 @@ import math
 
 import torch
 
+from tma_ray.optimisers import take_step
+
 BETAS = 0.9, 0.999
 
 
@@ -23,7 +25,7 @@ class StackedAdam:
     """
 
     def __init__(self, parameters: torch.Tensor, rate: float, epsilon: float = 1e-8) -> None:
-        self._parameters, self._epsilon = parameters, epsilon
+        self._parameters, self._rate, self._epsilon = parameters, rate, epsilon
         self.mean, self.square = torch.zeros_like(parameters), torch.zeros_like(parameters)
         # computed once, on the host: powers would be rounded differently from device to device
         self._corrections = torch.tensor(_corrections(rate), dtype=parameters.dtype, device=parameters.device)
@@ -45,6 +47,45 @@ class StackedAdam:
         keep(self.mean, mean, mask)
         keep(self.square, square, mask)
         keep(self._parameters, self._parameters - change, mask)
+
+    def row(self, slot: int, parameters: torch.Tensor) -> RowAdam:
+        """Returns the optimiser of the run in `slot` alone, over the same moments.
+
+        Args:
+            slot: of the run.
+            parameters: the same memory as the row of that slot (1, ..., p), a leaf of autograd.
+        """
+        one = slice(slot, slot + 1)
+        optimiser = torch.optim.Adam([parameters], self._rate, BETAS, self._epsilon, fused=True)
+        return RowAdam(optimiser, parameters, self.mean[one], self.square[one])
+
+
+class RowAdam(StackedAdam):
+    """Steps one run of a stack by torch's fused kernel, which takes a processor a sixth of the time.
+
+    Args:
+        optimiser: of the parameters.
+        parameters: of the run (1, ..., p).
+        mean: running mean of the gradient, like the parameters.
+        square: running mean of its square, likewise.
+    """
+
+    def __init__(
+        self,
+        optimiser: torch.optim.Adam,
+        parameters: torch.Tensor,
+        mean: torch.Tensor,
+        square: torch.Tensor,
+    ) -> None:
+        self._optimiser, self._parameters, self.mean, self.square = optimiser, parameters, mean, square
+        self._count = torch.zeros((), dtype=torch.float32)
+        optimiser.state[parameters] = {"step": self._count, "exp_avg": mean, "exp_avg_sq": square}
+
+    def step(self, gradient: torch.Tensor, counts: torch.Tensor, active: torch.Tensor) -> None:  # noqa: ARG002
+        """Moves the parameters of the run, which is active; see `StackedAdam.step`."""
+        self._count.copy_(counts[0])
+        self._parameters.grad = gradient
+        take_step(self._optimiser)
 
 
 def keep(memory: torch.Tensor, values: torch.Tensor, mask: torch.Tensor) -> None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, Self
 
 import numpy as np
 import torch
@@ -34,18 +34,26 @@ class Device(NamedTuple):
         device: where memory is and updates are executed.
         dtype: of parameters, losses and optimisers.
         precision: of matrix products.
+        compiled: see `compile_if`.
     """
 
     device: torch.device
     dtype: torch.dtype
     precision: MatmulPrecision
+    compiled: bool | str = False
+
+
+def pays_together(place: Device) -> bool:
+    """Tells whether one product of all runs is faster than one for each: not on a processor in float32."""
+    return place.device.type != "cpu" or bool(place.compiled) or place.precision is MatmulPrecision.MEDIUM
 
 
 class StackedLearner(ABC):
     """Learner of many runs, each in a slot: what a run learns does not depend on the others by a bit.
 
-    An update trains the runs that owe one, always at the full width: idle slots take part in the products,
-    and nothing of them changes.
+    An update trains all runs that owe one, always at the full width: idle slots take part in the products,
+    and nothing of them changes. Where that does not pay, one run is updated after the other, and idle slots
+    cost nothing.
 
     Args:
         width: number of slots k.
@@ -53,13 +61,17 @@ class StackedLearner(ABC):
 
     Attributes:
         owed: updates that are due, by slot (k,).
+        together: runs are updated together, not one after the other.
     """
 
     def __init__(self, width: int, place: Device) -> None:
         self.owed = np.zeros(width, dtype=np.int64)
         self._device, self._dtype = place.device, place.dtype
         self._owed = torch.zeros(width, dtype=torch.int64, device=self._device)
+        self._place = place
         self._repeated = Repeated(self._advance_once, place.precision, self._device)
+        self.together = pays_together(place)
+        self._rows: dict[int, Repeated] = {}
 
     def leave(self, slot: int) -> None:
         """Makes `slot` idle: it owes nothing, has no experience, and all its parameters are 0."""
@@ -75,8 +87,17 @@ class StackedLearner(ABC):
         self.owed[slot] += updates
         self._owed[slot].add_(updates)
 
-    def advance(self, updates: int) -> None:
-        """Makes up to `updates` updates, each of all runs that owe one; a GPU is not waited for."""
+    def advance(self, updates: int, slots: Sequence[int] | None = None) -> None:
+        """Makes up to `updates` updates of runs that owe any; a GPU is not waited for.
+
+        Args:
+            updates: of each run, at most.
+            slots: of the runs, by default all; those that are updated together can only be named all.
+        """
+        if not self.together:
+            for slot in range(len(self.owed)) if slots is None else slots:
+                self._advance_row(slot, min(updates, int(self.owed[slot])))
+            return
         updates = min(updates, int(self.owed.max()))
         if not updates:
             return
@@ -87,6 +108,12 @@ class StackedLearner(ABC):
             self._owed.copy_(owed)
         self._repeated(updates)
         np.maximum(self.owed - updates, 0, out=self.owed)
+
+    def _advance_row(self, slot: int, updates: int) -> None:
+        if slot not in self._rows:
+            self._rows[slot] = Repeated(self._row(slot)._advance_once, self._place.precision, self._device)
+        self._rows[slot](updates)
+        self.owed[slot] -= updates
 
     def actors(self, slots: Sequence[int]) -> torch.Tensor:
         """Returns what the runs in `slots` act by, without padding and on the device (len(slots), p)."""
@@ -107,7 +134,7 @@ class StackedLearner(ABC):
         arrays = [memory.detach()[slot][..., places].cpu().numpy() for memory, places in self._stacks()]
         return [*arrays, *(int(counts[slot]) for counts in self._counters())]
 
-    def _rows(self, values: NDArray[np.floating]) -> torch.Tensor:
+    def _on_device(self, values: NDArray[np.floating]) -> torch.Tensor:
         """Returns `values` on the device, in the type of the parameters."""
         return upload(values, self._device).to(self._dtype)
 
@@ -118,6 +145,10 @@ class StackedLearner(ABC):
     @abstractmethod
     def _counters(self) -> list[torch.Tensor]:
         """Returns the numbers (k,) that belong to what is learned."""
+
+    @abstractmethod
+    def _row(self, slot: int) -> Self:
+        """Returns a learner of the run in `slot` alone, over the same memory."""
 
     @abstractmethod
     def _advance_once(self) -> None:

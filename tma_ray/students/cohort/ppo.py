@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
@@ -14,6 +15,7 @@ from tma_ray.students.cohort.learner import Device, Stack, StackedLearner
 from tma_ray.students.cohort.networks import stacked_pass
 from tma_ray.students.cohort.padding import PaddedLayout
 from tma_ray.students.cohort.ppo_update import StackedPPOUpdate
+from tma_ray.students.cohort.rows import narrowed
 from tma_ray.students.cohort.transfer import upload
 from tma_ray.students.hyperparameters import MatmulPrecision, PPOHyperparameters
 from tma_ray.students.mlp.layout import Layout
@@ -82,13 +84,14 @@ class StackedPPO(StackedLearner):
         dtype: torch.dtype = torch.float32,
         compiled: bool | str = False,
     ) -> None:
-        super().__init__(width, Device(device, dtype, hyper.matmul_precision))
+        super().__init__(width, Device(device, dtype, hyper.matmul_precision, compiled))
         (observation, action), steps = sizes, hyper.steps_per_update
         self._hyper, self._split = hyper, [observation, action, 1, 1, 1, 1]
         self._layout = PaddedLayout.of(Layout((observation, *hyper.hidden_units, action + 1)), action)
         self._places = torch.from_numpy(self._layout.places()).to(device)
         like = torch.empty(0, dtype=dtype, device=device)
         self._update = StackedPPOUpdate(self._layout, hyper, width, like, compiled)
+        self._step: Callable[[Steps, torch.Tensor], torch.Tensor] = self._update
         self._memory = torch.zeros(width, steps, sum(self._split), device=device)
         self._orders = torch.zeros(width, hyper.epochs * steps, dtype=torch.int32, device=device)
         self._positions = torch.zeros(width, dtype=torch.int64, device=device)
@@ -128,7 +131,7 @@ class StackedPPO(StackedLearner):
         """Returns the values (n,) of normalised `observations` (n, o), in normalised reward."""
         with torch.no_grad(), precision(MatmulPrecision.HIGHEST):
             parameters = self._update.parameters[slot : slot + 1]
-            outputs = stacked_pass(parameters, self._layout, self._rows(observations)[None], self._dtype)
+            outputs = stacked_pass(parameters, self._layout, self._on_device(observations)[None], self._dtype)
         values: NDArray[np.float64] = outputs[0, :, -1].double().cpu().numpy()
         return values
 
@@ -145,9 +148,14 @@ class StackedPPO(StackedLearner):
     def _counters(self) -> list[torch.Tensor]:
         return [self._update.steps]
 
+    def _row(self, slot: int) -> StackedPPO:
+        own = narrowed(self, slot, "_owed", "_memory", "_orders", "_positions", "_sums")
+        own._step = self._update.row(slot)
+        return own
+
     def _advance_once(self) -> None:
         active = self._owed > 0
-        figures = self._update(self._batch(), active)
+        figures = self._step(self._batch(), active)
         keep(self._sums, self._sums + figures, active[:, None])
         self._positions.add_(active.long())
         self._owed.sub_(active.long())

@@ -8,7 +8,9 @@ from tma_ray.students.cohort.adam import StackedAdam
 from tma_ray.students.cohort.execution import compile_if, hidden_type
 from tma_ray.students.cohort.networks import stacked_pass
 from tma_ray.students.cohort.padding import PaddedLayout
+from tma_ray.students.cohort.rows import leaf
 from tma_ray.students.hyperparameters import PPOHyperparameters
+from tma_ray.students.mlp.network import Network
 from tma_ray.students.ppo.losses import Losses, Steps, losses
 
 EPSILON = 1e-5
@@ -48,6 +50,10 @@ class StackedPPOUpdate:
         # compiled part by part: autograd runs between them, through what the compiler derived
         self._parts = [compile_if(compiled, part) for part in (self._outputs, self._losses, self._step)]
 
+    def row(self, slot: int) -> RowPPOUpdate:
+        """Returns the step of the run in `slot` alone, over the same memory."""
+        return RowPPOUpdate(self, slot)
+
     def __call__(self, batch: Steps, active: torch.Tensor) -> torch.Tensor:
         """Takes one step of the `active` runs (k,) on their mini-batches (k, n, ...).
 
@@ -72,7 +78,42 @@ class StackedPPOUpdate:
         with torch.no_grad():
             gradient = gradient.clone()
             gradient[:, self._log_std] = log_std_gradient
-            norm = torch.linalg.vector_norm(gradient, dim=1, keepdim=True)
-            gradient = gradient * torch.clamp(self._hyper.max_gradient_norm / (norm + 1e-6), max=1.0)
+            clip(gradient, self._hyper.max_gradient_norm)
             self.adam.step(gradient, self.steps, active)
             self.steps.add_(active.long())
+
+
+class RowPPOUpdate:
+    """The step of one run of a stack, over its row, by the passes of a run that learns alone.
+
+    Args:
+        stacked: all runs' step, whose hidden layers are in the type of the parameters.
+        slot: of the run.
+    """
+
+    def __init__(self, stacked: StackedPPOUpdate, slot: int) -> None:
+        one, count = slice(slot, slot + 1), stacked._layout.padded.parameters
+        self._layout, self._hyper, self._log_std = stacked._layout, stacked._hyper, stacked._log_std
+        self._values, self._steps = stacked.parameters.detach()[one], stacked.steps[one]
+        self._gradient = torch.zeros_like(self._values)
+        memory = self._values[0, :count], self._gradient[0, :count]
+        self._network = Network(memory[0], stacked._layout.padded, memory[1])
+        self._adam = stacked.adam.row(slot, leaf(stacked.parameters, slot))
+
+    @torch.no_grad()
+    def __call__(self, batch: Steps, active: torch.Tensor) -> torch.Tensor:
+        """Takes one step; arguments and result as of `StackedPPOUpdate`, of the one run, which is active."""
+        kept = self._network.activations(self._layout.inputs(batch.observations[0]))
+        parts = losses(kept[-1][None], self._values[:, self._log_std], batch, self._hyper)
+        self._network.backpropagate(kept, parts.outputs_gradient[0])
+        self._gradient[:, self._log_std] = parts.log_std_gradient
+        clip(self._gradient, self._hyper.max_gradient_norm)
+        self._adam.step(self._gradient, self._steps, active)
+        self._steps.add_(1)
+        return torch.stack(parts[:4], dim=1)
+
+
+def clip(gradient: torch.Tensor, norm: float) -> None:
+    """Scales each run's gradient (k, p) down to a norm."""
+    own = torch.linalg.vector_norm(gradient, dim=1, keepdim=True)
+    gradient.mul_(torch.clamp(norm / (own + 1e-6), max=1.0))

@@ -9,6 +9,7 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
+from tma_ray.students.cohort.rows import narrowed
 from tma_ray.students.cohort.transfer import empty, upload
 from tma_ray.students.sac.losses import Transitions
 
@@ -169,6 +170,10 @@ class StackedReplay:
                 piece = contents.observations[first : first + len(numbers) + 1]
                 actions, rewards = contents.actions[numbers], contents.rewards[numbers]
                 self._append(slot, piece, actions, rewards, contents.terminated[numbers])
+
+    def row(self, slot: int) -> StackedReplay:
+        """Returns the memory of the run in `slot` alone, to draw from, until it moves."""
+        return narrowed(self, slot, "kept", "counts", "_table", "_memory")
 
     def newest(self, ages: torch.Tensor) -> torch.Tensor:
         """Returns where the transitions of `ages` (k, n) are in the ring; 0 is the newest one's age."""

@@ -15,6 +15,7 @@ from tma_ray.students.cohort.learner import Device, Stack, StackedLearner
 from tma_ray.students.cohort.networks import stacked_pass, twin_pass
 from tma_ray.students.cohort.philox import Purpose, integers_below, standard_normals, words, words_of
 from tma_ray.students.cohort.replay import ReplayContents, StackedReplay
+from tma_ray.students.cohort.rows import narrowed
 from tma_ray.students.cohort.sac_update import SACLayouts, StackedSACUpdate
 from tma_ray.students.hyperparameters import MatmulPrecision, SACHyperparameters
 from tma_ray.students.sac.losses import soft_values, squashed_draw
@@ -72,7 +73,7 @@ class StackedSAC(StackedLearner):
         dtype: torch.dtype = torch.float32,
         compiled: bool | str = False,
     ) -> None:
-        super().__init__(width, Device(device, dtype, hyper.matmul_precision))
+        super().__init__(width, Device(device, dtype, hyper.matmul_precision, compiled))
         self._action_size, self._hyper = sizes[1], hyper
         self._layouts = SACLayouts.of(sizes, hyper.hidden_units)
         like = torch.empty(0, dtype=dtype, device=device)
@@ -142,8 +143,8 @@ class StackedSAC(StackedLearner):
                 run's key and its number of updates, `value_samples` actions a state.
         """
         hyper, one = self._hyper, slice(slot, slot + 1)
-        inputs = self._rows(observations)[None]
-        drawn = self._value_noise(one, len(observations)) if noise is None else self._rows(noise)
+        inputs = self._on_device(observations)[None]
+        drawn = self._value_noise(one, len(observations)) if noise is None else self._on_device(noise)
         total = torch.zeros(len(observations), dtype=torch.float64, device=self._device)
         with torch.no_grad(), precision(MatmulPrecision.HIGHEST):
             actor, critic = self._layouts
@@ -174,7 +175,14 @@ class StackedSAC(StackedLearner):
         """Drops the captured graph if the replay, which it reads, has moved."""
         if self._replay.moves != self._moves:
             self._repeated.forget()
+            self._rows.clear()
             self._moves = self._replay.moves
+
+    def _row(self, slot: int) -> StackedSAC:
+        own = narrowed(self, slot, "_owed", "_numbers", "_keys")
+        own._update, own._replay = self._update.row(slot), self._replay.row(slot)
+        own._draw_once = own._draw
+        return own
 
     def _advance_once(self) -> None:
         ring, noise, next_noise, active = self._draw_once()

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from functools import partial
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import torch
 
@@ -11,6 +12,7 @@ from tma_ray.students.cohort.adam import StackedAdam, keep
 from tma_ray.students.cohort.execution import compile_if, hidden_type
 from tma_ray.students.cohort.networks import stacked_pass, twin_pass
 from tma_ray.students.cohort.padding import PaddedLayout
+from tma_ray.students.cohort.rows import leaf, narrowed
 from tma_ray.students.hyperparameters import SACHyperparameters
 from tma_ray.students.mlp.layout import Layout
 from tma_ray.students.sac.losses import (
@@ -81,8 +83,19 @@ class StackedSACUpdate:
         self.steps = torch.zeros(width, dtype=torch.int64, device=like.device)
         self.losses = like.new_zeros(width, 2)
         # compiled part by part: autograd runs between them, through what the compiler derived
-        parts = (self._critic_losses, self._actor_losses, self._step_critics, self._step_actor)
-        self._parts = [compile_if(compiled, part) for part in parts]
+        self._parts = [compile_if(compiled, part) for part in self._eager()]
+
+    def _eager(self) -> list[Callable[..., Any]]:
+        return [self._critic_losses, self._actor_losses, self._step_critics, self._step_actor]
+
+    def row(self, slot: int) -> StackedSACUpdate:
+        """Returns the update of the run in `slot` alone, over the same memory."""
+        own = narrowed(self, slot, "targets", "steps", "losses")
+        own.actor, own.critics = leaf(self.actor, slot), leaf(self.critics, slot)
+        own.actor_adam = self.actor_adam.row(slot, own.actor)
+        own.critic_adam = self.critic_adam.row(slot, own.critics)
+        own._parts = own._eager()
+        return own
 
     def __call__(
         self, batch: Transitions, noise: torch.Tensor, next_noise: torch.Tensor, active: torch.Tensor

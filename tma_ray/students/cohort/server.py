@@ -12,9 +12,9 @@ from multiprocessing.connection import Connection, Listener, Pipe, wait
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import torch
 
+from tma_ray.students.cohort.learner import StackedLearner
 from tma_ray.students.cohort.seats import Seat
 from tma_ray.students.cohort.serving.deliveries import Delivery, Pace
 from tma_ray.students.cohort.serving.files import Aside
@@ -172,18 +172,23 @@ class LearnerServer:
     def _update(self) -> None:
         """Makes some of the updates that are due, and starts to copy the weights of who owes no more."""
         for stack in self._stacks.stacks:
-            owed = stack.owed[stack.owed > 0]
-            if not len(owed):
+            slots = self._turn(stack)
+            if not slots:
                 continue
-            before, count = stack.owed > 0, min(MOST_AT_ONCE, int(owed.min()))
-            stack.advance(count)
+            count = min(MOST_AT_ONCE, int(stack.owed[slots].min()))
+            stack.advance(count, slots)
             self.account["stacked updates"] += count
-            self.account["updates of runs"] += count * len(owed)
-            finished: list[int] = np.flatnonzero(before & (stack.owed == 0)).tolist()
+            self.account["updates of runs"] += count * len(slots)
+            finished = [slot for slot in slots if not stack.owed[slot]]
             if finished:
                 receivers = [self._learning.pop((id(stack), slot)) for slot in finished]
                 self._deliveries.append(Delivery.of(receivers, stack.actors(finished)))
             self._pace.keep()
+
+    def _turn(self, stack: StackedLearner) -> list[int]:
+        """Returns the slots whose runs are updated next: all that owe, or who has waited longest."""
+        owing = [slot for number, slot in self._learning if number == id(stack)]
+        return owing if stack.together else owing[:1]
 
     def _deliver(self) -> None:
         under_way, self._deliveries = self._deliveries, []
