@@ -2,10 +2,16 @@
 
 from __future__ import annotations
 
+import threading
+import time
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import psutil
 import pytest
 from cohort_in_a_thread import serving
 from cramped_learner import ENOUGH_FOR, CrampedLearner
@@ -14,6 +20,7 @@ from test_campaign import campaign, corridor, execute, idle, lingering, quiet, s
 
 from tma_ray.campaign import scheduler
 from tma_ray.campaign.cluster.connection import connect
+from tma_ray.campaign.placing import learner
 from tma_ray.campaign.placing.cohorts import Cohorts, compilation
 from tma_ray.campaign.placing.kinds import kinds_of
 from tma_ray.campaign.placing.options import parse_cohort
@@ -33,9 +40,9 @@ def in_cohort(what: Any, root: Path, **changes: Any) -> Any:
 
 def without_ray(what: Any, root: Path) -> dict[str, bytes]:
     """Executes the runs of `what` one after the other beside one learner; returns their data files."""
-    with serving(root.parent, WIDTH) as learner:
+    with serving(root.parent, WIDTH) as beside:
         for spec in what.plan().runs:
-            run_locally(spec, Committer.open(root), Placement(learner=learner))
+            run_locally(spec, Committer.open(root), Placement(learner=beside))
     return data_files(root)
 
 
@@ -102,14 +109,76 @@ def test_a_stopped_cohort_leaves_checkpoints_and_continues(tmp_path: Path) -> No
     committer = Committer(Store.open(root))
     chosen = settings(cohort=WIDTH, player=SMALL, resources=Resources(), teachers=TeacherPlacement.INLINE)
     checkpoints = root / "checkpoints"
-    ended = scheduler.Scheduler(committer, chosen, quiet(), lambda: None, connect(None).head).execute(
-        what.plan().runs, lambda: len(list(checkpoints.glob("*/*/index.json"))) >= 2
+    runs, head = what.plan().runs, connect(None).head
+    ended = scheduler.Scheduler(committer, chosen, quiet(), lambda: None, head, kinds_of(runs)).execute(
+        runs, lambda: len(list(checkpoints.glob("*/*/index.json"))) >= 2
     )
     (tmp_path / "stopped").touch()
     assert (ended.done, ended.stopped, ended.waiting) == (0, 2, 0)
     committer.write_cells("short", what.plan().cell_rows)
     assert in_cohort(what, root).done == 2
     assert data_files(root) == without_ray(what, tmp_path / "alone")
+
+
+@pytest.mark.slow
+@pytest.mark.usefixtures("cluster")
+def test_a_learner_that_hangs_is_killed_and_replaced(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    """Its process is stopped when both runs have a checkpoint; they go on beside another learner."""
+    what, root = campaign(slowed(tmp_path), seeds=(0, 1)), tmp_path / "root"
+
+    def stop() -> None:
+        wait_for(lambda: len({path.parent.parent for path in checkpoints(root)}) == 2)
+        hanging = [each for each in psutil.Process().children(recursive=True) if is_learner(each)]
+        for each in hanging:
+            each.suspend()
+        wait_for(lambda: any("-attempt-001" in path.parent.name for path in checkpoints(root)))
+        (tmp_path / "stopped").touch()
+        stopped.extend(hanging)
+
+    stopped: list[psutil.Process] = []
+    with ThreadPoolExecutor(1) as threads:
+        beside = threads.submit(stop)
+        ended = in_cohort(what, root, checkpoint_seconds=0.3, unreachable_seconds=2.0)
+        beside.result()
+    assert (ended.done, ended.failed) == (2, 0)
+    assert (
+        "has not answered for 2 s: it is killed, and its 2 runs resume from their checkpoints" in caplog.text
+    )
+    psutil.wait_procs(stopped, timeout=30)
+    assert not any(each.is_running() for each in stopped)
+    assert data_files(root) == without_ray(what, tmp_path / "alone")
+
+
+def checkpoints(root: Path) -> list[Path]:
+    return list(root.glob("checkpoints/*/*/index.json"))
+
+
+def is_learner(process: psutil.Process) -> bool:
+    with suppress(psutil.Error):
+        return process.cmdline()[0].startswith("ray::LearnerActor")
+    return False
+
+
+def wait_for(condition: Callable[[], bool]) -> None:
+    deadline = time.monotonic() + 300
+    while not condition():
+        assert time.monotonic() < deadline, "it did not happen in time"
+        time.sleep(0.05)
+
+
+def test_a_learner_that_is_long_at_the_same_updates_counts_as_stuck(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(learner, "TURN_POLL", 0.0)
+    over, started = threading.Event(), time.monotonic()
+    thread = threading.Thread(target=over.wait, daemon=True)
+    thread.start()
+    turns = iter([None, started, started - learner.LONGEST_TURN])
+    with pytest.raises(TimeoutError, match="at the same updates for 60 minutes: its device hangs"):
+        learner.wait_for_end(thread, lambda: next(turns))
+    over.set()
+    learner.wait_for_end(thread, lambda: None)
+    assert not thread.is_alive()
 
 
 def test_a_student_without_a_stacked_learner_is_refused_before_anything_starts(tmp_path: Path) -> None:
@@ -138,13 +207,13 @@ def test_the_width_follows_the_device_unless_it_is_given() -> None:
 
 def test_nodes_hold_full_cohorts_or_fewer_players() -> None:
     gpu, cpu = Settings(device="cuda"), Settings(cohort=4)
-    learner = Resources(1.0, 1.0, 20.0)
+    shared = Resources(1.0, 1.0, 20.0)
     node = {"CPU": 16.0, "GPU": 1.0, "memory": 100.0 * GIB}
-    assert room_of(node, gpu, learner) == Room(1, 48)
-    assert room_of({**node, "CPU": 8.0}, gpu, learner) == Room(1, 28), "as many as the cores hold"
-    assert room_of({**node, "CPU": 32.0, "GPU": 2.0}, gpu, learner) == Room(2, 48)
-    assert room_of({**node, "memory": 30.0 * GIB}, gpu, learner) == Room(1, 20)
-    assert room_of({"CPU": 16.0, "memory": 100.0 * GIB}, gpu, learner) == Room(0, 0)
+    assert room_of(node, gpu, shared) == Room(1, 48)
+    assert room_of({**node, "CPU": 8.0}, gpu, shared) == Room(1, 28), "as many as the cores hold"
+    assert room_of({**node, "CPU": 32.0, "GPU": 2.0}, gpu, shared) == Room(2, 48)
+    assert room_of({**node, "memory": 30.0 * GIB}, gpu, shared) == Room(1, 20)
+    assert room_of({"CPU": 16.0, "memory": 100.0 * GIB}, gpu, shared) == Room(0, 0)
     alone = Resources(1.0, 0.0, 2.0)
     assert room_of(node, cpu, alone) == Room(8, 4)
     assert room_of({**node, "CPU": 2.0}, cpu, alone) == Room(1, 4)

@@ -13,7 +13,7 @@ import ray
 from tma_ray.campaign.placing.launching import launcher, node_strategy
 from tma_ray.campaign.preflight.shipping import use_shipped
 from tma_ray.campaign.settings import Resources, TeacherPlacement
-from tma_ray.results import AttemptOutcome, AttemptRecord, PartFile, Store
+from tma_ray.results import AttemptOutcome, AttemptRecord, PartFile, Store, leave_pandas_out
 from tma_ray.runs.inputs import contents, fetch, provide
 from tma_ray.runs.placement import Placement, Status
 from tma_ray.runs.spec import RunSpec
@@ -132,6 +132,7 @@ class SeedActor:
         return self._outcome.result()
 
     def _train(self) -> tuple[PartFile, ...] | None:
+        leave_pandas_out()
         use_shipped()
         # Imported here, so that a failing import is the run's error and not the actor's death.
         from tma_ray.runs.attempt import Attempt

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from contextlib import ExitStack, closing
 from pathlib import Path
 
@@ -10,7 +11,7 @@ from tma_ray.campaign.cluster.local import OwnProcesses
 from tma_ray.campaign.cluster.watching import BEGUN, GRACE_SECONDS, leaving_without_head
 from tma_ray.campaign.failures.stopping import StopSignals
 from tma_ray.campaign.monitor.progress import ProgressView, PublishedProgress, Snapshot, View
-from tma_ray.campaign.placing.kinds import kinds_of
+from tma_ray.campaign.placing.kinds import Kind, kinds_of
 from tma_ray.campaign.placing.room import check_room
 from tma_ray.campaign.plan import CampaignSpec, Plan, lease_holder
 from tma_ray.campaign.preflight.installation import check_installation
@@ -68,24 +69,32 @@ def execute_plan(
         )
     store = Store.open(results)
     check_usable(store)
-    if settings.width:
-        kinds_of(plan.runs)
+    kinds = kinds_of(plan.runs) if settings.width else {}
     if address is None:
         check_available(settings.device)
     with leaving_without_head(OwnProcesses(), plan.name):
         connection = connect(address, plugin_sources(plan.runs))
     with closing(connection.head) as head:
         with leaving_without_head(head, plan.name):
-            if not settings.autoscaling:
-                check_feasible(settings.resources) if not settings.width else check_room(settings, plan.runs)
+            if settings.width and not settings.autoscaling:
+                check_room(settings, plan.runs, kinds)
+            elif not settings.autoscaling:
+                check_feasible(settings.resources)
             if not connection.is_own:
                 check_installation()
             check_storage_access(store)
             warm_nodes(plan.runs, connection.shipped)
-        return _schedule(plan, store, settings, connection, view or ProgressView())
+        return _schedule(plan, store, settings, kinds, connection, view or ProgressView())
 
 
-def _schedule(plan: Plan, store: Store, settings: Settings, connection: Connection, view: View) -> Snapshot:
+def _schedule(
+    plan: Plan,
+    store: Store,
+    settings: Settings,
+    kinds: Mapping[str, Kind],
+    connection: Connection,
+    view: View,
+) -> Snapshot:
     """Holds the root for as long as `plan` runs there."""
     head = connection.head
     committer = Committer(store)
@@ -95,7 +104,7 @@ def _schedule(plan: Plan, store: Store, settings: Settings, connection: Connecti
             committer.write_cells(plan.name, plan.cell_rows)
         committer.sweep()
         progress = PublishedProgress(view, HeartbeatWriter(store, lease.holder))
-        scheduler = Scheduler(committer, settings, progress, lease.keep, head)
+        scheduler = Scheduler(committer, settings, progress, lease.keep, head, kinds)
 
         def conclude() -> None:
             scheduler.abandon()

@@ -178,20 +178,7 @@ def add_execution_options(parser: argparse.ArgumentParser) -> argparse._Argument
         help="the cluster adds nodes: accept runs that fit none of today's",
     )
     add_placing_options(how)
-    how.add_argument(
-        "--checkpoint-seconds",
-        type=SECONDS,
-        default=Settings.checkpoint_seconds,
-        metavar="SECONDS",
-        help="longest time between two checkpoints of a run",
-    )
-    how.add_argument(
-        "--outage-seconds",
-        type=SECONDS,
-        default=Settings.outage_seconds,
-        metavar="SECONDS",
-        help="how long the storage of the results may be unavailable before runs count as lost",
-    )
+    _add_times(how)
     how.add_argument(
         "--start-from",
         type=root,
@@ -201,6 +188,31 @@ def add_execution_options(parser: argparse.ArgumentParser) -> argparse._Argument
     how.add_argument("--dry-run", action="store_true", help="print what would run, and stop")
     how.add_argument("--yes", action="store_true", help=YES)
     return how
+
+
+def _add_times(group: argparse._ActionsContainer) -> None:
+    """Adds the options that say how long something may take."""
+    group.add_argument(
+        "--checkpoint-seconds",
+        type=SECONDS,
+        default=Settings.checkpoint_seconds,
+        metavar="SECONDS",
+        help="longest time between two checkpoints of a run",
+    )
+    group.add_argument(
+        "--outage-seconds",
+        type=SECONDS,
+        default=Settings.outage_seconds,
+        metavar="SECONDS",
+        help="how long the storage of the results may be unavailable before runs count as lost",
+    )
+    group.add_argument(
+        "--unreachable-seconds",
+        type=SECONDS,
+        default=Settings.unreachable_seconds,
+        metavar="SECONDS",
+        help="how long a run or a cohort's learner may not answer before it counts as lost",
+    )
 
 
 def chosen_campaign(campaign: CampaignSpec, options: argparse.Namespace) -> CampaignSpec:
@@ -219,6 +231,7 @@ def chosen_settings(options: argparse.Namespace) -> Settings:
     settings = Settings(
         checkpoint_seconds=options.checkpoint_seconds,
         outage_seconds=options.outage_seconds,
+        unreachable_seconds=options.unreachable_seconds,
         autoscaling=options.autoscaling,
     )
     return placed(options, settings)

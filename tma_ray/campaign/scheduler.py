@@ -6,7 +6,7 @@ import logging
 import re
 import time
 from collections import deque
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 from typing import Any
@@ -22,6 +22,7 @@ from tma_ray.campaign.failures.retries import Retries
 from tma_ray.campaign.failures.silence import Silence
 from tma_ray.campaign.monitor.progress import ActiveRun, Snapshot, View
 from tma_ray.campaign.placing.cohorts import Cohorts
+from tma_ray.campaign.placing.kinds import Kind
 from tma_ray.campaign.placing.launching import node_strategy
 from tma_ray.campaign.placing.places import AnyNode, Place, Places
 from tma_ray.campaign.settings import Settings
@@ -75,6 +76,7 @@ class Scheduler:
         view: shows the progress.
         keep_lease: called before anything is published; raises if another campaign holds the root.
         head: of the Ray that this process is connected to.
+        kinds: of the runs by their ids, see `kinds_of`, if they learn in cohorts.
     """
 
     def __init__(
@@ -84,11 +86,11 @@ class Scheduler:
         view: View,
         keep_lease: Callable[[], None],
         head: Head,
+        kinds: Mapping[str, Kind] | None = None,
     ) -> None:
         self._committer = RetryingCommitter(committer, keep_lease, settings.outage_seconds)
-        self._settings = settings
-        self._view = view
-        self._head = head
+        self._settings, self._kinds = settings, kinds or {}
+        self._view, self._head = view, head
         self._waiting: deque[RunSpec] = deque()
         self._running: dict[Any, _Running] = {}
         self._retries = Retries(settings.most_losses)
@@ -113,9 +115,8 @@ class Scheduler:
         done = self._committer.call(Committer.done, [spec.run_id for spec in specs])
         self._done = len(done)
         self._waiting.extend(spec for spec in specs if spec.run_id not in done)
-        self._places = AnyNode(self._settings, self._head)
-        if self._settings.width:
-            self._places = Cohorts(self._settings, self._head, specs)
+        where = self._settings, self._head
+        self._places = Cohorts(*where, specs, self._kinds) if self._settings.width else AnyNode(*where)
         self._total, self._total_steps = len(specs), sum(spec.schedule.steps for spec in specs)
         try:
             while self._waiting or self._running or self._retries:
@@ -286,14 +287,13 @@ class Scheduler:
             for r in self._running.values()
             if r.report is not None
         ]
-        waiting_steps = sum(spec.schedule.steps for spec in waiting)
         return Snapshot(
             total=self._total,
             done=self._done,
             failed=self._failed,
             stopped=self._stopped,
             waiting=len(waiting),
-            waiting_steps=waiting_steps,
+            waiting_steps=sum(spec.schedule.steps for spec in waiting),
             total_steps=self._total_steps,
             running=active,
             learners=self._learners,

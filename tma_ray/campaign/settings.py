@@ -84,8 +84,8 @@ class Settings:
         most_losses: how often a run may lose its process before it counts as failed.
         outage_seconds: how long the storage of the results may refuse what is written before a run counts as
             lost, or the campaign ends, s.
-        unreachable_seconds: how long a run may be silent that is not known to be dead, before it counts
-            as lost, s.
+        unreachable_seconds: how long a run, or the learner of a cohort, may be silent that is not known to be
+            dead, before it counts as lost, s.
         grace_seconds: how long a stop waits for checkpoints, s.
         poll_seconds: time between two looks at the runs, s.
         autoscaling: whether the cluster adds nodes for runs that wait: then none are refused because

@@ -1,6 +1,7 @@
 """Results as Parquet tables: written by runs, published by one committer, read by anyone."""
 
 from tma_ray.decoding import DamagedFileError, DamagedFileWarning
+from tma_ray.results.arrow_alone import leave_pandas_out
 from tma_ray.results.committer import Committer, StaleAttemptError, accepted_manifest
 from tma_ray.results.engines import BOX2D, BOX2D_TEST_SET, CHIPMUNK, NO_PHYSICS_VERSION, SIMULATED
 from tma_ray.results.holding.heartbeat import Heartbeat, HeartbeatWriter, LearnerProgress, RunProgress
@@ -124,6 +125,7 @@ __all__ = [
     "input_path",
     "keep_input",
     "keep_plugin",
+    "leave_pandas_out",
     "log_path",
     "policy_folder",
     "read_checked",

@@ -5,7 +5,7 @@ from __future__ import annotations
 import logging
 import time
 from collections import Counter, deque
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from typing import Any
@@ -14,7 +14,7 @@ import ray
 from ray.exceptions import ActorUnavailableError, RayError
 
 from tma_ray.campaign.cluster.head import Head
-from tma_ray.campaign.placing.kinds import Kind, kinds_of
+from tma_ray.campaign.placing.kinds import Kind
 from tma_ray.campaign.placing.learner import LearnerActor
 from tma_ray.campaign.placing.places import Place
 from tma_ray.campaign.placing.room import learner_resources, room_of
@@ -26,6 +26,9 @@ from tma_ray.students.players import CohortSettings
 
 AUTOSCALING_LEARNERS = 4
 """Learners that wait for nodes of an autoscaling cluster."""
+
+LONGEST_LOOK = 5.0
+"""Of the time between two looks at a learner so much counts at most, s: the driver may have slept itself."""
 
 logger = logging.getLogger(__name__)
 
@@ -45,8 +48,10 @@ class _Cohort:
     asked: Any = None
     progress: LearnerProgress | None = None
     silent_since: float | None = None
+    unanswered: float = 0.0
+    looked_at: float = field(default_factory=time.monotonic)
 
-    def choose(self, waiting: Sequence[RunSpec], kinds: dict[str, Kind]) -> int | None:
+    def choose(self, waiting: Sequence[RunSpec], kinds: Mapping[str, Kind]) -> int | None:
         """Returns the number of the run that fits best: of a kind that learns here already, or a new one."""
         if len(self.runs) >= self.places:
             return None
@@ -70,6 +75,7 @@ class Cohorts:
         settings: of the campaign.
         head: of the Ray that this process is connected to.
         specs: all runs that may come.
+        kinds: of these by their ids.
         learner_type: class of the actors.
     """
 
@@ -78,10 +84,11 @@ class Cohorts:
         settings: Settings,
         head: Head,
         specs: Sequence[RunSpec],
+        kinds: Mapping[str, Kind],
         learner_type: type[LearnerActor] = LearnerActor,
     ) -> None:
         self._settings, self._head, self._type = settings, head, learner_type
-        self._specs, self._kinds = specs, kinds_of(specs)
+        self._specs, self._kinds = specs, kinds
         self._cohorts: list[_Cohort] = []
         self._excused: set[str] = set()
         self._resources: Resources = learner_resources(settings, specs, self._kinds)
@@ -161,19 +168,22 @@ class Cohorts:
                 cohort.node, cohort.places = node, rooms[0].players if rooms else cohort.places
 
     def _poll(self, cohort: _Cohort) -> None:
+        now = time.monotonic()
+        passed, cohort.looked_at = min(now - cohort.looked_at, LONGEST_LOOK), now
         if cohort.asked is not None:
             if not _come(cohort.asked):
+                cohort.unanswered += passed if cohort.learner is not None else 0.0
                 return
             asked, cohort.asked = cohort.asked, None
             with suppress(RayError):
                 cohort.progress = ray.get(asked)
-                cohort.silent_since = None
+                cohort.silent_since, cohort.unanswered = None, 0.0
         cohort.asked = cohort.actor.report.remote()
 
     def _lives(self, cohort: _Cohort) -> bool:
         """Tells whether a learner is at work, or may be although it does not answer; says why if not."""
         if not _come(cohort.ended):
-            return True
+            return not self._hangs(cohort)
         try:
             ray.get(cohort.ended)
         except ActorUnavailableError as error:
@@ -187,6 +197,20 @@ class Cohorts:
         except RayError as error:
             _warn(cohort, error)
         return False
+
+    def _hangs(self, cohort: _Cohort) -> bool:
+        """Tells whether a learner that lives has not answered for too long; says so."""
+        if cohort.unanswered < self._settings.unreachable_seconds:
+            return False
+        host = cohort.progress.host if cohort.progress else "its node"
+        logger.warning(
+            "the learner of a cohort on %s has not answered for %.0f s: it is killed, and its %d runs resume "
+            "from their checkpoints beside another",
+            host,
+            cohort.unanswered,
+            len(cohort.runs),
+        )
+        return True
 
     def _narrow(self, cohort: _Cohort, error: MemoryError) -> None:
         """Halves the width of learners to come, so that the runs of this one can go on."""

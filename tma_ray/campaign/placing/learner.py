@@ -7,6 +7,7 @@ import secrets
 import threading
 import time
 from collections import deque
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -24,6 +25,14 @@ CONCURRENT_CALLS = 6
 
 WINDOW_SECONDS = 30.0
 """Time over which speed and share of work are averaged, s."""
+
+
+LONGEST_TURN = 3600.0
+"""Time after which a learner counts as stuck that is still at the same few updates, s: its GPU may hang. The
+compilation of a first update takes minutes."""
+
+TURN_POLL = 5.0
+"""Time between two looks at whether a learner is stuck, s."""
 
 
 class Opened(NamedTuple):
@@ -81,9 +90,10 @@ class LearnerActor:
         Raises:
             MemoryError: the device has too little memory. Players stay connected: they do not learn of it
                 before this process is killed.
+            TimeoutError: the work does not go on, and nothing ends it.
             Exception: whatever else ended the work.
         """
-        self._thread.join()
+        wait_for_end(self._thread, lambda: self._server and self._server.turned_at)
         if self._failure is not None:
             raise self._failure
 
@@ -139,3 +149,23 @@ class LearnerActor:
 
         free, total = torch.cuda.mem_get_info()
         return (total - free) / GIB, total / GIB
+
+
+def wait_for_end(thread: threading.Thread, turned_at: Callable[[], float | None]) -> None:
+    """Waits for the end of a learner's thread.
+
+    Args:
+        thread: in which it works.
+        turned_at: time of its last look at what players ask, on the monotonic clock, s; None before the
+            first.
+
+    Raises:
+        TimeoutError: it has been at the same updates for longer than `LONGEST_TURN`.
+    """
+    while thread.is_alive():
+        thread.join(TURN_POLL)
+        last = turned_at()
+        if last is not None and time.monotonic() - last > LONGEST_TURN:
+            raise TimeoutError(
+                f"it has been at the same updates for {LONGEST_TURN / 60:.0f} minutes: its device hangs"
+            )

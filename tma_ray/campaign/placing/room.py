@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 from tma_ray.campaign.cluster.connection import offers
 from tma_ray.campaign.cluster.head import living_nodes
-from tma_ray.campaign.placing.kinds import Kind, kinds_of
+from tma_ray.campaign.placing.kinds import Kind
 from tma_ray.campaign.settings import GIB, Resources, Settings
 from tma_ray.runs.spec import RunSpec
 
@@ -70,13 +70,18 @@ def _replay_bytes(spec: RunSpec, kind: Kind) -> float:
     return ROW_BYTES * size * (kind.observation + kind.action + 2)
 
 
-def check_room(settings: Settings, specs: Sequence[RunSpec]) -> None:
+def check_room(settings: Settings, specs: Sequence[RunSpec], kinds: Mapping[str, Kind]) -> None:
     """Refuses cohorts that no node can hold: Ray would let them wait forever.
+
+    Args:
+        settings: of the campaign.
+        specs: its runs.
+        kinds: of `kinds_of` these.
 
     Raises:
         ValueError: what a learner and a run need, and what the nodes have.
     """
-    learner = learner_resources(settings, specs, kinds_of(specs))
+    learner = learner_resources(settings, specs, kinds)
     nodes = [node["Resources"] for node in living_nodes()]
     if any(room_of(node, settings, learner).players for node in nodes):
         return

@@ -13,7 +13,7 @@ from multiprocessing.synchronize import Event
 from pathlib import Path
 from typing import Any
 
-from tma_ray.results import AttemptOutcome, Committer
+from tma_ray.results import AttemptOutcome, Committer, leave_pandas_out
 from tma_ray.runs.local import run_locally
 from tma_ray.runs.placement import Placement, Status
 from tma_ray.runs.spec import RunSpec
@@ -134,6 +134,7 @@ def _take_news(news: Any, report: PoolReport) -> None:
 
 def _work(job: _Job) -> None:
     """Executes runs until none is left or a stop is asked for."""
+    leave_pandas_out()
     committer = Committer.open(job.root)
     while not job.stop.is_set():
         try:

@@ -45,6 +45,7 @@ class LearnerServer:
 
     Attributes:
         account: seconds spent at each part of the work, and numbers of updates.
+        turned_at: time of the last look at what players ask, on the monotonic clock, s.
     """
 
     def __init__(self, learner: Learner, settings: CohortSettings) -> None:
@@ -62,6 +63,7 @@ class LearnerServer:
         self._files = Aside(lambda: self._inbox.send(None))
         threading.Thread(target=self._accept, daemon=True).start()
         self.account = dict.fromkeys(("asking for updates", "requests", "deliveries", "waiting"), 0.0)
+        self.turned_at = time.monotonic()
         self.account |= {"stacked updates": 0.0, "updates of runs": 0.0}
 
     @property
@@ -77,6 +79,7 @@ class LearnerServer:
             torch.OutOfMemoryError: likewise, on a GPU.
         """
         while not should_stop():
+            self.turned_at = time.monotonic()
             with self._clock("waiting"):
                 ready = wait(self._connections, timeout=self._patience(poll_seconds))
             with self._clock("requests"):
