@@ -15,6 +15,7 @@ from analysis.names import label
 from analysis.statistics import Comparison, Description, mean_interval, welch, welch_from_statistics
 from analysis.statistics.verdicts import Standing, contrary, equivalent, greater
 from tma_ray.benchmark.claims import CLAIMS
+from tma_ray.benchmark.experiments import TEACHERS
 from tma_ray.benchmark.statements import (
     Bounded,
     Claim,
@@ -144,6 +145,7 @@ def _(statement: Ranked, source: Source) -> Finding:
     samples = {
         teacher: source.sample(_of(teacher, statement.reading))
         for teacher in source.teachers(statement.reading)
+        if teacher in TEACHERS
     }
     known = {teacher: sample for teacher, sample in samples.items() if sample is not None}
     mine = known.pop(statement.reading.teacher, None)

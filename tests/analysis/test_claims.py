@@ -112,6 +112,7 @@ def standing(root: Path, *statements: object) -> list[Standing]:
 def test_statements_are_judged_by_the_runs_of_a_root(tmp_path: Path) -> None:
     write(tmp_path, "random", [5, 6, 4, 5], level="none")
     write(tmp_path, "adr", [1, 2, 1, 2])
+    write(tmp_path, "sfl", [9, 9, 9, 9])  # no teacher of the paper, so that it has no rank there
     adr, random = (Reading(teacher, "rugged_difficulty", LOW) for teacher in ("adr", "random"))
     early = Reading("adr", "rugged_difficulty", LOW, share=0.5)
     assert standing(

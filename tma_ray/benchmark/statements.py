@@ -71,7 +71,7 @@ class Bounded:
 
 @dataclass(frozen=True)
 class Ranked:
-    """The mean of the reading is among the `top` highest of all teachers there."""
+    """The mean of the reading is among the `top` highest of the paper's teachers there."""
 
     reading: Reading
     top: int

@@ -137,6 +137,13 @@ class SACSeat(Seat[StackedSAC, SAC]):
         for piece in self.student.replay.pieces():
             self.stack.store(self.slot, *piece)
 
+    def values(self, observations: NDArray[np.float32]) -> NDArray[np.float64]:
+        """Returns the state values (n,) of `observations` (n, o), on the stack's device.
+
+        Their noise is the student's, so that a run that learns alone has the same, up to rounding.
+        """
+        return self.stack.values(self.slot, observations, self.student.value_noise(len(observations)))
+
     def _copy_back(self) -> None:
         update, networks = self.student.update, self.stack.networks(self.slot)
         own = update.actor, update.critics, update.targets

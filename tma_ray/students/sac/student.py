@@ -166,13 +166,18 @@ class SAC(StableBaselinesStudent[SACHyperparameters, stable_baselines3.SAC]):
         total = torch.zeros((len(inputs), 1), dtype=torch.float64, device=self.device)
         with torch.no_grad():
             outputs = self._actor.networks[0].frozen(inputs)
-            for _ in range(hyper.value_samples):
-                noise = self._values.standard_normal((len(inputs), self._low.size), dtype=np.float32)
+            for noise in self.value_noise(len(inputs)):
                 draw = squashed_draw(outputs, torch.from_numpy(noise).to(self.device), hyper.log_std)
                 critics = joined([critic.frozen for critic in self._critics.networks])
                 total += soft_values(critics, inputs, draw, hyper.entropy_coefficient)
         values: NDArray[np.float64] = (total[:, 0] / hyper.value_samples).numpy(force=True)
         return values
+
+    def value_noise(self, states: int) -> NDArray[np.float32]:
+        """Returns standard normal noise (m, n, a) of the m actions that the value of each state averages."""
+        shape = self.hyperparameters.value_samples, states, self._low.size
+        noise: NDArray[np.float32] = self._values.standard_normal(shape, dtype=np.float32)
+        return noise
 
     def save_policy(self, folder: Path) -> None:
         """Writes the actor's layers to the mean.
