@@ -105,6 +105,7 @@ def test_a_test_set_survives_its_csv(tmp_path: Path) -> None:
     loaded = TestSet.from_csv(tmp_path / "grid.csv")
     np.testing.assert_array_equal(loaded.tasks, grid.tasks)
     assert (loaded.name, loaded.digest) == (grid.name, grid.digest)
+    assert repr(loaded) == f"TestSet('grid', height, spacing: 100 tasks, {grid.digest})"
     grid.check(space)
     with pytest.raises(ValueError, match="task 90"):
         grid.check(space.with_bounds("height", 0, 2.9))

@@ -44,6 +44,10 @@ class TestSet:
     def __len__(self) -> int:
         return len(self.tasks)
 
+    def __repr__(self) -> str:
+        """Names it; a run spec holds one, and is printed in messages."""
+        return f"TestSet({self.name!r}, {', '.join(self.dimensions)}: {len(self)} tasks, {self.digest})"
+
     @property
     def digest(self) -> str:
         """Hash of dimensions and tasks: two sets of one name and other tasks never pass for each other."""
