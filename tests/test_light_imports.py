@@ -69,6 +69,11 @@ STEPS = (
         "import tma_ray.students as s; s.default_hyperparameters('ppo'); s.STUDENTS.names()",
         LEARNING | PLOTTING | {"ray"},
     ),
+    Step(
+        "classes of teachers",
+        "from tma_ray.teachers import TEACHERS\nassert all(map(TEACHERS.get, TEACHERS.names()))",
+        LEARNING | PLOTTING | {"ray"},
+    ),
     Step("loggers", "import analysis.tracking", LEARNING | {"ray", "tensorboardX", "wandb"}),
     Step("pages", "import analysis.pages.report", LEARNING | {"ray", "pymunk", "matplotlib.pyplot"}),
     Step(

@@ -4,21 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from itertools import pairwise
 from typing import Any, ClassVar
 
 import numpy as np
-import torch
 from numpy.typing import NDArray
-from torch import nn
 
 from tma_ray.tasks import Episode, ExpertKnowledge, KnowledgeLevel, Task, TaskSpace, TeacherUpdate
 from tma_ray.teachers.base import Teacher
-from tma_ray.teachers.numerics.networks import descend, inference, linear, torch_generator, training
-from tma_ray.teachers.numerics.real_nvp import DTYPE, RealNVP
 from tma_ray.teachers.numerics.unit_box import UnitBox
 
-JUDGE_UNITS = 64
 SMALLEST_FEASIBILITY = 1e-8
 
 
@@ -82,13 +76,13 @@ class SetterSolver(Teacher):
 
     def start(self, space: TaskSpace, knowledge: ExpertKnowledge, rng: np.random.Generator) -> None:
         """Starts with networks that have learned nothing."""
+        from tma_ray.teachers.numerics import setter_networks as networks  # imports torch
+
         super().start(space, knowledge, rng)
         self._box = UnitBox(space)
-        seeded = torch_generator(rng)
-        self.judge_ = _judge(self._box.size, seeded)
-        self.setter_ = RealNVP(self._box.size, self.hidden_units, seeded)
-        self.judge_optimiser_ = torch.optim.Adam(self.judge_.parameters(), self.learning_rate)
-        self.setter_optimiser_ = torch.optim.Adam(self.setter_.parameters(), self.learning_rate)
+        self.judge_, self.setter_ = networks.new_networks(self._box.size, self.hidden_units, rng)
+        self.judge_optimiser_ = networks.adam(self.judge_, self.learning_rate)
+        self.setter_optimiser_ = networks.adam(self.setter_, self.learning_rate)
         self._begin_batch()
 
     def sample(self) -> Task:
@@ -113,45 +107,26 @@ class SetterSolver(Teacher):
         self.successes_: list[bool] = []
 
     def _propose(self, count: int, rng: np.random.Generator) -> Proposals:
+        from tma_ray.teachers.numerics.setter_networks import propose
+
         feasibility = rng.uniform(SMALLEST_FEASIBILITY, 1.0, count)
         latents = rng.standard_normal((count, self._box.size))
-        with inference():
-            points, _ = self.setter_(torch.from_numpy(latents), torch.from_numpy(feasibility))
-        return Proposals(feasibility, latents, points.numpy())
+        return Proposals(feasibility, latents, propose(self.setter_, latents, feasibility))
 
     def _update(self, solved: NDArray[np.bool_]) -> None:
-        with training():
-            scalars = self._update_judge(solved) | self._update_setter(solved)
-        self.log(TeacherUpdate(scalars={"success_share": float(solved.mean()), **scalars}))
+        from tma_ray.teachers.numerics.setter_networks import update_judge, update_setter
 
-    def _update_judge(self, solved: NDArray[np.bool_]) -> dict[str, float]:
-        logits = self.judge_(torch.from_numpy(self.batch_.points))[:, 0]
-        successes = torch.from_numpy(solved).to(DTYPE)
-        loss = nn.functional.binary_cross_entropy_with_logits(logits, successes)
-        descend(self.judge_optimiser_, loss)
-        return {"judge_loss": loss.item()}
-
-    def _update_setter(self, solved: NDArray[np.bool_]) -> dict[str, float]:
-        wanted = torch.from_numpy(self.batch_.feasibility)
-        points, log_density = self.setter_(torch.from_numpy(self.batch_.latents), wanted)
-        judged = self.judge_(points)[:, 0]
-        losses = {
-            "feasibility_loss": ((judged - torch.logit(wanted)) ** 2).mean(),
-            "coverage_loss": log_density.mean(),
-        }
+        batch = self.batch_
+        judge_loss = update_judge(self.judge_, self.judge_optimiser_, batch.points, solved)
+        targets = batch.points[solved]
         if solved.any():
-            noise = self.rng.uniform(0.0, self.noise, self.batch_.points[solved].shape)
-            targets = torch.from_numpy(self.batch_.points[solved] + noise)
-            _, likelihood = self.setter_.inverse(targets, wanted[torch.from_numpy(solved)])
-            losses["validity_loss"] = -likelihood.mean()
-        descend(self.setter_optimiser_, torch.stack(list(losses.values())).sum())
-        return {name: loss.item() for name, loss in losses.items()}
-
-
-def _judge(size: int, generator: torch.Generator) -> nn.Sequential:
-    """Returns three hidden layers (paper, appendix A) and the logit of success."""
-    widths = [size, JUDGE_UNITS, JUDGE_UNITS, JUDGE_UNITS]
-    layers: list[nn.Module] = []
-    for inputs, outputs in pairwise(widths):
-        layers += [linear(inputs, outputs, DTYPE, generator), nn.ReLU()]
-    return nn.Sequential(*layers, linear(JUDGE_UNITS, 1, DTYPE, generator))
+            targets = targets + self.rng.uniform(0.0, self.noise, targets.shape)
+        losses = update_setter(
+            self.setter_,
+            self.judge_,
+            self.setter_optimiser_,
+            (batch.latents, batch.feasibility),
+            (targets, solved),
+        )
+        share = {"success_share": float(solved.mean()), "judge_loss": judge_loss}
+        self.log(TeacherUpdate(scalars=share | losses))
