@@ -51,6 +51,13 @@ EXAMPLES = "examples:"
 class HelpFormatter(argparse.HelpFormatter):
     """Adds the default to the help of every option that has one; keeps the lines of examples."""
 
+    def add_argument(self, action: argparse.Action) -> None:
+        """Adds what helps with an argument; the names of commands count with their whole indentation."""
+        super().add_argument(action)
+        names = [self._format_action_invocation(each) for each in self._iter_indented_subactions(action)]
+        indented = self._current_indent + self._indent_increment
+        self._action_max_length = max(self._action_max_length, *(indented + len(each) for each in names), 0)
+
     def _fill_text(self, text: str, width: int, indent: str) -> str:
         return text if text.startswith(EXAMPLES) else super()._fill_text(text, width, indent)
 

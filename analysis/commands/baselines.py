@@ -7,7 +7,7 @@ from pathlib import Path
 from rich.console import Console
 from rich.table import Table
 
-from analysis.baselines.catalogue import baselines
+from analysis.baselines.catalogue import SHIPPED, Baseline, baselines
 from analysis.baselines.manifest import BaselineManifest
 from analysis.baselines.verification import verify
 from tma_ray.terminal import terminal
@@ -25,7 +25,7 @@ def show_baselines(console: Console | None = None) -> None:
         manifest = baseline.manifest
         teachers = str(len(manifest.holds.get("teachers", ())))
         row = manifest.name, manifest.engine, _runs(manifest), teachers, manifest.licence or "none given"
-        table.add_row(*row, baseline.place)
+        table.add_row(*row, _place(baseline))
     terminal(console).print(table)
 
 
@@ -46,6 +46,11 @@ def show_verification(name: str | Path, console: Console | None = None) -> bool:
     for problem in found.problems:
         console.print(problem, markup=False, soft_wrap=True)
     return found.whole
+
+
+def _place(baseline: Baseline) -> str:
+    shipped = "://" not in baseline.place and Path(baseline.place).is_relative_to(SHIPPED)
+    return "in the package" if shipped else baseline.place
 
 
 def _runs(manifest: BaselineManifest) -> str:

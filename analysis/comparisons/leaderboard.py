@@ -23,7 +23,7 @@ class Entry:
     """A teacher of a leaderboard.
 
     Attributes:
-        rank: over all of its challenges, with what of it is certain.
+        rank: over all of its challenges, with the ranks that the tests leave open.
         results: mastered test tasks in per cent, mean and 95 % margin, by the title of the challenge.
         hours: of wall-clock time of a run, all its attempts together; NaN if unknown.
     """

@@ -1,4 +1,4 @@
-"""Ranks of teachers over all challenges at once, and what of them is certain."""
+"""Ranks of teachers over all challenges at once, and those that the tests leave open."""
 
 from __future__ import annotations
 
@@ -66,7 +66,7 @@ class Rank:
         where += f", {self.across['variant']}" if self.across["variant"] else ""
         count = f"{self.challenges} challenge{'s' if self.challenges > 1 else ''}"
         best, worst = self.best, self.worst
-        certain = f"{best} to {worst} is certain" if best < worst else "which is certain"
+        certain = f"and the tests leave {best} to {worst} open" if best < worst else "as the tests confirm"
         count += f" ({where})"
         parts = [("better than", self.better), ("worse than", self.worse)]
         said = [f"{words} {_listed(names)}" for words, names in parts if names]

@@ -102,8 +102,9 @@ def test_the_page_has_all_of_it(
     assert main(["compare", mine, "--baseline", theirs, "--baseline", "paper-2021"]) == 0
     verdict, place = capsys.readouterr().out.splitlines()
     assert verdict == (
-        "Over 3 challenges (expert knowledge none, 2 million steps) frontier ranks 1 of 3 by mean, 1 to 2 is "
-        "certain: better than 1 (Random); undecided against 1 (RIAC) (p < 0.05 after Holm)."
+        "Over 3 challenges (expert knowledge none, 2 million steps) frontier ranks 1 of 3 by mean, and "
+        "the tests leave 1 to 2 open: better than 1 (Random); "
+        "undecided against 1 (RIAC) (p < 0.05 after Holm)."
     )
     index = Path(place)
     text = re.sub(r"\s+", " ", index.read_text())
@@ -153,7 +154,7 @@ def test_the_area_under_the_curve_can_be_the_measure(
     output = str(tmp_path / "page")
     command = ["compare", str(mine), "--baseline", str(theirs), "-o", output, "--measure", "mastered_area"]
     assert main(command) == 0
-    assert "frontier ranks 1 of 2 by mean, which is certain" in capsys.readouterr().out
+    assert "frontier ranks 1 of 2 by mean, as the tests confirm" in capsys.readouterr().out
     text = (tmp_path / "page" / "index.html").read_text()
     assert "Mastered test tasks over training (%), mean" in text
     assert "80.0 ± 5.0" in text

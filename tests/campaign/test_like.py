@@ -107,7 +107,7 @@ def test_the_command_says_the_cost_and_refuses_what_the_release_decides(
     assert main([*like, "--teachers", "riac", "--challenges", "original", "--seeds", "1"]) == 0
     said = capsys.readouterr().out
     assert said.startswith("cost: ")
-    assert "1 cells like those of" in said
+    assert "1 cell like those of" in said
     assert main([*like, "--teachers", "riac", "--students", "sac", "--steps", "1k"]) == 2
     assert "--students, --steps from the release" in capsys.readouterr().err
     assert main(like) == 2

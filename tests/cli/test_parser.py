@@ -103,3 +103,13 @@ def test_completions_know_commands_and_options(shell: str, capsys: pytest.Captur
         assert word in script
     if shell == "bash":
         assert subprocess.run(["bash", "-n"], input=script, text=True).returncode == 0
+
+
+def test_the_list_of_commands_has_a_line_for_each_that_begins_with_its_name(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setenv("COLUMNS", "80")
+    lines = cli._parser().format_help().partition("COMMAND\n")[2].splitlines()
+    first = [line.split() for line in lines if line.startswith("    ") and not line.startswith(" " * 6)]
+    assert all(len(words) > 1 for words in first), "a name on a line of its own"
+    assert {words[0] for words in first} >= {"run", "leaderboard", "tensorboard"}

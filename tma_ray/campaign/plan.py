@@ -11,6 +11,7 @@ from typing import Any
 
 from tma_ray.commands.arguments import check_kind, check_names
 from tma_ray.commands.quantities import SEED
+from tma_ray.commands.texts import counted
 from tma_ray.results import check_id
 from tma_ray.runs import Cell, RunSpec, Schedule, effective_spec
 from tma_ray.tasks import KnowledgeLevel
@@ -96,7 +97,7 @@ class CampaignSpec:
                 spec = replace(first, seed=seed)
                 runs.setdefault(spec.run_id, spec)
                 rows.append({**cell_row(self.name, cell, spec), "seed": seed, "run_id": spec.run_id})
-        size = f"{len(self.cells)} cells x {len(self.seeds)} seeds"
+        size = f"{counted(len(self.cells), 'cell')} x {counted(len(self.seeds), 'seed')}"
         return Plan(self.name, size, tuple(runs.values()), tuple(rows))
 
 

@@ -20,6 +20,17 @@ def refused(text: str, reason: str) -> argparse.ArgumentTypeError:
     return argparse.ArgumentTypeError(f"{shown!r}: {reason}")
 
 
+def counted(number: int, one: str, many: str | None = None) -> str:
+    """Returns a number with its noun: "1 run", "1,200 runs".
+
+    Args:
+        number: how many.
+        one: the noun of one.
+        many: of several, if that is not `one` with an s.
+    """
+    return f"{number:,} {one if number == 1 else many or f'{one}s'}"
+
+
 def check_visible(text: str, expected: str) -> None:
     """Refuses an empty text, and control characters.
 

@@ -13,13 +13,13 @@ def require(table: pd.DataFrame, columns: Sequence[str], what: str) -> None:
     """Checks that a table has rows and columns.
 
     Raises:
-        ValueError: it has no rows, or lacks one of `columns`; `what` says which table that is.
+        ValueError: it has no rows, or lacks one of `columns`.
     """
     absent = [column for column in columns if column not in table]
     if absent:
         raise ValueError(f"{what}: expected the columns {', '.join(columns)}; {', '.join(absent)} not there")
     if table.empty:
-        raise ValueError(f"{what}: expected at least one row, to have something to draw")
+        raise ValueError(f"there are no {what}: nothing to draw")
 
 
 def require_unique(table: pd.DataFrame, keys: Sequence[str], what: str) -> None:

@@ -115,19 +115,20 @@ class Cost:
         return (
             f"cost: {self.summary()}\n"
             f"{self._speeds()}\n"
-            f"  about {_size(self.disk_gib)} of results; of the runs under way {_size(self.checkpoint_gib)} "
-            f"of checkpoints and {_size(self.memory_gib)} of memory"
+            f"  disk: about {_size(self.disk_gib)} of results, "
+            f"and {_size(self.checkpoint_gib)} of checkpoints of the runs under way\n"
+            f"  memory: about {_size(self.memory_gib)} for the runs under way"
         )
 
     def _speeds(self) -> str:
-        """Returns the speeds, in a line for each origin that they have."""
+        """Returns the speeds by their origin, a line each."""
         origins = {each.source: [] for each in self.throughputs.values()}  # type: dict[Source, list[str]]
         for each in self.throughputs.values():
             fed = f" (a full learner {each.learner:,.0f})" if each.learner else ""
             origins[each.source].append(f"{each.label} {each.training:,.0f}{fed}")
         each_of = "a player on a core" if self.sharing else f"{self.at_once} at once, in steps/s of each"
         return "\n".join(
-            f"  {ORIGINS[source]}, {each_of}: {', '.join(speeds)}"
+            "\n    ".join((f"  {ORIGINS[source]}, {each_of}:", *speeds))
             for source, speeds in sorted(origins.items())
         )
 

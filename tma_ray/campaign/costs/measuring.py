@@ -19,6 +19,7 @@ from rich.progress import Progress
 from tma_ray.campaign.costs.speed import Source, Throughput, label_of
 from tma_ray.campaign.costs.worker import Order
 from tma_ray.campaign.settings import Settings
+from tma_ray.commands.texts import counted
 from tma_ray.runs.inputs import contents
 from tma_ray.runs.spec import RunSpec
 from tma_ray.terminal import terminal
@@ -140,7 +141,8 @@ def _output(worker: _Worker) -> IO[bytes]:
 @contextmanager
 def _progress(specs: Mapping[str, RunSpec]) -> Iterator[Done]:
     """Shows on the error stream how many kinds have been measured: a bar, or a line without a terminal."""
-    console, text = terminal(stderr=True), f"measuring the speed of {len(specs)} kinds of runs"
+    number = counted(len(specs), "kind of run", "kinds of runs")
+    console, text = terminal(stderr=True), f"measuring the speed of {number}"
     if not console.is_terminal:
         console.print(f"{text}, some seconds", highlight=False)
         yield lambda: None

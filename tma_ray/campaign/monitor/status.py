@@ -86,8 +86,8 @@ def _sign_of_life(heartbeat: Heartbeat | None, now: float) -> str:
     if heartbeat.alive(now):
         return f"Running: {heartbeat.holder}; last heartbeat {age}."
     at = datetime.fromtimestamp(heartbeat.at, UTC).strftime("%Y-%m-%d %H:%M UTC")
-    how = "it left" if heartbeat.ended else "its last heartbeat came"
-    return f"No campaign is running. {heartbeat.holder}: {how} {age} ({at})."
+    how = "left" if heartbeat.ended else "had its last heartbeat"
+    return f"No campaign is running. The last one, {heartbeat.holder}, {how} {age} ({at})."
 
 
 def _headline(runs: Sequence[RunState]) -> str:

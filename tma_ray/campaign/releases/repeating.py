@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 from tma_ray.campaign.plan import Plan, cell_row
+from tma_ray.commands.texts import counted
 from tma_ray.decoding import DamagedFileError
 from tma_ray.results import Results, Table
 from tma_ray.runs import Cell, RunSpec, effective_spec
@@ -76,9 +77,8 @@ def like_plan(
                 runs.setdefault(spec.run_id, (place, spec))
                 rows.append({**cell_row(setting.experiment, cell, spec), "seed": seed, "run_id": spec.run_id})
     ordered = sorted(runs.values(), key=lambda placed: placed[0])
-    size = (
-        f"{len(settings) * len(teachers)} cells like those of {released.store}, {len(rows)} with their seeds"
-    )
+    cells = counted(len(settings) * len(teachers), "cell")
+    size = f"{cells} like those of {released.store}, {len(rows):,} with their seeds"
     return Plan(name, size, tuple(spec for _, spec in ordered), tuple(rows))
 
 
