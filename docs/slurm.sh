@@ -31,7 +31,8 @@ ulimit -n "$(ulimit -Hn)"
 # Of this job alone, also where several jobs share a node; below the ports that systems give away by themselves.
 port=$((20000 + SLURM_JOB_ID % 6000 * 2))
 place="${SLURM_TMPDIR:-/tmp}/ray-$SLURM_JOB_ID"
-head=$(scontrol show hostnames "$SLURM_JOB_NODELIST" | head -n 1)
+nodes=$(scontrol show hostnames "$SLURM_JOB_NODELIST")
+head=${nodes%%$'\n'*}
 address=$(getent ahostsv4 "$head" | awk 'NR == 1 { print $1 }')
 
 step=(srun --overlap --ntasks-per-node=1 "--cpus-per-task=$SLURM_CPUS_PER_TASK")

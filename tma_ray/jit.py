@@ -3,14 +3,38 @@
 from __future__ import annotations
 
 import hashlib
+import sys
 from collections.abc import Callable
 from functools import cache
 from pathlib import Path
 from typing import Any, TypeVar, cast
 
 import numba
+from numba.core import event
+
+from tma_ray.commands.early_interrupts import is_command
 
 F = TypeVar("F", bound=Callable[..., object])
+
+
+class _Announcement(event.Listener):
+    """A line on the error stream, once, which says why a command is silent for half a minute."""
+
+    said = False
+
+    def on_start(self, event: Any) -> None:  # noqa: ARG002 - as numba asks
+        if not self.said:
+            self.said = True
+            sys.stderr.write(
+                "tma-ray: compiling kernels, once per machine and version; it takes up to half a minute\n"
+            )
+
+    def on_end(self, event: Any) -> None:
+        """Leaves it at that."""
+
+
+if is_command(sys.orig_argv):
+    event.register("numba:compile", _Announcement())  # type: ignore[no-untyped-call]
 
 
 def kernel(function: F) -> F:

@@ -1,0 +1,37 @@
+"""The command says that it compiles, since it is silent meanwhile."""
+
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+KERNELS = """
+from tma_ray.jit import kernel
+
+@kernel
+def added(first, second):
+    return first + second
+"""
+
+SCRIPT = """
+import sys
+sys.orig_argv[1:1] = [{name!r}]
+import kernels
+assert (kernels.added(1, 2), kernels.added(1.5, 2)) == (3, 3.5)
+"""
+
+
+@pytest.mark.slow
+def test_a_compilation_is_announced_once_by_the_command_and_not_when_it_is_cached(tmp_path: Path) -> None:
+    (tmp_path / "kernels.py").write_text(KERNELS)
+
+    def said(name: str) -> str:
+        command = [sys.executable, "-c", SCRIPT.format(name=name)]
+        return subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=True).stderr
+
+    assert said("worker") == ""
+    (tmp_path / "__pycache__").rename(tmp_path / "elsewhere")
+    first = said("tma-ray")
+    assert first.count("compiling kernels, once per machine and version") == first.count("\n") == 1
+    assert said("tma-ray") == ""
