@@ -1,10 +1,12 @@
 """Speed and independence of stacked learners, without Ray, in one command of a few minutes.
 
+    python benchmarks/cohort.py
     python benchmarks/cohort.py --device cuda --widths 16,48 --precisions highest,high,medium --compiled 0,1
 
-Measures an update of all slots for each width and precision, and what it could feed in environment steps;
-checks that a run learns the same bits alone and with full neighbours. Prints a table last, and writes JSON to
-``--output``.
+Measures an update of all slots for each student, width and precision, and what it could feed in environment
+steps; checks that a run learns the same bits alone and with full neighbours. Then plays whole runs, alone on
+a processor and in a full cohort, and compares the time of the processor that a step takes, with its parts.
+Prints the tables last, and writes JSON to ``--output``.
 """
 
 from __future__ import annotations
@@ -19,9 +21,11 @@ from typing import Any
 
 import numpy as np
 import torch
+import whole_runs
 
+from tma_ray.students.cohort.ppo import PPONetworks, RolloutColumns, StackedPPO
 from tma_ray.students.cohort.sac import SACNetworks, StackedSAC
-from tma_ray.students.hyperparameters import MatmulPrecision, SACHyperparameters
+from tma_ray.students.hyperparameters import MatmulPrecision, PPOHyperparameters, SACHyperparameters
 
 SIZES = 24, 4
 """Observations and actions of the classic bipedal."""
@@ -29,25 +33,74 @@ SIZES = 24, 4
 ROWS = 20_000
 """Transitions in every replay."""
 
-
-def networks(generator: np.random.Generator, stack: StackedSAC, slot: int) -> SACNetworks:
-    """Returns random networks of the sizes that `stack` has."""
-    like = stack.networks(slot)
-    arrays = [np.asarray(0.05 * generator.standard_normal(part.shape), np.float32) for part in like[:3]]
-    actor, critics, targets = arrays
-    zeros = np.zeros_like(actor), np.zeros_like(critics)
-    return SACNetworks(actor, critics, targets, zeros[0], zeros[0], zeros[1], zeros[1], 0, 0)
+STEPS = {"sac": 10.0, "ppo": PPOHyperparameters.batch_size / PPOHyperparameters.epochs}
+"""Environment steps for each update of a run."""
 
 
-def fill(stack: StackedSAC, slot: int, seed: int) -> None:
-    """Gives `slot` networks and a replay that follow from `seed`."""
-    generator = np.random.default_rng(seed)
-    stack.join(slot, networks(generator, stack, slot), key=seed)
-    for _ in range(ROWS // 1000):
-        observations = generator.standard_normal((1001, SIZES[0]), dtype=np.float32)
-        actions = generator.uniform(-1, 1, (1000, SIZES[1])).astype(np.float32)
-        rewards = generator.standard_normal(1000, dtype=np.float32)
-        stack.store(slot, observations, actions, rewards, True)
+UPDATES = 10
+"""Between two looks at the clock."""
+
+
+class SAC:
+    """Updates of SAC on noise: what `speed` and `independent` need of a student."""
+
+    def stack(self, options: argparse.Namespace, width: int, precision: str, compiled: bool) -> StackedSAC:
+        """Returns an empty stack."""
+        hyper = SACHyperparameters(matmul_precision=MatmulPrecision(precision))
+        return StackedSAC(
+            SIZES, hyper, width, 100_000, torch.device(options.device), **_mode(options, compiled)
+        )
+
+    def fill(self, stack: StackedSAC, slot: int, seed: int) -> None:
+        """Gives `slot` networks and a replay that follow from `seed`."""
+        generator = np.random.default_rng(seed)
+        parts = [_noise(generator, part.shape) for part in stack.networks(slot)[:3]]
+        moments = [np.zeros_like(part) for part in parts[:2] for _ in range(2)]
+        stack.join(slot, SACNetworks(*parts, *moments, 0, 0), key=seed)
+        for _ in range(ROWS // 1000):
+            observations = generator.standard_normal((1001, SIZES[0]), dtype=np.float32)
+            actions = generator.uniform(-1, 1, (1000, SIZES[1])).astype(np.float32)
+            rewards = generator.standard_normal(1000, dtype=np.float32)
+            stack.store(slot, observations, actions, rewards, True)
+
+    def work(self, stack: StackedSAC, slot: int) -> None:
+        """Lets the run in `slot` owe ten updates."""
+        stack.owe(slot, 10)
+
+
+class PPO:
+    """Updates of PPO on noise; see `SAC`."""
+
+    def stack(self, options: argparse.Namespace, width: int, precision: str, compiled: bool) -> StackedPPO:
+        """Returns an empty stack."""
+        hyper = PPOHyperparameters(matmul_precision=MatmulPrecision(precision))
+        return StackedPPO(SIZES, hyper, width, torch.device(options.device), **_mode(options, compiled))
+
+    def fill(self, stack: StackedPPO, slot: int, seed: int) -> None:
+        """Gives `slot` networks that follow from `seed`."""
+        parameters = _noise(np.random.default_rng(seed), stack.networks(slot).parameters.shape)
+        zeros = np.zeros_like(parameters)
+        stack.join(slot, PPONetworks(parameters, zeros, zeros, 0))
+
+    def work(self, stack: StackedPPO, slot: int) -> None:
+        """Lets the run in `slot` owe the updates of a rollout."""
+        generator, hyper = np.random.default_rng(slot), PPOHyperparameters()
+        count = hyper.steps_per_update
+        steps = [_noise(generator, (count, size)) for size in SIZES]
+        values = _noise(generator, (4, count))
+        orders = np.stack([generator.permutation(count) for _ in range(hyper.epochs)])
+        stack.store(slot, RolloutColumns(*steps, *values), orders)
+
+
+STUDENTS: dict[str, Any] = {"sac": SAC(), "ppo": PPO()}
+
+
+def _noise(generator: np.random.Generator, shape: tuple[int, ...]) -> np.ndarray:
+    return np.asarray(0.05 * generator.standard_normal(shape), np.float32)
+
+
+def _mode(options: argparse.Namespace, compiled: bool) -> dict[str, Any]:
+    return {"compiled": options.mode or compiled} if compiled else {}
 
 
 def wait(device: torch.device) -> None:
@@ -56,54 +109,53 @@ def wait(device: torch.device) -> None:
         torch.cuda.synchronize(device)
 
 
-def stack_of(options: argparse.Namespace, width: int, precision: str, compiled: bool) -> StackedSAC:
-    """Returns an empty stack."""
-    hyper = SACHyperparameters(matmul_precision=MatmulPrecision(precision))
-    keywords: dict[str, Any] = {"compiled": options.mode or compiled} if compiled else {}
-    return StackedSAC(SIZES, hyper, width, 100_000, torch.device(options.device), **keywords)
+def advance(student: str, stack: Any, updates: int) -> None:
+    """Makes updates of all slots, which get new work where they have none left."""
+    for slot in np.flatnonzero(stack.owed == 0):
+        STUDENTS[student].work(stack, int(slot))
+    stack.advance(updates)
 
 
-def speed(options: argparse.Namespace, width: int, precision: str, compiled: bool) -> dict[str, Any]:
+def speed(options: argparse.Namespace, student: str, width: int, *variant: Any) -> dict[str, Any]:
     """Measures updates of a full stack."""
     device = torch.device(options.device)
-    stack = stack_of(options, width, precision, compiled)
+    stack = STUDENTS[student].stack(options, width, *variant)
     for slot in range(width):
-        fill(stack, slot, slot)
-        stack.owe(slot, 10**6)
+        STUDENTS[student].fill(stack, slot, slot)
     started = time.perf_counter()
-    stack.advance(2)
+    advance(student, stack, 2)
     wait(device)
     preparation = time.perf_counter() - started
     count, started = 0, time.perf_counter()
     while time.perf_counter() - started < options.seconds:
-        stack.advance(options.chunk)
+        advance(student, stack, UPDATES)
         wait(device)
-        count += options.chunk
+        count += UPDATES
     milliseconds = 1000 * (time.perf_counter() - started) / count
     return {
+        "student": student,
         "width": width,
-        "precision": precision,
-        "compiled": compiled,
+        "precision": variant[0],
+        "compiled": variant[1],
         "preparation_s": round(preparation, 1),
         "update_ms": round(milliseconds, 3),
-        "bound_steps_s": round(width * 10_000 / milliseconds),
+        "bound_steps_s": round(1000 * width * STEPS[student] / milliseconds),
         "losses": stack.figures(0),
     }
 
 
-def independent(options: argparse.Namespace, width: int, precision: str, compiled: bool) -> bool:
+def independent(options: argparse.Namespace, student: str, width: int, *variant: Any) -> bool:
     """Returns True if 50 updates give the same bits alone and with neighbours that come and go."""
-    results = []
+    own, results = STUDENTS[student], []
     for neighbours in (False, True):
-        stack = stack_of(options, width, precision, compiled)
-        fill(stack, 1, 7)
+        stack = own.stack(options, width, *variant)
+        own.fill(stack, 1, 7)
         for piece in range(5):
-            if neighbours:
-                slot = (2 + piece) % width
-                if slot != 1:
-                    fill(stack, slot, 100 + piece)
-                    stack.owe(slot, 7)
-            stack.owe(1, 10)
+            slot = (2 + piece) % width
+            if neighbours and slot != 1:
+                own.fill(stack, slot, 100 + piece)
+                own.work(stack, slot)
+            own.work(stack, 1)
             stack.advance(10)
         results.append(stack.networks(1))
     return all(np.array_equal(one, other) for one, other in zip(*results, strict=True))
@@ -111,49 +163,66 @@ def independent(options: argparse.Namespace, width: int, precision: str, compile
 
 def table(rows: list[dict[str, Any]]) -> str:
     """Returns the measurements as a table."""
-    names = "width", "precision", "compiled", "update_ms", "bound_steps_s", "independent"
+    names = "student", "width", "precision", "compiled", "update_ms", "bound_steps_s", "independent"
     lines = [f"| {' | '.join(names)} |", f"|{' --- |' * len(names)}"]
     return "\n".join(
         [*lines, *(f"| {' | '.join(str(row.get(name, '')) for name in names)} |" for row in rows)]
     )
 
 
-def variants(options: argparse.Namespace) -> Iterator[tuple[int, str, bool]]:
-    """Yields width, precision, and whether updates are compiled."""
+def variants(options: argparse.Namespace) -> Iterator[tuple[str, int, str, bool]]:
+    """Yields student, width, precision, and whether updates are compiled."""
     widths = [int(width) for width in options.widths.split(",")]
     compiled = [bool(int(flag)) for flag in options.compiled.split(",")]
-    for flag, precision, width in product(compiled, options.precisions.split(","), widths):
-        yield width, precision, flag
+    students, precisions = options.students.split(","), options.precisions.split(",")
+    for flag, precision, width, student in product(compiled, precisions, widths, students):
+        yield student, width, precision, flag
 
 
-def main() -> int:
-    """Measures, prints and writes."""
+def parser() -> argparse.ArgumentParser:
+    """Returns the options."""
     parser = argparse.ArgumentParser(
         description=str(__doc__), formatter_class=argparse.RawDescriptionHelpFormatter
     )
     parser.add_argument("--device", default="cpu")
+    parser.add_argument("--students", default="sac,ppo")
     parser.add_argument("--widths", default="4")
     parser.add_argument("--precisions", default="highest")
     parser.add_argument("--compiled", default="0", help="0, 1 or 0,1")
     parser.add_argument("--mode", default="", help="of torch's compiler")
     parser.add_argument("--seconds", type=float, default=2.0, help="of measurement for each variant")
-    parser.add_argument("--chunk", type=int, default=8, help="updates between two looks at the clock")
+    parser.add_argument("--whole", type=float, default=30.0, help="seconds of whole runs each; 0: none")
     parser.add_argument("--output", default="", help="file for the JSON")
-    options = parser.parse_args()
-    rows = []
+    return parser
+
+
+def main() -> int:
+    """Measures, prints and writes."""
+    options = parser().parse_args()
+    rows: list[dict[str, Any]] = []
     for variant in variants(options):
         try:
             row = speed(options, *variant)
             row["independent"] = independent(options, *variant)
         except Exception as error:
-            row = dict(zip(("width", "precision", "compiled"), variant, strict=True)) | {
+            names = "student", "width", "precision", "compiled"
+            row = dict(zip(names, variant, strict=True)) | {
                 "error": f"{type(error).__name__}: {error}"[:1500]
             }
         print(row, flush=True)
         rows.append(row)
+    wholes = []
+    for student in options.students.split(",") if options.whole else ():
+        width = int(options.widths.split(",")[-1])
+        wholes.append(whole_runs.compare(student, width, options.device, options.whole))
+        print(wholes[-1], flush=True)
     print(table(rows))
+    if wholes:
+        print(whole_runs.table(wholes))
     if options.output:
-        Path(options.output).write_text(json.dumps(rows, indent=1))
+        Path(options.output).write_text(
+            json.dumps({"updates": rows, "whole runs": wholes}, indent=1, ensure_ascii=False)
+        )
     return 0
 
 

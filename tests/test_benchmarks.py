@@ -13,7 +13,7 @@ import pytest
 
 ROOT = Path(__file__).parents[1]
 FOLDER = ROOT / "benchmarks"
-SHARED = ("campaigns", "pools")
+SHARED = ("campaigns", "pools", "whole_runs")
 """Modules of several scripts."""
 
 SCRIPTS = {path.stem for path in FOLDER.glob("*.py")} - set(SHARED)
@@ -27,7 +27,7 @@ IN_A_MOMENT = "--results results --processes 1 --order 0:1 --minutes 0.05"
 
 OTHERS = {
     "claim_standings": "--experiments 1",
-    "cohort": "--device cpu --widths 2 --precisions highest --compiled 0 --seconds 0.2 --output o.json",
+    "cohort": "--widths 2 --precisions highest --seconds 0.2 --whole 1 --students ppo --output o.json",
     "data_plane": "--exchanges 5",
     "interval_coverage": "--experiments 1",
     "learning": f"{SHORT_RUNS} --seeds 1",
@@ -85,7 +85,7 @@ def test_a_measurement_ends_and_writes_json(name: str, tmp_path: Path) -> None:
 def test_another_script_ends_with_its_summary(name: str, tmp_path: Path) -> None:
     summaries = {
         "claim_standings": "In Parkour ADR is worse than Random. | supported: 1 of 1",
-        "cohort": "'independent': True",
+        "cohort": "| student | width | alone, µs | players, µs | learner, µs | speed per core |",
         "data_plane": "| Ray calls |",
         "interval_coverage": "| bimodal | 5 | 32 |",
         "learning": "of 1 seeds walk",

@@ -24,7 +24,7 @@ if __name__ == "__main__":
     sys.path[:0] = [str(HERE), str(HERE.parent), str(HERE.parent / "runs"), str(HERE.parents[1])]
 
 from faults import Fault, Site, private_environment, table, undisturbed_files  # noqa: E402  # from above
-from kinds import KINDS, Scene  # noqa: E402
+from kinds import KINDS, WIDTHS, Scene  # noqa: E402
 from nodes import Nodes  # noqa: E402
 
 INJECTIONS, SEED = 3, 0
@@ -36,7 +36,7 @@ MOST_PER_CAMPAIGN = 3
 
 def attack(kind: str, injections: int, chance: random.Random, site: Site, nodes: Nodes) -> Iterator[Fault]:
     """Disturbs as many campaigns as it takes; yields what each has lost."""
-    expected = undisturbed_files()
+    expected = undisturbed_files(width=WIDTHS.get(kind, 0))
     for number, first in enumerate(range(0, injections, MOST_PER_CAMPAIGN)):
         while len(nodes.living) < 2:
             nodes.add()

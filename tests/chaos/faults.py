@@ -208,13 +208,13 @@ def private_environment(place: Path) -> dict[str, str]:
 
 @cache
 def undisturbed_files(
-    module: str = "chaos_campaign", name: str = "CAMPAIGN", width: int = 0
+    module: str = "chaos_campaign", name: str = "CAMPAIGN", width: int = 0, seeds: int = 1
 ) -> dict[str, bytes]:
     """Returns the data files of a campaign of a module, run by run in this process, without Ray.
 
     Runs learn alone, or each in an otherwise empty cohort of a width.
     """
-    campaign = getattr(importlib.import_module(module), name)
+    campaign = replace(getattr(importlib.import_module(module), name), seeds=tuple(range(seeds)))
     with tempfile.TemporaryDirectory() as root, ExitStack() as stack:
         learner = stack.enter_context(cohort(CohortSettings(width=width))) if width else None
         for spec in campaign.plan().runs:

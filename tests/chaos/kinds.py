@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import random
 import shutil
 import signal
@@ -28,6 +29,9 @@ LONGEST_WAIT = 1.5
 
 LONGEST_START = 300.0
 """Time within which a run trains on a busy machine after a fault, s."""
+
+COHORT_WIDTH, COHORT_CORES = 4, 2
+"""Slots of a cohort, and cores of a node with room for it."""
 
 SHORT_FREEZE = 1.5
 """Time for which a node is frozen that is not given up, s."""
@@ -122,6 +126,23 @@ def actor_killed(kind: str) -> Kind:
             kill(scene.chance.choice(scene.nodes.workers(kind)))
             scene.note()
         scene.finish(driver)
+
+    return disturb
+
+
+def learner_disturbed(number: signal.Signals) -> Kind:
+    """Returns the fault that the learner of a cohort gets a signal: it dies, or hangs."""
+
+    def disturb(scene: Scene, injections: int) -> None:
+        node = scene.nodes.add(COHORT_CORES)
+        driver = scene.start("--cohort", str(COHORT_WIDTH), "--unreachable-seconds", "10")
+        for _ in range(injections):
+            scene.wait()
+            wait_for(lambda: scene.nodes.workers("LearnerActor"))
+            os.kill(scene.chance.choice(scene.nodes.workers("LearnerActor")), number)
+            scene.note()
+        scene.finish(driver)
+        scene.nodes.kill(node)
 
     return disturb
 
@@ -274,6 +295,8 @@ KINDS: Mapping[str, Kind] = {
     "driver": driver_killed,
     "seed_actor": actor_killed("SeedActor"),
     "teacher_actor": actor_killed("TeacherActor"),
+    "learner": learner_disturbed(signal.SIGKILL),
+    "stopped_learner": learner_disturbed(signal.SIGSTOP),
     "raylet": raylet_killed,
     "node": node_killed,
     "frozen_node": node_frozen,
@@ -286,3 +309,6 @@ KINDS: Mapping[str, Kind] = {
     "s3": object_storage_silent,
 }
 """What is done to a campaign, by name; each is done so often at most and then lets the campaign end."""
+
+WIDTHS: Mapping[str, int] = {"learner": COHORT_WIDTH, "stopped_learner": COHORT_WIDTH}
+"""Slots of the cohorts in which the runs learn, where they do not learn alone, by the kind of fault."""

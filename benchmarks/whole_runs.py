@@ -1,0 +1,167 @@
+"""Processor time of whole runs, alone and in a cohort, and what a step of theirs consists of."""
+
+from __future__ import annotations
+
+import tempfile
+import time
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass, field
+
+import numpy as np
+import psutil
+
+from tma_ray.campaign.plan import CampaignSpec
+from tma_ray.envs import make_environment
+from tma_ray.results import Committer
+from tma_ray.runs import Cell, Placement, RunSpec, Schedule
+from tma_ray.runs.inputs import arguments
+from tma_ray.runs.pool import PoolReport, cohort, run_in_processes
+from tma_ray.students import Learner, Transition, make_player
+from tma_ray.students.players import CohortSettings
+from tma_ray.students.players.link import account
+
+EXPLORATION = {"sac": {"exploration_steps": 1000}}
+"""Hyper-parameters that let students learn soon."""
+
+FIRST_STEPS = 2_000
+"""Steps of each run before the measurement begins: students of all kinds learn from then on."""
+
+LONGER_THAN_MEASURED = 100_000_000
+"""Budget and intervals of the runs, none of which ends, in environment steps."""
+
+PLAYER = "acting", "environment", "collecting"
+"""Parts of a player's step; the last has the exchange with the learner, without the time it waits."""
+
+LEARNER = "asking for updates", "requests", "deliveries", "waiting"
+"""Parts of a learner's time."""
+
+PLAYED = 6_000
+"""Steps by which a player's parts are measured."""
+
+
+def runs_of(student: str, count: int) -> list[RunSpec]:
+    """Returns runs of a student under Random on the original space, one for each seed."""
+    cell = Cell(student=student, teacher="random", student_hyperparameters=EXPLORATION.get(student, {}))
+    schedule = Schedule(*[LONGER_THAN_MEASURED] * 3)
+    return list(CampaignSpec("whole_runs", (cell,), tuple(range(count)), schedule).plan().runs)
+
+
+@dataclass
+class Meter:
+    """Takes in the progress of a pool: steps, and the processor time of its processes.
+
+    Attributes:
+        runs: that there are.
+        seconds: how long to measure once all runs learn, s.
+        learner: of the cohort, None if the runs learn alone.
+        others: processes that are no runs': the learner's.
+        samples: wall time, processor time of runs and of others in s, steps, and the learner's account.
+    """
+
+    runs: int
+    seconds: float
+    learner: Learner | None
+    others: set[int]
+    samples: list[tuple[float, float, float, int, dict[str, float]]] = field(default_factory=list)
+
+    def __call__(self, report: PoolReport) -> None:
+        """Takes a sample if all runs learn."""
+        steps = list(report.steps.values())
+        if len(steps) == self.runs and min(steps) > FIRST_STEPS:
+            parts = account(self.learner) if self.learner else {}
+            used = _processor_seconds()
+            learning = sum(seconds for pid, seconds in used.items() if pid in self.others)
+            playing = sum(used.values()) - learning
+            self.samples.append((time.monotonic(), playing, learning, sum(steps), parts))
+
+    def enough(self) -> bool:
+        """Tells whether the measurement is over."""
+        return bool(self.samples) and self.samples[-1][0] - self.samples[0][0] > self.seconds
+
+    def result(self) -> dict[str, float]:
+        """Returns the microseconds of the processor for a step, and the learner's shares of its time."""
+        first, last = self.samples[0], self.samples[-1]
+        seconds, playing, learning, steps = (b - a for a, b in zip(first[:4], last[:4], strict=True))
+        shares = {part: (last[4][part] - first[4][part]) / seconds for part in LEARNER if last[4]}
+        micro = 1e6 / max(steps, 1)
+        return {"runs": micro * playing, "learner": micro * learning, **shares}
+
+
+def _processor_seconds() -> dict[int, float]:
+    """Returns the processor time of each process below this one, s."""
+    found = {}
+    for process in psutil.Process().children(recursive=True):
+        try:
+            times = process.cpu_times()
+        except psutil.NoSuchProcess:
+            continue
+        found[process.pid] = times.user + times.system
+    return found
+
+
+@contextmanager
+def _placed(width: int, device: str) -> Iterator[Placement]:
+    """Lends the block a place for runs: in a cohort, or alone where `width` is 0."""
+    if not width:
+        yield Placement(device)
+        return
+    with cohort(CohortSettings(device, width)) as learner:
+        yield Placement(learner=learner)
+
+
+def pool(student: str, count: int, width: int, device: str, seconds: float) -> dict[str, float]:
+    """Plays runs for some time, in as many processes; returns what `Meter.result` does."""
+    with ExitStack() as stack:
+        root = stack.enter_context(tempfile.TemporaryDirectory())
+        Committer.open(root)
+        placement = stack.enter_context(_placed(width, device))
+        meter = Meter(count, seconds, placement.learner, set(_processor_seconds()))
+        run_in_processes(runs_of(student, count), root, count, placement, meter.enough, meter)
+        return meter.result()
+
+
+def player_parts(student: str, width: int, device: str) -> dict[str, float]:
+    """Returns the microseconds of the processor that each part of a player's step takes."""
+    (spec,) = runs_of(student, 1)
+    environment = make_environment(spec.environment, **arguments(spec, "environment"))
+    spaces = environment.observation_space, environment.action_space
+    spent = dict.fromkeys(PLAYER, 0)
+    with _placed(width, device) as placement:
+        assert placement.learner is not None
+        seed, values = np.random.SeedSequence(0), arguments(spec, "student")
+        player = make_player(student, *spaces, seed, values, placement.learner)
+        observation, _ = environment.reset(seed=0)
+        for _ in range(PLAYED):
+            clock = [time.process_time_ns()]
+            action = player.act(observation)
+            clock.append(time.process_time_ns())
+            following, reward, terminated, truncated, _ = environment.step(action)
+            clock.append(time.process_time_ns())
+            player.observe(Transition(observation, action, float(reward), following, terminated, truncated))
+            clock.append(time.process_time_ns())
+            for part, before, after in zip(PLAYER, clock, clock[1:], strict=False):
+                spent[part] += after - before
+            observation = environment.reset()[0] if terminated or truncated else following
+    environment.close()
+    return {part: nanoseconds / 1000 / PLAYED for part, nanoseconds in spent.items()}
+
+
+def compare(student: str, width: int, device: str, seconds: float) -> dict[str, float | str]:
+    """Returns what a step costs alone, on a processor, and in a cohort that is full; and its parts."""
+    alone = pool(student, width, 0, "cpu", seconds)
+    together = pool(student, width, width, device, seconds)
+    costs = {"alone, µs": alone["runs"], "players, µs": together["runs"], "learner, µs": together["learner"]}
+    ratio = alone["runs"] / (together["runs"] + together["learner"])
+    shares = {part: together[part] for part in LEARNER}
+    parts = {f"{part}, µs": cost for part, cost in player_parts(student, width, device).items()}
+    return {"student": student, "width": width, **costs, "speed per core": ratio, **parts, **shares}
+
+
+def table(rows: list[dict[str, float | str]]) -> str:
+    """Returns comparisons as a table: processor time of a step, and shares of the learner's time."""
+    lines = [f"| {' | '.join(rows[0])} |", f"|{' --- |' * len(rows[0])}"]
+    for row in rows:
+        cells = [f"{cell:.3g}" if isinstance(cell, float) else str(cell) for cell in row.values()]
+        lines.append(f"| {' | '.join(cells)} |")
+    return "\n".join(lines)
