@@ -6,7 +6,7 @@
 Measures an update of all slots for each student, width and precision, and what it could feed in environment
 steps; checks that a run learns the same bits alone and with full neighbours. Then plays whole runs, alone on
 a processor and in a full cohort, and compares the time of the processor that a step takes, with its parts.
-Prints the tables last, and writes JSON to ``--output``.
+Prints the tables last, and writes JSON to ``--output``. What would not end within ``--minutes`` is left out.
 """
 
 from __future__ import annotations
@@ -40,6 +40,9 @@ STEPS = {"sac": 10.0, "ppo": PPOHyperparameters.batch_size / PPOHyperparameters.
 UPDATES = 10
 """Between two looks at the clock."""
 
+PREPARATION = 120.0
+"""Of whole runs of a student, alone and in a cohort, before they are measured, s."""
+
 
 class SAC:
     """Updates of SAC on noise: what `speed` and `independent` need of a student."""
@@ -54,9 +57,10 @@ class SAC:
     def fill(self, stack: StackedSAC, slot: int, seed: int) -> None:
         """Gives `slot` networks and a replay that follow from `seed`."""
         generator = np.random.default_rng(seed)
-        parts = [_noise(generator, part.shape) for part in stack.networks(slot)[:3]]
-        moments = [np.zeros_like(part) for part in parts[:2] for _ in range(2)]
-        stack.join(slot, SACNetworks(*parts, *moments, 0, 0), key=seed)
+        actor, critics, targets = (_noise(generator, part.shape) for part in stack.networks(slot)[:3])
+        zeros = np.zeros_like(actor), np.zeros_like(critics)
+        moments = zeros[0], zeros[0], zeros[1], zeros[1]
+        stack.join(slot, SACNetworks(actor, critics, targets, *moments, 0, 0), key=seed)
         for _ in range(ROWS // 1000):
             observations = generator.standard_normal((1001, SIZES[0]), dtype=np.float32)
             actions = generator.uniform(-1, 1, (1000, SIZES[1])).astype(np.float32)
@@ -179,6 +183,11 @@ def variants(options: argparse.Namespace) -> Iterator[tuple[str, int, str, bool]
         yield student, width, precision, flag
 
 
+def longest(options: argparse.Namespace, compiled: bool) -> float:
+    """Returns how long a variant may take, s: a compiler that tunes itself takes minutes."""
+    return 3 * float(options.seconds) + (200.0 if compiled else 20.0)
+
+
 def parser() -> argparse.ArgumentParser:
     """Returns the options."""
     parser = argparse.ArgumentParser(
@@ -192,6 +201,7 @@ def parser() -> argparse.ArgumentParser:
     parser.add_argument("--mode", default="", help="of torch's compiler")
     parser.add_argument("--seconds", type=float, default=2.0, help="of measurement for each variant")
     parser.add_argument("--whole", type=float, default=30.0, help="seconds of whole runs each; 0: none")
+    parser.add_argument("--minutes", type=float, default=9.0, help="for all of it")
     parser.add_argument("--output", default="", help="file for the JSON")
     return parser
 
@@ -200,7 +210,11 @@ def main() -> int:
     """Measures, prints and writes."""
     options = parser().parse_args()
     rows: list[dict[str, Any]] = []
+    deadline = time.monotonic() + 60 * options.minutes
     for variant in variants(options):
+        if time.monotonic() + longest(options, variant[-1]) > deadline:
+            print("no time left for", *variant, flush=True)
+            continue
         try:
             row = speed(options, *variant)
             row["independent"] = independent(options, *variant)
@@ -213,6 +227,9 @@ def main() -> int:
         rows.append(row)
     wholes = []
     for student in options.students.split(",") if options.whole else ():
+        if time.monotonic() + 2 * options.whole + PREPARATION > deadline:
+            print("no time left for whole runs of", student, flush=True)
+            continue
         width = int(options.widths.split(",")[-1])
         wholes.append(whole_runs.compare(student, width, options.device, options.whole))
         print(wholes[-1], flush=True)
