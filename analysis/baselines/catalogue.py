@@ -14,8 +14,9 @@ import pandas as pd
 from analysis.baselines.manifest import BASELINE_FILE, BaselineError, BaselineKind, BaselineManifest
 from analysis.data.frames import Frames, frames_of
 from analysis.data.published import published_frame
+from tma_ray.commands.arguments import check_kind
 from tma_ray.part_names import nearest
-from tma_ray.results import RecordedStore, Results, Store
+from tma_ray.results import RecordedStore, Results, ResultsRootError, Store
 
 SHIPPED: Final = Path(__file__).parent
 """Where the baselines of the package lie."""
@@ -114,11 +115,22 @@ def as_baseline(root: str | Path) -> Baseline | None:
 
     Raises:
         BaselineError: it is a damaged one.
+        ResultsRootError: it is a name, of no folder here and of no baseline.
+        TypeError: it is neither text nor a path.
     """
+    check_kind("root", root, (str, Path), "a folder or an address")
     text = str(root)
     if "://" in text or Path(text).expanduser().exists():
         return Baseline.open(text) if Store.open(text).exists(BASELINE_FILE) else None
-    return find_baseline(text) if text in {each.manifest.name for each in baselines()} else None
+    names = [each.manifest.name for each in baselines()]
+    if text in names:
+        return find_baseline(text)
+    if Path(text).name != text:
+        return None
+    raise ResultsRootError(
+        f"{text!r} is not a results root, nor the name of a baseline: {nearest(text, names)}known baselines: "
+        f"{', '.join(names)}; give the folder or address that was passed to --results"
+    )
 
 
 def _within(entry: str) -> Iterator[str]:

@@ -138,3 +138,14 @@ def test_published_means_have_no_runs_to_pool(roots: tuple[Path, Path]) -> None:
         read([roots[0], "paper-2021"])
     with pytest.raises(ValueError, match="at least one results root"):
         read([])
+
+
+@pytest.mark.parametrize("command", ["ranking {}", "report {}", "compare lite-1 --baseline {}", "verify {}"])
+def test_a_misspelt_name_gets_the_nearest_one(
+    command: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    assert main(command.format("paper-2020").split()) == 2
+    said = capsys.readouterr().err
+    assert "'paper-2020' is not a results root, nor the name of a baseline: did you mean 'paper-2021'" in said
+    assert not any(tmp_path.iterdir())
