@@ -12,12 +12,12 @@ from analysis.baselines.completeness import lacking
 from analysis.comparisons.leaderboard import leaderboards
 from analysis.data.frames import load
 from analysis.measures.student_pools import runs_after
-from tma_ray.campaign.releases.simulated import write_simulated
+from tma_ray.campaign.releases.simulated import SimulatedRoot
 from tma_ray.cli import main
 from tma_ray.results import LEAN, SIMULATED, Results, Store, verify_root
 from tma_ray.tasks import KnowledgeLevel
 from tma_ray.testing import SimulatedRun, find_simulated_challenge, simulate
-from tma_ray.testing.matrix import SimulatedCell, cells_of
+from tma_ray.testing.matrix import SimulatedCell, cells_of, run_cells, tabulate
 
 EPISODES = 60
 
@@ -42,8 +42,15 @@ def played() -> Played:
 @pytest.fixture(scope="module")
 def root(played: Played, tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("simulated") / "root"
-    write_simulated(folder, *played, EPISODES)
+    write(folder, played)
     return folder
+
+
+def write(folder: Path, played: Played) -> None:
+    cells, runs = played
+    root = SimulatedRoot(folder, cells, range(3), EPISODES)
+    for run in runs:
+        root.add(run)
 
 
 def test_results_are_those_of_the_simulation(played: Played, root: Path) -> None:
@@ -67,9 +74,36 @@ def test_results_are_those_of_the_simulation(played: Played, root: Path) -> None
 
 def test_a_root_is_whole_and_written_once(played: Played, root: Path) -> None:
     before = {path: path.stat().st_mtime_ns for path in root.rglob("*.json")}
-    write_simulated(root, *played, EPISODES)
+    write(root, played)
     assert {path: path.stat().st_mtime_ns for path in root.rglob("*.json")} == before
     assert verify_root(Store.open(root)).damage == ()
+
+
+def test_campaigns_cannot_repeat_it_and_say_what_can(root: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    like = ["campaign", "--like", str(root), "--teachers", "riac", "--results", "nowhere", "--dry-run"]
+    assert main(like) == 2
+    assert "tma-ray simulate --teachers NAME" in capsys.readouterr().err
+
+
+def test_what_was_interrupted_is_continued(played: Played, tmp_path: Path) -> None:
+    cells, runs = played
+    asked = tmp_path / "root", cells, range(3), EPISODES
+    begun = SimulatedRoot(*asked)
+    assert begun.kept() == []
+    begun.add(runs[0])
+    begun.add(runs[5])
+    frames = load(tmp_path / "root")
+    assert frames.cells.drop_duplicates("run_id")["status"].value_counts().to_dict() == {
+        "done": 2,
+        "waiting": 16,
+    }
+    kept = SimulatedRoot(*asked).kept()
+    names = [(run.challenge, run.teacher, run.level, run.seed) for run in kept]
+    assert set(names) == {(run.challenge, run.teacher, run.level, run.seed) for run in (runs[0], runs[5])}
+    others = list(run_cells(cells, range(3), EPISODES, 1, kept))
+    assert len(others) == 16
+    mastered = tabulate(cells, [*kept, *others])["mastered_percent"]
+    np.testing.assert_array_equal(mastered, tabulate(cells, runs)["mastered_percent"])
 
 
 @pytest.mark.slow

@@ -54,7 +54,8 @@ def _add_simulate(parser: CommandParser) -> None:
         "--results",
         type=root,
         metavar="ROOT",
-        help="results root to write the runs to, for comparisons and releases (default: none)",
+        help="results root to write each run to as it ends; runs that it has are not played again "
+        "(default: none)",
     )
     parser.set_defaults(command=_simulate)
 
@@ -64,7 +65,7 @@ def _simulate(options: argparse.Namespace) -> int:
 
     from analysis.commands import simulated
     from tma_ray.campaign.option_values import parse_levels
-    from tma_ray.campaign.releases.simulated import write_simulated
+    from tma_ray.campaign.releases.simulated import SimulatedRoot
     from tma_ray.tasks import KnowledgeLevel
     from tma_ray.teachers import TEACHERS, canonical_teacher
     from tma_ray.terminal import terminal
@@ -77,13 +78,17 @@ def _simulate(options: argparse.Namespace) -> int:
     teachers = [canonical_teacher(name) for name in options.teachers or TEACHERS.names()]
     levels = parse_levels(options.expert_knowledge or tuple(KnowledgeLevel))
     cells = matrix.cells_of(teachers, challenges, levels)
-    runs = matrix.run_cells(cells, options.seeds, options.episodes, options.jobs)
-    total = matrix.run_count(cells, options.seeds)
-    played = list(track(runs, "simulating", total, console=terminal(stderr=True)))
+    asked = cells, options.seeds, options.episodes
+    root = SimulatedRoot(options.results, *asked) if options.results else None
+    played = root.kept() if root else []
+    total = matrix.run_count(cells, options.seeds) - len(played)
+    runs = matrix.run_cells(*asked, options.jobs, tuple(played))
+    for run in track(runs, "simulating", total, console=terminal(stderr=True)):
+        if root:
+            root.add(run)
+        played.append(run)
     frame = matrix.tabulate(cells, played)
     if options.output:
         simulated.write(frame, options.output)
-    if options.results:
-        write_simulated(options.results, cells, played, options.episodes)
     simulated.show(frame)
     return 0

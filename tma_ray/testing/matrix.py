@@ -70,13 +70,26 @@ def _usable(teacher: str, level: KnowledgeLevel) -> KnowledgeLevel | None:
 
 
 def run_cells(
-    cells: Sequence[SimulatedCell], seeds: Sequence[int], episodes: int, jobs: int
+    cells: Sequence[SimulatedCell],
+    seeds: Sequence[int],
+    episodes: int,
+    jobs: int,
+    kept: Iterable[SimulatedRun] = (),
 ) -> Iterator[SimulatedRun]:
-    """Yields the runs of `cells` as they end, each once, played by `jobs` processes of one thread each."""
+    """Yields the runs of `cells` as they end, each once, played by `jobs` processes of one thread each.
+
+    Every cell's first seed is played before any cell's second; what is among `kept` is not played again.
+    """
+    done = {(run.challenge, run.teacher, run.level, run.seed) for run in kept}
     spawn = multiprocessing.get_context("spawn")
     with ProcessPoolExecutor(jobs, spawn, initializer=_settle) as pool:
         with started_out_of_reach():
-            runs = [pool.submit(simulate, *key, seed, episodes) for key in _runs_of(cells) for seed in seeds]
+            runs = [
+                pool.submit(simulate, *key, seed, episodes)
+                for seed in seeds
+                for key in runs_of(cells)
+                if (key[0].name, *key[1:], seed) not in done
+            ]
         try:
             for run in as_completed(runs):
                 yield run.result()
@@ -85,11 +98,12 @@ def run_cells(
 
 
 def run_count(cells: Sequence[SimulatedCell], seeds: Sequence[int]) -> int:
-    """Returns how many runs `run_cells` yields."""
-    return len(_runs_of(cells)) * len(seeds)
+    """Returns how many runs `cells` have with `seeds`."""
+    return len(runs_of(cells)) * len(seeds)
 
 
-def _runs_of(cells: Sequence[SimulatedCell]) -> list[tuple[SimulatedChallenge, str, KnowledgeLevel]]:
+def runs_of(cells: Sequence[SimulatedCell]) -> list[tuple[SimulatedChallenge, str, KnowledgeLevel]]:
+    """Returns challenge, teacher and effective level of the runs of `cells`, each once."""
     runs = (
         (cell.challenge, cell.teacher, cell.effective_level)
         for cell in cells

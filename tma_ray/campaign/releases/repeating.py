@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
@@ -9,7 +10,7 @@ from typing import Any
 from tma_ray.campaign.plan import Plan, cell_row
 from tma_ray.commands.texts import counted
 from tma_ray.decoding import DamagedFileError
-from tma_ray.results import Results, Table
+from tma_ray.results import SIMULATED, Results, Table
 from tma_ray.runs import Cell, RunSpec, effective_spec
 from tma_ray.tasks import KnowledgeLevel
 
@@ -87,6 +88,11 @@ def _settings(released: Results, core: Collection[str]) -> list[_Setting]:
     specs = {manifest.run.run_id: manifest.run.spec for manifest in released.runs()}
     if not specs:
         raise ValueError(f"{released.store} has no runs: there is nothing to repeat")
+    if any(json.loads(spec).get("engine") == SIMULATED for spec in specs.values()):
+        raise ValueError(
+            f"{released.store} holds simulated students: repeat it with tma-ray simulate --teachers NAME "
+            f"--results ROOT"
+        )
     cells = [row for row in released.table(Table.CELLS).to_pylist() if row["run_id"] in specs]
     alone = set(specs) - {row["run_id"] for row in cells}
     cells += [

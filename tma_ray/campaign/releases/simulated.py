@@ -5,9 +5,11 @@ from __future__ import annotations
 import json
 import re
 from collections.abc import Iterable, Sequence
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
+
+import pandas as pd
 
 from tma_ray.benchmark import BENCHMARK_VERSION
 from tma_ray.part_names import base_name
@@ -15,6 +17,7 @@ from tma_ray.results import (
     NO_PHYSICS_VERSION,
     SIMULATED,
     Committer,
+    Results,
     RunRecord,
     RunWriter,
     Table,
@@ -24,7 +27,7 @@ from tma_ray.results import (
 from tma_ray.tasks import MASTERY_RETURN
 from tma_ray.teachers import TEACHERS, hyperparameters_of, make_teacher
 from tma_ray.testing import SimulatedRun, find_simulated_challenge
-from tma_ray.testing.matrix import SimulatedCell
+from tma_ray.testing.matrix import SimulatedCell, runs_of
 from tma_ray.testing.students import EPISODE_STEPS, SIMULATION_VERSION
 
 ENVIRONMENT, STUDENT = "stump_tracks", "simulated"
@@ -32,37 +35,73 @@ ENVIRONMENT, STUDENT = "stump_tracks", "simulated"
 CAMPAIGN = "simulated"
 """Name of the campaign of simulated cells."""
 
+FRACTION = 64
+"""Returns are written in fractions of this: a run takes half of the space that all digits would take."""
 
-def write_simulated(
-    root: str | Path, cells: Sequence[SimulatedCell], runs: Iterable[SimulatedRun], episodes: int
-) -> None:
-    """Writes simulated runs and their cells under a results root; runs that it has stay as they are.
+
+class SimulatedRoot:
+    """A results root of simulated runs, which knows all of them beforehand and gets one after the other.
 
     Returns on test tasks are expected ones. Steps are those of episodes of average length.
 
     Args:
         root: a folder, or an ``s3://`` or ``gs://`` address; a new or empty one becomes a root.
-        cells: what was run.
-        runs: all runs of `cells`.
+        cells: what is run.
+        seeds: of each cell.
         episodes: of each run.
 
     Raises:
         ResultsRootError: something else lies there.
     """
-    committer = Committer.open(root)
-    rows: list[dict[str, Any]] = []
-    for run in runs:
-        record = _record(run, episodes)
-        rows += [_cell(cell, run, record) for cell in cells if _is_of(run, cell)]
+
+    def __init__(
+        self, root: str | Path, cells: Sequence[SimulatedCell], seeds: Sequence[int], episodes: int
+    ) -> None:
+        self._committer, self._episodes = Committer.open(root), episodes
+        self._planned = [
+            SimulatedRun(challenge.name, teacher, level, seed, ())
+            for challenge, teacher, level in runs_of(cells)
+            for seed in seeds
+        ]
+        records = [_record(run, episodes) for run in self._planned]
+        rows = [
+            _cell(cell, run, record)
+            for run, record in zip(self._planned, records, strict=True)
+            for cell in cells
+            if _is_of(run, cell)
+        ]
+        self._committer.write_cells(CAMPAIGN, rows)
+
+    def kept(self) -> list[SimulatedRun]:
+        """Returns those of the runs that it has."""
+        planned = {_record(run, self._episodes).run_id: run for run in self._planned}
+        done = self._committer.done(planned)
+        rows = Results(self._committer.store).table(Table.EVALUATIONS, done) if done else None
+        if rows is None:
+            return []
+        columns = ["run_id", "step", "task_index", "episodic_return"]
+        table = rows.select(columns).to_pandas().sort_values(columns[:3])
+        return [
+            replace(planned[str(run_id)], returns=_by_step(own))
+            for run_id, own in table.groupby("run_id", observed=True)
+        ]
+
+    def add(self, run: SimulatedRun) -> None:
+        """Writes a run, unless it has that already."""
+        record = _record(run, self._episodes)
         plugin = TEACHERS.plugin(run.teacher)
         if plugin is not None:
-            keep_plugin(committer.store, plugin)
-        if not committer.done([record.run_id]):
-            attempt = committer.start(record)
-            writer = RunWriter(committer.store, record.run_id, attempt)
+            keep_plugin(self._committer.store, plugin)
+        if not self._committer.done([record.run_id]):
+            attempt = self._committer.start(record)
+            writer = RunWriter(self._committer.store, record.run_id, attempt)
             writer.add(Table.EVALUATIONS, list(_evaluations(run, record.steps)))
-            committer.finish(record, attempt, writer.finish())
-    committer.write_cells(CAMPAIGN, rows)
+            self._committer.finish(record, attempt, writer.finish())
+
+
+def _by_step(rows: pd.DataFrame) -> tuple[tuple[float, ...], ...]:
+    """Returns the returns of each evaluation; rows are sorted by step and test task."""
+    return tuple(tuple(map(float, own)) for _, own in rows.groupby("step")["episodic_return"])
 
 
 def _is_of(run: SimulatedRun, cell: SimulatedCell) -> bool:
@@ -106,7 +145,11 @@ def _spec(run: SimulatedRun, episodes: int) -> dict[str, Any]:
         "task_space": [asdict(dimension) for dimension in challenge.task_space.dimensions],
         "easy_task": list(challenge.easy_task),
         "mastery_threshold": MASTERY_RETURN,
-        "test_set": {"name": tests.name, "dimensions": list(tests.dimensions), "tasks": tests.tasks.tolist()},
+        "test_set": {
+            "name": tests.name,
+            "dimensions": list(tests.dimensions),
+            "digest": spec_digest(json.dumps(tests.tasks.tolist())),
+        },
         "student": STUDENT,
         "student_hyperparameters": {},
         "aptitudes": [asdict(each) for each in challenge.aptitudes],
@@ -147,6 +190,6 @@ def _evaluations(run: SimulatedRun, steps: int) -> Iterable[dict[str, Any]]:
                 "test_set": tests.name,
                 "task_index": index,
                 "task": task,
-                "episodic_return": value,
+                "episodic_return": round(FRACTION * value) / FRACTION,
                 "length": EPISODE_STEPS,
             }
