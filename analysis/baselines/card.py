@@ -38,6 +38,7 @@ def card(manifest: BaselineManifest, made: str, citation: str = "", tables: Sequ
         manifest=manifest,
         published=manifest.kind is BaselineKind.PUBLISHED,
         holds=[(name.replace("_", " "), _plain(name, value)) for name, value in manifest.holds.items()],
+        planned=", ".join(f"{_safe(name)} {count:,}" for name, count in sorted(manifest.planned.items())),
         made=made,
         citation=cited,
         tables="\n".join(render(table, TableFormat.MARKDOWN) for table in tables),

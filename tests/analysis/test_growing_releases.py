@@ -123,7 +123,9 @@ def test_what_campaigns_lack_is_told_until_they_have_it(first: Path, tmp_path: P
     out = tmp_path / "out"
     grown = add_to_release(first, "growing", "one", out)
     assert find_baseline(grown).manifest.partial == "batch has 4 of 5 runs"
-    assert "batch has 4 of 5 runs" in (grown / "README.md").read_text()
+    card = (grown / "README.md").read_text()
+    assert "batch has 4 of 5 runs" in card
+    assert "| planned runs | batch 5 |" in card
     with pytest.raises(BaselineError, match=r"4 of 5 runs.*--partial"):
         release(grown, "whole", out, contents=LEAN)
     waiting.run("random", 5)
