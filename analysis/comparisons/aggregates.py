@@ -6,6 +6,7 @@ from collections.abc import Hashable, Sequence
 
 import numpy as np
 import pandas as pd
+from numpy.typing import NDArray
 
 from analysis.comparisons.pairwise import nobody, pairs_of
 from analysis.data.arguments import check_measure
@@ -54,9 +55,9 @@ def interquartile_means(
     by, rows = list(by), []
     check_measure("runs", runs, measure, [*by, *strata])
     common = [column for column in by if column != "teacher"]
-    for _, compared in _narrow(runs, measure, [*by, *strata]).groupby(common, dropna=False, sort=True):
+    for _, compared in _stratified(runs, measure, by, strata).groupby(common, dropna=False, sort=True):
         groups = compared.groupby(by, dropna=False, sort=True)
-        samples = {key: strata_of(_counted(group, measure, by), measure, strata) for key, group in groups}
+        samples = {key: _strata_of(group, measure) for key, group in groups}
         everywhere = {name for sample in samples.values() for name in sample}
         for key, sample in samples.items():
             estimate = interquartile_mean_of(sample)
@@ -86,10 +87,9 @@ def improvements(
         `within`, measure, first, second, and value, low, high, n, reason of `statistics.estimates.Estimate`.
     """
     within, rows = list(within), []
-    runs = _narrow(runs, measure, [*within, "teacher", *strata])
-    for key, group in runs.groupby(within, dropna=False, sort=True):
-        counted = _counted(group, measure, ["teacher"])
-        samples = {str(name): strata_of(part, measure, strata) for name, part in counted.groupby("teacher")}
+    counted = _counted(_stratified(runs, measure, [*within, "teacher"], strata), measure)
+    for key, group in counted.groupby(within, dropna=False, sort=True):
+        samples = {str(name): _strata_of(part, measure) for name, part in group.groupby("teacher")}
         for first, second in pairs_of(list(samples), reference):
             estimate = vars(probability_of_improvement(samples[first], samples.get(second, {})))
             if second not in samples:
@@ -120,11 +120,10 @@ def stratified_differences(
         `within`, measure, teacher, challenges (how many), the columns of `statistics.Comparison`, and holm.
     """
     within, rows = list(within), []
-    runs = _narrow(runs, measure, [*within, "teacher", *CHALLENGES])
-    for key, group in runs.groupby(within, dropna=False, sort=True):
-        counted = _counted(group, measure, ["teacher"])
+    counted = _over_challenges(runs, measure, [*within, "teacher"])
+    for key, group in counted.groupby(within, dropna=False, sort=True):
         strata = {
-            str(name): _by_challenge(part, measure) for name, part in counted.groupby("teacher", sort=True)
+            str(name): _by_challenge(part, measure) for name, part in group.groupby("teacher", sort=True)
         }
         others = strata.pop(reference, {})
         for teacher, mine in strata.items():
@@ -163,10 +162,8 @@ def stratified_means(runs: pd.DataFrame, measure: str, within: Sequence[str] = A
         difference, low and high are the mean and its 95 % interval.
     """
     zero, rows = pd.Series([0.0, 0.0], index=["first zero", "second zero"]), []
-    runs = _narrow(runs, measure, [*within, "teacher", *CHALLENGES])
-    for key, part in _counted(runs, measure, [*within, "teacher"]).groupby(
-        [*within, "teacher"], dropna=False, sort=True
-    ):
+    counted = _over_challenges(runs, measure, [*within, "teacher"])
+    for key, part in counted.groupby([*within, "teacher"], dropna=False, sort=True):
         places = _by_challenge(part, measure)
         samples = [(sample, zero) for strata in places.values() for sample in strata.values()]
         weights = [1 / len(strata) for strata in places.values() for _ in strata]
@@ -180,8 +177,7 @@ def stratified_means(runs: pd.DataFrame, measure: str, within: Sequence[str] = A
 
 def _by_challenge(rows: pd.DataFrame, measure: str) -> dict[Hashable, dict[str, pd.Series]]:
     """Returns the samples of each body and student by challenge."""
-    places = rows.groupby(PLACES, dropna=False, sort=True)
-    return {place: strata_of(part, measure, PARTS) for place, part in places}
+    return {place: _strata_of(part, measure) for place, part in rows.groupby("place", sort=True)}
 
 
 def profiles(
@@ -204,9 +200,8 @@ def profiles(
         `by`, measure, threshold, share, low, high, n, reason.
     """
     by, rows = list(by), []
-    for key, group in _narrow(runs, measure, [*by, *strata]).groupby(by, dropna=False, sort=True):
-        sample = strata_of(_counted(group, measure, by), measure, strata)
-        profile = performance_profile(sample, thresholds)
+    for key, group in _stratified(runs, measure, by, strata).groupby(by, dropna=False, sort=True):
+        profile = performance_profile(_strata_of(group, measure), thresholds)
         shared = dict(zip(by, key, strict=True)) | {"measure": measure}
         rows += [
             shared | {str(name): value for name, value in each.items()} for each in profile.to_dict("records")
@@ -214,23 +209,41 @@ def profiles(
     return pd.DataFrame(rows, columns=[*by, "measure", "threshold", "share", "low", "high", "n", "reason"])
 
 
-def strata_of(rows: pd.DataFrame, measure: str, strata: Sequence[str]) -> dict[str, pd.Series]:
+def _stratified(runs: pd.DataFrame, measure: str, by: Sequence[str], strata: Sequence[str]) -> pd.DataFrame:
+    """Returns `by`, run_id, the measure, and stratum and stratum_name of each row.
+
+    Strata are numbered here, in order, rather than in each of hundreds of groups. A run that is measured
+    counts once in each group.
+    """
+    numbers = _numbered(runs, strata)
+    _, first = np.unique(numbers, return_index=True)
+    names = [", ".join(map(str, key)) for key in runs[list(strata)].to_numpy(object)[first]]
+    columns = list(dict.fromkeys([*by, "run_id", measure]))
+    rows = runs[columns].assign(stratum=numbers, stratum_name=np.array(names, dtype=object)[numbers])
+    counted = rows[measure].notna()
+    return rows[~(counted & rows.assign(counted=counted).duplicated([*by, "run_id", "counted"]))]
+
+
+def _over_challenges(runs: pd.DataFrame, measure: str, by: Sequence[str]) -> pd.DataFrame:
+    """Returns `by`, run_id, the measure, place (of the challenge) and stratum in it of each run with a value."""
+    runs = runs.assign(place=_numbered(runs, PLACES)).reset_index(drop=True)
+    rows = _counted(_stratified(runs, measure, by, PARTS), measure)
+    return rows.assign(place=runs["place"])
+
+
+def _numbered(runs: pd.DataFrame, columns: Sequence[str]) -> NDArray[np.int64]:
+    return runs.groupby(list(columns), dropna=False, sort=True).ngroup().to_numpy()
+
+
+def _counted(rows: pd.DataFrame, measure: str) -> pd.DataFrame:
+    return rows[rows[measure].notna()]
+
+
+def _strata_of(rows: pd.DataFrame, measure: str) -> dict[str, pd.Series]:
     """Returns the values of `measure` by stratum, named by what tells them apart, indexed by run id."""
+    rows = _counted(rows, measure)
     values, run_ids = rows[measure].to_numpy(float), rows["run_id"].to_numpy(object)
-    numbers = rows.groupby(list(strata), dropna=False, sort=True).ngroup().to_numpy()
-    names = rows[list(strata)].to_numpy(object)
+    names, numbers = rows["stratum_name"].to_numpy(object), rows["stratum"].to_numpy()
     order = np.argsort(numbers, kind="stable")
     parts = np.split(order, np.flatnonzero(np.diff(numbers[order])) + 1) if len(order) else []
-    return {
-        ", ".join(map(str, names[part[0]])): pd.Series(values[part], index=run_ids[part]) for part in parts
-    }
-
-
-def _narrow(runs: pd.DataFrame, measure: str, columns: Sequence[str]) -> pd.DataFrame:
-    """Returns `columns`, run_id and the measure: groups of all columns take twice as long to make."""
-    return runs[list(dict.fromkeys([*columns, "run_id", measure]))]
-
-
-def _counted(runs: pd.DataFrame, measure: str, by: Sequence[str]) -> pd.DataFrame:
-    """Returns the rows with a value, once for each run of a group."""
-    return runs[runs[measure].notna()].drop_duplicates([*by, "run_id"])
+    return {names[part[0]]: pd.Series(values[part], index=run_ids[part]) for part in parts}

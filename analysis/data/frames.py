@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from analysis.data.evaluations import evaluation_measures, evaluation_warnings, training_warnings
 from analysis.data.identity import CONDITIONS, experiments_apart, named_apart
 from analysis.data.specs import SETTINGS, thresholds_of, with_settings
+from analysis.data.texts import with_plain_texts
 from tma_ray.commands.arguments import check_kind, check_known, check_names
 from tma_ray.results import CHIPMUNK, SCHEMAS, Results, Table
 
@@ -32,6 +33,12 @@ OF_ONE_RUN = {
     Table.TEACHER_LOG: ["step", "gaussians", "boxes", "scalars"],
 }
 """Columns that are read of the long tables of single runs; tasks are float32 (d,)."""
+
+RETURNS = ["run_id", "step", "episodes", "mean_return"]
+"""Columns that views read of the windows of training: of thousands of small files each column takes time."""
+
+MACHINE_TIMES = ["wall_seconds", "env_steps_per_second", "host", "fingerprint"]
+"""Columns that views read of attempts, likewise."""
 
 P = ParamSpec("P")
 
@@ -72,7 +79,7 @@ class Frames:
     @property
     def warnings(self) -> tuple[str, ...]:
         """All that a reader must know before trusting a comparison, of training too."""
-        return (*self.told, *training_warnings(self.training))
+        return (*self.told, *training_warnings(self.training_returns))
 
     @property
     def left_out(self) -> tuple[str, ...]:
@@ -89,6 +96,18 @@ class Frames:
     def training(self) -> pd.DataFrame:
         """Windows of training of all runs, as stored."""
         return self._rows(Table.TRAINING, list(SCHEMAS[Table.TRAINING].names), self._run_ids)
+
+    @functools.cached_property
+    def training_returns(self) -> pd.DataFrame:
+        """The columns `RETURNS` of the windows of training, which is all that views need of them."""
+        if "training" in vars(self):
+            return self.training[RETURNS]
+        return self._rows(Table.TRAINING, RETURNS, self._run_ids)
+
+    @functools.cached_property
+    def machine_times(self) -> pd.DataFrame:
+        """The columns `MACHINE_TIMES` of attempts: where runs were computed, and how fast."""
+        return self._rows(Table.ATTEMPTS, MACHINE_TIMES, self._run_ids)
 
     @functools.cached_property
     def attempts(self) -> pd.DataFrame:
@@ -194,9 +213,9 @@ def load(root: str | Path) -> Frames:
 
 def frames_of(results: Results) -> Frames:
     """Returns the frames of opened results; what is missing becomes an empty frame and a warning."""
-    runs = with_settings(_plain(results.table(Table.RUNS).to_pandas()))
-    (cells,), split = named_apart([_join(_plain(_frame(results, Table.CELLS)), runs)])
-    cells, apart = experiments_apart(cells)
+    runs = with_settings(with_plain_texts(results.table(Table.RUNS).to_pandas()))
+    (cells,), split = named_apart([_join(with_plain_texts(_frame(results, Table.CELLS)), runs)])
+    cells, apart = experiments_apart(with_plain_texts(cells))
     columns = ["run_id", "step", "test_set", "task_index", "episodic_return"]
     evaluations = _frame(results, Table.EVALUATIONS, columns)
     evaluations["mastered"] = evaluations["episodic_return"] > thresholds_of(evaluations, runs)
@@ -253,17 +272,11 @@ def _join(cells: pd.DataFrame, runs: pd.DataFrame) -> pd.DataFrame:
     return joined.drop_duplicates([*GROUP, "run_id"]).reset_index(drop=True)
 
 
-def _plain(frame: pd.DataFrame) -> pd.DataFrame:
-    """Turns categories back into strings: few rows, and merging unequal categories is fragile."""
-    categories = frame.select_dtypes("category").columns
-    return frame.astype(dict.fromkeys(categories, object))
-
-
 def _test_tasks(results: Results, evaluations: pd.DataFrame) -> pd.DataFrame:
     """Reads the tasks of each test set from one run that met it: they are the same in all."""
     columns = ["test_set", "task_index", "task"]
     witnesses = evaluations.drop_duplicates("test_set")["run_id"].astype(str).tolist()
-    tasks = _plain(_frame(results, Table.EVALUATIONS, columns, witnesses))
+    tasks = with_plain_texts(_frame(results, Table.EVALUATIONS, columns, witnesses))
     return tasks.drop_duplicates(["test_set", "task_index"]).reset_index(drop=True)
 
 

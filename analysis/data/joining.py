@@ -9,6 +9,7 @@ import pandas as pd
 from analysis.data.frames import GROUP, STATUSES, Frames, cell_warnings
 from analysis.data.identity import experiments_apart, named_apart
 from analysis.data.specs import SETTINGS
+from analysis.data.texts import with_plain_texts
 from tma_ray.results import Results
 
 STATE = ["status", "error", "spec", "steps", "test_set", "physics_version", *SETTINGS]
@@ -29,7 +30,7 @@ def joined(frames: Sequence[Frames]) -> Frames:
         return first
     places = _places(frames)
     (cells,), split = named_apart([_cells(frames, places)])
-    cells, apart = experiments_apart(cells)
+    cells, apart = experiments_apart(with_plain_texts(cells))
     tables = {
         name: pd.concat(
             [_of(getattr(each, name), place, places) for place, each in enumerate(frames)], ignore_index=True

@@ -11,6 +11,7 @@ import pandas as pd
 from analysis.data.arguments import check_measure
 from analysis.data.frames import STATUSES
 from analysis.data.reference import baseline_runs
+from analysis.data.texts import with_plain_texts
 from analysis.measures.run_measures import NOT_FINITE
 from analysis.measures.variants import PLUS, shipped_together, variants
 from analysis.statistics import describe
@@ -52,6 +53,11 @@ def pool_runs(
         columns of `values`; several rows a run if these have. pool and test_sets name all that belong
         to them, variant says how these differ from the paper's.
     """
+    return with_values(pool_members(cells, matrices), values)
+
+
+def pool_members(cells: pd.DataFrame, matrices: Sequence[Matrix] = MATRICES) -> pd.DataFrame:
+    """Returns the rows of `pool_runs` without values: which runs are in which pools, however measured."""
     rows = cells.assign(
         pool=_pools(cells, matrices),
         test_sets=_test_sets(cells),
@@ -62,13 +68,17 @@ def pool_runs(
         agreed = known.transform("first").where(known.transform("nunique") == 1)
         rows[column] = rows[column].fillna(agreed)
     rows["variant"] = variants(rows)
+    rows = with_plain_texts(rows)
     # Experiments may list the same cell: its runs count once.
     rows = rows.drop_duplicates([*POOLED, "run_id"])
     rows = rows[[*POOLED, *PARTS, "seed", "run_id", "status", "settings"]]
+    return rows.sort_values([*POOLED, *PARTS, "seed"], ignore_index=True)
+
+
+def with_values(members: pd.DataFrame, values: pd.DataFrame) -> pd.DataFrame:
+    """Returns `members` of pools with the `values` of each run; several rows a run if these have."""
     values = values[[column for column in values if column not in SETTINGS]]
-    return rows.merge(values, on="run_id", how="left").sort_values(
-        [*POOLED, *PARTS, "seed"], ignore_index=True
-    )
+    return members.merge(values, on="run_id", how="left")
 
 
 def pooled(

@@ -233,7 +233,7 @@ def _forgotten(evaluations: pd.DataFrame, measured: pd.DataFrame) -> pd.Series:
 
 def _training_return(frames: Frames, rows: pd.DataFrame) -> pd.Series:
     """Returns the mean return of the training episodes of each run, by run_id."""
-    windows = frames.training[["run_id", "step", "episodes", "mean_return"]].dropna()
+    windows = frames.training_returns.dropna()
     windows = windows[np.isfinite(windows["mean_return"].astype(float))]
     windows = windows[windows["step"] <= windows["run_id"].map(rows["steps"]).astype(float)]
     windows = windows.astype({"run_id": object})

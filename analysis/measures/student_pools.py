@@ -9,7 +9,7 @@ import pandas as pd
 
 from analysis.data.frames import Frames, computed_once
 from analysis.data.identity import of_searches
-from analysis.measures.pooling import POOLED, pool_runs, reuse_random
+from analysis.measures.pooling import POOLED, pool_members, reuse_random, with_values
 from analysis.measures.run_measures import run_measures
 from analysis.measures.variants import BIPEDAL, RELEASED_BIPEDAL
 from tma_ray.benchmark import MATRICES, Matrix
@@ -42,7 +42,10 @@ def _runs_after(frames: Frames, share: float, training: bool) -> pd.DataFrame:
 
 
 def result_runs(frames: Frames, values: pd.DataFrame) -> pd.DataFrame:
-    """Returns `counted_runs` with Random at every level: one rule for all readers.
+    """Returns all runs that count as results, in the pools they belong to, with Random at every level.
+
+    Where only students run that the paper does not have there, such as PPO everywhere, these are the pool.
+    One rule for all readers.
 
     Args:
         frames: what was run.
@@ -51,18 +54,16 @@ def result_runs(frames: Frames, values: pd.DataFrame) -> pd.DataFrame:
     Returns:
         Of `pooling.pool_runs`.
     """
-    return reuse_random(counted_runs(frames, values))
+    return with_values(_members(frames), values)
 
 
-def counted_runs(frames: Frames, values: pd.DataFrame) -> pd.DataFrame:
-    """Returns all runs that count as results, in the pools they belong to.
-
-    Where only students run that the paper does not have there, such as PPO everywhere, these are the pool.
-    """
+@computed_once
+def _members(frames: Frames) -> pd.DataFrame:
+    """Returns which runs are results of which pools: the same whatever is measured of them, and when."""
     groups = by_students(without_searches(frames.cells))
-    parts = [pool_runs(chosen, values, matrices) for _, matrices, chosen in groups]
-    keys = [*POOLED, "run_id", *(["step"] if "step" in values else [])]
-    return pd.concat(parts, ignore_index=True).drop_duplicates(keys)
+    parts = [pool_members(chosen, matrices) for _, matrices, chosen in groups]
+    members = pd.concat(parts, ignore_index=True).drop_duplicates([*POOLED, "run_id"])
+    return reuse_random(members.reset_index(drop=True))
 
 
 def without_searches(cells: pd.DataFrame) -> pd.DataFrame:

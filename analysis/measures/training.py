@@ -54,7 +54,7 @@ def training_quarters(frames: Frames) -> pd.DataFrame:
 def _windows(frames: Frames) -> tuple[pd.DataFrame, pd.DataFrame]:
     """Returns the training windows of comparisons that have enough, and the cells of those that have not."""
     alive = unfailed(frames.cells)
-    windows = frames.training[["run_id", "step", "mean_return"]].astype({"run_id": object})
+    windows = frames.training_returns[["run_id", "step", "mean_return"]].astype({"run_id": object})
     windows = windows[np.isfinite(windows["mean_return"].astype(float))]
     windows = alive.merge(windows.rename(columns={"mean_return": "training_return"}), on="run_id")
     counts = windows.groupby([*GROUP, "run_id"])["step"].size().groupby(COMPARISON).max()

@@ -11,6 +11,7 @@ import pandas as pd
 
 from analysis.data.evaluations import evaluation_measures
 from analysis.data.specs import mastery_threshold
+from analysis.data.texts import with_plain_texts
 from tma_ray.results import Manifest, Results, Table
 
 WATCH_SECONDS: Final = 10.0
@@ -73,7 +74,7 @@ def published_points(results: Results, manifests: Sequence[Manifest]) -> dict[tu
 
 def _rows(results: Results, table: Table, run_ids: Sequence[str], columns: Sequence[str]) -> pd.DataFrame:
     frame: pd.DataFrame = results.table(table, run_ids, columns).to_pandas()
-    return frame.astype(dict.fromkeys(frame.select_dtypes("category").columns, object))
+    return with_plain_texts(frame)
 
 
 def _ids(manifests: Iterable[Manifest]) -> list[str]:

@@ -74,7 +74,6 @@ def _add_report(parser: CommandParser) -> None:
 
 
 def _report(options: argparse.Namespace) -> int:
-    from analysis.commands.latex import write_latex
     from analysis.pages.report import write_report
     from analysis.pages.report.writing import report_folder
 
@@ -83,6 +82,8 @@ def _report(options: argparse.Namespace) -> int:
     videos = list(_videos(sources, folder / "videos")) if options.videos else []
     print(write_report(sources, folder, videos, RELOAD_SECONDS if options.watch else 0), flush=True)
     if options.latex:
+        from analysis.commands.latex import write_latex  # matplotlib, which takes a while to import
+
         latex = write_latex(sources, folder / "latex")
         for warning in latex.warnings:
             sys.stderr.write(f"tma-ray: warning: {warning}\n")

@@ -45,6 +45,9 @@ SHOWN_RUNS: Final = 5
 RUN_ID: Final = "run_id"
 """The column that all tables of runs have."""
 
+KEYS: Final = {Table.ATTEMPTS: (RUN_ID, "attempt"), Table.CELLS: (RUN_ID,)}
+"""Columns by which rows of tables about runs are chosen and told apart."""
+
 _THREADS: Final = 16  # more than cores: they wait for disks and object stores
 
 _SETTLED_NS: Final = 5_000_000_000
@@ -82,6 +85,7 @@ class Results:
         read = dict(zip(new, self._map(self._load, new, self._threads()), strict=True))
         found = {key: known[key] if key in known else read[key[0]] for key in stamps.items()}
         self._manifests = tuple(manifest for manifest in found.values() if manifest is not None)
+        self._places = {manifest.run.run_id: place for place, manifest in enumerate(self._manifests)}
         self._known: _Known = {
             (path, (at, size)): manifest
             for (path, (at, size)), manifest in found.items()
@@ -135,9 +139,8 @@ class Results:
                 f"{table} has no column {unknown[0]!r}; it has {', '.join(SCHEMAS[table].names)}"
             )
         if table not in DATA_TABLES:
-            return self._about_runs(table, run_ids).select(names)
-        wanted = None if run_ids is None else set(run_ids)
-        chosen = [manifest for manifest in self.runs() if wanted is None or manifest.run.run_id in wanted]
+            return self._about_runs(table, run_ids, names).select(names)
+        chosen = self._of_runs(run_ids)
         # Ids are known without reading them, and there are tens of millions.
         read = [name for name in names if name != RUN_ID] or names
         shared = self._shared(chosen, table, read)
@@ -154,13 +157,22 @@ class Results:
         ids = _repeated([manifest.run.run_id for manifest in chosen], counts)
         return rows.add_column(names.index(RUN_ID), SCHEMAS[table].field(RUN_ID), ids)
 
-    def _about_runs(self, table: Table, run_ids: Collection[str] | None) -> pa.Table:
+    def _of_runs(self, run_ids: Collection[str] | None) -> Sequence[Manifest]:
+        """Returns the manifests of these runs, or of all, by run id."""
+        if run_ids is None:
+            return self._manifests
+        places = sorted(self._places[run_id] for run_id in set(run_ids) if run_id in self._places)
+        return [self._manifests[place] for place in places]
+
+    def _about_runs(self, table: Table, run_ids: Collection[str] | None, names: Sequence[str]) -> pa.Table:
+        """Returns at least the columns `names` of a table that is not a run's own, and those that it needs."""
+        names = [name for name in SCHEMAS[table].names if name in {*names, *KEYS.get(table, ())}]
         if table is Table.RUNS:
             rows = to_arrow(table, SCHEMAS[table], [manifest.row() for manifest in self.runs()])
         else:
             paths = self._paths_about(table, run_ids)
-            found = self._map(lambda path: self._file_rows(table, path), paths, self._threads())
-            rows = _joined(table, SCHEMAS[table].names, [part for part in found if part is not None])
+            found = self._map(lambda path: self._file_rows(table, path, names), paths, self._threads())
+            rows = _joined(table, names, [part for part in found if part is not None])
             rows = _each_once(rows) if table is Table.ATTEMPTS else rows
         if run_ids is None:
             return rows
@@ -175,8 +187,8 @@ class Results:
         others -= {table_path(table, run_id) for run_id in run_ids}
         return [path for path in paths if path not in others]
 
-    def _file_rows(self, table: Table, path: str) -> pa.Table | None:
-        return self._tried(path, lambda: decode(table, self.store.read_bytes(path)))
+    def _file_rows(self, table: Table, path: str, columns: Sequence[str]) -> pa.Table | None:
+        return self._tried(path, lambda: decode(table, self.store.read_bytes(path), columns))
 
     def _shared(self, chosen: Sequence[Manifest], table: Table, columns: Sequence[str]) -> _Shared:
         """Reads the files that many of the chosen runs share, each once."""

@@ -101,7 +101,7 @@ def _render(
         verdicts=decided(verdicts),
         unfinished=unfinished(frames),
         settings=settings(cells),
-        machines=machines(frames.attempts),
+        machines=machines(frames.machine_times),
         downloads=tables,
         mastery=thresholds(cells) or number(MASTERY_RETURN, 0),
         significance=SIGNIFICANCE,

@@ -269,7 +269,8 @@ class Store:
         if self.is_object_store:
             return read_object(self.filesystem, full)
         if self._local:
-            return Path(full).read_bytes()
+            with open(full, "rb", buffering=0) as file:  # noqa: PTH123 - half the time, for thousands of files
+                return file.read()
         with self.filesystem.open_input_file(full) as file:  # a stream would ask for it bit by bit
             return cast("bytes", file.read())
 
