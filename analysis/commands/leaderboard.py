@@ -10,6 +10,7 @@ from rich.table import Table
 from analysis.baselines import BaselineError, BaselineKind, as_baseline, baselines
 from analysis.baselines.catalogue import Baseline
 from analysis.baselines.sources import read
+from analysis.comparisons.few_seeds import caveat
 from analysis.comparisons.leaderboard import Entry, Leaderboard, leaderboards
 from analysis.formatting import number, plus_minus
 from analysis.names import label
@@ -47,6 +48,7 @@ def show_leaderboards(names: Sequence[str], console: Console | None = None) -> N
             console.print(f"\n{board.title}", style="bold", highlight=False)
             console.print(_ranking(board))
             console.print(_challenges(board))
+            console.print(_caveat(board), style="dim", highlight=False)
     console.print(EXPLANATION, style="dim", highlight=False)
 
 
@@ -59,6 +61,7 @@ def markdown(names: Sequence[str] = ()) -> str:
         for board in leaderboards(read(place)):
             parts.append(f"### {board.title[0].upper()}{board.title[1:]}")
             parts.append(_markdown_table(board))
+            parts += [text] if (text := _caveat(board)) else []
     return "\n\n".join([*(parts or ["No release with runs ships with this version."]), EXPLANATION])
 
 
@@ -88,6 +91,10 @@ def _told(baseline: Baseline) -> tuple[str, str, str]:
     if baseline.manifest.kind is not BaselineKind.RUNS:
         raise BaselineError(f"{baseline.manifest.name} has no runs, only published results: no leaderboard")
     return baseline.manifest.name, baseline.place, baseline.manifest.partial
+
+
+def _caveat(board: Leaderboard) -> str:
+    return caveat(min(entry.rank.fewest for entry in board.entries))
 
 
 def _ranking(board: Leaderboard) -> Table:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Hashable, Sequence
+from collections.abc import Hashable, Mapping, Sequence
 
 import numpy as np
 import pandas as pd
@@ -117,7 +117,8 @@ def stratified_differences(
         within: columns that teachers must have in common to be compared.
 
     Returns:
-        `within`, measure, teacher, challenges (how many), the columns of `statistics.Comparison`, and holm.
+        `within`, measure, teacher, challenges (how many), fewest (runs that either teacher has of one of
+        them), the columns of `statistics.Comparison`, and holm.
     """
     within, rows = list(within), []
     counted = _over_challenges(runs, measure, [*within, "teacher"])
@@ -139,9 +140,10 @@ def stratified_differences(
             test = vars(stratified(pairs, weights))
             if not others:
                 test |= {"reason": nobody(reference)}
-            names = {"measure": measure, "teacher": teacher, "challenges": len(challenges)}
+            fewest = min((_runs(side[place]) for side in (mine, others) for place in challenges), default=0)
+            names = {"measure": measure, "teacher": teacher, "challenges": len(challenges), "fewest": fewest}
             rows.append(dict(zip(within, key, strict=True)) | names | test)
-    columns = [*within, "measure", "teacher", "challenges", *Comparison.__dataclass_fields__]
+    columns = [*within, "measure", "teacher", "challenges", "fewest", *Comparison.__dataclass_fields__]
     table = pd.DataFrame(rows, columns=columns)
     table["holm"] = table.groupby(within, dropna=False)["p"].transform(holm) if len(table) else table["p"]
     return table
@@ -178,6 +180,10 @@ def stratified_means(runs: pd.DataFrame, measure: str, within: Sequence[str] = A
 def _by_challenge(rows: pd.DataFrame, measure: str) -> dict[Hashable, dict[str, pd.Series]]:
     """Returns the samples of each body and student by challenge."""
     return {place: _strata_of(part, measure) for place, part in rows.groupby("place", sort=True)}
+
+
+def _runs(strata: Mapping[str, pd.Series]) -> int:
+    return sum(map(len, strata.values()))
 
 
 def profiles(
@@ -225,7 +231,7 @@ def _stratified(runs: pd.DataFrame, measure: str, by: Sequence[str], strata: Seq
 
 
 def _over_challenges(runs: pd.DataFrame, measure: str, by: Sequence[str]) -> pd.DataFrame:
-    """Returns `by`, run_id, the measure, place (of the challenge) and stratum in it of each run with a value."""
+    """Returns `by`, run_id, the measure, place (challenge) and stratum in it of each run with a value."""
     runs = runs.assign(place=_numbered(runs, PLACES)).reset_index(drop=True)
     rows = _counted(_stratified(runs, measure, by, PARTS), measure)
     return rows.assign(place=runs["place"])

@@ -8,6 +8,7 @@ from typing import Any, NamedTuple
 
 import pandas as pd
 
+from analysis.comparisons.few_seeds import caveat
 from analysis.data.reference import NO_BASELINE, is_baseline
 from analysis.formatting import amount, ends, listed, number, p_value, plus_minus
 from analysis.names import label
@@ -41,9 +42,6 @@ TEST_RETURN = Measure(
     leads="has the highest test return:",
     has="has a test return of",
 )
-
-FEW_SEEDS = 10
-"""Under this many seeds a sentence warns the reader; the paper used 16 to 48."""
 
 
 def verdict(test: pd.Series | Mapping[str, Any]) -> str:
@@ -166,10 +164,5 @@ def _others(tests: pd.DataFrame, also: str) -> list[str]:
 
 def _few(tests: pd.DataFrame) -> list[str]:
     tested = tests[tests["reason"] == ""]
-    smallest = tested[["n", "reference_n"]].min().min() if len(tested) else FEW_SEEDS
-    if smallest >= FEW_SEEDS:
-        return []
-    return [
-        f"With no more than {smallest} seeds only large differences can show, and their size is uncertain; "
-        f"take this as an indication, not as a result."
-    ]
+    text = caveat(tested[["n", "reference_n"]].min().min())
+    return [text] if text else []

@@ -16,6 +16,7 @@ from analysis.comparisons.aggregates import (
     profiles,
     stratified_differences,
 )
+from analysis.comparisons.few_seeds import in_brief
 from analysis.data.reference import BASELINE
 from analysis.formatting import ends, number, p_value
 from analysis.looks import look
@@ -58,7 +59,7 @@ def _headline(row: pd.Series, told: list[str]) -> str:
     return (
         f"Over {row['challenges']} challenges (expert knowledge {row['expert_knowledge']}, "
         f"{', '.join(condition_words(row, told))}) {label(row['teacher'])} is {verdict} Random: {interval}, "
-        f"{p_value(row['holm'])} after Holm."
+        f"{p_value(row['holm'])} after Holm{in_brief(row['fewest'])}."
     )
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pandas as pd
 
-from analysis.comparisons.findings import FEW_SEEDS
+from analysis.comparisons.few_seeds import in_brief
 from analysis.comparisons.pairwise import pairwise
 from analysis.data.frames import Frames
 from analysis.data.reference import is_baseline
@@ -30,8 +30,8 @@ def ranking(frames: Frames, share: float = 1.0, measure: str = MEASURE) -> pd.Da
     Returns:
         `pooling.POOLED`, runs, n, missing, mean and standard deviation (as mastered_percent_mean and _std),
         worst (of a single run), rank (1 for the highest mean of a comparison), and of Welch's test against
-        Random: difference, low, high, p, reason, and holm: p adjusted for all teachers of the comparison.
-        Best first.
+        Random: reference_n (its runs), difference, low, high, p, reason, and holm: p adjusted for all
+        teachers of the comparison. Best first.
     """
     return ranked(runs_after(frames, share, training=False), measure)
 
@@ -40,7 +40,7 @@ def ranked(runs: pd.DataFrame, measure: str = MEASURE) -> pd.DataFrame:
     """Returns the rows of `ranking`, from runs of `student_pools.runs_after`."""
     table = pooled(runs, [measure])
     tests = pairwise(runs, measure, "random", detectable=False).rename(columns={"first": "teacher"})
-    columns = ["difference", "low", "high", "p", "holm", "reason"]
+    columns = ["reference_n", "difference", "low", "high", "p", "holm", "reason"]
     table = table.merge(tests[[*POOLED, *columns]], on=POOLED, how="left")
     table["reason"] = table["reason"].fillna("")
     worst = runs.groupby(POOLED, dropna=False, sort=True)[measure].min()  # in the order of `table`
@@ -67,7 +67,7 @@ def sentences(table: pd.DataFrame) -> list[str]:
         parts = [f"better than Random on {better} of {len(tested)}"]
         parts += [f"worse on {worse}"] if worse else []
         parts += [f"not distinguishable on {rest}"] if rest else []
-        few = "; few seeds" if tested["n"].min() < FEW_SEEDS else ""
+        few = in_brief(tested[["n", "reference_n"]].min().min())
         where = ", ".join([environment, f"expert knowledge {level}", *condition_words(rows.iloc[0], told)])
         said.append(f"{label(teacher)} ({where}): {', '.join(parts)} (p < {SIGNIFICANCE} after Holm{few}).")
     return said

@@ -9,6 +9,7 @@ from typing import Any
 import pandas as pd
 
 from analysis.comparisons.aggregates import ACROSS, stratified_differences, stratified_means
+from analysis.comparisons.few_seeds import in_brief
 from analysis.data.reference import is_baseline
 from analysis.formatting import amount, listed
 from analysis.measures.tested import MEASURE
@@ -28,6 +29,7 @@ class Rank:
         low: lower end of its 95 % interval; NaN with one run on a challenge.
         high: upper end of it.
         n: runs.
+        fewest: of them on one challenge, or of another ranked teacher.
         rank: 1 for the highest mean.
         of: how many teachers are ranked.
         better: those that it is better than, with p < 0.05 after Holm's correction.
@@ -43,6 +45,7 @@ class Rank:
     low: float
     high: float
     n: int
+    fewest: int
     rank: int
     of: int
     better: tuple[str, ...]
@@ -72,9 +75,10 @@ class Rank:
         said = [f"{words} {_listed(names)}" for words, names in parts if names]
         said += [f"undecided against {_listed(self.undecided)}"] if self.undecided else []
         lacking = f"; not ranked, lacking challenges: {_listed(self.left_out)}" if self.left_out else ""
+        family = f"after Holm for all pairs{in_brief(self.fewest)}"
         return (
             f"Over {count} {label(self.teacher)} ranks {self.rank} of {self.of} by mean, {certain}: "
-            f"{'; '.join(said) or 'there is nothing to compare'} (p < {SIGNIFICANCE} after Holm){lacking}."
+            f"{'; '.join(said) or 'there is nothing to compare'} (p < {SIGNIFICANCE} {family}){lacking}."
         )
 
 
@@ -101,13 +105,12 @@ def ranks(runs: pd.DataFrame, teachers: Collection[str] | None = None, measure: 
 
 
 def _tests(group: pd.DataFrame, teachers: list[str], measure: str) -> pd.DataFrame:
-    """Returns the test of each of `teachers` against every other one: teacher, other, difference, holm."""
-    parts = []
+    """Returns the test of each of `teachers` against every other one: its columns, and holm."""
+    parts, columns = [], ["teacher", "other", "challenges", "fewest", "difference", "p"]
     for teacher in teachers:
         table = stratified_differences(group, measure, teacher)
         flipped = table.assign(other=table["teacher"], teacher=teacher, difference=-table["difference"])
-        parts.append(flipped[["teacher", "other", "challenges", "difference", "p"]])
-    columns = ["teacher", "other", "challenges", "difference", "p"]
+        parts.append(flipped[columns])
     tests = pd.concat(parts, ignore_index=True) if parts else pd.DataFrame(columns=columns)
     pairs = [" | ".join(sorted(names)) for names in zip(tests["teacher"], tests["other"], strict=True)]
     once = dict(zip(pairs, tests["p"].astype(float), strict=True))
@@ -127,6 +130,7 @@ def _rank(teacher: str, across: dict[str, Any], mine: dict[Hashable, Any], tests
         low=float(mine["low"]),
         high=float(mine["high"]),
         n=int(mine["n"]),
+        fewest=int(alike["fewest"].min()) if len(alike) else int(mine["n"]),
         rank=1 + int((alike["difference"] < 0).sum()),
         of=1 + len(alike),
         better=_names(alike[sure & ahead]),

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from analysis.baselines.catalogue import as_baseline
 from analysis.baselines.sources import published, read
+from analysis.comparisons.few_seeds import in_brief
 from analysis.comparisons.pairwise import pairwise
 from analysis.data.frames import Frames
 from analysis.data.identity import NAMED, named_apart
@@ -201,12 +202,15 @@ def _found(rows: pd.DataFrame, other: str) -> str:
         return f"not tested against {other} ({reasons})"
     sure = tested[tested["holm"] < SIGNIFICANCE]
     better, worse = int((sure["difference"] > 0).sum()), int((sure["difference"] < 0).sum())
+    few = in_brief(tested[["n", "reference_n"]].min().min())
     of = f"{len(tested)} challenge{'s' if len(tested) > 1 else ''}"
     if not better and not worse:
-        return f"not distinguishable from {other} on any of {of}"
+        return (
+            f"not distinguishable from {other} on any of {of}{few.replace('; ', ' (') + ')' if few else ''}"
+        )
     parts = [f"better than {other} on {better} of {of}" if better else f"on none of {of} better than {other}"]
     parts += [f"worse on {worse}"] if worse else []
-    return f"{', '.join(parts)} (p < {SIGNIFICANCE} after Holm)"
+    return f"{', '.join(parts)} (p < {SIGNIFICANCE} after Holm{few})"
 
 
 def beside(mine: Side, baseline: Side) -> pd.DataFrame:

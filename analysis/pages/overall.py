@@ -8,7 +8,9 @@ from typing import Any
 
 import pandas as pd
 
+from analysis.comparisons.few_seeds import caveat
 from analysis.comparisons.overall import THRESHOLDS, overall_rows, performance_profiles
+from analysis.measures.pooling import COMPARED
 from analysis.measures.tested import MEASURE, QUANTITIES
 from analysis.pages.charts import Chart, profile_chart
 
@@ -27,18 +29,31 @@ class Overall:
         over: the thresholds of its last column, as text.
         charts: performance profiles, one for each level and budget.
         quantity: that is aggregated, as charts call it.
+        caveat: where a teacher has few runs of a challenge; else empty.
     """
 
     rows: list[dict[str, Any]]
     over: str
     charts: list[Chart]
     quantity: str
+    caveat: str
 
 
 def overall_section(runs: pd.DataFrame, measure: str = MEASURE) -> Overall:
     """Returns the section on all runs that count as results, of `pooling.pool_runs`."""
     over = " / ".join(map(str, THRESHOLDS))
-    return Overall(overall_rows(runs, measure), over, list(_charts(runs, measure)), QUANTITIES[measure])
+    return Overall(
+        overall_rows(runs, measure),
+        over,
+        list(_charts(runs, measure)),
+        QUANTITIES[measure],
+        _caveat(runs, measure),
+    )
+
+
+def _caveat(runs: pd.DataFrame, measure: str) -> str:
+    counted = runs[runs[measure].notna()]
+    return caveat(counted.groupby([*COMPARED, "teacher"], dropna=False)["run_id"].nunique().min())
 
 
 def _charts(runs: pd.DataFrame, measure: str) -> Iterator[Chart]:

@@ -58,9 +58,9 @@ def test_a_new_teacher_is_tested_against_comparable_baselines_only(roots: tuple[
     assert new_teachers(mine) == ["frontier"]
     assert sentences(duels(runs, ["frontier"])) == [
         "Stump tracks, expert knowledge none: frontier is better than Random on 2 of 3 challenges, worse on "
-        "1 (p < 0.05 after Holm).",
+        "1 (p < 0.05 after Holm; few seeds).",
         "Stump tracks, expert knowledge none: frontier is better than RIAC on 1 of 3 challenges, worse on "
-        "1 (p < 0.05 after Holm).",
+        "1 (p < 0.05 after Holm; few seeds).",
     ]
 
 
@@ -104,7 +104,7 @@ def test_the_page_has_all_of_it(
     assert verdict == (
         "Over 3 challenges (expert knowledge none, 2 million steps) frontier ranks 1 of 3 by mean, and "
         "the tests leave 1 to 2 open: better than 1 (Random); "
-        "undecided against 1 (RIAC) (p < 0.05 after Holm)."
+        "undecided against 1 (RIAC) (p < 0.05 after Holm for all pairs; few seeds)."
     )
     index = Path(place)
     text = re.sub(r"\s+", " ", index.read_text())

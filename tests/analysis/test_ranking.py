@@ -9,7 +9,7 @@ from rich.console import Console
 from synthetic_results import SyntheticCampaign
 
 from analysis.commands.ranking import show_ranking
-from analysis.comparisons.overall import overall
+from analysis.comparisons.overall import headlines, overall
 from analysis.comparisons.ranking import ranked, ranking, sentences
 from analysis.data.frames import load
 from analysis.measures.student_pools import runs_after
@@ -58,6 +58,14 @@ def test_sentences_count_challenges_after_holms_correction(tmp_path: Path) -> No
         "distinguishable on 1 (p < 0.05 after Holm; few seeds)."
     ]
     assert "Over 3 challenges (expert knowledge none" in shown(tmp_path)
+    headline = next(text for text in headlines(runs_after(load(tmp_path))) if "RIAC" in text)
+    assert headline.endswith("after Holm; few seeds.")
+
+
+def test_few_seeds_are_said_of_random_too(tmp_path: Path) -> None:
+    for seed_count, teacher in ((10, "riac"), (3, "random")):
+        write(tmp_path, teacher, [4, 5, 6] * 3 + [5] if seed_count == 10 else [2, 3, 4], "mostly_trivial")
+    assert sentences(ranking(load(tmp_path)))[0].endswith("after Holm; few seeds).")
 
 
 @pytest.mark.slow

@@ -165,7 +165,7 @@ class Results:
         return [self._manifests[place] for place in places]
 
     def _about_runs(self, table: Table, run_ids: Collection[str] | None, names: Sequence[str]) -> pa.Table:
-        """Returns at least the columns `names` of a table that is not a run's own, and those that it needs."""
+        """Returns at least the columns `names` of a table that no run has alone, and the keys of its rows."""
         names = [name for name in SCHEMAS[table].names if name in {*names, *KEYS.get(table, ())}]
         if table is Table.RUNS:
             rows = to_arrow(table, SCHEMAS[table], [manifest.row() for manifest in self.runs()])
@@ -176,7 +176,9 @@ class Results:
             rows = _each_once(rows) if table is Table.ATTEMPTS else rows
         if run_ids is None:
             return rows
-        return rows.filter(pc.is_in(rows["run_id"].cast(pa.string()), pa.array(list(run_ids), pa.string())))
+        ids = rows["run_id"].combine_chunks().cast(pa.string())
+        wanted = pc.is_in(ids, pa.array(list(run_ids), pa.string()))
+        return rows if pc.all(wanted, min_count=0).as_py() else rows.filter(wanted)
 
     def _paths_about(self, table: Table, run_ids: Collection[str] | None) -> list[str]:
         """Returns the files that may hold rows of these runs: their own, and those of several runs."""

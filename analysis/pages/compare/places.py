@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
+from analysis.comparisons.few_seeds import caveat
 from analysis.comparisons.ranking import places as titles_of
 from analysis.comparisons.sides import Side
 from analysis.formatting import ends, number, p_value, plus_minus
@@ -86,6 +87,8 @@ def places_chart(found: list[Place], measure: str = MEASURE) -> Iterator[Chart]:
         points = points if measure == MEASURE else points[points["step"] == END]
         titles = {place.anchor: place.title for place in found}
         caption = "Marks are means over runs, lines their 95 % intervals, of results that may be compared."
+        few = caveat(points.groupby(["comparison", "teacher"])["seed"].nunique().min())
+        caption += f" {few}" if few else ""
         yield overview_chart(points, titles, QUANTITIES[measure], "All challenges", caption)
 
 

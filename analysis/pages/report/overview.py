@@ -6,8 +6,10 @@ from collections.abc import Iterator, Sequence
 
 import pandas as pd
 
+from analysis.comparisons.few_seeds import caveat
 from analysis.comparisons.findings import compared_by
 from analysis.comparisons.measured import Measured
+from analysis.data.frames import GROUP
 from analysis.pages.charts import Chart, overview_chart
 from analysis.pages.report.comparison_charts import QUANTITIES, points_of
 from analysis.pages.report.sections import titled
@@ -24,6 +26,8 @@ def overview(measured: Measured) -> Iterator[Chart]:
         zip((anchor for anchor, *_ in found), distinct([title for _, title, _ in found]), strict=True)
     )
     caption = "Marks are means over seeds, lines their 95 % intervals. Choose above what is shown and when."
+    few = caveat(measured.finals.groupby(GROUP)["run_id"].nunique().min())
+    caption += f" {few}" if few else ""
     yield overview_chart(
         pd.concat(points, ignore_index=True), rows, QUANTITIES[column], "All comparisons", caption
     )
