@@ -15,10 +15,18 @@ from analysis.formatting import listed
 from analysis.names import label, teacher_order
 
 
-def curricula_of(frames: Frames, mine: Measured) -> dict[str, Curriculum]:
-    """Returns the curriculum of the run that stands for each teacher, if it has played any episode."""
+def curricula_of(
+    frames: Frames, mine: Measured, runs: Mapping[str, pd.Series] | None = None
+) -> dict[str, Curriculum]:
+    """Returns the curriculum of the run that stands for each teacher, if it has played any episode.
+
+    Args:
+        frames: of the root.
+        mine: of the comparison.
+        runs: of `examples_of`, or some of them; all by default.
+    """
     size = len(task_axes(mine.cells))
-    examples = examples_of(mine)
+    examples = examples_of(mine) if runs is None else runs
     found = curricula_of_runs(frames, list(examples.values()))
     return {
         teacher: curriculum

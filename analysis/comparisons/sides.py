@@ -162,7 +162,7 @@ def duels(runs: pd.DataFrame, teachers: Sequence[str], measure: str = MEASURE) -
         Of `pairwise.pairwise`, with the teacher that is looked at first, and holm over all that it is tested
         against on a challenge.
     """
-    tests = pairwise(runs, measure)
+    tests = pairwise(runs, measure, detectable=False)
     swapped = tests.assign(
         first=tests["second"],
         second=tests["first"],

@@ -5,7 +5,7 @@ from __future__ import annotations
 import itertools
 import re
 from collections import Counter
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 
@@ -50,6 +50,9 @@ EARLY = 0.25
 
 NAMED = ("experiment", "embodiment", "student", "expert_knowledge")
 """Columns that name the files of a comparison, where they tell it from others."""
+
+SHEET = 12
+"""Teachers on one film strip, animation or strip of training tasks; of more there are several, numbered."""
 
 STARS = 4
 """Rows of stars along a budget: every 5 of 20 million steps."""
@@ -103,7 +106,7 @@ def _of_kind(frames: Frames, final: pd.DataFrame, early: pd.DataFrame) -> Iterat
     """Yields the figures of results under the same conditions, at their ends and `EARLY`."""
     for name, runs in (("radar", final), ("radar-early", early)):
         yield Drawing(name, partial(_radar, runs))
-    yield from _bars(pooled(final, [MEASURE]), pairwise(final, MEASURE))
+    yield from _bars(pooled(final, [MEASURE]), pairwise(final, MEASURE, detectable=False))
     budget = int(final["steps"].iloc[0])
     steps = [int(step) for step in sorted(frames.evaluations["step"].unique()) if step <= budget]
     values = evaluations_at(frames, steps).merge(training_returns_at(frames, steps), "left")
@@ -126,7 +129,7 @@ def _of_kind(frames: Frames, final: pd.DataFrame, early: pd.DataFrame) -> Iterat
 
 
 def _radar(runs: pd.DataFrame) -> Figure:
-    return radar(pooled(runs, [MEASURE]), pairwise(runs, MEASURE, BASELINE))
+    return radar(pooled(runs, [MEASURE]), pairwise(runs, MEASURE, BASELINE, detectable=False))
 
 
 def _bars(table: pd.DataFrame, tests: pd.DataFrame) -> Iterator[Drawing]:
@@ -136,7 +139,7 @@ def _bars(table: pd.DataFrame, tests: pd.DataFrame) -> Iterator[Drawing]:
 
 
 def _panel(runs: pd.DataFrame) -> list[CurvePanel]:
-    tests = pairwise(runs, MEASURE, BASELINE, [*COMPARED, "step"])
+    tests = pairwise(runs, MEASURE, BASELINE, [*COMPARED, "step"], detectable=False)
     name = title("challenge", runs["challenge"].iloc[0])
     return [CurvePanel(name, pooled(runs, [MEASURE], ["step"]), tests)]
 
@@ -146,7 +149,7 @@ def _curves(draw: Callable[[list[CurvePanel]], Figure], panels: Callable[[], lis
 
 
 def _pairs(runs: pd.DataFrame) -> Figure:
-    tests = pairwise(runs, MEASURE, None, [*COMPARED, "step"])
+    tests = pairwise(runs, MEASURE, None, [*COMPARED, "step"], detectable=False)
     return pairwise_curves(pooled(runs, [MEASURE], ["step"]), tests)
 
 
@@ -162,23 +165,41 @@ def _of_comparison(frames: Frames, mine: Measured, name: str) -> Iterator[Drawin
     for first, second in itertools.combinations(varied[:3], 2):
         plane = (axes[first], axes[second])
         suffix = "" if len(axes) == 2 else f"-{axes[first].name}-{axes[second].name}".replace(" ", "_")
-        shots = partial(_shots, frames, mine, (first, second) if len(axes) > 2 else None)
-        yield Drawing(f"{name}-film{suffix}", partial(_film, film_strip, shots, plane))
-        yield Drawing(f"{name}-motion{suffix}", partial(_film, animation, shots, plane))
+        dimensions = (first, second) if len(axes) > 2 else None
+        for end, runs in _sheets(mine):
+            shots = partial(_shots, frames, runs, dimensions)
+            yield Drawing(f"{name}-film{suffix}{end}", partial(_film, film_strip, shots, plane))
+            yield Drawing(f"{name}-motion{suffix}{end}", partial(_film, animation, shots, plane))
     if len(axes) == len(varied) == 2:
-        yield Drawing(f"{name}-training-tasks", partial(_training_tasks, frames, mine, (axes[0], axes[1])))
+        for end, runs in _sheets(mine):
+            draw = partial(_training_tasks, frames, mine, runs, (axes[0], axes[1]))
+            yield Drawing(f"{name}-training-tasks{end}", draw)
 
 
-def _training_tasks(frames: Frames, mine: Measured, plane: tuple[Axis, Axis]) -> Figure:
-    curricula = curricula_of(frames, mine)
+def _sheets(mine: Measured) -> Iterator[tuple[str, dict[str, pd.Series]]]:
+    """Yields the run of each teacher in as few parts of like size as can be, each with the end of its name.
+
+    Forty rows fit on no page, and laying out their panels together takes minutes.
+    """
+    examples = list(examples_of(mine).items())
+    count = -(-len(examples) // SHEET)
+    ends = [round(len(examples) * number / count) for number in range(1, count + 1)]
+    for number, (first, last) in enumerate(itertools.pairwise([0, *ends]), start=1):
+        yield f"-{number}" if count > 1 else "", dict(examples[first:last])
+
+
+def _training_tasks(
+    frames: Frames, mine: Measured, runs: Mapping[str, pd.Series], plane: tuple[Axis, Axis]
+) -> Figure:
+    curricula = curricula_of(frames, mine, runs)
     if not curricula:
         raise ValueError("no run has played an episode")
     return curriculum_strip(curricula, plane)
 
 
-def _shots(frames: Frames, mine: Measured, dimensions: tuple[int, int] | None) -> list[Shot]:
+def _shots(frames: Frames, runs: Mapping[str, pd.Series], dimensions: tuple[int, int] | None) -> list[Shot]:
     shots = []
-    for teacher, run in examples_of(mine).items():
+    for teacher, run in runs.items():
         curriculum = curriculum_of(frames, run)
         if len(curriculum.probes):
             shown = projected(curriculum, dimensions) if dimensions else curriculum

@@ -35,12 +35,12 @@ def body_panels(
     _one(runs, COMPARED)
     panels = []
     if runs["embodiment"].nunique() > 1 or any(PLUS in pool for pool in runs["pool"]):
-        tests = pairwise(runs, measure, BASELINE, [*COMPARED, "step"])
+        tests = pairwise(runs, measure, BASELINE, [*COMPARED, "step"], detectable=False)
         panels.append(CurvePanel("All bodies", pooled(runs, [measure], ["step"]), tests, measure, name))
     for body in sorted(runs["embodiment"].unique()):
         mine = runs[runs["embodiment"] == body]
         curves = pooled(mine, [measure], ["embodiment", "step"])
-        tests = pairwise(mine, measure, BASELINE, [*COMPARED, "embodiment", "step"])
+        tests = pairwise(mine, measure, BASELINE, [*COMPARED, "embodiment", "step"], detectable=False)
         panels.append(CurvePanel(title("embodiment", body), curves, tests, measure, name))
     return panels
 
@@ -68,7 +68,7 @@ def knowledge_panels(
         for measure, name in measures.items():
             tests, same = None, [*within, "teacher", "step"]
             if reference is not None:
-                tests = pairwise(mine, measure, reference.value, same, "expert_knowledge")
+                tests = pairwise(mine, measure, reference.value, same, "expert_knowledge", detectable=False)
             curves = pooled(mine, [measure], ["step"])
             panels.append(CurvePanel(title("challenge", challenge), curves, tests, measure, name))
     return panels

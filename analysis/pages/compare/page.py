@@ -140,7 +140,7 @@ def _radars(runs: pd.DataFrame, others: Sequence[Side]) -> Iterator[Picture]:
     kinds = [*SETTINGS, "students"]
     students = runs["pool"].map(lambda pool: ", ".join(sorted({student for _, student in parts_of(pool)})))
     for place, (_, group) in enumerate(runs.assign(students=students).groupby(kinds, dropna=False), start=1):
-        table, tests = pooled(group, [MEASURE]), pairwise(group, MEASURE, "random")
+        table, tests = pooled(group, [MEASURE]), pairwise(group, MEASURE, "random", detectable=False)
         caption = "Your results and what may be compared with them, as ratios of Random."
         yield from _radar(f"radar-{place}", table, tests, "Yours among comparable baselines", caption)
     for side in others:
