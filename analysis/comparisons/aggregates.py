@@ -238,7 +238,8 @@ def _over_challenges(runs: pd.DataFrame, measure: str, by: Sequence[str]) -> pd.
 
 
 def _numbered(runs: pd.DataFrame, columns: Sequence[str]) -> NDArray[np.int64]:
-    return runs.groupby(list(columns), dropna=False, sort=True).ngroup().to_numpy(np.int64)
+    numbers = runs.groupby(list(columns), dropna=False, sort=True).ngroup()
+    return np.asarray(numbers, dtype=np.int64)
 
 
 def _counted(rows: pd.DataFrame, measure: str) -> pd.DataFrame:
