@@ -189,7 +189,7 @@ def node_frozen(scene: Scene, injections: int) -> None:
         finally:
             scene.nodes.thaw(frozen)
         if given_away:  # what was on it ends by itself: its successors hold the runs
-            wait_for(lambda frozen=frozen: scene.nodes.ended(frozen))
+            wait_for(lambda frozen=frozen: scene.nodes.ended(frozen), LONGEST_START)
             scene.nodes.kill(number)
     scene.finish(driver)
 

@@ -7,6 +7,7 @@ import tomllib
 from pathlib import Path
 
 import yaml
+from commands import understood
 
 from tma_ray.embodiments import load_embodiment
 from tma_ray.envs import ENVIRONMENTS
@@ -61,4 +62,19 @@ def check_text(text: str, folder: Path) -> None:
         parse(name)
 
 
-CHECKS = {"toml": check_toml, "csv": check_csv, "yaml": check_yaml, "text": check_text}
+def check_console(text: str, folder: Path) -> None:
+    """A transcript, whose commands there are."""
+    typed = [line[2:].split() for line in text.splitlines() if line.startswith("$ ")]
+    assert typed
+    for words in typed:
+        if words[0] == "tma-ray" and words[1:] != ["--help"]:
+            understood(words)
+
+
+CHECKS = {
+    "toml": check_toml,
+    "csv": check_csv,
+    "yaml": check_yaml,
+    "text": check_text,
+    "console": check_console,
+}
