@@ -95,9 +95,8 @@ def _board(across: dict[str, Any], runs: pd.DataFrame, hours: pd.Series, total: 
         results.setdefault(str(row["teacher"]), {})[title] = result
     spent = runs.assign(hours=runs["run_id"].map(hours)).drop_duplicates(["teacher", "run_id"])
     mean_hours = spent.groupby("teacher")["hours"].mean()
-    entries = tuple(
-        Entry(rank, results[rank.teacher], float(mean_hours[rank.teacher])) for rank in ranks(runs)
-    )
+    placed = sorted(ranks(runs), key=lambda rank: (rank.rank, rank.teacher))
+    entries = tuple(Entry(rank, results[rank.teacher], float(mean_hours[rank.teacher])) for rank in placed)
     version = across["physics_version"]
     engine = f"{across['engine']} {version:g}" if version else across["engine"]
     title = f"expert knowledge {across['expert_knowledge']}, {amount(across['steps'])} steps, {engine}"
