@@ -133,12 +133,8 @@ def _rank(teacher: str, across: dict[str, Any], mine: dict[Hashable, Any], tests
         low=float(mine["low"]),
         high=float(mine["high"]),
         n=int(mine["n"]),
-<<<<<<< HEAD
         fewest=int(alike["fewest"].min()) if len(alike) else int(mine["n"]),
-        rank=1 + int((alike["difference"] < 0).sum()),
-=======
         rank=1 + int((alike["difference"] < -EQUAL).sum()),
->>>>>>> bf52813 (Leaderboards are in the order of their ranks; the changelog has the releases' changes)
         of=1 + len(alike),
         better=_names(alike[sure & ahead]),
         worse=_names(alike[sure & ~ahead]),
