@@ -89,7 +89,8 @@ def run(command: str, binaries: Path, folder: Path) -> Entry:
     )  # fmt: skip
     if done.returncode:
         raise SystemExit(f"$ {command}\n{done.stdout}\nended with exit code {done.returncode}")
-    return Entry(command, done.stdout.rstrip(), f"# {time.monotonic() - began:.1f} s")
+    output = done.stdout.rstrip().replace(str(folder.absolute()), "~")
+    return Entry(command, output, f"# {time.monotonic() - began:.1f} s")
 
 
 def readme_teacher() -> str:

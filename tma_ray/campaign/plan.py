@@ -43,7 +43,7 @@ class Plan:
         shared = len(self.cell_rows) - len(self.runs)
         sharing = f" ({shared} more cells share them)" if shared > 0 else ""
         return (
-            f"campaign {self.name!r}: {self.size} = {len(self.runs)} runs{sharing}, "
+            f"campaign {self.name!r}: {self.size} = {counted(len(self.runs), 'run')}{sharing}, "
             f"{self.steps:,} environment steps"
         )
 

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 
 from tma_ray.campaign.plan import Plan
 from tma_ray.campaign.script import run_plan
+from tma_ray.commands.texts import counted
 from tma_ray.results import Inspector, Results, RunRecord, RunStatus
 from tma_ray.runs.inputs import fetch
 from tma_ray.runs.plugins import import_plugins
@@ -52,7 +53,7 @@ def rerun_plan(root: str, names: Sequence[str], *, failed: bool) -> Plan:
     specs = tuple(_spec(manifest.run) for manifest in chosen.values())
     for spec in specs:
         fetch(results.store, spec)
-    return Plan(NAME, f"{len(chosen)} runs again", specs, ())
+    return Plan(NAME, f"{counted(len(chosen), 'run')} again", specs, ())
 
 
 def _spec(run: RunRecord) -> RunSpec:

@@ -20,6 +20,7 @@ from tma_ray.campaign.preflight.address import check_address
 from tma_ray.command_line import CommandParser
 from tma_ray.commands.exits import FAILED, RAY_LOST, exit_code
 from tma_ray.commands.interrupts import INTERRUPTED
+from tma_ray.commands.texts import counted
 from tma_ray.results import Store, start_from
 from tma_ray.terminal import terminal
 
@@ -73,7 +74,7 @@ def run_plan(
     console.print(plan.describe(), highlight=False, soft_wrap=True)
     if options.start_from and not options.dry_run:
         store, source = Store.open(results), Store.open(options.start_from)
-        console.print(f"{start_from(store, source):,} runs copied from {source}", highlight=False)
+        console.print(f"{counted(start_from(store, source), 'run')} copied from {source}", highlight=False)
     cost = long_cost(plan, results, settings, known)
     if cost is not None and known is None:
         console.print(f"cost: {cost.summary()}", highlight=False, soft_wrap=True)
@@ -113,6 +114,6 @@ def _ending(ended: Snapshot, results: str) -> tuple[int, str]:
             f"Stopped; the same command continues where it was. 'tma-ray status {results}' shows how far."
         )
     return FAILED, (
-        f"{ended.failed} runs failed. Next: 'tma-ray status {results}' says why, "
+        f"{counted(ended.failed, 'run')} failed. Next: 'tma-ray status {results}' says why, "
         f"'tma-ray rerun {results} --failed' repeats them."
     )

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 from tma_ray.cli.json_output import add_json_option, print_json
 from tma_ray.command_line import CommandParser
 from tma_ray.commands.places import root
+from tma_ray.commands.texts import counted
 
 if TYPE_CHECKING:
     from analysis.baselines import Baseline
@@ -75,7 +76,7 @@ def _verify(options: argparse.Namespace) -> int:
     else:
         ignored = (f"{path}: it belongs to no run and is ignored" for path in unlisted)
         state = f"damaged: {len(damage):,} problems" if damage else "whole"
-        whole = f"{options.root} is {state}; {runs:,} runs, {files:,} files"
+        whole = f"{options.root} is {state}; {counted(runs, 'run')}, {counted(files, 'file')}"
         print(*map(str, damage), *ignored, *lacks, whole, sep="\n")
         if options.complete and not damage:
             print(f"it is incomplete: {len(lacks)} things are missing" if lacks else "it is complete")
