@@ -41,7 +41,7 @@ from analysis.measures.pooling import COMPARED, pooled
 from analysis.measures.run_measures import evaluations_at, run_measures, training_returns_at
 from analysis.measures.student_pools import result_runs
 from analysis.measures.variants import PLUS
-from analysis.names import label, title
+from analysis.names import short_labels, title
 
 MEASURE = "mastered_percent"
 
@@ -53,6 +53,9 @@ NAMED = ("experiment", "embodiment", "student", "expert_knowledge")
 
 SHEET = 12
 """Teachers on one film strip, animation or strip of training tasks; of more there are several, numbered."""
+
+LONGEST_NAME = 16
+"""Characters of a teacher's name beside the row of a film strip."""
 
 STARS = 4
 """Rows of stars along a budget: every 5 of 20 million steps."""
@@ -198,12 +201,12 @@ def _training_tasks(
 
 
 def _shots(frames: Frames, runs: Mapping[str, pd.Series], dimensions: tuple[int, int] | None) -> list[Shot]:
-    shots = []
+    shots, names = [], short_labels(runs, LONGEST_NAME)
     for teacher, run in runs.items():
         curriculum = curriculum_of(frames, run)
         if len(curriculum.probes):
             shown = projected(curriculum, dimensions) if dimensions else curriculum
-            shots.append(Shot(label(teacher), teacher, shown))
+            shots.append(Shot(names[teacher], teacher, shown))
     return shots
 
 

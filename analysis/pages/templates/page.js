@@ -4,6 +4,7 @@
   const state = { step: null, hidden: new Set(), out: new Set() };
   const config = { responsive: true, displaylogo: false, modeBarButtonsToRemove: ["lasso2d", "select2d", "autoScale2d"] };
   const narrow = 560; // CSS pixels, under which titles of rows take several lines
+  const legendLine = 20; // CSS pixels of an entry of a legend
   const dark = matchMedia("(prefers-color-scheme: dark)");
   let onPaper = false;
   const all = (selector, within = document) => [...within.querySelectorAll(selector)];
@@ -80,9 +81,15 @@
     if (meta.marks_step && state.step !== null) layout.shapes = [stepMark()];
     if (meta.rows) closeRows(data, layout, meta, width < narrow);
     if (meta.line_height) closeLines(layout, meta);
+    if (layout.showlegend && width < narrow) layout.height += legendLine * Math.max(0, entries(data) - 3);
     if (!dark.matches || onPaper) return { data, layout };
     const hoverlabel = { ...layout.hoverlabel, bgcolor: "#1d2126" };
     return { data: data.map((trace) => themed(trace)), layout: { ...themed(layout), hoverlabel } };
+  }
+
+  /** Entries of the legend, which on a phone stand one below the other and would leave no room for the chart. */
+  function entries(data) {
+    return data.filter((trace) => trace.visible && trace.showlegend !== false && trace.name).length;
   }
 
   function stepMark() {
