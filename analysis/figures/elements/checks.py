@@ -19,7 +19,7 @@ def require(table: pd.DataFrame, columns: Sequence[str], what: str) -> None:
     if absent:
         raise ValueError(f"{what}: expected the columns {', '.join(columns)}; {', '.join(absent)} not there")
     if table.empty:
-        raise ValueError(f"there are no {what}: nothing to draw")
+        raise ValueError(f"expected {what} with at least one row: there is nothing to draw")
 
 
 def require_unique(table: pd.DataFrame, keys: Sequence[str], what: str) -> None:

@@ -17,7 +17,7 @@ from pyarrow import fs
 from tma_ray.results.storage.object_store import ObjectStoreError
 
 ABSENT: Final = (404, 410)
-"""HTTP answers that say that there is no such file."""
+"""HTTP answers of a place that lacks the file."""
 
 REASON_LENGTH: Final = 200
 """Most characters of a library's own message that are shown."""
@@ -85,7 +85,7 @@ class AddressHandler(fs.FSSpecHandler):  # type: ignore[misc] # pyarrow has no t
         """Returns a file to read.
 
         Raises:
-            FileNotFoundError: there is none.
+            FileNotFoundError: the place lacks it.
             ObjectStoreError: the place cannot be reached, or refuses.
         """
         if self._info(path).type != fs.FileType.File:
@@ -152,7 +152,7 @@ def _reached(where: str) -> Iterator[None]:
     """Turns what libraries raise within the block of a connection into one error.
 
     Raises:
-        FileNotFoundError: the place says that there is no such file.
+        FileNotFoundError: the place says that it lacks the file.
         ObjectStoreError: the place cannot be reached, or refuses.
     """
     try:

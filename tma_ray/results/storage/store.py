@@ -38,9 +38,8 @@ _SCHEMES: Final = {"gcs": "gs"}
 class Store:
     """Files under one root, addressed by relative paths with forward slashes.
 
-    A file is seen by others complete or not at all: on a disk it is written aside, synced and
-    renamed; in an object store it is one PUT of bytes built beforehand, or one upload in parts whose
-    end makes it visible. What a returned call has written survives a crash of the machine.
+    Others see a file whole or not at all: on a disk it is written aside, synced and renamed; an object store
+    gets one PUT, or an upload whose end makes it visible. What a returned call has written survives a crash.
 
     A store can be pickled and sent to another process, which opens an object store anew with credentials of
     its own. What a disk refuses, or an object store goes on refusing, is a `StorageError` that names it.
