@@ -25,6 +25,7 @@ SMALLEST = {
     "checkpoints": "--transitions 100 --more 10",
     "scheduler": "--runs 2 --processes 1",
     "analysis_scale": "--root build/smallest_benchmark --seeds 1 --steps 500000",
+    "analysis_commands": "--root build/smallest_separate --seeds 1 --steps 500000",
 }
 """The scripts in order, each with arguments with which it takes seconds and its figures mean nothing."""
 
