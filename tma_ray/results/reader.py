@@ -222,7 +222,7 @@ class Results:
 
     def _file_slice(self, file: PartFile, columns: Sequence[str], shared: _Shared) -> pa.Table:
         if file.first is None:
-            return decode(file.table, file.read(self.store), columns, file.rows)
+            return decode(file.table, file.read(self.store), columns, file.rows, checked=True)
         if not file.rows:
             return SCHEMAS[file.table].empty_table().select(columns)
         rows = shared[file] if file in shared else read_slice(self.store, file, columns)

@@ -51,7 +51,7 @@ def read_slices(
     if len(files) <= FEW:
         return {file: _tried(store, file, columns) for file in files}
     try:
-        rows = decode(files[0].table, files[0].read(store), columns)
+        rows = decode(files[0].table, files[0].read(store), columns, checked=True)
     except UNREADABLE as error:
         damage = error
     else:
