@@ -99,13 +99,18 @@ def save(figure: Figure, path: str | Path, vector: Vector = Vector.PDF) -> tuple
         The vector file and the PNG file.
     """
     check_kind("figure", figure, Figure, "a figure of matplotlib's")
-    files = []
-    for ending in (vector.value, "png"):
-        # A name such as "after-0.5" has a point of its own: the ending is added to it.
-        file = Path(f"{path}.{ending}")
-        file.parent.mkdir(parents=True, exist_ok=True)
-        file.write_bytes(_file(figure, ending, PRINT_DPI))
-        files.append(file)
+    files, layout = [], figure.get_layout_engine()
+    try:
+        for ending in (vector.value, "png"):
+            # A name such as "after-0.5" has a point of its own: the ending is added to it.
+            file = Path(f"{path}.{ending}")
+            file.parent.mkdir(parents=True, exist_ok=True)
+            file.write_bytes(_file(figure, ending, PRINT_DPI))
+            files.append(file)
+            figure.set_layout_engine("none")  # dozens of panels are laid out once for both files
+    finally:
+        if layout is not None:
+            figure.set_layout_engine(layout)
     return files[0], files[1]
 
 
