@@ -45,7 +45,7 @@ class Device(NamedTuple):
 
 def pays_together(place: Device) -> bool:
     """Tells whether one product of all runs is faster than one for each: not on a processor in float32."""
-    return place.device.type != "cpu" or bool(place.compiled) or place.precision is MatmulPrecision.MEDIUM
+    return place.device.type != "cpu" or bool(place.compiled) or place.precision == MatmulPrecision.MEDIUM
 
 
 class StackedLearner(ABC):
