@@ -4,8 +4,10 @@
     python benchmarks/cohort.py --device cuda --widths 16,48 --precisions highest,high,medium --compiled 0,1
 
 Measures an update of all slots for each student, width and precision, and what it could feed in environment
-steps; checks that a run learns the same bits alone and with full neighbours. Then plays whole runs, alone on
-a processor and in a full cohort, and compares the time of the processor that a step takes, with its parts.
+steps, and on a processor an update of a run that learns alone; checks that a run learns the same bits alone
+and with full neighbours. Then plays whole runs of PPO, alone on a processor and in a full cohort, and
+compares the time of the processor that a step takes, with its parts. (SAC owes up to 200 updates at the end
+of an episode, too many to count its steps within a minute; of a step the update is 99 %.)
 Prints the tables last, and writes JSON to ``--output``. What would not end within ``--minutes`` is left out.
 """
 
@@ -14,7 +16,7 @@ from __future__ import annotations
 import argparse
 import json
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from itertools import product
 from pathlib import Path
 from typing import Any
@@ -22,13 +24,19 @@ from typing import Any
 import numpy as np
 import torch
 import whole_runs
+from gymnasium import spaces
+from stable_baselines3.common.type_aliases import ReplayBufferSamples, RolloutBufferSamples
 
 from tma_ray.students.cohort.ppo import PPONetworks, RolloutColumns, StackedPPO
 from tma_ray.students.cohort.sac import SACNetworks, StackedSAC
 from tma_ray.students.hyperparameters import MatmulPrecision, PPOHyperparameters, SACHyperparameters
+from tma_ray.students.ppo import student as student_ppo
+from tma_ray.students.sac import student as student_sac
 
 SIZES = 24, 4
 """Observations and actions of the classic bipedal."""
+
+SPACES = spaces.Box(-np.inf, np.inf, SIZES[:1], np.float32), spaces.Box(-1.0, 1.0, SIZES[1:], np.float32)
 
 ROWS = 20_000
 """Transitions in every replay."""
@@ -39,6 +47,9 @@ STEPS = {"sac": 10.0, "ppo": PPOHyperparameters.batch_size / PPOHyperparameters.
 
 UPDATES = 10
 """Between two looks at the clock."""
+
+WHOLE = {"ppo"}
+"""Students of whose whole runs a step is measured."""
 
 PREPARATION = 120.0
 """Of whole runs of a student, alone and in a cohort, before they are measured, s."""
@@ -67,6 +78,14 @@ class SAC:
             rewards = generator.standard_normal(1000, dtype=np.float32)
             stack.store(slot, observations, actions, rewards, True)
 
+    def alone(self) -> Callable[[], object]:
+        """Returns the update of a run that learns alone."""
+        size, (observation, action) = SACHyperparameters.batch_size, SIZES
+        student = student_sac.SAC(*SPACES, SACHyperparameters(), np.random.SeedSequence(0))
+        shapes = observation, action, observation, 1, 1
+        batch = ReplayBufferSamples(*(0.1 * torch.randn(size, each) for each in shapes))
+        return lambda: student.update(batch)
+
     def work(self, stack: StackedSAC, slot: int) -> None:
         """Lets the run in `slot` owe ten updates."""
         stack.owe(slot, 10)
@@ -85,6 +104,14 @@ class PPO:
         parameters = _noise(np.random.default_rng(seed), stack.networks(slot).parameters.shape)
         zeros = np.zeros_like(parameters)
         stack.join(slot, PPONetworks(parameters, zeros, zeros, 0))
+
+    def alone(self) -> Callable[[], object]:
+        """Returns the update of a run that learns alone."""
+        size = PPOHyperparameters.batch_size
+        student = student_ppo.PPO(*SPACES, PPOHyperparameters(), np.random.SeedSequence(0))
+        steps = [0.1 * torch.randn(size, each) for each in SIZES]
+        batch = RolloutBufferSamples(*steps, *(0.1 * torch.randn(size) for _ in range(4)))
+        return lambda: student.update.train_on(batch)
 
     def work(self, stack: StackedPPO, slot: int) -> None:
         """Lets the run in `slot` owe the updates of a rollout."""
@@ -123,6 +150,7 @@ def advance(student: str, stack: Any, updates: int) -> None:
 def speed(options: argparse.Namespace, student: str, width: int, *variant: Any) -> dict[str, Any]:
     """Measures updates of a full stack."""
     device = torch.device(options.device)
+    torch.set_num_threads(1)
     stack = STUDENTS[student].stack(options, width, *variant)
     for slot in range(width):
         STUDENTS[student].fill(stack, slot, slot)
@@ -130,12 +158,14 @@ def speed(options: argparse.Namespace, student: str, width: int, *variant: Any) 
     advance(student, stack, 2)
     wait(device)
     preparation = time.perf_counter() - started
-    count, started = 0, time.perf_counter()
-    while time.perf_counter() - started < options.seconds:
+    clock = time.process_time if device.type == "cpu" else time.perf_counter
+    count, started = 0, clock()
+    while clock() - started < options.seconds:
         advance(student, stack, UPDATES)
         wait(device)
         count += UPDATES
-    milliseconds = 1000 * (time.perf_counter() - started) / count
+    milliseconds = 1000 * (clock() - started) / count
+    alone = {} if device.type != "cpu" else {"alone_ms": round(_alone_ms(student, options.seconds), 3)}
     return {
         "student": student,
         "width": width,
@@ -144,8 +174,20 @@ def speed(options: argparse.Namespace, student: str, width: int, *variant: Any) 
         "preparation_s": round(preparation, 1),
         "update_ms": round(milliseconds, 3),
         "bound_steps_s": round(1000 * width * STEPS[student] / milliseconds),
+        **alone,
         "losses": stack.figures(0),
     }
+
+
+def _alone_ms(student: str, seconds: float) -> float:
+    """Returns how long an update of a run takes that learns alone, ms."""
+    update = STUDENTS[student].alone()
+    update()
+    count, started = 0, time.process_time()
+    while time.process_time() - started < seconds:
+        update()
+        count += 1
+    return 1000 * (time.process_time() - started) / count
 
 
 def independent(options: argparse.Namespace, student: str, width: int, *variant: Any) -> bool:
@@ -167,7 +209,16 @@ def independent(options: argparse.Namespace, student: str, width: int, *variant:
 
 def table(rows: list[dict[str, Any]]) -> str:
     """Returns the measurements as a table."""
-    names = "student", "width", "precision", "compiled", "update_ms", "bound_steps_s", "independent"
+    names = (
+        "student",
+        "width",
+        "precision",
+        "compiled",
+        "update_ms",
+        "alone_ms",
+        "bound_steps_s",
+        "independent",
+    )
     lines = [f"| {' | '.join(names)} |", f"|{' --- |' * len(names)}"]
     return "\n".join(
         [*lines, *(f"| {' | '.join(str(row.get(name, '')) for name in names)} |" for row in rows)]
@@ -226,7 +277,7 @@ def main() -> int:
         print(row, flush=True)
         rows.append(row)
     wholes = []
-    for student in options.students.split(",") if options.whole else ():
+    for student in WHOLE & set(options.students.split(",")) if options.whole else ():
         if time.monotonic() + 2 * options.whole + PREPARATION > deadline:
             print("no time left for whole runs of", student, flush=True)
             continue
