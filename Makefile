@@ -8,13 +8,14 @@ RESULTS ?= results
 PROCESSES ?= $(shell $(PYTHON) -c 'import os; print((os.cpu_count() or 1) + 1)')
 SEED ?= 1
 INJECTIONS ?= 20
+VERSION = $(shell $(BIN)/python -c 'import tma_ray; print(tma_ray.__version__)')
 # Tests start many processes, none of which has to compile our modules again.
 unexport PYTHONDONTWRITEBYTECODE
 PYTEST := $(BIN)/python -m pytest --costs 10 --randomly-seed $(SEED)
 SIDE_BY_SIDE := --numprocesses $(PROCESSES) --dist loadscope --no-loadscope-reorder
 
 .DEFAULT_GOAL := help
-.PHONY: help install quickstart test test-slow test-chaos attack static docs check bench lock
+.PHONY: help install quickstart test test-slow test-chaos attack static docs docs-version check bench lock
 
 help: ## show this list
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed 's/:.*##/:/' | column -t -s ':'
@@ -56,6 +57,10 @@ static: $(INSTALLED) ## format, lint, types, layers
 
 docs: $(INSTALLED) ## build the documentation site into site/, strictly: a warning is an error
 	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict
+
+docs-version: $(INSTALLED) ## add the site of this version to the branch gh-pages, beside those of earlier versions
+	export PATH="$(abspath $(BIN)):$$PATH" NO_MKDOCS_2_WARNING=1; \
+	mike deploy --update-aliases $(VERSION) latest && mike set-default latest
 
 check: static docs test ## all that a change must pass
 

@@ -37,13 +37,18 @@ MARK = re.compile(r"^<!-- generated: (.+?) -->$", re.MULTILINE)
 
 
 def on_config(config: Any) -> Any:
-    """Names the version that the pages describe on each of them."""
+    """Names the version that the pages describe on each of them.
+
+    A site of several versions, which mike makes, has a menu of them, too.
+    """
     from tma_ray import __version__
     from tma_ray.benchmark import BENCHMARK_VERSION
 
     config.copyright = (
         f"tma_ray version {__version__}, benchmark version {BENCHMARK_VERSION}. {config.copyright}"
     )
+    if "mike" in config.plugins:
+        config.extra["version"] = {"provider": "mike"}
     return config
 
 

@@ -26,6 +26,10 @@ def rows_of(text: str) -> dict[str, list[str]]:
     return {cells[0].split("`")[1]: cells[1:] for cells in lines}
 
 
+def test_the_front_page_is_short() -> None:
+    assert len((ROOT / "README.md").read_text().splitlines()) <= 150
+
+
 def test_pages_ask_for_every_table_and_for_no_other() -> None:
     asked = [name for page in PAGES for name in MARK.findall((ROOT / page).read_text())]
     assert sorted(asked) == sorted(tables.GENERATED)
