@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import logging
-import re
 import time
 from collections import deque
 from collections.abc import Callable, Mapping, Sequence
@@ -12,11 +11,12 @@ from datetime import UTC, datetime
 from typing import Any
 
 import ray
-from ray.exceptions import ActorUnavailableError, ActorUnschedulableError, RayActorError, RayTaskError
+from ray.exceptions import ActorUnavailableError, RayActorError, RayTaskError
 
 from tma_ray.campaign.actors import Report, SeedActor
 from tma_ray.campaign.cluster.errors import HeadLostError
 from tma_ray.campaign.cluster.head import Head
+from tma_ray.campaign.failures.errors import LOSSES, plain_traceback
 from tma_ray.campaign.failures.outages import RetryingCommitter
 from tma_ray.campaign.failures.retries import Retries
 from tma_ray.campaign.failures.silence import Silence
@@ -32,21 +32,12 @@ from tma_ray.results import (
     Committer,
     LearnerProgress,
     PartFile,
-    StorageError,
 )
 from tma_ray.runs.checkpoints import Checkpoints
 from tma_ray.runs.spec import RunSpec
-from tma_ray.students.players import CohortFullError, LearnerLostError
 
 UNREACHABLE_PAUSE = 0.5
-"""Before an actor is called again that did not answer, s."""
-
-LOSSES = RayActorError, ActorUnschedulableError, StorageError, LearnerLostError, CohortFullError
-"""Errors by which a run counts as lost: of its process or its teacher's, of a storage that took nothing for
-long, of the learner of its cohort."""
-
-COLOURS = re.compile(r"\x1b\[[0-9;]*m")
-"""With which Ray paints the tracebacks of actors, also those that go into a file."""
+"""Before an actor is called again that did not answer, and for which a first report is waited for, s."""
 
 logger = logging.getLogger(__name__)
 
@@ -208,9 +199,8 @@ class Scheduler:
             self._handle_loss(running, error)
         except RayTaskError as error:
             self._record(running, AttemptOutcome.FAILED)
-            self._committer.call(
-                Committer.fail, running.spec.record(), running.number, COLOURS.sub("", str(error))
-            )
+            traceback = plain_traceback(error)
+            self._committer.call(Committer.fail, running.spec.record(), running.number, traceback)
             self._failed += 1
         else:
             self._fetch_final_report(running)
@@ -249,6 +239,7 @@ class Scheduler:
 
     def _stop_all(self) -> None:
         """Asks all runs for a checkpoint and waits for them, for the grace period at most."""
+        self._hear_the_unheard()
         for result, running in list(self._running.items()):
             if running.report is None:  # it has not begun to train: there is nothing to save
                 self._record(running, AttemptOutcome.LOST)
@@ -261,6 +252,15 @@ class Scheduler:
         while self._running and time.monotonic() < deadline:
             self._wait(0.2)
         self._record_lost()
+
+    def _hear_the_unheard(self) -> None:
+        """Takes in first reports that are on their way: a run may train since the last look."""
+        unheard = [running for running in self._running.values() if running.report is None]
+        asked = [running.asked for running in unheard if running.asked is not None]
+        if asked:
+            ray.wait(asked, num_returns=len(asked), timeout=UNREACHABLE_PAUSE)
+        for running in unheard:
+            self._poll_report(running)
 
     def _fetch_final_report(self, running: _Running) -> None:
         try:
