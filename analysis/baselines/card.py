@@ -6,8 +6,6 @@ import re
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from jinja2 import Environment, PackageLoader, StrictUndefined
-
 from analysis.baselines.manifest import BaselineKind, BaselineManifest
 from analysis.formatting import amount
 from analysis.names import label, teacher_order
@@ -26,6 +24,8 @@ def card(manifest: BaselineManifest, made: str, citation: str = "", tables: Sequ
         citation: what others should cite; empty for the name, version and date of the baseline itself.
         tables: its results.
     """
+    from jinja2 import Environment, PackageLoader, StrictUndefined  # reading a baseline does without
+
     # Markdown, and every value has been escaped or is ours.
     environment = Environment(  # noqa: S701
         loader=PackageLoader("analysis.baselines"),

@@ -16,7 +16,6 @@ from typing import Any, TypeAlias
 
 import numpy as np
 import pandas as pd
-from numpy.polynomial import Polynomial
 from numpy.typing import ArrayLike, NDArray
 from scipy import special
 
@@ -173,11 +172,10 @@ def _newcombe(share: float, n: int, m: int) -> tuple[float, float]:
     denominators that is a polynomial of degree 4, with a root below 0, another above 1 and these two between.
     """
     mean, quantile = (n + m) / 2 - 1, float(special.stdtrit(n + m - 2, TAIL))
-    chance = Polynomial([0.0, 1.0])
-    denominators = (2 - chance) * (1 + chance)
-    spread = chance * (1 - chance) * (denominators + mean * (1 + 2 * chance - 2 * chance**2))
-    excess = n * m * (chance - share) ** 2 * denominators - quantile**2 * spread
-    _, low, high, _ = np.sort(excess.roots().real)
+    denominators = np.array([2.0, 1.0, -1.0])  # (2 - c) (1 + c), the constant first, as below
+    spread = np.convolve([0.0, 1.0, -1.0], denominators + mean * np.array([1.0, 2.0, -2.0]))
+    excess = n * m * np.convolve([share**2, -2 * share, 1.0], denominators) - quantile**2 * spread
+    _, low, high, _ = np.sort(np.roots(excess[::-1]).real)
     return min(max(float(low), 0.0), share), max(min(float(high), 1.0), share)
 
 

@@ -27,7 +27,7 @@ from tma_ray.command_line import CommandParser
 from tma_ray.commands.exits import exit_code
 from tma_ray.registry import search_current_folder
 
-GARBAGE_OBJECTS: Final = 50_000
+GARBAGE_OBJECTS: Final = 200_000
 """New objects after which Python looks for circular garbage, instead of 700: what commands read of thousands
 of runs stays until its end, and looking through it over and over takes a tenth of the time."""
 
