@@ -12,7 +12,7 @@ import re
 import sys
 from collections.abc import Callable, Mapping
 from functools import cache
-from importlib.metadata import entry_points
+from importlib.metadata import EntryPoints, entry_points
 from pathlib import Path
 from types import ModuleType
 from typing import Final, Generic, TypeVar, cast
@@ -206,7 +206,8 @@ class Registry(Generic[T]):
         return target
 
     def _installed(self) -> Mapping[str, str]:
-        return _offered(self.entry_point_group, tuple(sys.path))
+        points = _entry_points(tuple(sys.path)).select(group=self.entry_point_group)
+        return {point.name: point.value for point in points}
 
     def _load(self, target: str) -> T:
         module_name, _, attribute = target.partition(":")
@@ -265,9 +266,9 @@ def _first_line(text: str | None) -> str:
 
 
 @cache
-def _offered(group: str, path: tuple[str, ...]) -> Mapping[str, str]:  # noqa: ARG001 - part of the key
+def _entry_points(path: tuple[str, ...]) -> EntryPoints:  # noqa: ARG001 - part of the key
     """Returns the entry points of the packages on `path`, read once: hundreds of files hold them."""
-    return {point.name: point.value for point in entry_points(group=group)}
+    return cast("EntryPoints", entry_points())  # before Python 3.12 groups, which select alike
 
 
 def _target_of(implementation: object) -> str:
