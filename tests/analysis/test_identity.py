@@ -87,7 +87,7 @@ def write(root: Path, spec: dict[str, Any], masters: int, seeds: range, teacher:
         campaign.plain_run(teacher, seed, returns, level="none", spec=text, **names)
 
 
-SHORT = ("learning rate", "source of a plug-in")
+SHORT = ("learning rate",)
 """Differences that the fast tests try."""
 
 
