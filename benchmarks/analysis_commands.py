@@ -8,17 +8,15 @@ unless `--root` exists; then each command reads it in a process of its own.
 
 from __future__ import annotations
 
-import argparse
 import json
 import os
 import subprocess
 import sys
 from pathlib import Path
 
-from analysis_scale import attempt, full_plan, synthetic_rows
+from analysis_scale import attempt, full_plan, scale_parser, synthetic_rows
 
 from tma_ray.campaign import Plan
-from tma_ray.commands.quantities import COUNT
 from tma_ray.results import DATA_TABLES, SCHEMAS, Committer, Manifest, PartFile, RunStatus, Table
 from tma_ray.results.layout import manifest_path, table_path
 from tma_ray.results.parquet import encode
@@ -60,11 +58,7 @@ def processor_seconds(command: list[str]) -> float:
 
 def main() -> None:
     """Prints the measured figures and writes them as JSON."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else None)
-    parser.add_argument("--root", type=Path, default=Path("build/separate_runs"), help="(%(default)s)")
-    parser.add_argument("--seeds", type=int, help="of each cell (all)")
-    parser.add_argument("--steps", type=COUNT, help="of each run (those of the paper)")
-    parser.add_argument("--output", type=Path, default=Path("analysis_commands.json"))
+    parser = scale_parser(__doc__, Path("build/separate_runs"), Path("analysis_commands.json"))
     arguments = parser.parse_args()
     plan = full_plan(arguments.seeds, arguments.steps)
     if not arguments.root.exists():

@@ -189,13 +189,19 @@ def measure(root: Path) -> dict[str, Any]:
     }
 
 
-def main() -> None:
-    """Prints the measured figures and writes them as JSON."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else None)
-    parser.add_argument("--root", type=Path, default=Path("build/full_benchmark"), help="(%(default)s)")
+def scale_parser(description: str | None, root: Path, output: Path) -> argparse.ArgumentParser:
+    """Returns a parser of the runs to write, of their place, and of the place of the figures."""
+    parser = argparse.ArgumentParser(description=description.splitlines()[0] if description else None)
+    parser.add_argument("--root", type=Path, default=root, help="(%(default)s)")
     parser.add_argument("--seeds", type=int, help="of each cell (all)")
     parser.add_argument("--steps", type=COUNT, help="of each run (those of the paper)")
-    parser.add_argument("--output", type=Path, default=Path("analysis_scale.json"))
+    parser.add_argument("--output", type=Path, default=output)
+    return parser
+
+
+def main() -> None:
+    """Prints the measured figures and writes them as JSON."""
+    parser = scale_parser(__doc__, Path("build/full_benchmark"), Path("analysis_scale.json"))
     parser.add_argument("--measure", action="store_true", help="only measure --root, in this process")
     arguments = parser.parse_args()
     if arguments.measure:

@@ -40,7 +40,6 @@ ABOUT: Mapping[Table, str] = {
     Table.TEACHER_LOG: "One update of a teacher's task distribution, drawable for any teacher.",
 }
 
-
 PICTURES = Path(__file__).parents[1] / "images" / "leaderboard"
 """Curricula of releases that ship, by ``make_leaderboard_pictures.py``."""
 
