@@ -16,9 +16,8 @@ matplotlib, scipy or jinja2, as `analysis.figures` does, is imported when it is 
 
 from __future__ import annotations
 
-from importlib import import_module
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from analysis.comparisons.pairwise import pairwise
 from analysis.comparisons.pairwise_statistics import pairwise_from_statistics
@@ -32,6 +31,7 @@ from analysis.measures.run_measures import evaluations_at, run_measures
 from analysis.measures.student_pools import result_runs, runs_after
 from analysis.measures.training import training_curves
 from analysis.tables.results import table_results
+from tma_ray.later_imports import import_later
 
 if TYPE_CHECKING:
     from analysis import baselines, figures
@@ -70,16 +70,20 @@ __all__ = [
     "training_curves",
 ]
 
-_PARTS = {"baselines": "baselines", "figures": "figures", "style": "figures.style"}
-"""Modules that take long to import, by the names that they have here."""
-
-_LATER = {
-    "curriculum_of": "data.curricula",
-    "find_baseline": "baselines",
-    "interquartile_means": "comparisons.aggregates",
-    "result_tables": "tables.paper_tables",
-}
-"""Functions by the module they are in, which takes long to import."""
+__getattr__, __dir__ = import_later(  # what takes long to import
+    __name__,
+    {
+        "curriculum_of": "analysis.data.curricula",
+        "find_baseline": "analysis.baselines",
+        "interquartile_means": "analysis.comparisons.aggregates",
+        "result_tables": "analysis.tables.paper_tables",
+    },
+    parts={
+        "baselines": "analysis.baselines",
+        "figures": "analysis.figures",
+        "style": "analysis.figures.style",
+    },
+)
 
 
 def load(root: str | Path) -> Frames:
@@ -95,16 +99,3 @@ def load(root: str | Path) -> Frames:
     from analysis.baselines.sources import read_one  # takes longer to import
 
     return read_one(root)
-
-
-def __getattr__(name: str) -> Any:
-    """Imports what takes long when it is first asked for."""
-    if name in _PARTS:
-        return import_module(f"{__name__}.{_PARTS[name]}")
-    if name in _LATER:
-        return getattr(import_module(f"{__name__}.{_LATER[name]}"), name)
-    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-
-
-def __dir__() -> list[str]:
-    return sorted({*globals(), *__all__})

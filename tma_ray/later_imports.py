@@ -9,23 +9,28 @@ from typing import Any
 
 
 def import_later(
-    package: str, modules: Mapping[str, str]
+    package: str, modules: Mapping[str, str], parts: Mapping[str, str] | None = None
 ) -> tuple[Callable[[str], Any], Callable[[], list[str]]]:
     """Returns the functions `__getattr__` and `__dir__` of a package.
 
     Args:
         package: its ``__name__``.
-        modules: every name that it exports, with the module that defines it.
+        modules: names that it exports, with the modules that define them.
+        parts: names under which it exports whole modules, with these.
     """
+    parts = parts or {}
 
     def get(name: str) -> Any:
-        if name not in modules:
+        if name in parts:
+            found: Any = import_module(parts[name])
+        elif name in modules:
+            found = getattr(import_module(modules[name]), name)
+        else:
             raise AttributeError(f"module {package!r} has no attribute {name!r}")
-        found = getattr(import_module(modules[name]), name)
         setattr(sys.modules[package], name, found)
         return found
 
     def listed() -> list[str]:
-        return sorted({*vars(sys.modules[package]), *modules})
+        return sorted({*vars(sys.modules[package]), *modules, *parts})
 
     return get, listed
