@@ -11,6 +11,7 @@ import pytest
 from tma_ray.campaign.plan import CampaignSpec
 from tma_ray.results import AttemptOutcome, Results, Table
 from tma_ray.runs import Cell, Placement, RunSpec, Schedule
+from tma_ray.runs.placement import PLAYER_NICENESS
 from tma_ray.runs.pool import PoolReport, cohort, run_in_processes
 from tma_ray.students.players import CohortSettings
 
@@ -66,6 +67,21 @@ def test_a_cohort_stops_and_resumes_bit_for_bit(tmp_path: Path) -> None:
     assert episodes(whole) == episodes(parts)
     attempts = Results.open(whole).table(Table.ATTEMPTS).to_pandas()
     assert {json.loads(each)["cohort"] for each in attempts.fingerprint} == {2}
+
+
+def test_players_give_way_to_their_learner(tmp_path: Path) -> None:
+    """Their processes play at a lower priority, the learner serves at that of its own parent."""
+    playing, above, own = Playing(), {True: set[int](), False: set[int]()}, psutil.Process()
+    with cohort(CohortSettings(width=2)) as learner:
+
+        def look(report: PoolReport) -> None:
+            playing.look(report)
+            for process in own.children() if playing() else ():
+                above[_listens(process, learner.address)].add(process.nice() - own.nice())
+
+        run_in_processes(specs(2, 10**8), tmp_path, 2, Placement(learner=learner), playing, look)
+    assert above[True] == {0}
+    assert PLAYER_NICENESS in above[False]
 
 
 def test_a_learner_that_dies_costs_no_run(tmp_path: Path) -> None:

@@ -133,6 +133,7 @@ class SeedActor:
 
     def _train(self) -> tuple[PartFile, ...] | None:
         leave_pandas_out()
+        self._placement.give_way()
         use_shipped()
         # Imported here, so that a failing import is the run's error and not the actor's death.
         from tma_ray.runs.attempt import Attempt

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import platform
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
@@ -16,6 +17,9 @@ from tma_ray.students import Learner
 
 DEVICES = ("cpu", "cuda", "mps", "xpu")
 """Kinds that torch knows and a student can train on; Ray counts CUDA's and Intel's as GPUs."""
+
+PLAYER_NICENESS = 5
+"""Added to the niceness of a player's thread: the learner that it waits for is waited for by many."""
 
 LIBRARIES = ("numpy", "torch", "stable-baselines3", "gymnasium", "pymunk", "numba", "scikit-learn", "scipy")
 
@@ -43,6 +47,15 @@ class Placement:
         PROCESSES.check("threads", self.threads)
         SECONDS.check("checkpoint_seconds", self.checkpoint_seconds)
         SECONDS.check("outage_seconds", self.outage_seconds)
+
+    def give_way(self) -> None:
+        """Lowers the priority of the calling thread for good, if it is to play for a learner.
+
+        Call it once, in a process of its own. With more players than cores a learner would otherwise wait
+        for a core as long as each of them, and all of them for the learner.
+        """
+        if self.learner is not None and hasattr(os, "nice"):
+            os.nice(PLAYER_NICENESS)
 
 
 @dataclass(frozen=True)

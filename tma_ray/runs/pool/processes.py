@@ -135,6 +135,7 @@ def _take_news(news: Any, report: PoolReport) -> None:
 def _work(job: _Job) -> None:
     """Executes runs until none is left or a stop is asked for."""
     leave_pandas_out()
+    job.placement.give_way()
     committer = Committer.open(job.root)
     while not job.stop.is_set():
         try:
