@@ -181,8 +181,9 @@ def _refuse_unfinished(frames: Frames, partial: bool, lacking: str = "") -> str:
         raise BaselineError("the root holds no runs: there is nothing to release")
     runs = frames.cells.drop_duplicates("run_id")["status"]
     counts = {status: int((runs == status).sum()) for status in STATUSES if status != "done"}
-    words = ", ".join(f"{count} {status}" for status, count in counts.items() if count)
-    missing = f"of {len(runs)} runs {words}" if words else lacking
+    words = ", ".join(f"{count:,} {status}" for status, count in counts.items() if count)
+    done = f"{int((runs == 'done').sum()):,} of {len(runs):,} runs are done"
+    missing = f"{done}, {words}" if words else lacking
     if missing and not partial:
         raise BaselineError(f"{missing}: finish the campaign, or release it as it is with --partial")
     return missing

@@ -67,7 +67,8 @@ def markdown(names: Sequence[str] = ()) -> str:
 
 def _markdown_table(board: Leaderboard) -> str:
     """Returns a leaderboard as a table whose numbers stay on one line."""
-    head = ["teacher", "rank", "mean, % [95 %]", *map(_short_title, board.challenges), "runs", "hours"]
+    head = ["teacher", "rank", "mean, % [95 %]", *map(_short_title, board.challenges), "runs"]
+    head += ["hours"] if board.timed else []
     lines = [head, ["---", *["---:"] * (len(head) - 1)]]
     for entry in board.entries:
         rank, teacher, *others = _cells(board, entry)
@@ -99,11 +100,12 @@ def _caveat(board: Leaderboard) -> str:
 
 def _ranking(board: Leaderboard) -> Table:
     table = Table(box=None, pad_edge=False)
-    for heading in ("rank", "teacher", "mean, % [95 %]", "runs", "hours a run"):
+    headings = "rank", "teacher", "mean, % [95 %]", "runs", *(["hours a run"] if board.timed else [])
+    for heading in headings:
         table.add_column(heading, justify="left" if heading == "teacher" else "right")
     for entry in board.entries:
-        place, teacher, mean, *_, runs, hours = _cells(board, entry)
-        table.add_row(place, teacher, mean, runs, hours)
+        place, teacher, mean, *others = _cells(board, entry)
+        table.add_row(place, teacher, mean, *others[len(board.challenges) :])
     return table
 
 
@@ -135,5 +137,5 @@ def _cells(board: Leaderboard, entry: Entry) -> list[str]:
         interval,
         *results,
         str(rank.n),
-        number(entry.hours, 2),
+        *([number(entry.hours, 2)] if board.timed else []),
     ]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any
@@ -46,6 +47,11 @@ class Leaderboard:
     title: str
     challenges: tuple[str, ...]
     entries: tuple[Entry, ...]
+
+    @property
+    def timed(self) -> bool:
+        """True if the hours of any run are known; those of simulated students are not."""
+        return any(not math.isnan(entry.hours) for entry in self.entries)
 
 
 def leaderboards(frames: Frames) -> list[Leaderboard]:

@@ -6,15 +6,12 @@ import dataclasses
 import os
 import re
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from pathlib import Path
 from typing import Any
 
 import pyarrow as pa
+from release_tables import leaderboard, simulated_students
 
-from analysis.baselines import baselines
 from analysis.commands.findings import shipped_findings
-from analysis.commands.leaderboard import markdown as leaderboards
-from analysis.names import challenge_title
 from tma_ray import cli
 from tma_ray.benchmark import CHALLENGES, KNOWLEDGE_REQUIREMENTS, challenges_of, load_test_set
 from tma_ray.cli.json_output import KEYS
@@ -39,9 +36,6 @@ ABOUT: Mapping[Table, str] = {
     Table.CURRICULUM: "One task that the teacher named when its curriculum was probed.",
     Table.TEACHER_LOG: "One update of a teacher's task distribution, drawable for any teacher.",
 }
-
-PICTURES = Path(__file__).parents[1] / "images" / "leaderboard"
-"""Curricula of releases that ship, by ``make_leaderboard_pictures.py``."""
 
 
 def markdown(head: Sequence[str], rows: Iterable[Sequence[object]]) -> str:
@@ -268,19 +262,6 @@ def _type(kind: pa.DataType) -> str:
     return str(kind)
 
 
-def leaderboard() -> str:
-    """Returns the leaderboards of the releases that ship, and the curricula of their teachers."""
-    parts = [leaderboards()]
-    for name in (each.manifest.name for each in baselines()):
-        for strip in sorted(PICTURES.glob(f"{name}-*.png")):
-            challenge = strip.stem.removeprefix(f"{name}-")
-            title = challenge_title("stump_tracks", challenge, challenge)
-            image = f"images/leaderboard/{strip.stem}"
-            parts.append(f"### Curricula of {name}: {title}\n\n[As a film]({image}.gif)")
-            parts.append(f"[![Probed tasks of each teacher over a run]({image}.png)]({image}.png)")
-    return "\n\n".join(parts)
-
-
 GENERATED: dict[str, Callable[[], str]] = {
     **{f"teacher {name}": lambda name=name: teacher(name) for name in TEACHERS.names()},
     "student ppo": lambda: hyperparameters(PPOHyperparameters),
@@ -295,6 +276,7 @@ GENERATED: dict[str, Callable[[], str]] = {
     "json keys": json_keys,
     "metavars": metavars,
     "leaderboard": leaderboard,
+    "simulated students": simulated_students,
     "findings": shipped_findings,
 }
 """What pages may ask for, by name."""

@@ -133,15 +133,15 @@ def test_a_campaign_that_is_not_done_is_released_only_as_a_part(tmp_path: Path) 
     campaign.plain_run("adr", 0, {0: [0.0]}, status="failed")
     campaign.run("adr", 1, "waiting")
     root, output = tmp_path / "root", tmp_path / "releases"
-    with pytest.raises(BaselineError, match="of 4 runs 1 running, 1 failed, 1 waiting: finish the campaign"):
+    with pytest.raises(BaselineError, match=r"1 of 4 runs are done, 1 running, .*: finish the campaign"):
         release(root, "half", output)
     assert not output.exists()
     folder = release(root, "half", output, partial=True)
     assert_frames_same_but_episodes(load(folder), load(root))
     assert verify(folder).whole
-    assert find_baseline(folder).manifest.partial == "of 4 runs 1 running, 1 failed, 1 waiting"
+    assert find_baseline(folder).manifest.partial == "1 of 4 runs are done, 1 running, 1 failed, 1 waiting"
     card = (folder / "README.md").read_text(encoding="utf-8")
-    assert "part of its campaigns only:** of 4 runs 1 running, 1 failed, 1 waiting" in card
+    assert "part of its campaigns only:** 1 of 4 runs are done, 1 running, 1 failed, 1 waiting" in card
     assert "None was given" in card
 
 

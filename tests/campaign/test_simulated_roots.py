@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
 import pytest
 
 from analysis.baselines import release, verify
@@ -12,7 +13,7 @@ from analysis.baselines.completeness import lacking
 from analysis.comparisons.leaderboard import leaderboards
 from analysis.data.frames import load
 from analysis.measures.student_pools import runs_after
-from tma_ray.campaign.releases.simulated import SimulatedRoot
+from tma_ray.campaign.releases.simulated import SimulatedRoot, played_runs
 from tma_ray.cli import main
 from tma_ray.results import LEAN, SIMULATED, Results, Store, verify_root
 from tma_ray.tasks import KnowledgeLevel
@@ -83,6 +84,22 @@ def test_campaigns_cannot_repeat_it_and_say_what_can(root: Path, capsys: pytest.
     like = ["campaign", "--like", str(root), "--teachers", "riac", "--results", "nowhere", "--dry-run"]
     assert main(like) == 2
     assert "tma-ray simulate --teachers NAME" in capsys.readouterr().err
+
+
+def test_its_leaderboard_ranks_without_hours(root: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["leaderboard", str(root)]) == 0
+    printed = capsys.readouterr().out
+    assert "ADR" in printed
+    assert "hours a run" not in printed
+
+
+def test_runs_are_read_as_they_were_played(played: Played, root: Path) -> None:
+    cells, runs = played
+    read = played_runs(Results.open(root))
+    assert len(read) == len(runs)
+    pd.testing.assert_frame_equal(tabulate(cells, read), tabulate(cells, runs))
+    some = {manifest.run.run_id for manifest in Results.open(root).runs()[:2]}
+    assert len(played_runs(Results.open(root), some)) == 2
 
 
 def test_what_was_interrupted_is_continued(played: Played, tmp_path: Path) -> None:

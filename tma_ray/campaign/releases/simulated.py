@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import json
 import re
-from collections.abc import Iterable, Sequence
-from dataclasses import asdict, replace
+from collections.abc import Collection, Iterable, Sequence
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -19,12 +19,13 @@ from tma_ray.results import (
     Committer,
     Results,
     RunRecord,
+    RunStatus,
     RunWriter,
     Table,
     keep_plugin,
     spec_digest,
 )
-from tma_ray.tasks import MASTERY_RETURN
+from tma_ray.tasks import MASTERY_RETURN, KnowledgeLevel
 from tma_ray.teachers import TEACHERS, hyperparameters_of, make_teacher
 from tma_ray.testing import SimulatedRun, find_simulated_challenge
 from tma_ray.testing.matrix import SimulatedCell, runs_of
@@ -74,17 +75,8 @@ class SimulatedRoot:
 
     def kept(self) -> list[SimulatedRun]:
         """Returns those of the runs that it has."""
-        planned = {_record(run, self._episodes).run_id: run for run in self._planned}
-        done = self._committer.done(planned)
-        rows = Results(self._committer.store).table(Table.EVALUATIONS, done) if done else None
-        if rows is None:
-            return []
-        columns = ["run_id", "step", "task_index", "episodic_return"]
-        table = rows.select(columns).to_pandas().sort_values(columns[:3])
-        return [
-            replace(planned[str(run_id)], returns=_by_step(own))
-            for run_id, own in table.groupby("run_id", observed=True)
-        ]
+        done = self._committer.done(_record(run, self._episodes).run_id for run in self._planned)
+        return played_runs(Results(self._committer.store), done)
 
     def add(self, run: SimulatedRun) -> None:
         """Writes a run, unless it has that already."""
@@ -97,6 +89,30 @@ class SimulatedRoot:
             writer = RunWriter(self._committer.store, record.run_id, attempt)
             writer.add(Table.EVALUATIONS, list(_evaluations(run, record.steps)))
             self._committer.finish(record, attempt, writer.finish())
+
+
+def played_runs(results: Results, run_ids: Collection[str] | None = None) -> list[SimulatedRun]:
+    """Returns the runs of simulated students that are done in a results root or a release, by id.
+
+    Args:
+        results: nothing but such runs.
+        run_ids: only these; all by default.
+    """
+    records = [manifest.run for manifest in results.runs() if manifest.status is RunStatus.DONE]
+    columns = ["run_id", "step", "task_index", "episodic_return"]
+    table = results.table(Table.EVALUATIONS, run_ids, columns).to_pandas().sort_values(columns[:3])
+    returns = {str(run_id): _by_step(own) for run_id, own in table.groupby("run_id", observed=True)}
+    return [
+        SimulatedRun(
+            record.challenge,
+            record.teacher,
+            KnowledgeLevel(record.expert_knowledge),
+            record.seed,
+            returns[record.run_id],
+        )
+        for record in records
+        if run_ids is None or record.run_id in run_ids
+    ]
 
 
 def _by_step(rows: pd.DataFrame) -> tuple[tuple[float, ...], ...]:

@@ -1,0 +1,59 @@
+"""Tables of the releases that ship, for the site."""
+
+from __future__ import annotations
+
+from collections import Counter
+from pathlib import Path
+
+from analysis.baselines import baselines, find_baseline
+from analysis.commands.leaderboard import NO_BREAK
+from analysis.commands.leaderboard import markdown as leaderboards
+from analysis.commands.simulated import markdown, mastered_table, recovery_table
+from analysis.names import challenge_title, label, teacher_order
+from tma_ray.campaign.releases.simulated import played_runs
+from tma_ray.results import Results
+from tma_ray.tasks import KnowledgeLevel
+from tma_ray.testing import SIMULATED_CHALLENGES
+from tma_ray.testing.matrix import cells_of, runs_of, tabulate
+
+PICTURES = Path(__file__).parents[1] / "images" / "leaderboard"
+"""Curricula of releases that ship, by ``make_leaderboard_pictures.py``."""
+
+SIMULATED_RELEASE = "simulated-1"
+
+
+def leaderboard() -> str:
+    """Returns the leaderboards of the releases that ship, and the curricula of their teachers."""
+    parts = [leaderboards()]
+    for name in (each.manifest.name for each in baselines()):
+        for strip in sorted(PICTURES.glob(f"{name}-*.png")):
+            challenge = strip.stem.removeprefix(f"{name}-")
+            title = challenge_title("stump_tracks", challenge, challenge)
+            image = f"images/leaderboard/{strip.stem}"
+            parts.append(f"### Curricula of {name}: {title}\n\n[As a film]({image}.gif)")
+            parts.append(f"[![Probed tasks of each teacher over a run]({image}.png)]({image}.png)")
+    return "\n\n".join(parts)
+
+
+def simulated_students() -> str:
+    """Returns what teachers master in the seeds that are complete, and how they recover from resets."""
+    runs = played_runs(Results(find_baseline(SIMULATED_RELEASE).store()))
+    teachers = sorted({run.teacher for run in runs}, key=teacher_order)
+    cells = cells_of(teachers, SIMULATED_CHALLENGES, list(KnowledgeLevel))
+    played = Counter(run.seed for run in runs)
+    seeds = [seed for seed, number in played.items() if number == len(runs_of(cells))]
+    frame = tabulate(cells, [run for run in runs if run.seed in seeds])
+    frame["teacher"] = frame["teacher"].map(label)
+    mastered = mastered_table(frame).rename(columns=lambda name: name.replace("_", " "))
+    tables = (markdown(table.map(_on_one_line)) for table in (mastered, recovery_table(frame)))
+    titles = (
+        f"After 10,000 episodes, {len(seeds)} seeds:",
+        "Around the first reset of the forgetting students:",
+    )
+    parts = (part for pair in zip(titles, tables, strict=True) for part in pair)
+    return "\n\n".join(['<div class="leaderboard" markdown>', *parts, "</div>"])
+
+
+def _on_one_line(text: str) -> str:
+    """Returns a mean with its margin and mark without places where a line may break."""
+    return text.replace(" ", NO_BREAK) if "±" in text else text
