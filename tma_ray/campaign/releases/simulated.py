@@ -98,21 +98,19 @@ def played_runs(results: Results, run_ids: Collection[str] | None = None) -> lis
         results: nothing but such runs.
         run_ids: only these; all by default.
     """
-    records = [manifest.run for manifest in results.runs() if manifest.status is RunStatus.DONE]
+    records = {each.run.run_id: each.run for each in results.runs() if each.status is RunStatus.DONE}
     columns = ["run_id", "step", "task_index", "episodic_return"]
     table = results.table(Table.EVALUATIONS, run_ids, columns).to_pandas().sort_values(columns[:3])
-    returns = {str(run_id): _by_step(own) for run_id, own in table.groupby("run_id", observed=True)}
     return [
-        SimulatedRun(
-            record.challenge,
-            record.teacher,
-            KnowledgeLevel(record.expert_knowledge),
-            record.seed,
-            returns[record.run_id],
-        )
-        for record in records
-        if run_ids is None or record.run_id in run_ids
+        _played(records[run_id], own)
+        for run_id, own in table.groupby("run_id", observed=True)
+        if run_id in records
     ]
+
+
+def _played(record: RunRecord, rows: pd.DataFrame) -> SimulatedRun:
+    level = KnowledgeLevel(record.expert_knowledge)
+    return SimulatedRun(record.challenge, record.teacher, level, record.seed, _by_step(rows))
 
 
 def _by_step(rows: pd.DataFrame) -> tuple[tuple[float, ...], ...]:
