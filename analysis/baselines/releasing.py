@@ -226,7 +226,7 @@ def _manifest(
     elif counts["policies"] < counts["runs"]:
         caveats.append(f"{counts['runs'] - counts['policies']} of {counts['runs']} runs have no policy here.")
     engines = " and ".join(sorted(cells["engine"].unique()))
-    caveats.append(f"Worlds of other engines than {engines} give other numbers: compare ranks, pool nothing.")
+    caveats.append(f"Results of other engines than {engines} are other numbers: compare ranks, pool nothing.")
     if frames.attempts["host"].astype(str).ne("").any():
         caveats.append("The table of attempts names the machines that the runs were made on.")
     return BaselineManifest(

@@ -96,6 +96,7 @@ def test_the_manifest_and_the_card_say_what_it_holds(released: Path) -> None:
         "ALP-GMM",
         "| seeds | 0 to 1 |",
         "Stump Tracks, original task space",
+        "The final policies are in",
     ):
         assert words in card
     assert "<b>" not in card

@@ -70,6 +70,9 @@ def test_what_it_holds_of_its_runs_is_what_their_root_holds(first: Path, grown: 
         {"batch": 4},
         "",
     )
+    card = (grown / "README.md").read_text()
+    assert "It holds no policies" in card
+    assert "The final policies are in" not in card
 
 
 def test_a_second_shard_adds_what_is_new_and_changes_no_file(grown: Path, tmp_path: Path) -> None:
