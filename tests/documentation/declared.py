@@ -36,6 +36,7 @@ BUCKET = "a folder stands for the bucket; tests/object_stores runs campaigns in 
 ENDLESS = "it would go on until Ctrl-C"
 
 CHANGES = (
+    Change("docs/baselines.md", '", "s3://bucket/', '", "memory://', "fsspec's, in this process"),
     Change("*", "s3://bucket/", "", BUCKET),
     Change("*", "s3://my-bucket/stumps", "results", BUCKET),
     Change("*", " --watch", "", ENDLESS),
@@ -43,7 +44,6 @@ CHANGES = (
     Change("*", "sac_alp_gmm-s0-…", "{run}", "the name of a run that there is"),
     Change("*", 'load_policy("sac"', 'load_policy("ppo"', "whose student is PPO"),
     Change("*", "sac_alp_gmm-s0", "{run}", "likewise"),
-    Change("docs/baselines.md", ', "releases/mine-1.0"', ', "memory://releases/mine-1.0"', "of fsspec, in this process"),
     Change("docs/baselines.md", "colleague", "results", "whose runs are there"),
     Change("docs/baselines.md", "compare mine", "compare results", "the campaign is only planned"),
     Change("docs/add_teacher.md", "compare mine", "compare results", "likewise"),
