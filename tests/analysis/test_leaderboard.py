@@ -162,7 +162,7 @@ def test_what_a_release_lacks_is_named(tmp_path: Path, capsys: pytest.CaptureFix
     place = release(root, "mine", tmp_path, partial=True)
     found = "\n".join(lacking(find_baseline(place)))
     for words in (
-        "runs are missing: of 7 runs 1 failed",
+        "runs are missing: 6 of 7 runs are done, 1 failed",
         "no licence",
         "versions of the benchmark: 0, 1",
         "1 runs are not done",

@@ -188,7 +188,7 @@ def test_one_seed_is_drawn_without_stars() -> None:
 def test_what_cannot_be_drawn_is_refused() -> None:
     table = results([*everywhere("random", 20.0), *everywhere("adr", 40.0)])
     tests = pairwise_from_statistics(table, reference="random")
-    with pytest.raises(ValueError, match="expected at least one row"):
+    with pytest.raises(ValueError, match="expected results with at least one row"):
         radar(table.head(0), tests)
     with pytest.raises(ValueError, match="several of mostly_unfeasible, low, random"):
         radar(pd.concat([table, table.head(1)]), tests)
