@@ -27,6 +27,7 @@ from tma_ray.campaign import scheduler
 from tma_ray.campaign.actors import SeedActor
 from tma_ray.campaign.cluster.connection import connect
 from tma_ray.campaign.monitor.progress import ProgressView
+from tma_ray.campaign.placing import places
 from tma_ray.campaign.settings import Resources, Settings, TeacherPlacement
 from tma_ray.results import Committer, PartFile, RunWriter, Store
 from tma_ray.runs import Cell, RunSpec, Schedule, effective_spec
@@ -118,7 +119,7 @@ def trivial(count: int) -> dict[str, Any]:
         tempfile.TemporaryDirectory() as root,
         mock.patch.object(scheduler, "SeedActor", Substitute),
         mock.patch.object(scheduler, "ray", RayWithoutDeath()),
-        mock.patch.object(scheduler, "capacity", return_value=PLAYERS),
+        mock.patch.object(places, "capacity", return_value=PLAYERS),
     ):
         first = execute(runs, root)
         again = execute(runs, root)
