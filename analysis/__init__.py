@@ -8,7 +8,7 @@ Where to begin::
     frames.cells, frames.evaluations  # pandas frames
     runs = analysis.runs_after(frames)  # a row a run, with all that is measured of it
     analysis.pooled(runs)  # a row a teacher
-    analysis.comparisons.pairwise(runs, "mastered_percent")  # Welch's test between all pairs
+    analysis.comparisons.pairwise(runs, "mastered_percent")  # tests between all pairs
 
 ``docs/analysis.md`` has the columns and more of this. What is listed here is for everyday work. What needs
 matplotlib, scipy or jinja2, as `analysis.figures` does, is imported when it is first asked for.

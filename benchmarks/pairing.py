@@ -2,6 +2,7 @@
 
     python benchmarks/pairing.py --processes 2 --results build/pairing
     python benchmarks/pairing.py --csv benchmarks/measured/pairing.csv benchmarks/measured/sensitivity.csv
+    python benchmarks/pairing.py --baselines lite-1 simulated-1
 
 Three teachers of PPO on the shuffled space, 40 thousand steps each: of all challenges the one whose runs have
 most in common, the worlds of the evaluations and, by seed, the shuffle. Prints the correlation of runs of the
@@ -18,6 +19,7 @@ import pandas as pd
 from pools import describe, execute, parser
 from sac_learning import curves
 
+import analysis
 from analysis.statistics import paired, welch
 from analysis.statistics.pairing import least_correlation, pairing_helps, seed_correlation
 from tma_ray.campaign.matrices import joined_plan
@@ -51,7 +53,8 @@ def told(name: str, table: pd.DataFrame) -> list[str]:
     for challenge, rows in last.groupby("challenge", observed=True):
         for measure in MEASURES:
             wide = rows.pivot(index="seed", columns=CELL, values=measure).dropna()
-            if min(wide.shape) < 2 or not (wide.std() > 0).all():
+            wide = wide.loc[:, wide.std() > 0]
+            if min(wide.shape) < 2:
                 continue
             found, n = seed_correlation([wide.to_numpy(float)]), len(wide)
             widths = [_widths(wide[first], wide[second]) for first, second in itertools.combinations(wide, 2)]
@@ -62,6 +65,17 @@ def told(name: str, table: pd.DataFrame) -> list[str]:
                 f"{pairs:.1f} | {'paired' if pairing_helps(found, n) else 'not paired'} |"
             )
     return lines
+
+
+def released(name: str) -> pd.DataFrame:
+    """Returns the evaluations of a release or results root as `told` takes them, each run once."""
+    frames = analysis.load(name)
+    runs = frames.cells.drop_duplicates("run_id")[["run_id", "challenge", *CELL, "expert_knowledge", "seed"]]
+    runs = runs.astype(dict.fromkeys(("challenge", *CELL, "expert_knowledge"), str))
+    runs["teacher"] += " " + runs["expert_knowledge"]
+    means = frames.evaluations.groupby(["run_id", "step"], observed=True)[["episodic_return", "mastered"]]
+    table = means.mean().reset_index().merge(runs, on="run_id")
+    return table.assign(mastered=100 * table["mastered"])
 
 
 def _widths(first: pd.Series, second: pd.Series) -> tuple[float, float]:
@@ -75,12 +89,15 @@ def main() -> int:
     """Runs what is missing, or reads tables; prints what pairing gives."""
     options = parser(str(__doc__))
     options.add_argument("--seeds", type=int, default=6, help="of every cell")
-    options.add_argument("--csv", nargs="+", type=Path, help="evaluations of measured runs, to read instead")
-    arguments = [*sys.argv[1:], *(["--results", ""] if "--csv" in sys.argv else [])]
-    given = options.parse_args(arguments)
-    if given.csv:
-        for file in given.csv:
-            print(*told(file.stem, pd.read_csv(file)), sep="\n")
+    options.add_argument("--baselines", nargs="+", default=(), help="releases or roots, to read instead")
+    options.add_argument("--csv", nargs="+", default=(), type=Path, help="measured evaluations, likewise")
+    reads = {"--csv", "--baselines"} & set(sys.argv)
+    given = options.parse_args([*sys.argv[1:], *(["--results", ""] if reads else [])])
+    tables = [(file.stem, pd.read_csv(file)) for file in given.csv]
+    tables += [(name, released(name)) for name in given.baselines]
+    for name, table in tables:
+        print(*told(name, table), sep="\n")
+    if reads:
         return 0
     print(describe(execute(plan(given.seeds), given)))
     table = curves(given.results)

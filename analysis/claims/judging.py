@@ -4,15 +4,16 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import singledispatch
 from typing import Protocol
 
 import pandas as pd
 
 from analysis.formatting import ends, number, p_value
+from analysis.measures.shared_students import Seeds, compared
 from analysis.names import label
-from analysis.statistics import Comparison, Description, mean_interval, welch, welch_from_statistics
+from analysis.statistics import Comparison, Description, mean_interval, welch_from_statistics
 from analysis.statistics.verdicts import Standing, contrary, equivalent, greater
 from tma_ray.benchmark.claims import CLAIMS
 from tma_ray.benchmark.experiments import TEACHERS
@@ -35,10 +36,12 @@ class Sample:
     Attributes:
         description: n, mean and std of mastered tasks, in per cent.
         values: one per run, by run id; None where only the description is known.
+        seeds: of the runs that are to be paired by them.
     """
 
     description: Description
     values: pd.Series | None = None
+    seeds: Seeds = field(default_factory=dict)
 
 
 class Source(Protocol):
@@ -186,7 +189,7 @@ def _(statement: Scaled, source: Source) -> Finding:
 
 def _test(first: Sample, second: Sample) -> Comparison:
     if first.values is not None and second.values is not None:
-        return welch(first.values, second.values)
+        return compared(first.values, second.values, {**first.seeds, **second.seeds})
     return welch_from_statistics(first.description, second.description)
 
 

@@ -13,6 +13,7 @@ from analysis.data.frames import Frames
 from analysis.data.reference import is_baseline
 from analysis.measures.conditions import CONDITIONS, condition_words, varying
 from analysis.measures.pooling import pooled
+from analysis.measures.shared_students import seeds_to_pair
 from analysis.measures.student_pools import runs_after
 from analysis.measures.variants import BIPEDAL, RELEASED_BIPEDAL
 from analysis.statistics import Description, describe
@@ -82,9 +83,9 @@ class RootSource:
         best = found.sort_values("n", kind="stable").iloc[-1]
         keys = [*POOL, "embodiment"] if reading.embodiment else POOL
         mine = self._grouped(reading.share, bool(reading.embodiment)).get(tuple(best[keys]), [])
-        columns = self._read(reading.share)[[MEASURE, "run_id"]].take(mine)
+        columns = self._read(reading.share)[[MEASURE, "run_id", "seed", "engine"]].take(mine)
         values = pd.Series(columns[MEASURE].to_numpy(float), columns["run_id"].to_numpy(object)).dropna()
-        return Sample(describe(values), values)
+        return Sample(describe(values), values, seeds_to_pair(columns))
 
     def teachers(self, reading: Reading) -> Sequence[str]:
         """Returns who has complete results there."""

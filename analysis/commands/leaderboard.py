@@ -18,8 +18,9 @@ from tma_ray.terminal import terminal
 
 EXPLANATION = (
     "Mastered test tasks in %, mean ± 95 % margin. Ranks are by the mean over the challenges of a table, "
-    "which weigh the same; those in brackets are the ranks that Welch's tests over these challenges leave "
-    "open, after Holm's correction for all pairs of teachers. A teacher without results on all challenges "
+    "which weigh the same; those in brackets are the ranks that tests over these challenges leave open, "
+    "after Holm's correction for all pairs of teachers: Welch's, and paired by seed where seeds share a "
+    "simulated student. A teacher without results on all challenges "
     "is ranked on those that it has, in a table of its own. Hours are wall-clock hours of a run beside "
     "others on the same machine; the card of a release says which."
 )

@@ -11,7 +11,7 @@ from rich.table import Table
 
 from analysis.data.reference import BASELINE, baseline_rows, is_baseline
 from analysis.formatting import number, plus_minus
-from analysis.statistics import SIGNIFICANCE, Comparison, describe, holm, mean_interval, welch
+from analysis.statistics import SIGNIFICANCE, Comparison, describe, holm, mean_interval, paired
 from tma_ray.tasks import KnowledgeLevel
 from tma_ray.terminal import terminal
 
@@ -135,4 +135,6 @@ def _entries(cells: list[pd.DataFrame], baseline: pd.DataFrame) -> list[str]:
 def _against(cell: pd.DataFrame, baseline: pd.DataFrame) -> Comparison:
     if cell.empty or is_baseline(str(cell["teacher"].iloc[0])):
         return Comparison(len(cell), len(baseline), math.nan, reason="the baseline, or no results")
-    return welch(cell["mastered_percent"], baseline["mastered_percent"])
+    played = (rows[rows["mastered_percent"].notna()] for rows in (cell, baseline))
+    mine, theirs = (rows.set_index("seed")["mastered_percent"] for rows in played)
+    return paired(mine, theirs)  # all teachers of a seed train the same student

@@ -1,4 +1,4 @@
-"""Welch's test of every teacher of an experiment against Random."""
+"""Tests of every teacher of an experiment against Random."""
 
 from __future__ import annotations
 
@@ -11,7 +11,8 @@ import pandas as pd
 from analysis.data.frames import COMPARISON, GROUP
 from analysis.data.identity import CONDITIONS
 from analysis.data.reference import NO_BASELINE, baseline_rows, baseline_runs, is_baseline
-from analysis.statistics import Comparison, holm, welch
+from analysis.measures.shared_students import compared, seeds_to_pair
+from analysis.statistics import Comparison, holm
 
 APART = ("experiment", "expert_knowledge")
 """Columns that tell comparisons apart and make no difference to Random."""
@@ -23,7 +24,7 @@ Randoms: TypeAlias = Mapping[Any, pd.DataFrame]
 
 
 def against_baseline(finals: pd.DataFrame, curves: pd.DataFrame, measure: str) -> pd.DataFrame:
-    """Returns Welch's t-test of every teacher against Random, one row each, p and Holm's p by comparison.
+    """Returns the test of every teacher against Random, one row each, p and Holm's p by comparison.
 
     Where Random was run at another level of expert knowledge or in another experiment only, that one serves.
     While runs are under way both are read at the same step, and the difference is not tested.
@@ -48,7 +49,7 @@ def against_baseline(finals: pd.DataFrame, curves: pd.DataFrame, measure: str) -
 
 
 def along_baseline(curves: pd.DataFrame, reference: pd.DataFrame, measure: str) -> pd.DataFrame:
-    """Returns Welch's t-test of every teacher against Random at every evaluation, with Holm's p by step.
+    """Returns the test of every teacher against Random at every evaluation, with Holm's p by step.
 
     Args:
         curves: of `evaluation_curves`, of one comparison.
@@ -60,12 +61,12 @@ def along_baseline(curves: pd.DataFrame, reference: pd.DataFrame, measure: str) 
     """
     theirs: dict[Any, pd.Series] = {step: _sample(rows, measure) for step, rows in reference.groupby("step")}
     mine = curves[~curves["teacher"].map(is_baseline)]
-    rows = []
+    rows, seeds = [], seeds_to_pair(curves, reference)
     for (step, teacher), group in mine.groupby(["step", "teacher"], sort=True):
         sample = _sample(group, measure)
         comparison = Comparison(int(sample.notna().sum()), 0, math.nan, reason=NO_BASELINE)
         if step in theirs:
-            comparison = welch(sample, theirs[step])
+            comparison = compared(sample, theirs[step], seeds)
         rows.append({"step": step, "teacher": teacher} | vars(comparison))
     table = pd.DataFrame(rows, columns=["step", "teacher", *Comparison.__dataclass_fields__])
     table["holm"] = table.groupby("step")["p"].transform(holm)
@@ -89,7 +90,8 @@ def _compare(
         mine, reference = (now[now["run_id"].isin(rows["run_id"])] for rows in (mine, reference))
     elif set(mine["step"]) != set(reference["step"]):
         reason = "trained for other numbers of steps"
-    comparison = welch(_sample(mine, measure), _sample(reference, measure))
+    seeds = seeds_to_pair(mine, reference)
+    comparison = compared(_sample(mine, measure), _sample(reference, measure), seeds)
     if reason:
         comparison = Comparison(comparison.n, comparison.reference_n, comparison.difference, reason=reason)
     return step, comparison

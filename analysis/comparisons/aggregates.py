@@ -12,7 +12,15 @@ from analysis.comparisons.pairwise import nobody, pairs_of
 from analysis.data.arguments import check_measure
 from analysis.measures.conditions import CONDITIONS
 from analysis.measures.pooling import COMPARED, PARTS, POOLED
-from analysis.statistics import Comparison, holm, stratified
+from analysis.measures.shared_students import (
+    Seeds,
+    are_paired,
+    compared_over_strata,
+    in_common,
+    mean_over_strata,
+    seeds_to_pair,
+)
+from analysis.statistics import Comparison, holm
 from analysis.statistics.estimates import (
     Estimate,
     interquartile_mean_of,
@@ -55,12 +63,13 @@ def interquartile_means(
     by, rows = list(by), []
     check_measure("runs", runs, measure, [*by, *strata])
     common = [column for column in by if column != "teacher"]
+    seeds = seeds_to_pair(runs)
     for _, compared in _stratified(runs, measure, by, strata).groupby(common, dropna=False, sort=True):
         groups = compared.groupby(by, dropna=False, sort=True)
         samples = {key: _strata_of(group, measure) for key, group in groups}
         everywhere = {name for sample in samples.values() for name in sample}
         for key, sample in samples.items():
-            estimate = interquartile_mean_of(sample)
+            estimate = interquartile_mean_of(sample, _clusters(sample, seeds))
             missing = "; ".join(sorted(everywhere - set(sample)))
             row = dict(zip(by, key, strict=True)) | {"measure": measure}
             rows.append(row | vars(estimate) | {"missing": missing})
@@ -86,12 +95,13 @@ def improvements(
     Returns:
         `within`, measure, first, second, and value, low, high, n, reason of `statistics.estimates.Estimate`.
     """
-    within, rows = list(within), []
+    within, rows, seeds = list(within), [], seeds_to_pair(runs)
     counted = _counted(_stratified(runs, measure, [*within, "teacher"], strata), measure)
     for key, group in counted.groupby(within, dropna=False, sort=True):
         samples = {str(name): _strata_of(part, measure) for name, part in group.groupby("teacher")}
         for first, second in pairs_of(list(samples), reference):
-            estimate = vars(probability_of_improvement(samples[first], samples.get(second, {})))
+            pair = _of_common_seeds(samples[first], samples.get(second, {}), seeds)
+            estimate = vars(probability_of_improvement(*pair))
             if second not in samples:
                 estimate |= {"reason": nobody(second)}
             names = {"measure": measure, "first": first, "second": second}
@@ -121,7 +131,7 @@ def stratified_differences(
         them), the columns of `statistics.Comparison`, and holm.
     """
     within, rows = list(within), []
-    counted = _over_challenges(runs, measure, [*within, "teacher"])
+    counted, seeds = _over_challenges(runs, measure, [*within, "teacher"]), seeds_to_pair(runs)
     for key, group in counted.groupby(within, dropna=False, sort=True):
         strata = {
             str(name): _by_challenge(part, measure) for name, part in group.groupby("teacher", sort=True)
@@ -137,10 +147,11 @@ def stratified_differences(
                 for part in sorted(mine[place])
             ]
             weights = [1 / len(mine[place]) for place in challenges for _ in mine[place]]
-            test = vars(stratified(pairs, weights))
+            test = vars(compared_over_strata(pairs, weights, seeds))
             if not others:
                 test |= {"reason": nobody(reference)}
             fewest = min((_runs(side[place]) for side in (mine, others) for place in challenges), default=0)
+            fewest = min(fewest, test["n"])  # pairs may be fewer than runs
             names = {"measure": measure, "teacher": teacher, "challenges": len(challenges), "fewest": fewest}
             rows.append(dict(zip(within, key, strict=True)) | names | test)
     columns = [*within, "measure", "teacher", "challenges", "fewest", *Comparison.__dataclass_fields__]
@@ -163,16 +174,15 @@ def stratified_means(runs: pd.DataFrame, measure: str, within: Sequence[str] = A
         `within`, measure, teacher, challenges (how many), and the columns of `statistics.Comparison` of which
         difference, low and high are the mean and its 95 % interval.
     """
-    zero, rows = pd.Series([0.0, 0.0], index=["first zero", "second zero"]), []
-    counted = _over_challenges(runs, measure, [*within, "teacher"])
+    rows = []
+    counted, seeds = _over_challenges(runs, measure, [*within, "teacher"]), seeds_to_pair(runs)
     for key, part in counted.groupby([*within, "teacher"], dropna=False, sort=True):
         places = _by_challenge(part, measure)
-        samples = [(sample, zero) for strata in places.values() for sample in strata.values()]
+        samples = [sample for strata in places.values() for sample in strata.values()]
         weights = [1 / len(strata) for strata in places.values() for _ in strata]
         names = dict(zip([*within, "teacher"], key, strict=True))
-        rows.append(
-            names | {"measure": measure, "challenges": len(places)} | vars(stratified(samples, weights))
-        )
+        mean = vars(mean_over_strata(samples, weights, seeds)) | {"n": sum(map(len, samples))}
+        rows.append(names | {"measure": measure, "challenges": len(places)} | mean)
     columns = [*within, "teacher", "measure", "challenges", *Comparison.__dataclass_fields__]
     return pd.DataFrame(rows, columns=columns)
 
@@ -180,6 +190,22 @@ def stratified_means(runs: pd.DataFrame, measure: str, within: Sequence[str] = A
 def _by_challenge(rows: pd.DataFrame, measure: str) -> dict[Hashable, dict[str, pd.Series]]:
     """Returns the samples of each body and student by challenge."""
     return {place: _strata_of(part, measure) for place, part in rows.groupby("place", sort=True)}
+
+
+def _clusters(sample: Mapping[str, pd.Series], seeds: Seeds) -> Seeds | None:
+    """Returns the seeds of a sample whose runs they make depend on each other; None where they do not."""
+    return seeds if are_paired(list(sample.values()), seeds) else None
+
+
+def _of_common_seeds(
+    first: Mapping[str, pd.Series], second: Mapping[str, pd.Series], seeds: Seeds
+) -> tuple[dict[str, pd.Series], dict[str, pd.Series]]:
+    """Returns both samples without the runs of paired seeds that only one of them has in a stratum."""
+    parts = {name: in_common(first[name], second[name], seeds) for name in first if name in second}
+    return (
+        {**first, **{name: pair[0] for name, pair in parts.items()}},
+        {**second, **{name: pair[1] for name, pair in parts.items()}},
+    )
 
 
 def _runs(strata: Mapping[str, pd.Series]) -> int:
@@ -205,9 +231,10 @@ def profiles(
     Returns:
         `by`, measure, threshold, share, low, high, n, reason.
     """
-    by, rows = list(by), []
+    by, rows, seeds = list(by), [], seeds_to_pair(runs)
     for key, group in _stratified(runs, measure, by, strata).groupby(by, dropna=False, sort=True):
-        profile = performance_profile(_strata_of(group, measure), thresholds)
+        sample = _strata_of(group, measure)
+        profile = performance_profile(sample, thresholds, _clusters(sample, seeds))
         shared = dict(zip(by, key, strict=True)) | {"measure": measure}
         rows += [
             shared | {str(name): value for name, value in each.items()} for each in profile.to_dict("records")

@@ -44,6 +44,14 @@ TEST_RETURN = Measure(
 )
 
 
+METHODS = {
+    Method.WELCH: "Welch's t-test",
+    Method.PAIRED: "paired t-test",
+    Method.PERMUTATION: "permutation test",
+    Method.SIGN_FLIP: "sign-flip test",
+}
+
+
 def verdict(test: pd.Series | Mapping[str, Any]) -> str:
     """Returns the result of a test against Random in a word or two, after Holm, or why there was none."""
     if test["reason"]:
@@ -138,8 +146,7 @@ def _against_random(teacher: str, test: pd.Series, measure: Measure) -> str:
     if test["reason"]:
         return f"{lead}; not tested ({test['reason']})."
     interval = f"95 % confidence interval {ends(test['low'], test['high'])}"
-    method = "permutation test" if test["method"] == Method.PERMUTATION else "Welch's t-test"
-    found = f"{method}, {p_value(test['holm'])} after Holm"
+    found = f"{METHODS[Method(test['method'])]}, {p_value(test['holm'])} after Holm"
     if test["holm"] < SIGNIFICANCE:
         return f"{lead} ({interval}), a significant difference ({found})."
     return (

@@ -1,4 +1,4 @@
-"""Welch's t-test between the groups of a comparison, at the end of training and along it."""
+"""Tests between the groups of a comparison, at the end of training and along it."""
 
 from __future__ import annotations
 
@@ -12,8 +12,9 @@ import pandas as pd
 from analysis.data.arguments import check_measure
 from analysis.data.reference import NO_BASELINE, is_baseline
 from analysis.measures.pooling import COMPARED, PARTS
-from analysis.statistics import Comparison, describe, holm, welch
-from analysis.statistics.power import detectable_difference
+from analysis.measures.shared_students import Seeds, compared, seeds_to_pair
+from analysis.statistics import Comparison, Method, describe, holm
+from analysis.statistics.power import detectable_difference, detectable_in_pairs
 from tma_ray.benchmark import TEACHERS
 from tma_ray.commands.arguments import check_known, check_names
 
@@ -33,10 +34,10 @@ def pairwise(
     *,
     detectable: bool = True,
 ) -> pd.DataFrame:
-    """Returns Welch's t-test between groups of runs, one row a pair.
+    """Returns the tests between groups of runs, one row a pair.
 
-    Runs without the measure do not count. Groups that share a run are not tested, nor groups that pool
-    other bodies or students.
+    Welch's, or paired by seed where seeds share a student. Runs without the measure do not count. Groups are
+    not tested that share a run or that pool other bodies or students.
 
     Args:
         runs: of `pooling.pool_runs`; with a step column among `within`, the values of
@@ -61,7 +62,7 @@ def pairwise(
     _check(runs, measure, reference, within, between)
     within, rows = list(within), []
     parts = [column for column in PARTS if column not in (*within, between)]
-    family = [column for column in within if column != "step"]
+    family, seeds = [column for column in within if column != "step"], seeds_to_pair(runs)
     for key, group in _groups(_counted(runs, [*family, between]), within):
         shared = dict(zip(within, key, strict=True)) | {"measure": measure}
         named = group.groupby(between, sort=True)
@@ -69,7 +70,7 @@ def pairwise(
         for first, second in pairs_of(list(samples), reference):
             other = samples.get(second) or _sample(group.head(0), measure, parts)
             row = shared | {"first": first, "second": second}
-            row |= _compared(samples[first], other, detectable=detectable)
+            row |= _compared(samples[first], other, seeds, detectable=detectable)
             rows.append(row if second in samples else row | {"reason": nobody(second)})
     table = pd.DataFrame(rows, columns=[*within, *OWN])
     table["holm"] = table.groupby(family, dropna=False)["p"].transform(holm) if len(table) else table["p"]
@@ -112,16 +113,23 @@ def _sample(rows: pd.DataFrame, measure: str, parts: Sequence[str]) -> _Sample:
     return _Sample(values, frozenset(zip(*columns, strict=True)), uncounted)
 
 
-def _compared(first: _Sample, second: _Sample, *, detectable: bool) -> dict[str, object]:
+def _compared(first: _Sample, second: _Sample, seeds: Seeds, *, detectable: bool) -> dict[str, object]:
     """Returns the test of two groups, what it left out, and the difference that it could find."""
-    comparison, smallest = welch(first.values, second.values), math.nan
+    comparison = compared(first.values, second.values, seeds)
     if not comparison.reason and first.parts != second.parts:
         sizes = len(first.values), len(second.values)
         comparison = Comparison(*sizes, comparison.difference, reason=OTHER_PARTS)
-    if detectable and not comparison.reason:
-        smallest = detectable_difference(describe(first.values), describe(second.values))
+    smallest = _detectable(comparison, first, second) if detectable else math.nan
     uncounted = first.uncounted + second.uncounted
     return vars(comparison) | {"uncounted": uncounted, "detectable": smallest}
+
+
+def _detectable(comparison: Comparison, first: _Sample, second: _Sample) -> float:
+    if comparison.reason or comparison.method is Method.SIGN_FLIP:
+        return math.nan
+    if comparison.method is Method.PAIRED:
+        return detectable_in_pairs(comparison.n, (comparison.high - comparison.low) / 2)
+    return detectable_difference(describe(first.values), describe(second.values))
 
 
 def check_reference(reference: str | None, table: pd.DataFrame) -> None:

@@ -9,7 +9,7 @@ from analysis.statistics.comparisons import (
     welch_from_statistics,
 )
 from analysis.statistics.corrections import holm
-from analysis.statistics.pairing import paired
+from analysis.statistics.pairing import paired, paired_strata
 from analysis.statistics.samples import CONFIDENCE, SIGNIFICANCE, Description, describe, mean_interval
 
 __all__ = [
@@ -22,6 +22,7 @@ __all__ = [
     "holm",
     "mean_interval",
     "paired",
+    "paired_strata",
     "standard_error_of_difference",
     "stratified",
     "welch",

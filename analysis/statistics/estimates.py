@@ -10,7 +10,7 @@ and in 74 % with three. These here hold with few seeds, too; `docs/statistics.md
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Hashable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, TypeAlias
 
@@ -27,6 +27,9 @@ TRIMMED = 0.25
 """Share of the runs that an interquartile mean leaves out at each end, rounded down to whole runs."""
 
 Strata: TypeAlias = Mapping[str, pd.Series]
+
+Clusters: TypeAlias = Mapping[Any, Hashable]
+"""What tells runs apart that depend on each other, such as their seeds, by run id."""
 
 Floats: TypeAlias = NDArray[np.float64]
 
@@ -57,15 +60,17 @@ def interquartile_mean(values: ArrayLike, axis: int = -1) -> Any:
     return stats.trim_mean(np.asarray(values, dtype=float), TRIMMED, axis=axis)
 
 
-def interquartile_mean_of(sample: Strata) -> Estimate:
+def interquartile_mean_of(sample: Strata, clusters: Clusters | None = None) -> Estimate:
     """Returns the interquartile mean of all runs of all strata together, each run with equal weight.
 
     The interval is Tukey and McLaughlin's (1963): Student's t with the winsorised variance within each
     stratum, and Satterthwaite's degrees of freedom over the strata; or that with the variance of the
     untrimmed mean where this is wider, since a winsorised variance of five runs comes out too small.
+    Where runs depend on each other, the variance is that of the sums of clusters.
 
     Args:
         sample: the strata.
+        clusters: of all runs, which are independent of each other by default.
     """
     parts = _parts(sample)
     n = sum(map(len, parts))
@@ -79,7 +84,11 @@ def interquartile_mean_of(sample: Strata) -> Estimate:
         return Estimate(value, math.nan, math.nan, n, "needs 2 seeds")
     low, high = values[cut], values[n - cut - 1]
     winsorised = [np.clip(part, low, high) * (n / kept) for part in parts]
-    margin = max(_margin(winsorised, [len(part) * kept / n - 1 for part in parts]), _margin(parts))
+    if clusters is None:
+        margin = max(_margin(winsorised, [len(part) * kept / n - 1 for part in parts]), _margin(parts))
+    else:
+        names = [clusters[run] for _, part in sorted(_finite(sample).items()) for run in part.index]
+        margin = max(_margin_of_clusters(winsorised, names, kept / n), _margin_of_clusters(parts, names))
     return Estimate(value, value - margin, value + margin, n)
 
 
@@ -118,32 +127,40 @@ def probability_of_improvement(first: Strata, second: Strata) -> Estimate:
     return Estimate(value, value - below, value + above, n)
 
 
-def performance_profile(sample: Strata, thresholds: Sequence[float]) -> pd.DataFrame:
+def performance_profile(
+    sample: Strata, thresholds: Sequence[float], clusters: Clusters | None = None
+) -> pd.DataFrame:
     """Returns the share of runs over each threshold, with Clopper and Pearson's exact intervals.
 
     An interval holds threshold by threshold, not for the whole profile at once. Runs of several strata count
-    as one sample, for which the intervals are wider than they need to be.
+    as one sample, for which the intervals are wider than they need to be. Of runs that depend on each other,
+    only as many count as there are clusters.
 
     Args:
         sample: the strata.
         thresholds: values of the measure, in any order.
+        clusters: of all runs, which are independent of each other by default.
 
     Returns:
         threshold, share, low, high, n, reason.
     """
     parts = _parts(sample)
     values = np.concatenate(parts) if parts else np.zeros(0)
-    rows = [{"threshold": threshold, **_share_over(values, threshold)} for threshold in thresholds]
+    counted = len(values)
+    if clusters is not None:
+        counted = len({clusters[run] for part in _finite(sample).values() for run in part.index})
+    rows = [{"threshold": each, **_share_over(values, each, counted)} for each in thresholds]
     return pd.DataFrame(rows, columns=["threshold", "share", "low", "high", "n", "reason"])
 
 
-def _share_over(values: Floats, threshold: float) -> dict[str, Any]:
-    n, over = len(values), int((values > threshold).sum())
-    if not n:
+def _share_over(values: Floats, threshold: float, counted: int) -> dict[str, Any]:
+    if not len(values):
         return {"share": math.nan, "low": math.nan, "high": math.nan, "n": 0, "reason": "no results"}
-    low = special.betaincinv(over, n - over + 1, 1 - TAIL) if over else 0.0
-    high = special.betaincinv(over + 1, n - over, TAIL) if over < n else 1.0
-    return {"share": over / n, "low": float(low), "high": float(high), "n": n, "reason": ""}
+    share = float((values > threshold).mean())
+    over, under = share * counted, (1 - share) * counted
+    low = special.betaincinv(over, under + 1, 1 - TAIL) if over else 0.0
+    high = special.betaincinv(over + 1, under, TAIL) if under else 1.0
+    return {"share": share, "low": float(low), "high": float(high), "n": len(values), "reason": ""}
 
 
 def _margin(parts: Sequence[Floats], freedoms: Sequence[float] | None = None) -> float:
@@ -156,6 +173,23 @@ def _margin(parts: Sequence[Floats], freedoms: Sequence[float] | None = None) ->
         return 0.0
     shares = (variance**2 / max(freedom, 1.0) for variance, freedom in zip(variances, freedoms, strict=True))
     return float(special.stdtrit(total**2 / sum(shares), TAIL)) * math.sqrt(total)
+
+
+def _margin_of_clusters(parts: Sequence[Floats], names: Sequence[Hashable], kept: float = 1.0) -> float:
+    """Returns half the width of Student's interval of the mean over all values of `parts`, by clusters.
+
+    Args:
+        parts: values of each stratum.
+        names: of the clusters of all values, in the same order.
+        kept: share of the clusters that count as degrees of freedom.
+    """
+    residuals = np.concatenate([part - part.mean() for part in parts])
+    _, places = np.unique(np.array(list(map(str, names))), return_inverse=True)
+    sums = np.bincount(places, residuals)
+    if len(sums) < 2:
+        return math.nan
+    error = math.sqrt(len(sums) / (len(sums) - 1) * float(sums @ sums)) / len(residuals)
+    return float(special.stdtrit(max(len(sums) * kept - 1, 1.0), TAIL)) * error
 
 
 def _superiority(values: Floats, others: Floats) -> float:

@@ -1,4 +1,4 @@
-"""Power of Welch's test: the smallest difference that a number of seeds can show."""
+"""Power of tests: the smallest difference that a number of seeds can show."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from analysis.statistics.comparisons import standard_error_of_difference
-from analysis.statistics.samples import SIGNIFICANCE, Description
+from analysis.statistics.samples import CONFIDENCE, SIGNIFICANCE, Description
 
 POWER = 0.8
 """Probability of finding a difference that is there, by convention (Cohen, 1988)."""
@@ -75,6 +75,40 @@ def detectable_difference(
         high *= 2
     shift = optimize.brentq(lambda shift: _power(shift, first, second, significance) - wanted, 0.0, high)
     return float(shift) * error
+
+
+def detectable_in_pairs(
+    pairs: int, margin: float, wanted: float = POWER, significance: float = SIGNIFICANCE
+) -> float:
+    """Returns the smallest mean difference that a two-sided paired t-test finds with power `wanted`.
+
+    Exact for normal differences: the test statistic has the noncentral t distribution.
+
+    Args:
+        pairs: their number.
+        margin: half the width of the 95 % interval of the mean difference.
+        wanted: probability of finding the difference, over `significance` and under 1.
+        significance: p under which the test finds a difference.
+
+    Returns:
+        In the unit of the margin; NaN with fewer than two pairs or without a margin over 0.
+    """
+    if pairs < 2 or not margin > 0:
+        return math.nan
+    from scipy import optimize, special
+
+    freedom = pairs - 1
+    critical = float(special.stdtrit(freedom, 1 - significance / 2))
+
+    def lacking(shift: float) -> float:
+        low, high = special.nctdtr(freedom, shift, [-critical, critical])
+        return float(1 - high + low) - wanted
+
+    high = 1.0
+    while lacking(high) < 0:
+        high *= 2
+    shift = optimize.brentq(lacking, 0.0, high)
+    return float(shift) * margin / float(special.stdtrit(freedom, (1 + CONFIDENCE) / 2))
 
 
 def _power(shift: float, first: Description, second: Description, significance: float) -> float:

@@ -45,7 +45,7 @@ def downloads(frames: Frames, measured: Measured) -> list[Download]:
     tables = {
         "summary": ("one teacher in one comparison", measured.summary),
         "seeds": ("one run at its final evaluation", measured.finals),
-        "tests": ("one Welch's t-test against Random, with Holm's adjustment of p", measured.tests),
+        "tests": ("one test against Random, with Holm's adjustment of p", measured.tests),
         "learning_curves": ("one measure of one teacher at one step", pd.concat(curves, ignore_index=True)),
         "mastered_tasks": ("one test task and the share of seeds that master it", tasks),
         "measures": ("one run: area under its curve, steps to a share, forgetting", run_measures(frames)),

@@ -1,0 +1,86 @@
+"""Runs whose seeds stand for the same student under every teacher, and the tests that pair them."""
+
+from __future__ import annotations
+
+from collections.abc import Hashable, Mapping, Sequence
+from typing import Final, TypeAlias
+
+import pandas as pd
+
+from analysis.statistics import Comparison, paired, paired_strata, stratified, welch
+from analysis.statistics.pairing import seed_means
+from tma_ray.results import SIMULATED
+
+SHARED: Final = frozenset({SIMULATED})
+"""Engines on which all runs of a seed, on every challenge, train a student with the same pace of learning.
+
+There the rule of `statistics.pairing.pairing_helps` asks for pairs; on all others it does not
+(`docs/statistics.md`).
+"""
+
+Seeds: TypeAlias = Mapping[Hashable, Hashable]
+"""Seeds of runs by id, of those that are paired; runs that it lacks are independent of all others."""
+
+
+def seeds_to_pair(*tables: pd.DataFrame) -> Seeds:
+    """Returns the seeds of the runs that are to be paired by them.
+
+    Args:
+        tables: with engine, seed and run_id.
+    """
+    seeds: dict[Hashable, Hashable] = {}
+    for table in tables:
+        rows = table[table["engine"].isin(SHARED)]
+        seeds |= dict(zip(rows["run_id"].astype(object), rows["seed"], strict=True))
+    return seeds
+
+
+def compared(sample: pd.Series, reference: pd.Series, seeds: Seeds) -> Comparison:
+    """Compares the means of two samples, by pairs if all of their runs are in `seeds`, else by Welch's test.
+
+    Args:
+        sample: one value a run, indexed by run id.
+        reference: likewise.
+        seeds: of `seeds_to_pair`.
+    """
+    if are_paired([sample, reference], seeds):
+        return paired_strata([(sample.dropna(), reference.dropna())], [1.0], seeds)
+    return welch(sample, reference)
+
+
+def compared_over_strata(
+    pairs: Sequence[tuple[pd.Series, pd.Series]], weights: Sequence[float], seeds: Seeds
+) -> Comparison:
+    """Compares the means of two groups over strata, as `compared` does; arguments as of `stratified`."""
+    if are_paired([sample for pair in pairs for sample in pair], seeds):
+        return paired_strata(pairs, weights, seeds)
+    return stratified(pairs, weights)
+
+
+def mean_over_strata(samples: Sequence[pd.Series], weights: Sequence[float], seeds: Seeds) -> Comparison:
+    """Returns the weighted mean of the strata's means, and its interval, as the difference from 0.
+
+    Args:
+        samples: of each stratum, one value a run, indexed by run id.
+        weights: of the strata; they need not add up to 1.
+        seeds: of `seeds_to_pair`; where they are paired, the mean is that of seeds that all strata have.
+    """
+    if are_paired(samples, seeds):
+        means = seed_means(samples, weights, seeds)
+        return paired(means, 0.0 * means)
+    zero = pd.Series([0.0, 0.0], index=["first zero", "second zero"])
+    return stratified([(sample, zero) for sample in samples], weights)
+
+
+def in_common(first: pd.Series, second: pd.Series, seeds: Seeds) -> tuple[pd.Series, pd.Series]:
+    """Returns the values of both samples whose seeds both have, if they are paired; else all of them."""
+    if not are_paired([first, second], seeds):
+        return first, second
+    mine, theirs = (sample.index.map(seeds) for sample in (first, second))
+    return first[mine.isin(theirs)], second[theirs.isin(mine)]
+
+
+def are_paired(samples: Sequence[pd.Series], seeds: Seeds) -> bool:
+    """Tells whether all runs of some samples, at least one, are among `seeds`."""
+    runs = [run for sample in samples for run in sample.index] if seeds else []
+    return bool(runs) and all(run in seeds for run in runs)
