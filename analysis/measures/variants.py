@@ -9,7 +9,7 @@ import pandas as pd
 
 from tma_ray.benchmark import MATRICES, challenges_of
 from tma_ray.part_names import base_name, split_name
-from tma_ray.results import BOX2D, BOX2D_TEST_SET, CHIPMUNK
+from tma_ray.results import BOX2D, BOX2D_TEST_SET, CHIPMUNK, SIMULATED
 
 PLUS = " + "
 
@@ -57,6 +57,8 @@ def _variant(engine: str, environment: str, challenge: str, pool: str, test_sets
     students = {student for _, student in parts_of(pool)}
     alike = [matrix for matrix in MATRICES if (matrix.environment, matrix.challenge) == place]
     words = [f"{key}={value}" for key, value in settings.items()]
+    if engine == SIMULATED:  # whose body, student and test tasks are all of its own
+        return "; ".join([*words, "simulated students"])
     if bodies != {body for matrix in alike for body in matrix.embodiments} and alike:
         words.append(", ".join(sorted(bodies)))
     if students != ({student for matrix in alike for student in matrix.students} or {USUAL_STUDENT}):

@@ -166,3 +166,11 @@ def test_pairs_needed_as_published(effect: float, published: float) -> None:
         assert (detectable_in_pairs(pairs, margin) <= effect) == enough
     assert math.isnan(detectable_in_pairs(1, 1.0))
     assert math.isnan(detectable_in_pairs(5, math.nan))
+
+
+def test_a_variant_of_simulated_students_is_said_once() -> None:
+    cells = [
+        cell("random", seed, 1.0, engine=SIMULATED, embodiment="simulated", student="simulated")
+        for seed in (0, 1)
+    ]
+    assert set(pool(*cells)["variant"]) == {"simulated students"}
