@@ -44,7 +44,7 @@ def compared(sample: pd.Series, reference: pd.Series, seeds: Seeds) -> Compariso
         seeds: of `seeds_to_pair`.
     """
     if are_paired([sample, reference], seeds):
-        return paired_strata([(sample.dropna(), reference.dropna())], [1.0], seeds)
+        return paired_strata([(sample, reference)], [1.0], seeds)
     return welch(sample, reference)
 
 
