@@ -47,7 +47,7 @@ CHANGES = (
     Change("docs/baselines.md", "colleague", "results", "whose runs are there"),
     Change("docs/baselines.md", "compare mine", "compare results", "the campaign is only planned"),
     Change("docs/add_teacher.md", "compare mine", "compare results", "likewise"),
-    Change("docs/add_teacher.md", "--seeds 8", "--seeds 2", "as many as are needed for a test"),
+    Change("docs/add_teacher.md", "--seeds 10", "--seeds 2", "as many as are needed for a test"),
     Change("docs/releasing.md", "--stage core", "--stage core --challenges original", "fewer speeds"),
     Change("docs/releasing.md", "--stage levels", "--stage core --challenges original", "likewise"),
     Change("docs/releasing.md", "--lean", "--lean --partial", "its campaign is only begun"),
