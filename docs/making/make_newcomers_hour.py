@@ -39,7 +39,8 @@ PARTS: Final = {
     "A teacher of one's own": (
         "wc -l frontier.py",
         "tma-ray simulate --teachers frontier:Frontier,random --challenges original --seeds 4",
-        "tma-ray simulate --teachers frontier:Frontier --expert-knowledge high --seeds 10 --results simulated",
+        "tma-ray simulate --teachers frontier:Frontier --expert-knowledge high --seeds 10 "
+        "--results simulated",
         "tma-ray compare simulated --baseline simulated-1",
         "tma-ray run --teacher frontier:Frontier --student ppo --steps 20k --results single",
         "tma-ray campaign --teachers frontier:Frontier,random --students ppo --seeds 2 --steps 40k "
