@@ -33,6 +33,7 @@ METAVARS: Mapping[str, str] = {
     "ADDRESS": "the address of a Ray cluster",
     "DEVICE": "torch's name of a device",
     "LICENCE": "a licence, as SPDX names it",
+    "TEXT": "a sentence, in quotation marks",
     "SIZE": "width and height, as 640x480",
     "N": "a whole number; steps may be written 500000, 500k or 20M",
     "WIDTH": "the number of slots of a cohort, or off",

@@ -2,12 +2,13 @@
 
 from analysis.baselines.catalogue import Baseline, as_baseline, baselines, find_baseline
 from analysis.baselines.growing import add_to_release
-from analysis.baselines.manifest import BaselineError, BaselineFile, BaselineKind, BaselineManifest
+from analysis.baselines.manifest import About, BaselineError, BaselineFile, BaselineKind, BaselineManifest
 from analysis.baselines.publishing import check_address, publish
 from analysis.baselines.releasing import release
 from analysis.baselines.verification import Verification, verify
 
 __all__ = [
+    "About",
     "Baseline",
     "BaselineError",
     "BaselineFile",

@@ -8,7 +8,7 @@ from pathlib import Path
 from uuid import uuid4
 
 from analysis.baselines.catalogue import Baseline
-from analysis.baselines.manifest import BASELINE_FILE, BaselineError, BaselineManifest
+from analysis.baselines.manifest import BASELINE_FILE, UNSAID, About, BaselineError, BaselineManifest
 from analysis.baselines.releasing import describe, refuse_damaged, release_folder
 from tma_ray.results import Results, RunStatus, Shard, Store, Table, add_shard, check_id
 
@@ -20,7 +20,7 @@ def add_to_release(
     output: Path | None = None,
     licence: str = "",
     *,
-    core: tuple[str, ...] = (),
+    about: About = UNSAID,
 ) -> Path:
     """Adds to a release the runs of a root that are done and that it lacks, as one file per table.
 
@@ -35,7 +35,7 @@ def add_to_release(
         shard: name of the new files: letters, digits, "_" and "-".
         output: folder in which the release lies; the current one by default.
         licence: see `releasing.release`; by default what the release has.
-        core: campaigns that ``tma-ray campaign --like`` repeats; by default what the release has.
+        about: what its runs do not tell; by default what the release has.
 
     Returns:
         The folder of the release.
@@ -57,8 +57,8 @@ def add_to_release(
         _refuse_nothing(added, results, folder)
         planned = _most(before.planned if before else {}, _planned(results))
         missing = _missing(Results(store), planned)
-        old = (before.licence, before.core) if before else ("", ())
-        describe(aside, name, licence or old[0], missing, added, core or old[1], planned)
+        licence = licence or (before.licence if before else "")
+        describe(aside, name, licence, missing, added, about.or_of(before), planned)
         _replace(folder, aside)
     finally:
         shutil.rmtree(aside, ignore_errors=True)

@@ -58,6 +58,28 @@ class BaselineFile:
 
 
 @dataclass(frozen=True)
+class About:
+    """Statements about a release that its runs do not make.
+
+    Attributes:
+        core: campaigns that ``tma-ray campaign --like`` repeats; empty for what the release has, or all.
+        gaps: campaigns that it is to have and that have not begun, in words; empty for what the release has.
+    """
+
+    core: tuple[str, ...] = ()
+    gaps: str = ""
+
+    def or_of(self, released: BaselineManifest | None) -> About:
+        """Returns these statements, and those of a release where there are none."""
+        if released is None:
+            return self
+        return About(self.core or released.core, self.gaps or released.gaps)
+
+
+UNSAID: Final = About()
+
+
+@dataclass(frozen=True)
 class _Format:
     """What every version of `BASELINE_FILE` says first."""
 
@@ -85,6 +107,7 @@ class BaselineManifest:
         benchmark_versions: of its runs, rising; 0 for those made before there was one.
         core: campaigns that ``tma-ray campaign --like`` repeats; empty for all of them.
         planned: runs that each campaign was to have, by its name, of a release that grows by shards.
+        gaps: campaigns that it is to have and that have not begun, in words; empty if nobody named any.
     """
 
     name: str
@@ -102,6 +125,7 @@ class BaselineManifest:
     benchmark_versions: tuple[int, ...] = ()
     core: tuple[str, ...] = ()
     planned: Mapping[str, Natural] = field(default_factory=dict)
+    gaps: str = ""
 
     def to_bytes(self) -> bytes:
         """Returns the content of `BASELINE_FILE`."""

@@ -16,6 +16,8 @@ import pandas as pd
 from analysis.baselines.card import CARD_FILE, card, holdings
 from analysis.baselines.manifest import (
     BASELINE_FILE,
+    UNSAID,
+    About,
     BaselineError,
     BaselineFile,
     BaselineKind,
@@ -64,7 +66,7 @@ def release(
     *,
     partial: bool = False,
     contents: Contents = WHOLE,
-    core: tuple[str, ...] = (),
+    about: About = UNSAID,
 ) -> Path:
     """Packs the campaigns of a root that are done into a folder of files that need nothing else.
 
@@ -79,7 +81,7 @@ def release(
         licence: under which others may use it, an SPDX identifier such as ``CC-BY-4.0``.
         partial: pack campaigns that are not done or are damaged as well, and say so.
         contents: `tma_ray.results.LEAN` leaves out episodes, logs of teachers, policies, names of machines.
-        core: campaigns that ``tma-ray campaign --like`` repeats; all by default.
+        about: what its runs do not tell; by default what a release says that is packed anew.
 
     Returns:
         The new folder.
@@ -100,8 +102,8 @@ def release(
         store = Store.open(aside)
         copy = copy_merged(frames.results, store, contents)
         refuse_damaged(copy.damaged, partial)
-        old = (grown.licence, grown.core, grown.planned) if grown else ("", (), {})
-        describe(aside, name, licence or old[0], missing, copy, core or old[1], old[2])
+        licence = licence or (grown.licence if grown else "")
+        describe(aside, name, licence, missing, copy, about.or_of(grown), grown.planned if grown else {})
         aside.rename(folder)
     finally:
         shutil.rmtree(aside, ignore_errors=True)
@@ -114,8 +116,8 @@ def describe(
     licence: str,
     missing: str,
     copy: Copy | Shard,
-    core: tuple[str, ...] = (),
-    planned: Mapping[str, int] | None = None,
+    about: About,
+    planned: Mapping[str, int],
 ) -> None:
     """Writes card and manifest of a root that was copied to `place`, and verifies all of it.
 
@@ -128,7 +130,7 @@ def describe(
         (place / file).unlink(missing_ok=True)
     released = load(place)
     manifest = _manifest(released, name, licence, missing, copy, store)
-    manifest = replace(manifest, core=core, planned=dict(planned or {}))
+    manifest = replace(manifest, core=about.core, gaps=about.gaps, planned=dict(planned))
     text = card(manifest, _made(released), tables=_tables(released))
     (place / CARD_FILE).write_text(text, encoding="utf-8")
     files = tuple(BaselineFile.of(store, path) for path in store.files())

@@ -8,7 +8,7 @@ import pandas as pd
 import pytest
 from synthetic_results import SyntheticCampaign
 
-from analysis.baselines import BaselineError, add_to_release, find_baseline, release, verify
+from analysis.baselines import About, BaselineError, add_to_release, find_baseline, release, verify
 from analysis.baselines.catalogue import PLACES_VARIABLE
 from analysis.data.frames import load
 from tma_ray.cli import main
@@ -40,7 +40,8 @@ def first(tmp_path: Path) -> Path:
 
 @pytest.fixture
 def grown(first: Path, tmp_path: Path) -> Path:
-    return add_to_release(first, "growing", "batch-1", tmp_path / "out", "CC0-1.0", core=("batch",))
+    about = About(core=("batch",), gaps="The campaign `more` has not begun.")
+    return add_to_release(first, "growing", "batch-1", tmp_path / "out", "CC0-1.0", about=about)
 
 
 def test_a_shard_is_a_file_per_table_without_episodes_policies_and_hosts(first: Path, grown: Path) -> None:
@@ -73,6 +74,7 @@ def test_what_it_holds_of_its_runs_is_what_their_root_holds(first: Path, grown: 
     card = (grown / "README.md").read_text()
     assert "It holds no policies" in card
     assert "The final policies are in" not in card
+    assert "## Known gaps\n\nThe campaign `more` has not begun.\n" in card
 
 
 def test_a_second_shard_adds_what_is_new_and_changes_no_file(grown: Path, tmp_path: Path) -> None:
@@ -93,6 +95,7 @@ def test_a_second_shard_adds_what_is_new_and_changes_no_file(grown: Path, tmp_pa
     assert sorted(load(grown).cells["seed"]) == [0, 0, 1, 1, 2, 2]
     manifest = find_baseline(grown).manifest
     assert (manifest.core, manifest.planned) == (("batch",), {"batch": 4, "more": 2})
+    assert manifest.gaps == "The campaign `more` has not begun."
 
 
 def test_runs_of_a_release_are_done_in_a_root_that_starts_from_it(grown: Path, tmp_path: Path) -> None:
@@ -139,7 +142,9 @@ def test_what_campaigns_lack_is_told_until_they_have_it(first: Path, tmp_path: P
 @pytest.mark.slow
 def test_shards_are_merged_by_packing_the_release_anew(grown: Path, tmp_path: Path) -> None:
     add_to_release(batch(tmp_path / "more", range(2, 3)), "growing", "batch-2", grown.parent)
-    merged = release(grown, "whole", grown.parent, contents=LEAN)
+    merged = release(grown, "whole", grown.parent, contents=LEAN, about=About(gaps="Parkour."))
+    manifest = find_baseline(merged).manifest
+    assert (manifest.core, manifest.gaps) == (("batch",), "Parkour.")
     assert {name for name in files(merged) if name.startswith("tables/evaluations")} == {
         "tables/evaluations/original.parquet"
     }
@@ -153,7 +158,9 @@ def test_the_command_adds_shards(
 ) -> None:
     monkeypatch.chdir(tmp_path)
     monkeypatch.delenv(PLACES_VARIABLE, raising=False)
-    assert main(["release", "first", "growing", "--shard", "one", "--core", "batch"]) == 0
+    said = ["--core", "batch", "--gaps", "Parkour has not begun."]
+    assert main(["release", "first", "growing", "--shard", "one", *said]) == 0
+    assert find_baseline("growing").manifest.gaps == "Parkour has not begun."
     assert capsys.readouterr().out == "growing\n"
     assert main(["release", "first", "growing", "--shard", "two"]) == 2
     assert "nothing to add" in capsys.readouterr().err

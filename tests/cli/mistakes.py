@@ -77,6 +77,7 @@ BY_KIND: Mapping[str, Sequence[str]] = {
     "ADDRESS": ("", "host", "host:port", "host:99999", "http://x", "::", "ray://127.0.0.1:10001"),
     "DEVICE": ("", "gpu", "cuda:-1", "cuda:9", "cpu:1", "CPU", "tpu", "meta"),
     "LICENCE": ("", " ", "\n", "my own", LONG, "CC BY 4.0"),
+    "TEXT": ("", " ", "\n"),
     "SIZE": ("", "0x0", "1x1", "640", "640x", "x480", "-1x-1", "640x480x3", "1e30x5", "99999x99999", "6*4"),
     "N": (*NO_NUMBERS, *TOO_MANY, "0.5", "0.0001k", "1,5"),
     "WIDTH": (*NO_NUMBERS, *TOO_MANY, "0", "0.5", "of", "OFF"),

@@ -203,6 +203,12 @@ def _add_release(parser: CommandParser) -> None:
         metavar="NAME,...",
         help="campaigns that 'tma-ray campaign --like' repeats (default: all)",
     )
+    parser.add_argument(
+        "--gaps",
+        type=named("a sentence"),
+        metavar="TEXT",
+        help="campaigns that the release is to have and that have not begun, for its card (default: none)",
+    )
     parser.set_defaults(command=_release)
 
 
@@ -274,11 +280,12 @@ def _release(options: argparse.Namespace) -> int:
 
 def _packed(options: argparse.Namespace, output: Path) -> Path:
     """Returns the folder of the release, or of that to which a shard was added."""
-    from analysis.baselines import add_to_release, release
+    from analysis.baselines import About, add_to_release, release
     from tma_ray.results import LEAN, WHOLE
 
-    where, licence, core = (options.root, options.name), options.licence or "", tuple(options.core)
+    where, licence = (options.root, options.name), options.licence or ""
+    about = About(tuple(options.core), options.gaps or "")
     if options.shard:
-        return add_to_release(*where, options.shard, output, licence, core=core)
+        return add_to_release(*where, options.shard, output, licence, about=about)
     contents = LEAN if options.lean else WHOLE
-    return release(*where, output, licence, partial=options.partial, contents=contents, core=core)
+    return release(*where, output, licence, partial=options.partial, contents=contents, about=about)
