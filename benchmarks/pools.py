@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import argparse
+import signal
+import threading
 import time
 from collections.abc import Callable, Sequence
 from contextlib import ExitStack
@@ -35,7 +37,12 @@ def parser(description: str) -> argparse.ArgumentParser:
 
 
 def execute(plan: Plan, options: argparse.Namespace) -> PoolReport:
-    """Executes the runs of `plan` that are not done, as the options say; returns how far they came."""
+    """Executes the runs of `plan` that are not done, as the options say; returns how far they came.
+
+    SIGTERM ends it as the last minute does, with checkpoints: it would leave the processes behind else.
+    """
+    terminated = threading.Event()
+    signal.signal(signal.SIGTERM, lambda *_: terminated.set())
     deadline = time.monotonic() + 60 * options.minutes
     committer = Committer.open(options.results)
     runs = plan.runs[slice(*(int(part) if part else None for part in options.order.split(":")))]
@@ -51,7 +58,7 @@ def execute(plan: Plan, options: argparse.Namespace) -> PoolReport:
         show = _printer(len(runs), lease.keep)
 
         def stop() -> bool:
-            return time.monotonic() > deadline or lease.asked_to_stop()
+            return terminated.is_set() or time.monotonic() > deadline or lease.asked_to_stop()
 
         return run_in_processes(runs, options.results, options.processes, placement, stop, show)
 

@@ -27,6 +27,12 @@ EXPLANATION = (
 
 NO_BREAK = "\N{NO-BREAK SPACE}"
 
+LINE = 80
+"""Characters of a line of the terminal, which no table exceeds."""
+
+CHALLENGE_WIDTH, LEAST_TEACHER_WIDTH = 10, 14
+"""Characters of a column, of which six and one fill a line."""
+
 
 def show_leaderboards(names: Sequence[str], console: Console | None = None) -> None:
     """Prints the leaderboards of some releases.
@@ -111,11 +117,12 @@ def _ranking(board: Leaderboard) -> Table:
 
 
 def _challenges(board: Leaderboard) -> Table:
-    """Returns teachers by challenges, numbers without decimals so that six fit into 80 columns."""
+    """Returns teachers by challenges, numbers without decimals so that six fit into a line."""
     table = Table(box=None, pad_edge=False, padding=(0, 0, 0, 1))
-    table.add_column("teacher", max_width=14, overflow="fold")
+    left = LINE - len(board.challenges) * (1 + CHALLENGE_WIDTH)
+    table.add_column("teacher", max_width=max(LEAST_TEACHER_WIDTH, left), overflow="fold")
     for title in board.challenges:
-        table.add_column(_short_title(title), justify="right", max_width=10, overflow="fold")
+        table.add_column(_short_title(title), justify="right", max_width=CHALLENGE_WIDTH, overflow="fold")
     for entry in board.entries:
         numbers = (entry.results.get(title) for title in board.challenges)
         table.add_row(label(entry.rank.teacher), *(_short(each) if each else "" for each in numbers))
