@@ -152,8 +152,9 @@ def test_an_edit_moves_coordinates_of_the_task_just_replayed() -> None:
 
 def test_accel_starts_from_easy_tasks_where_an_expert_knows_them() -> None:
     teacher = started("accel", KnowledgeLevel.HIGH)
-    tasks = np.stack([teacher.new_task() for _ in range(500)])
-    np.testing.assert_allclose(tasks.mean(axis=0), [0.27, 7, 5.6], atol=0.2)
+    proposed = np.stack([teacher.propose().task for _ in range(500)])
+    for tasks in (proposed, teacher.probe(500)):
+        np.testing.assert_allclose(tasks.mean(axis=0), [0.27, 7, 5.6], atol=0.2)
 
 
 def test_senseless_hyperparameters_are_refused() -> None:

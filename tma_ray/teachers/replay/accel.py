@@ -60,11 +60,14 @@ class ACCEL(PrioritisedReplay):
         task, self.edited_, self.replayed_ = self.edited_, None, None
         return Proposal(task, trains=False)
 
-    def new_task(self) -> Task:
-        """Returns a task (d,) of the initial Gaussian at high knowledge, else a uniform one."""
+    def new_tasks(self, rng: np.random.Generator, count: int | None = None) -> Task:
+        """Returns a task (d,), or `count` of them (count, d).
+
+        They are of the initial Gaussian at high knowledge, else uniform.
+        """
         if self.knowledge.level is KnowledgeLevel.HIGH:
-            return self.knowledge.initial.sample(self.space, self.rng)
-        return super().new_task()
+            return self.knowledge.initial.sample(self.space, rng, count)
+        return super().new_tasks(rng, count)
 
     def after_replay(self, task: Task) -> None:
         """Edits `task` (d,), to be played next."""

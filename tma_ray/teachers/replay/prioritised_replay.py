@@ -86,12 +86,12 @@ class PrioritisedReplay(Teacher):
         if self._replays():
             self.replayed_ = int(self.buffer_.draw(self.rng, 1)[0])
             return self.buffer_.replay(self.replayed_)
-        task = self.new_task()
+        task = self.new_tasks(self.rng)
         return task if self.new_tasks_train else Proposal(task, trains=False)
 
-    def new_task(self) -> Task:
-        """Returns a task (d,) that is not of the buffer: a uniform one."""
-        return self.space.sample(self.rng)
+    def new_tasks(self, rng: np.random.Generator, count: int | None = None) -> Task:
+        """Returns a task (d,) that is not of the buffer, or `count` of them (count, d): uniform ones."""
+        return self.space.sample(rng, count)
 
     def observe(self, episode: Episode) -> Query:
         """Asks for what the score is made of."""
@@ -111,10 +111,10 @@ class PrioritisedReplay(Teacher):
         return None
 
     def probe(self, count: int) -> Task:
-        """Returns `count` tasks (count, d) as they are replayed; uniform ones while the buffer is empty."""
+        """Returns `count` tasks (count, d) as they are replayed; new ones while the buffer is empty."""
         rng = self.probe_rng()
         if not len(self.buffer_):
-            return self.space.sample(rng, count)
+            return self.new_tasks(rng, count)
         tasks: Task = self.buffer_.tasks[self.buffer_.draw(rng, count)]
         return tasks
 
