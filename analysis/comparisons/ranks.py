@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Hashable
+from collections.abc import Collection, Hashable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
+import numpy as np
 import pandas as pd
 
 from analysis.comparisons.aggregates import ACROSS, stratified_differences, stratified_means
@@ -88,7 +89,8 @@ class Rank:
 def ranks(runs: pd.DataFrame, teachers: Collection[str] | None = None, measure: str = MEASURE) -> list[Rank]:
     """Returns the rank of each teacher at each level and budget, the best first.
 
-    One family at each: the tests of all pairs of teachers of which one is looked at, corrected by Holm.
+    One family at each, corrected by Holm: the tests of the pairs of which one is looked at, and of which the
+    other has results on all of its challenges. What is not ranked costs no power.
 
     Args:
         runs: of `pooling.pool_runs`.
@@ -100,15 +102,24 @@ def ranks(runs: pd.DataFrame, teachers: Collection[str] | None = None, measure: 
         across = dict(zip(ACROSS, key, strict=True))
         present = sorted(group["teacher"].unique())
         looked = [name for name in present if teachers is None or name in teachers]
-        tests = _tests(group, looked, measure)
         means = {row["teacher"]: row for row in stratified_means(group, measure).to_dict("records")}
+        tests = _tests(group, looked, measure, {name: means[name]["challenges"] for name in looked})
         here = [_rank(name, across, means[name], tests[tests["teacher"] == name]) for name in looked]
         found += sorted(here, key=lambda rank: (-rank.mean, rank.teacher))
     return found
 
 
-def _tests(group: pd.DataFrame, teachers: list[str], measure: str) -> pd.DataFrame:
-    """Returns the test of each of `teachers` against every other one: its columns, and holm."""
+def _tests(
+    group: pd.DataFrame, teachers: list[str], measure: str, challenges: Mapping[str, int]
+) -> pd.DataFrame:
+    """Returns the test of each of `teachers` against every other one: its columns, and holm.
+
+    Args:
+        group: runs.
+        teachers: who are looked at.
+        measure: column of `group`.
+        challenges: how many each of `teachers` has; holm is NaN where neither is ranked beside the other.
+    """
     parts, columns = [], ["teacher", "other", "challenges", "fewest", "difference", "p"]
     for teacher in teachers:
         table = stratified_differences(group, measure, teacher)
@@ -116,9 +127,11 @@ def _tests(group: pd.DataFrame, teachers: list[str], measure: str) -> pd.DataFra
         parts.append(flipped[columns])
     tests = pd.concat(parts, ignore_index=True) if parts else pd.DataFrame(columns=columns)
     pairs = [" | ".join(sorted(names)) for names in zip(tests["teacher"], tests["other"], strict=True)]
-    once = dict(zip(pairs, tests["p"].astype(float), strict=True))
-    corrected = dict(zip(once, holm(pd.Series(once)), strict=True))
-    return tests.assign(holm=[corrected[pair] for pair in pairs])
+    ranked = tests["challenges"] == tests["teacher"].map(challenges)
+    counted = zip(pairs, tests["p"].astype(float), ranked, strict=True)
+    once = {pair: p for pair, p, counts in counted if counts}
+    corrected = dict(zip(once, holm(pd.Series(once, dtype=float)), strict=True))
+    return tests.assign(holm=[corrected.get(pair, np.nan) for pair in pairs])
 
 
 def _rank(teacher: str, across: dict[str, Any], mine: dict[Hashable, Any], tests: pd.DataFrame) -> Rank:
