@@ -103,25 +103,22 @@ def ranks(runs: pd.DataFrame, teachers: Collection[str] | None = None, measure: 
         present = sorted(group["teacher"].unique())
         looked = [name for name in present if teachers is None or name in teachers]
         means = {row["teacher"]: row for row in stratified_means(group, measure).to_dict("records")}
-        tests = _tests(group, looked, measure, {name: means[name]["challenges"] for name in looked})
+        tests = _tests(group, measure, {name: means[name]["challenges"] for name in looked})
         here = [_rank(name, across, means[name], tests[tests["teacher"] == name]) for name in looked]
         found += sorted(here, key=lambda rank: (-rank.mean, rank.teacher))
     return found
 
 
-def _tests(
-    group: pd.DataFrame, teachers: list[str], measure: str, challenges: Mapping[str, int]
-) -> pd.DataFrame:
-    """Returns the test of each of `teachers` against every other one: its columns, and holm.
+def _tests(group: pd.DataFrame, measure: str, challenges: Mapping[str, int]) -> pd.DataFrame:
+    """Returns the test of each teacher that is looked at against every other one: its columns, and holm.
 
     Args:
         group: runs.
-        teachers: who are looked at.
         measure: column of `group`.
-        challenges: how many each of `teachers` has; holm is NaN where neither is ranked beside the other.
+        challenges: how many each of these teachers has; holm is NaN where neither is ranked beside the other.
     """
     parts, columns = [], ["teacher", "other", "challenges", "fewest", "difference", "p"]
-    for teacher in teachers:
+    for teacher in challenges:
         table = stratified_differences(group, measure, teacher)
         flipped = table.assign(other=table["teacher"], teacher=teacher, difference=-table["difference"])
         parts.append(flipped[columns])
