@@ -1,10 +1,10 @@
-"""The structure of the house: no import circles, no shadowed modules, small rooms, modules and functions."""
+"""The structure of the house: no import circles, no shadowed modules, readable modules and functions."""
 
 from __future__ import annotations
 
 import ast
 import re
-from collections import Counter, defaultdict
+from collections import Counter
 from collections.abc import Iterator
 from functools import cache
 from graphlib import CycleError, TopologicalSorter
@@ -15,8 +15,8 @@ import pytest
 HOUSE = Path(__file__).parent.parent
 PACKAGES = ("tma_ray", "analysis")
 
-MOST_MODULES, MOST_LINES, MOST_FUNCTION_LINES = 16, 300, 50
-"""In a room (without its `__init__`), in a module, in a function."""
+MOST_LINES, MOST_FUNCTION_LINES = 700, 80
+"""Lines of a module, which is what one reads in one sitting, and lines of a function."""
 
 QUESTIONS = ("How", "What", "When", "Where", "Whether", "Who", "Whose", "Why")
 """First words of a docstring that asks instead of saying what a thing is or does."""
@@ -75,13 +75,6 @@ def test_no_module_is_hidden_by_what_its_package_exports() -> None:
                 names = {f"{name}.{alias.asname or alias.name}" for alias in node.names}
                 hidden |= {each for each in names & modules.keys() if node.module != name}
     assert not hidden
-
-
-def test_rooms_hold_some_fifteen_modules() -> None:
-    rooms: dict[str, int] = defaultdict(int)
-    for path in _modules().values():
-        rooms[path.parent.relative_to(HOUSE).as_posix()] += path.name != "__init__.py"
-    assert not {room for room, count in rooms.items() if count > MOST_MODULES}
 
 
 def test_modules_and_functions_are_short() -> None:
