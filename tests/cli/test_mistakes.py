@@ -22,7 +22,7 @@ import numpy as np
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
-from mistakes import Mistake, commands, fill, mistakes
+from mistakes import Mistake, commands, fill, mistakes, valid_rest
 
 from tma_ray.campaign import execution, single
 from tma_ray.campaign.costs import estimation
@@ -77,8 +77,8 @@ def places(root: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Mappi
     monkeypatch.setattr(estimation, "measured_speeds", lambda kinds, *_: dict.fromkeys(kinds, MEASURED))
     monkeypatch.setattr(single, "run_locally", lambda *_: AttemptOutcome.DONE)
     monkeypatch.setattr(execution, "execute_plan", _checked_plan)
-    for name in ("empty", "foreign", "source"):
-        (tmp_path / name).mkdir()
+    for name in ("empty", "foreign", "source", "home", "checkout/.git", "busy/tmp"):
+        (tmp_path / name).mkdir(parents=True)
     (tmp_path / "file").write_text("a,b\n1,2\n")
     (tmp_path / "foreign" / "precious.txt").write_text("not ours\n")
     (tmp_path / "source" / "tasks.csv").write_text("0,6\n1.5,3\n")
@@ -87,7 +87,19 @@ def places(root: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Mappi
         tmp_path / "weights.npz", **{name: np.zeros(shape, np.float32) for name, shape in SHAPES.items()}
     )
     named = {
-        name: tmp_path / name for name in ("empty", "foreign", "source", "file", "loop", "missing", "new")
+        name: tmp_path / name
+        for name in (
+            "empty",
+            "foreign",
+            "source",
+            "file",
+            "loop",
+            "missing",
+            "new",
+            "home",
+            "checkout",
+            "busy",
+        )
     }
     named["weights"] = tmp_path / "weights.npz"
     return {**named, "root": root, "run": Results.open(root).runs()[0].run.run_id}
@@ -147,6 +159,31 @@ def test_every_number_is_of_the_one_grammar() -> None:
 @given(mistake=st.sampled_from(MISTAKES))
 def test_mistakes_are_refused_by_name(warm: Mapping[str, Any], mistake: Mistake) -> None:
     assert wrong(mistake, warm) == ""
+
+
+WRITERS = [
+    (path, parser, action)
+    for path, parser in commands()
+    for action in parser._actions
+    if action.metavar == "ROOT" and "to write" in str(action.help) and path != ("plan",)
+]
+"""Commands that write a results root, and their options that name it."""
+
+
+@pytest.mark.parametrize("place", ["/", "{home}", "{checkout}", "{busy}"])
+def test_no_command_makes_a_root_where_others_have_files(
+    places: Mapping[str, Any], monkeypatch: pytest.MonkeyPatch, place: str
+) -> None:
+    monkeypatch.setenv("HOME", str(places["home"]))
+    (places["busy"] / "tmp" / "notes.txt").write_text("mine")
+    assert len(WRITERS) == 6
+    for path, parser, action in WRITERS:
+        words = [word for word in valid_rest(path, parser, action) if word != "--dry-run"]
+        end = ending((*path, *words, f"{action.option_strings[-1]}={place}"), places)
+        assert end.code == 2, (path, end.said)
+        assert re.search("results need a folder of their own|empty", end.said), (path, end.said)
+    assert not [*Path.cwd().rglob("root.json"), *Path.cwd().rglob("lease.json"), *Path("/").glob("root.json")]
+    assert len(list(places["busy"].rglob("*"))) == 2
 
 
 @settings(max_examples=400, deadline=None, derandomize=True)

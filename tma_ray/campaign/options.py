@@ -13,6 +13,7 @@ from tma_ray.campaign.option_values import (
     parse_address,
     parse_assignment,
     parse_levels,
+    parse_results,
     parse_seeds,
     parse_space,
 )
@@ -155,7 +156,11 @@ def add_cell_options(group: argparse._ActionsContainer) -> None:
 def add_results_option(parser: argparse.ArgumentParser) -> None:
     """Adds the option that says where results are written."""
     parser.add_argument(
-        "--results", type=root, default="results", metavar="ROOT", help="folder, s3:// or gs:// to write to"
+        "--results",
+        type=parse_results,
+        default="results",
+        metavar="ROOT",
+        help="folder, s3:// or gs:// to write to",
     )
 
 
