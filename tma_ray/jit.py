@@ -43,7 +43,8 @@ def kernel(function: F) -> F:
     Kernels of the physics and the terrains use arithmetic and comparisons only, no transcendental functions:
     compiled and plain they give the same bits.
     """
-    compiled: Any = numba.njit(cache=True)(function)
+    # Inlined into each other: a call hands over an array as seven values, and takes longer than most kernels.
+    compiled: Any = numba.njit(cache=True, forceinline=True)(function)
     if compiled is not function:
         # numba notices changes of the function's own file only, but kernels call others of their package.
         file = Path(function.__code__.co_filename)
