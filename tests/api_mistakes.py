@@ -159,6 +159,8 @@ MISTAKES: Mapping[str, str] = {
     '(lambda e: (e.reset(seed=0), e.step("left")))(env())': "Value: an action has shape (4,)",
     'make_vector_environment("stump_tracks", 0)': "Value: num_envs = 0: expected",
     'make_vector_environment("stump_tracks", -1)': "Value: num_envs = -1: expected",
+    'make_vector_environment("stump_tracks", 2.5)': "Value: num_envs = 2.5: expected",
+    'make_vector_environment("stump_tracks", 2, threads=3)': "Value: threads = 3: expected",
     "VectorEnvironment([])": "Value: environments is empty: expected",
     'gym.make("tma_ray/StumpTracks-v0", embodiment="spidre")': "Value: unknown embodiment 'spidre'",
     'load_embodiment("spidre")': "Value: unknown embodiment 'spidre'",
