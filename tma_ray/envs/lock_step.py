@@ -146,5 +146,5 @@ class EngineLockStep(SequentialLockStep):
         """Takes one step in some; see `LockStep`."""
         assert self._batch is not None, "reset begins the first episodes"
         observations, rewards, terminated = self._batch.step(rows, actions)
-        self._steps[rows] += 1
-        return Outcome(observations, rewards, terminated, ~terminated & (self._steps[rows] >= self._longest))
+        self._steps[rows] = steps = self._steps[rows] + 1
+        return Outcome(observations, rewards, terminated, ~terminated & (steps >= self._longest))

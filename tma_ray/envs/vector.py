@@ -135,7 +135,7 @@ class VectorEnvironment(VectorEnv[Observations, NDArray[np.float32], NDArray[Any
             )
         outcome = self._worlds.step(self._rows, values)
         self._returns += outcome.rewards
-        self._running &= ~outcome.over
+        self._running[outcome.over] = False
         assert self._observations is not None
         self._observations[:] = outcome.observations
         success = {

@@ -97,7 +97,7 @@ def _part(_context: Any, vector: Any, _at: Any, shape: Any) -> Any:
 
     It is one instruction, where numba's slices and `reshape` check each size and call a function.
     """
-    kind = types.Array(vector.dtype, shape.count, "C")  # type: ignore[no-untyped-call]
+    kind = types.Array(vector.dtype, shape.count, "C")
 
     def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
         whole = context.make_array(signature.args[0])(context, builder, arguments[0])

@@ -14,7 +14,7 @@ from threading import Thread
 from typing import Any
 
 import numpy as np
-from llvmlite import ir
+from llvmlite import ir  # type: ignore[import-untyped]
 from numba import carray, types  # type: ignore[attr-defined]
 from numba.extending import intrinsic
 from numpy.typing import NDArray
@@ -35,15 +35,15 @@ PATIENCE = 200
 """How often an idle thread looks for tickets, about 0.1 ms in all, before it sleeps: waking takes longer than
 many a step."""
 
-_lock_new = types.ExternalFunction("PyThread_allocate_lock", types.intp())
-_lock_free = types.ExternalFunction("PyThread_free_lock", types.void(types.intp))
-_lock_take = types.ExternalFunction("PyThread_acquire_lock", types.intc(types.intp, types.intc))
-_lock_open = types.ExternalFunction("PyThread_release_lock", types.void(types.intp))
-_give_way = types.ExternalFunction("sched_yield", types.intc())
+_lock_new: Any = types.ExternalFunction("PyThread_allocate_lock", types.intp())
+_lock_free: Any = types.ExternalFunction("PyThread_free_lock", types.void(types.intp))
+_lock_take: Any = types.ExternalFunction("PyThread_acquire_lock", types.intc(types.intp, types.intc))
+_lock_open: Any = types.ExternalFunction("PyThread_release_lock", types.void(types.intp))
+_give_way: Any = types.ExternalFunction("sched_yield", types.intc())
 
 
 def _atomic(operation: str) -> Any:
-    """Returns a function of an address and a number: it changes the integer there, and returns the old one."""
+    """Returns a function (address, number) that changes the integer there, and returns the old one."""
 
     @intrinsic
     def change(_context: Any, _address: Any, _number: Any) -> Any:
@@ -76,9 +76,8 @@ def _work(board: Integers, thread: int) -> None:
 @kernel
 def _step_row(board: Integers, row: int) -> None:
     """Steps the world at `row` of the call on the board."""
-    worlds, acting, seen, addresses_at, actions_at, observations_at, rewards_at, ended_at = board[
-        CALL : CALL + 8
-    ]
+    worlds, acting, seen = board[CALL : CALL + 3]
+    addresses_at, actions_at, observations_at, rewards_at, ended_at = board[CALL + 3 : CALL + 8]
     addresses = carray(cp.as_pointer(addresses_at), (worlds, 4), np.int64)
     actions = carray(cp.as_pointer(actions_at), (worlds, acting), np.float32)
     observations = carray(cp.as_pointer(observations_at), (worlds, seen), np.float32)
@@ -109,7 +108,7 @@ def _serve(board: Integers, lock: int, thread: int) -> None:
 
 @kernel
 def _wake(locks: Integers) -> None:
-    """Opens locks, those too that are open."""
+    """Opens every lock; one that is open may not be opened twice, and is taken first."""
     for lock in locks:
         _lock_take(lock, 0)
         _lock_open(lock)
