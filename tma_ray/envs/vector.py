@@ -125,7 +125,7 @@ class VectorEnvironment(VectorEnv[Observations, NDArray[np.float32], NDArray[Any
         values = np.asarray(actions, dtype=np.float32)
         if values.shape != self.action_space.shape:
             raise ValueError(f"actions have shape {self.action_space.shape}, got {values.shape}")
-        if np.count_nonzero(np.isfinite(values)) < values.size:  # in a tenth of the time of `all`
+        if np.count_nonzero(np.isfinite(values)) < values.size:  # several times as fast as `all`
             raise ValueError(f"actions must be finite, got {values[~np.isfinite(values).all(axis=1)][0]}")
         if np.count_nonzero(self._running) < self.num_envs:
             over = ", ".join(map(str, self._rows[~self._running]))
