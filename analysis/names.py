@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import hashlib
 import itertools
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
+from contextlib import contextmanager
+from contextvars import ContextVar
 
 from tma_ray.benchmark import CHALLENGES, challenges_of
 from tma_ray.hyperparameters import PRESET
@@ -13,6 +15,11 @@ from tma_ray.tasks import KnowledgeLevel
 
 LONGEST = 80
 """Characters of a name in sentences and tables."""
+
+YOURS = " \N{LEFTWARDS ARROW} yours"
+"""Mark behind the name of a reader's own teacher."""
+
+_OWN: ContextVar[frozenset[str]] = ContextVar("own", default=frozenset())
 
 _LABELS = {
     "random": "Random",
@@ -52,6 +59,29 @@ def label(teacher: str) -> str:
     return f"{full[: LONGEST - 27]}…{full[-20:]} [{digest}]"
 
 
+@contextmanager
+def own_first(teachers: Iterable[str]) -> Iterator[None]:
+    """Marks `teachers` as the reader's own, and sorts them before all others, within the context.
+
+    The mark is in `marked_label` and `short_labels`, not in `label`, which sentences are made of.
+    """
+    token = _OWN.set(frozenset(teachers))
+    try:
+        yield
+    finally:
+        _OWN.reset(token)
+
+
+def marked_label(teacher: str) -> str:
+    """Returns the `label` of a teacher, marked if it is one of `own_first`."""
+    return label(teacher) + mark_of(teacher)
+
+
+def mark_of(teacher: str) -> str:
+    """Returns `YOURS` for a teacher of `own_first`, else nothing."""
+    return YOURS if teacher in _OWN.get() else ""
+
+
 def with_settings(name: str, settings: Mapping[str, str]) -> str:
     """Returns `name` with settings in brackets; a preset stands for itself."""
     shown = [value if key == PRESET else f"{key}={value}" for key, value in settings.items()]
@@ -78,7 +108,7 @@ def short_labels(teachers: Iterable[str], length: int = 22) -> dict[str, str]:
 
     Args:
         teachers: all that are shown together.
-        length: at most so many characters, the numbers apart.
+        length: at most so many characters, numbers and the mark of `own_first` apart.
 
     Examples:
         >>> list(short_labels(["my_teacher:fit_every=100", "my_teacher:fit_every=250"], 16).values())
@@ -99,12 +129,12 @@ def short_labels(teachers: Iterable[str], length: int = 22) -> dict[str, str]:
         taken = set(found.values())
         counted = (f"{text} ({number})" for number in itertools.count(2))
         found[teacher] = text if text not in taken else next(each for each in counted if each not in taken)
-    return found
+    return {teacher: name + mark_of(teacher) for teacher, name in found.items()}
 
 
-def teacher_order(teacher: str) -> tuple[bool, str]:
-    """Sorts teachers: Random first, since the others are read against it, then by name."""
-    return (plain_name(teacher) != "random", label(teacher).lower())
+def teacher_order(teacher: str) -> tuple[bool, bool, str]:
+    """Sorts teachers: those of `own_first`, then Random, which the others are read against, then by name."""
+    return (teacher not in _OWN.get(), plain_name(teacher) != "random", label(teacher).lower())
 
 
 def plain_name(teacher: str) -> str:
