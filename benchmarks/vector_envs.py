@@ -8,7 +8,6 @@ time of all processes, and by wall time, which means little on a busy machine.
 
 from __future__ import annotations
 
-import argparse
 import json
 import platform
 import resource
@@ -24,6 +23,7 @@ from numpy.typing import NDArray
 from stable_baselines3.common.vec_env import DummyVecEnv
 
 import tma_ray  # noqa: F401  (registers the environments)
+from tma_ray.command_line import Parser
 
 ID = "tma_ray/StumpTracks-v0"
 TASK = np.array([1.5, 3.0])
@@ -131,9 +131,7 @@ def measure(number: int, steps: int, repeats: int) -> dict[str, Any]:
 
 def main() -> None:
     """Measures vectors of several sizes in one run."""
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    parser = Parser(description=__doc__)
     parser.add_argument("--numbers", type=int, nargs="+", default=[1, 8, 64], help="environments in a vector")
     parser.add_argument("--steps", type=int, default=100_000, help="of all environments together")
     parser.add_argument("--repeats", type=int, default=3)
