@@ -36,7 +36,7 @@ METAVARS: Mapping[str, str] = {
     "LICENCE": "a licence, as SPDX names it",
     "TEXT": "a sentence, in quotation marks",
     "SIZE": "width and height, as 640x480",
-    "N": "a whole number; steps may be written 500000, 500k or 20M",
+    "N": "a whole number; steps may be written 500000, 500k, 500K or 20M",
     "WIDTH": "the number of slots of a cohort, or off",
     "X": "a number",
     "SECONDS": "a time in s",

@@ -69,12 +69,12 @@ def test_every_value_is_read_by_a_type_or_chosen() -> None:
 
 def test_no_option_may_be_abbreviated_and_a_refusal_names_it(capsys: pytest.CaptureFixture[str]) -> None:
     for parser in parsers():
-        options = [option for option in parser._option_string_actions if option.startswith("--")]
-        for option, end in ((option, end) for option in options for end in range(3, len(option))):
-            if option[:end] not in options:
+        options = {option for option in parser._option_string_actions if option.startswith("--")}
+        for option in options:
+            for short in {option[:end] for end in range(3, len(option))} - options:
                 with pytest.raises(SystemExit):
-                    parser.parse_args([option[:end]])
-                assert option in capsys.readouterr().err, f"{parser.prog} {option[:end]}"
+                    parser.parse_args([short])
+                assert option in capsys.readouterr().err, f"{parser.prog} {short}"
 
 
 def test_every_program_of_the_project_has_such_a_parser() -> None:

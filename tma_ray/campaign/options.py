@@ -14,6 +14,7 @@ from tma_ray.campaign.option_values import (
     parse_assignment,
     parse_levels,
     parse_seeds,
+    parse_source,
     parse_space,
 )
 from tma_ray.campaign.placing.options import add_placing_options, placed
@@ -181,7 +182,7 @@ def add_execution_options(parser: argparse.ArgumentParser) -> argparse._Argument
     _add_times(how)
     how.add_argument(
         "--start-from",
-        type=root,
+        type=parse_source,
         metavar="ROOT",
         help="results root or release whose runs are copied first and not repeated (default: none)",
     )

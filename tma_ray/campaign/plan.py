@@ -33,6 +33,9 @@ class Plan:
     runs: tuple[RunSpec, ...]
     cell_rows: tuple[dict[str, Any], ...]
 
+    def __post_init__(self) -> None:
+        check_id(self.name)
+
     @property
     def steps(self) -> int:
         """Environment steps of all runs together."""

@@ -10,7 +10,8 @@ from typing import Final
 SHOWN: Final = 60
 """Characters of a refused text that a message repeats."""
 
-_LICENCE: Final = re.compile(r"[\w.+-]+( (AND|OR|WITH) [\w.+-]+)*", re.ASCII)
+_IDENTIFIER: Final = r"\d*[A-Za-z][\w.-]*\+?"
+_LICENCE: Final = re.compile(rf"{_IDENTIFIER}( (AND|OR|WITH) {_IDENTIFIER})*", re.ASCII)
 _LONGEST_LICENCE: Final = 200
 
 
