@@ -7,6 +7,7 @@ import itertools
 from collections.abc import Iterable, Mapping
 
 from tma_ray.benchmark import CHALLENGES, challenges_of
+from tma_ray.commands.texts import visible
 from tma_ray.hyperparameters import PRESET
 from tma_ray.part_names import split_name
 from tma_ray.tasks import KnowledgeLevel
@@ -45,7 +46,7 @@ def label(teacher: str) -> str:
         ('ALP-GMM', 'ALP-GMM (fit_every=100)', 'GoalGAN (release)')
     """
     name, settings = split_name(teacher)
-    full = with_settings(_LABELS.get(plain_name(name), name), settings)
+    full = visible(with_settings(_LABELS.get(plain_name(name), name), settings))
     if len(full) <= LONGEST:
         return full
     digest = hashlib.sha256(teacher.encode()).hexdigest()[:4]
@@ -121,7 +122,7 @@ def title(column: str, value: object) -> str:
         if len(titles) == 1:  # several environments have an "original"
             return titles.pop()
     names = value if isinstance(value, tuple) else (value,)
-    return ", ".join(str(name) for name in names).replace("_", " ").capitalize()
+    return visible(", ".join(str(name) for name in names)).replace("_", " ").capitalize()
 
 
 def order(column: str, value: object) -> tuple[int, str]:

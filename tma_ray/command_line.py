@@ -73,13 +73,11 @@ class Parser(argparse.ArgumentParser):
     """A parser that refuses in one sentence, which names what is meant; no option may be abbreviated.
 
     Args:
-        args: as of `argparse.ArgumentParser`.
         kwargs: as of `argparse.ArgumentParser`.
     """
 
-    def __init__(self, *args: Any, **kwargs: Any) -> None:
-        kwargs.setdefault("formatter_class", HelpFormatter)
-        super().__init__(*args, allow_abbrev=False, **kwargs)
+    def __init__(self, **kwargs: Any) -> None:
+        super().__init__(formatter_class=HelpFormatter, allow_abbrev=False, **kwargs)
 
     def parse_known_args(self, args: Any = None, namespace: Any = None) -> Any:  # noqa: D102
         words = sys.argv[1:] if args is None else list(args)
@@ -106,7 +104,7 @@ class Parser(argparse.ArgumentParser):
     def _get_value(self, action: argparse.Action, arg_string: str) -> Any:
         if action.type is not None and action.choices is not None:  # its own refusal lists none
             self._check_value(action, arg_string)
-        return super()._get_value(action, arg_string)  # type: ignore[misc]
+        return super()._get_value(action, arg_string)
 
     def _check_value(self, action: argparse.Action, value: Any) -> None:
         if action.choices is not None and value not in action.choices:
@@ -137,14 +135,14 @@ class CommandParser(Parser):
 
     def __init__(
         self,
-        *args: Any,
+        *,
         populate: Callable[[CommandParser], None] | None = None,
         examples: Sequence[str] = (),
         **kwargs: Any,
     ) -> None:
         if examples:
             kwargs["epilog"] = "\n  ".join(["examples:", *examples])
-        super().__init__(*args, **kwargs)
+        super().__init__(**kwargs)
         self.examples = tuple(examples)
         self._populate = populate
         self.add_argument(

@@ -79,7 +79,7 @@ def expanded(path: str | Path) -> Path:
     """Returns a path with the home folder in place of ``~`` or ``~user``.
 
     Raises:
-        ValueError: there is no such user.
+        ValueError: nobody is called so.
     """
     try:
         return Path(path).expanduser()
