@@ -49,7 +49,7 @@ OWN_TEST_SET_SIZE = 100
 class Cell:
     """One combination of an experiment; its seeds are runs.
 
-    Names may be followed by settings, as in ``alp_gmm:batch_size=100`` or ``module:Name:key=value``; see
+    Names may be followed by settings, as in ``alp_gmm:fit_every=100`` or ``module:Name:key=value``; see
     `tma_ray.part_names`. Runs and tables have the canonical name, which holds what differs from the defaults,
     wherever it was given.
 
