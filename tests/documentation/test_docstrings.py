@@ -44,7 +44,14 @@ NAMES = sorted({(file, name) for file, text in texts() for name in NAME.findall(
 COMMANDS = sorted({(file, "".join(found)) for file, text in texts() for found in COMMAND.findall(text)})
 
 
-@pytest.mark.parametrize("path", [path for path in FILES if ">>> " in path.read_text(encoding="utf-8")])
+@pytest.mark.parametrize(
+    "path",
+    [
+        pytest.param(path, marks=[pytest.mark.slow] if "envs" in path.parts else [])  # kernels are compiled
+        for path in FILES
+        if ">>> " in path.read_text(encoding="utf-8")
+    ],
+)
 def test_sessions_give_what_they_show(path: Path) -> None:
     parts = path.relative_to(ROOT).with_suffix("").parts
     module = importlib.import_module(".".join(parts[:-1] if parts[-1] == "__init__" else parts))

@@ -2,7 +2,8 @@
 
 import sys
 
-from tma_ray.__main__ import main
+import tma_ray.__main__  # noqa: F401  (the current folder comes last)
+from tma_ray.cli import main
 
 if __name__ == "__main__":
     sys.exit(main())

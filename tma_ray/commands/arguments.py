@@ -44,7 +44,7 @@ def check_fields(record: Any) -> None:
         TypeError: the message holds the field's name, its value and what was expected.
         ValueError: the same, where a number was expected.
     """
-    for name, (kinds, expected) in _kinds_of_fields(type(record)).items():
+    for name, (kinds, expected) in _kinds_of_fields(record.__class__).items():
         value = getattr(record, name)
         if Real not in kinds:
             check_kind(name, value, kinds, expected)
