@@ -9,6 +9,7 @@ from contextlib import contextmanager
 from contextvars import ContextVar
 
 from tma_ray.benchmark import CHALLENGES, challenges_of
+from tma_ray.commands.texts import visible
 from tma_ray.hyperparameters import PRESET
 from tma_ray.part_names import split_name
 from tma_ray.tasks import KnowledgeLevel
@@ -52,7 +53,7 @@ def label(teacher: str) -> str:
         ('ALP-GMM', 'ALP-GMM (fit_every=100)', 'GoalGAN (release)')
     """
     name, settings = split_name(teacher)
-    full = with_settings(_LABELS.get(plain_name(name), name), settings)
+    full = visible(with_settings(_LABELS.get(plain_name(name), name), settings))
     if len(full) <= LONGEST:
         return full
     digest = hashlib.sha256(teacher.encode()).hexdigest()[:4]
@@ -151,7 +152,7 @@ def title(column: str, value: object) -> str:
         if len(titles) == 1:  # several environments have an "original"
             return titles.pop()
     names = value if isinstance(value, tuple) else (value,)
-    return ", ".join(str(name) for name in names).replace("_", " ").capitalize()
+    return visible(", ".join(str(name) for name in names)).replace("_", " ").capitalize()
 
 
 def order(column: str, value: object) -> tuple[int, str]:

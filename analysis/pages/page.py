@@ -12,6 +12,7 @@ from typing import Any
 from jinja2 import Environment, PackageLoader, StrictUndefined
 
 from analysis.pages.charts import plotly_library
+from tma_ray.commands.texts import visible
 
 
 def page(template: str, **content: Any) -> str:
@@ -25,6 +26,7 @@ def _environment() -> Environment:
     environment = Environment(
         loader=PackageLoader("analysis.pages.page"),
         autoescape=True,
+        finalize=lambda value: visible(value) if type(value) is str else value,
         undefined=StrictUndefined,
         trim_blocks=True,
         lstrip_blocks=True,

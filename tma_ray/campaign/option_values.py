@@ -11,7 +11,7 @@ from tma_ray.commands.places import root
 from tma_ray.commands.quantities import COORDINATE, SEED
 from tma_ray.commands.texts import refused
 from tma_ray.part_names import nearest
-from tma_ray.results import Store
+from tma_ray.results import Store, check_root
 from tma_ray.runs.placement import check_device
 from tma_ray.tasks import KnowledgeLevel
 
@@ -126,6 +126,15 @@ def parse_results(text: str) -> str:
             Store.open(text).check_place()
         except ValueError as error:
             raise argparse.ArgumentTypeError(str(error)) from error
+    return text
+
+
+def parse_source(text: str) -> str:
+    """Parses a results root or a release to read, which has to be one."""
+    try:
+        check_root(Store.open(root(text)))
+    except (ValueError, OSError) as error:
+        raise argparse.ArgumentTypeError(str(error)) from error
     return text
 
 

@@ -49,7 +49,7 @@ class VectorEnvironment(VectorEnv[Observations, NDArray[np.float32], NDArray[Any
         >>> worlds = gymnasium.make_vec("tma_ray/StumpTracks-v0", num_envs=2, embodiment="spider")
         >>> observations, info = worlds.reset(seed=1, options={"task": np.array([[0.5, 3.0], [1.5, 6.0]])})
         >>> observations.shape, info["task"].tolist()
-        ((2, 52), [[0.5, 3.0], [1.5, 6.0]])
+        ((2, 42), [[0.5, 3.0], [1.5, 6.0]])
     """
 
     metadata: ClassVar[dict[str, Any]] = {"autoreset_mode": AutoresetMode.DISABLED, "render_modes": []}  # type: ignore[misc]

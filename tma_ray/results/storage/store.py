@@ -14,6 +14,7 @@ from uuid import uuid4
 from pyarrow import fs
 
 from tma_ray.commands.arguments import check_kind
+from tma_ray.commands.places import expanded
 from tma_ray.decoding import DamagedFileError
 from tma_ray.results.storage import disk
 from tma_ray.results.storage.addresses import open_address
@@ -75,7 +76,7 @@ class Store:
             return cls(*open_bucket(str(uri)))
         if "://" in str(uri):
             return cls(*open_address(str(uri)))
-        return cls(fs.LocalFileSystem(), Path(uri).expanduser().absolute().as_posix())
+        return cls(fs.LocalFileSystem(), expanded(uri).absolute().as_posix())
 
     def __str__(self) -> str:
         if self._local:
