@@ -42,8 +42,17 @@ def kernel(function: F) -> F:
 
     Kernels of the physics and the terrains use arithmetic and comparisons only, no transcendental functions:
     compiled and plain they give the same bits.
+
+    Raises:
+        OSError: no folder in which compiled kernels are kept may be written.
     """
-    compiled: Any = numba.njit(cache=True)(function)
+    try:
+        compiled: Any = numba.njit(cache=True)(function)
+    except RuntimeError as error:
+        raise OSError(
+            f"compiled kernels cannot be kept: neither the folder of {function.__code__.co_filename} nor the "
+            f"user's own cache may be written; name a folder that may be in NUMBA_CACHE_DIR"
+        ) from error
     if compiled is not function:
         # numba notices changes of the function's own file only, but kernels call others of their package.
         file = Path(function.__code__.co_filename)

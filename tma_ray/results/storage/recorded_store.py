@@ -48,6 +48,11 @@ class RecordedStore(Store):
             raise DamagedFileError(f"{self.where(path)} is damaged: its sha256 is not the recorded one")
         return data
 
+    def names(self, folder: str) -> set[str]:
+        """Returns the names of what is recorded directly in `folder`, without asking for it."""
+        inner = (path.removeprefix(f"{folder}/") for path in self._sha256 if path.startswith(f"{folder}/"))
+        return {path.split("/")[0] for path in inner}
+
     def read_parts(self, path: str, read: Callable[[Any], T]) -> T:
         """Returns what `read` makes of a file, compared as a whole first; raises as `read_bytes` does."""
         if self._last[0] != path:  # parts of a file are asked for one after the other

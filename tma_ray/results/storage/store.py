@@ -217,6 +217,16 @@ class Store:
         files = [info for info in found if info.type == fs.FileType.File]
         return dict(sorted((f.path.removeprefix(self._prefix), (f.mtime_ns, f.size)) for f in files))
 
+    def names(self, folder: str) -> set[str]:
+        """Returns the names of all that lies directly in `folder`; none if it does not exist."""
+        full = self.full_path(folder)
+        with self._explained(folder), suppress(FileNotFoundError):
+            if self._local:
+                return set(os.listdir(full))  # noqa: PTH208 - thousands of names
+            found = self.filesystem.get_file_info(fs.FileSelector(full, allow_not_found=True))
+            return {info.base_name for info in found}
+        return set()
+
     def check_bucket(self) -> None:
         """Refuses an object store whose bucket does not exist, which reads and lists like an empty one.
 
@@ -310,7 +320,7 @@ class Store:
     def _refuse_links_out(self, path: str) -> None:
         """Refuses symbolic links that lead out of the root: it may be others' who made it."""
         if self._local and disk.links_out(self.base, path):
-            raise DamagedFileError(f"{self.where(path)} is damaged: a symbolic link leads out of the root")
+            raise DamagedFileError(f"{self.where(path)} is damaged: a symbolic link leads out of the root or nowhere")
 
     def _info(self, path: str) -> fs.FileInfo:
         with self._explained(path):
