@@ -53,7 +53,7 @@ class DamagedFileWarning(UserWarning):
 
 
 def check_file(path: str | os.PathLike[str], most_bytes: int = MOST_BYTES) -> None:
-    """Refuses what cannot be read whole, before it is opened: a pipe waits, a device or a sparse file never ends.
+    """Refuses what cannot be read whole before it is opened: pipes wait, devices and sparse files do not end.
 
     Raises:
         FileNotFoundError: there is nothing at `path`.
@@ -75,7 +75,7 @@ def check_size(where: str | os.PathLike[str], size: int, most_bytes: int = MOST_
     """
     if size > most_bytes:
         raise DamagedFileError(
-            f"{where} is damaged: it has {size:,} bytes, more than the {most_bytes:,} that are read of such a file"
+            f"{where} is damaged: it has {size:,} bytes, more than the {most_bytes:,} that are read"
         )
 
 

@@ -106,7 +106,7 @@ class Inspector:
         with self._lock:
             if file.path not in self._shared:
                 found = self._inspect_whole(file, "", None)
-                self._shared[file.path] = found, damaged_rows(self._store, file.path) if found.damage else ()
+                self._shared[file.path] = found, damaged_rows(self._store, file) if found.damage else ()
         found, hit = self._shared[file.path]
         if not found.damage:
             return found
@@ -136,8 +136,8 @@ def lost_manifests(
 ) -> dict[str, DamagedFileError]:
     """Returns the manifests that are gone, by path, with what shows that they were there.
 
-    A run gets its manifest when it starts, and keeps it. So a run without one has lost it if its row says that
-    it is done, or if a row or cell lists it and one of the `TRACES` of runs that have started is there.
+    A run gets its manifest when it starts, and keeps it. One without has lost it if its row says that it
+    is done, or if a row or cell lists it and one of the `TRACES` of runs that have started is there.
 
     Args:
         store: the results root.

@@ -153,7 +153,9 @@ def _stamps_in(base: str, folder: str) -> Iterator[tuple[str, tuple[int | None, 
 
 def _strays(base: str, path: str) -> bool:
     """Tells whether a link to a folder leads out of the folder `base`, or to one that the link lies in."""
-    return links_out(base, path) or Path(base, path).parent.resolve().is_relative_to(Path(base, path).resolve())
+    return links_out(base, path) or Path(base, path).parent.resolve().is_relative_to(
+        Path(base, path).resolve()
+    )
 
 
 def clear_folder(folder: Path, older_than: float) -> None:

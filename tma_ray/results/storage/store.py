@@ -320,7 +320,9 @@ class Store:
     def _refuse_links_out(self, path: str) -> None:
         """Refuses symbolic links that lead out of the root: it may be others' who made it."""
         if self._local and disk.links_out(self.base, path):
-            raise DamagedFileError(f"{self.where(path)} is damaged: a symbolic link leads out of the root or nowhere")
+            raise DamagedFileError(
+                f"{self.where(path)} is damaged: a symbolic link leads out of the root or nowhere"
+            )
 
     def _info(self, path: str) -> fs.FileInfo:
         with self._explained(path):
