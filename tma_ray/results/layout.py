@@ -144,7 +144,7 @@ def _refuse(store: Store, problem: DamagedFileError | None) -> NoReturn:
 
 
 def is_id(name: str) -> bool:
-    """Tells whether `name` can be part of a path: up to `LONGEST_ID` letters, digits, "_" and "-"."""
+    """Returns True if `name` can be part of a path: up to `LONGEST_ID` letters, digits, "_" and "-"."""
     return _ID.fullmatch(name) is not None
 
 

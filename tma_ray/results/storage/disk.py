@@ -152,7 +152,7 @@ def _stamps_in(base: str, folder: str) -> Iterator[tuple[str, tuple[int | None, 
 
 
 def _strays(base: str, path: str) -> bool:
-    """Tells whether a link to a folder leads out of the folder `base`, or to one that the link lies in."""
+    """Returns True if a link to a folder leads out of the folder `base`, or to one that the link lies in."""
     return links_out(base, path) or Path(base, path).parent.resolve().is_relative_to(
         Path(base, path).resolve()
     )

@@ -181,7 +181,7 @@ class Store:
         return bool(self._info(path).type == fs.FileType.File)
 
     def holds(self, path: str) -> bool:
-        """Tells whether anything lies at `path`, be it a file or, in its place, something else."""
+        """Returns True if anything lies at `path`, a file or something else in its place."""
         return os.path.lexists(self.full_path(path)) if self._local else self.exists(path)
 
     def size(self, path: str) -> int:
