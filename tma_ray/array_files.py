@@ -10,6 +10,8 @@ from typing import IO, Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
+from tma_ray.decoding import check_file
+
 MOST_BYTES: Final = 2**28
 """Largest content of a ``.npz`` file that is read, when it is not told otherwise."""
 
@@ -26,6 +28,7 @@ def load_array(path: Path) -> NDArray[Any]:
         FileNotFoundError: the file is missing.
         ValueError: it is not such a file, claims to hold more than it does, or holds objects.
     """
+    check_file(path)
     with path.open("rb") as file:
         _check_header(file, path.stat().st_size, str(path))
         file.seek(0)
@@ -42,6 +45,7 @@ def load_arrays(path: Path, most_bytes: int = MOST_BYTES) -> dict[str, NDArray[A
         ValueError: it would take more than `most_bytes`, an array claims to be larger than it is, or holds
             objects.
     """
+    check_file(path)
     with zipfile.ZipFile(path) as archive:
         size = sum(member.file_size for member in archive.infolist())
         if size > most_bytes:

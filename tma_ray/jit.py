@@ -45,10 +45,19 @@ def kernel(function: F, nogil: bool = False) -> F:
 
     Args:
         function: the kernel.
-        nogil: whether other threads of the interpreter go on during a call.
+        nogil: True if other threads of the interpreter go on during a call.
+
+    Raises:
+        OSError: no folder in which compiled kernels are kept may be written.
     """
-    # Inlined into each other: a call hands over an array as seven values, and takes longer than most kernels.
-    compiled: Any = numba.njit(cache=True, forceinline=True, nogil=nogil)(function)
+    try:
+        # Inlined: a call hands over an array as seven values, and takes longer than most kernels.
+        compiled: Any = numba.njit(cache=True, forceinline=True, nogil=nogil)(function)
+    except RuntimeError as error:
+        raise OSError(
+            f"compiled kernels cannot be kept: neither the folder of {function.__code__.co_filename} nor the "
+            f"user's own cache may be written; name a folder that may be in NUMBA_CACHE_DIR"
+        ) from error
     if compiled is not function:
         # numba notices changes of the function's own file only, but kernels call others of their package.
         file = Path(function.__code__.co_filename)

@@ -12,6 +12,8 @@ from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 
+from tma_ray.decoding import read_file
+
 OURS = "tma_ray"
 """What every machine of a campaign has installed, and whose version is part of every run already."""
 
@@ -72,7 +74,7 @@ class PluginSource:
             found = [path for path in sorted(file.parent.glob(pattern)) if path.is_file()]
             if not found:
                 raise ValueError(f"data_files: no file {pattern!r} in {file.parent}")
-            collector.files |= {path.relative_to(root).as_posix(): path.read_bytes() for path in found}
+            collector.files |= {path.relative_to(root).as_posix(): read_file(path) for path in found}
         return cls(name, collector.files, _is_installed(root))
 
 
@@ -134,7 +136,7 @@ class _Collector:
                 continue
             path = file.relative_to(root).as_posix()
             if path not in self.files:
-                self.files[path] = file.read_bytes()
+                self.files[path] = read_file(file)
                 package = name if file.name == "__init__.py" else name.rpartition(".")[0]
                 for imported in _imports(self.files[path], package):
                     self.add(imported)

@@ -122,7 +122,7 @@ def as_baseline(root: str | Path) -> Baseline | None:
     check_kind("root", root, (str, Path), "a folder or an address")
     text = str(root)
     if "://" in text or expanded(text).exists():
-        return Baseline.open(text) if Store.open(text).exists(BASELINE_FILE) else None
+        return Baseline.open(text) if Store.open(text).holds(BASELINE_FILE) else None
     names = [each.manifest.name for each in baselines()]
     if text in names:
         return find_baseline(text)
@@ -137,7 +137,7 @@ def as_baseline(root: str | Path) -> Baseline | None:
 def _within(entry: str) -> Iterator[str]:
     """Yields the baselines at a place: itself, or those just below it."""
     store = Store.open(entry)
-    if store.exists(BASELINE_FILE):
+    if store.holds(BASELINE_FILE):
         yield entry
         return
     if "://" in entry:

@@ -52,7 +52,7 @@ def check_address(address: str, paths: Collection[str] | None = None) -> None:
         raise BaselineError(f"{address} is not an address: expected one such as s3://bucket/mine-1.0")
     target = Store.open(address)
     target.check_access()
-    if target.exists(BASELINE_FILE):
+    if target.holds(BASELINE_FILE):
         raise BaselineError(
             f"{address} exists: a release is never overwritten; choose another name or address"
         )

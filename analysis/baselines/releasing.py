@@ -169,7 +169,7 @@ def _new_folder(name: str, output: Path) -> Path:
 
 def _as_release(frames: Frames) -> BaselineManifest | None:
     store = frames.results.store
-    return BaselineManifest.load(store) if store.exists(BASELINE_FILE) else None
+    return BaselineManifest.load(store) if store.holds(BASELINE_FILE) else None
 
 
 def _refuse_unfinished(frames: Frames, partial: bool, lacking: str = "") -> str:

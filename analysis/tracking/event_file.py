@@ -10,6 +10,8 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import Final
 
+from tma_ray.decoding import read_file
+
 _NAMES: Final = "events.out.tfevents.*"
 
 _LENGTH: Final = struct.Struct("<Q")
@@ -39,7 +41,7 @@ def read_scalars(files: Sequence[Path]) -> dict[str, deque[tuple[int, float]]]:
     found: dict[str, deque[tuple[int, float]]] = defaultdict(deque)
     for file in files:
         try:
-            for record in _records(file.read_bytes()):
+            for record in _records(read_file(file)):
                 event = Event.FromString(record)
                 for value in event.summary.value:
                     found[value.tag].append((event.step, value.simple_value))

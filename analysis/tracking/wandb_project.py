@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any, Final
 
 from analysis.tracking.points import TABLES, Point, experiments_of, published_points
+from tma_ray.decoding import MOST_TEXT_BYTES, read_file
 from tma_ray.results import Manifest, Results, RunStatus, Table
 
 STEP: Final = "global_step"
@@ -59,7 +60,7 @@ class WandbProject:
         self._files: dict[str, object] = {}
         self._ledger = folder / LEDGER
         self._sent: dict[str, dict[str, int]] = (
-            json.loads(self._ledger.read_text()) if self._ledger.exists() else {}
+            json.loads(read_file(self._ledger, MOST_TEXT_BYTES)) if self._ledger.exists() else {}
         )
 
     def update(self) -> int:

@@ -4,8 +4,9 @@ python tests/chaos/damage.py                      # 500 damaged files: some minu
 python tests/chaos/damage.py --files 2000 --seed 7
 
 Prints how many were damaged by kind, and exits with 1 if a command ended in a traceback, if a run whose
-files are whole got lost, if `verify` overlooked a change of a file that readers trust, or if the tables of
-the runs that were started again differ from those of undisturbed ones.
+files are whole got lost, if `verify` overlooked a change of a file that readers trust, if a ranking changed
+and named none of the damaged files, or if the tables of the runs that were started again differ from those
+of undisturbed ones.
 """
 
 from __future__ import annotations
@@ -14,6 +15,7 @@ import contextlib
 import io
 import itertools
 import json
+import os
 import random
 import shutil
 import sys
@@ -77,8 +79,16 @@ KINDS: Mapping[str, Callable[[bytes, random.Random], bytes | None]] = {
     "mistyped": _mistyped,
     "longer": lambda data, chance: data + chance.randbytes(chance.randint(1, 100)),
     "noise": lambda data, chance: chance.randbytes(chance.randint(1, 1000)),
-    "a folder": lambda data, chance: data,
 }
+
+IN_PLACE: Mapping[str, Callable[[Path], object]] = {
+    "a folder": Path.mkdir,
+    "a pipe": os.mkfifo,
+    "a link to nowhere": lambda path: path.symlink_to("nowhere"),
+    "a circle of links": lambda path: path.symlink_to(path.name),
+    "holes": lambda path: (path.touch(), os.truncate(path, 300 * 2**30)),
+}
+"""What comes in the place of a file."""
 
 
 @dataclass
@@ -94,31 +104,33 @@ def damaged(files: int, chance: random.Random, place: Path) -> Iterator[Damage]:
     """Damages so many files, few at once in copies of a root, and tries all commands there."""
     root, specs, expected = small_root(place)
     whole = {manifest.run.run_id for manifest in Results.open(root).runs()}
+    ranking = _ended(("ranking", str(root)))[1]
     for first in range(0, files, AT_ONCE):
         copy = Path(shutil.copytree(root, place / f"copy-{first}"))
         paths = sorted(path.relative_to(copy).as_posix() for path in copy.rglob("*") if path.is_file())
         found = [
-            Damage(path, chance.choice(list(KINDS)), [])
+            Damage(path, chance.choice([*KINDS, *IN_PLACE]), [])
             for path in chance.sample(paths, min(AT_ONCE, files - first))
         ]
         for each in found:
             _damage(copy / each.path, each.kind, chance)
-        found[0].problems += _tried(copy, whole, found) + _resumed(copy, specs, expected)
+        found[0].problems += _tried(copy, whole, found, ranking) + _resumed(copy, specs, expected)
         yield from found
         shutil.rmtree(copy)
 
 
 def _damage(file: Path, kind: str, chance: random.Random) -> None:
     before = file.read_bytes()
-    after = KINDS[kind](before, chance)
     file.unlink()
-    if kind == "a folder":
-        file.mkdir()
-    elif after is not None:
+    if kind in IN_PLACE:
+        IN_PLACE[kind](file)
+        return
+    after = KINDS[kind](before, chance)
+    if after is not None:
         file.write_bytes(after if after != before else after + b"\0")
 
 
-def _tried(root: Path, whole: set[str], found: list[Damage]) -> list[str]:
+def _tried(root: Path, whole: set[str], found: list[Damage], ranking: str) -> list[str]:
     """Returns what was wrong in a root some of whose files are damaged."""
     about = " and ".join(f"{each.path} ({each.kind})" for each in found)
     problems = []
@@ -129,6 +141,8 @@ def _tried(root: Path, whole: set[str], found: list[Damage]) -> list[str]:
         outputs[words] = said
         if "Traceback" in said or code not in (0, 1, 2):
             problems.append(f"{words}, {about}: exit code {code}: {said[-1500:]}")
+    if outputs["ranking"] != ranking and not any(each.path in outputs["ranking"] for each in found):
+        problems.append(f"{about}: the ranking changed without a word")
     untouched = {run for run in whole if not any(run in each.path for each in found)}
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
@@ -136,11 +150,7 @@ def _tried(root: Path, whole: set[str], found: list[Damage]) -> list[str]:
             lost = untouched - {manifest.run.run_id for manifest in Results.open(root).runs()}
             problems += [f"{about}: {run} is lost" for run in lost]
     for each in found:
-        if (
-            each.path.startswith(TRUSTED)
-            and each.kind != "a folder"
-            and Path(each.path).stem not in outputs["verify"]
-        ):
+        if each.path.startswith(TRUSTED) and Path(each.path).stem not in outputs["verify"]:
             problems.append(f"verify overlooked {each.path} ({each.kind})")
     return problems
 
@@ -215,7 +225,7 @@ def main() -> int:
             counts[each.kind] += 1
             problems += each.problems
     sys.stdout.write("".join(f"{problem}\n" for problem in problems))
-    kinds = ", ".join(f"{kind} {counts[kind]}" for kind in KINDS)
+    kinds = ", ".join(f"{kind} {counts[kind]}" for kind in (*KINDS, *IN_PLACE))
     sys.stdout.write(f"{sum(counts.values())} damaged files ({kinds}): {len(problems)} problems\n")
     return int(bool(problems))
 

@@ -1,10 +1,13 @@
-"""The command says that it compiles, since it is silent meanwhile."""
+"""The command says that it compiles, since it is silent meanwhile, and where it cannot keep kernels."""
 
 import subprocess
 import sys
 from pathlib import Path
 
 import pytest
+from numba.core.caching import CompileResultCacheImpl
+
+from tma_ray.jit import kernel
 
 KERNELS = """
 from tma_ray.jit import kernel
@@ -35,3 +38,9 @@ def test_a_compilation_is_announced_once_by_the_command_and_not_when_it_is_cache
     first = said("tma-ray")
     assert first.count("compiling kernels, once per machine and version") == first.count("\n") == 1
     assert said("tma-ray") == ""
+
+
+def test_without_a_folder_for_compiled_kernels_a_sentence_says_so(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(CompileResultCacheImpl, "_locator_classes", [])
+    with pytest.raises(OSError, match=r"cannot be kept: .*NUMBA_CACHE_DIR"):
+        kernel(lambda x: x)

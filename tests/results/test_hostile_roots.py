@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import io
+import os
 import zipfile
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -15,11 +17,15 @@ from results_examples import make_record
 from tma_ray.array_files import load_array, load_arrays
 from tma_ray.cli import main
 from tma_ray.decoding import DamagedFileError, DamagedFileWarning
+from tma_ray.embodiments import load_embodiment
+from tma_ray.importing import load_pickle
 from tma_ray.results import Committer, Results, RunStatus, Store, Table
 from tma_ray.results.layout import table_path
 from tma_ray.results.manifest import MOST_RUN_ROWS, Manifest, PartFile
-from tma_ray.results.parquet import MOST_ROWS, decode
+from tma_ray.results.parquet import MOST_ROWS, decode, opened
 from tma_ray.results.schema import SCHEMAS
+from tma_ray.results.unpacking import unpacked_sizes
+from tma_ray.tasks import TestSet
 
 
 def repeated(table: Table, rows: int) -> bytes:
@@ -81,6 +87,79 @@ def test_rows_are_counted_before_they_are_read() -> None:
     data = repeated(Table.CELLS, 1_000)
     with pytest.raises(DamagedFileError, match="it has 1000 rows, but its manifest says 5"):
         decode(Table.CELLS, data, count=5)
+
+
+def of_large_texts(table: Table, column: str, rows: int, stored: str) -> bytes:
+    """A small file whose rows have a text of 1 MB each, stored once or compressed to next to nothing."""
+    text = "x" * 2**20
+    texts = pa.DictionaryArray.from_arrays(pa.array(np.zeros(rows, np.int32)), pa.array([text]))
+    columns = {
+        field.name: pa.array(["x"] * rows) if "string" in str(field.type) else pa.array([0] * rows)
+        for field in SCHEMAS[table]
+    }
+    columns[column] = texts if stored == "dictionary" else pa.array([f"{text}{i}" for i in range(rows)])
+    options = {} if stored == "dictionary" else {"use_dictionary": False, "column_encoding": {column: stored}}
+    sink = io.BytesIO()
+    pq.write_table(pa.table(columns), sink, compression="zstd", store_schema=False, **options)
+    return sink.getvalue()
+
+
+@pytest.mark.parametrize(
+    ("table", "column", "rows", "stored"),
+    [
+        (Table.RUNS, "spec", 1_500, "dictionary"),
+        (Table.CELLS, "experiment", 100, "PLAIN"),
+        (Table.CELLS, "experiment", 100, "DELTA_BYTE_ARRAY"),
+        (Table.CELLS, "experiment", 100, "DELTA_LENGTH_BYTE_ARRAY"),
+    ],
+)
+def test_a_table_that_would_fill_the_memory_is_refused(
+    table: Table, column: str, rows: int, stored: str
+) -> None:
+    data = of_large_texts(table, column, rows, stored)
+    assert len(data) < 2**17
+    before = pa.default_memory_pool().max_memory()
+    with pytest.raises(DamagedFileError, match=f"its {rows:,} rows of {table} would take more than"):
+        decode(table, data)
+    assert pa.default_memory_pool().max_memory() == before
+
+
+def test_ids_that_are_stored_once_are_kept_once() -> None:
+    found = decode(Table.CELLS, of_large_texts(Table.CELLS, "experiment", 1_500, "dictionary"))
+    assert len(found) == 1_500
+    assert found.nbytes < 2**22
+
+
+def test_what_the_end_of_a_file_says_of_its_pages_is_not_believed() -> None:
+    data = of_large_texts(Table.RUNS, "spec", 1_500, "dictionary")
+    file, source = opened(data), pa.BufferReader(data)
+    sizes = list(unpacked_sizes(file, source, [0], ["spec"], ()))
+    claimed = file.metadata.row_group(0).column(SCHEMAS[Table.RUNS].names.index("spec"))
+    assert sum(sizes) > 1_500 * 2**20 > 100 * claimed.total_uncompressed_size
+
+
+@pytest.mark.parametrize("place", ["a pipe", "holes"])
+@pytest.mark.parametrize(
+    ("name", "read"),
+    [
+        ("tests.csv", TestSet.from_csv),
+        ("body.toml", load_embodiment),
+        ("array.npy", load_array),
+        ("weights.npz", load_arrays),
+        ("log.pkl", load_pickle),
+    ],
+)
+def test_no_reader_waits_for_a_pipe_or_reads_holes(
+    tmp_path: Path, name: str, read: Callable[[Path], object], place: str
+) -> None:
+    path = tmp_path / name
+    if place == "a pipe":
+        os.mkfifo(path)
+    else:
+        path.touch()
+        os.truncate(path, 300 * 2**30)
+    with pytest.raises(ValueError, match=r"a named pipe lies in its place|it has 322,122,547,200 bytes"):
+        read(path)
 
 
 @pytest.mark.parametrize("target", ["file", "folder", "circle"])

@@ -14,6 +14,7 @@ from typing import Any, get_type_hints
 
 import msgspec
 
+from tma_ray.decoding import MOST_TEXT_BYTES, check_file
 from tma_ray.embodiments.checks import EmbodimentError
 from tma_ray.embodiments.embodiment import Embodiment
 from tma_ray.embodiments.parts import GripSensor, Joint, Part
@@ -88,6 +89,8 @@ def _folder() -> Traversable:
 
 def _parse(path: Traversable, settings: Mapping[str, float]) -> Embodiment:
     try:
+        if isinstance(path, Path):
+            check_file(path, MOST_TEXT_BYTES)
         return _built(tomllib.loads(path.read_text(encoding="utf-8")), settings)
     except EmbodimentError:
         raise

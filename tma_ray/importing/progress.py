@@ -11,6 +11,7 @@ from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
+from tma_ray.decoding import MOST_TEXT_BYTES, read_file
 from tma_ray.importing.errors import DamagedSeedError
 from tma_ray.importing.folders import SeedFolder
 
@@ -94,7 +95,7 @@ def read_progress(folder: SeedFolder) -> Progress:
 def _read(path: Path, delimiter: str, columns: _Columns, unit: int) -> tuple[tuple[Window, ...], bool]:
     """Returns the windows of a table whose steps count `unit` environment steps, and whether it was cut."""
     try:
-        text = path.read_text(encoding="utf-8")
+        text = read_file(path, MOST_TEXT_BYTES).decode()
     except (OSError, ValueError) as error:
         raise DamagedSeedError(f"{path} cannot be read ({type(error).__name__}): copy it again") from error
     lines = [line for line in csv.reader(text.splitlines(), delimiter=delimiter) if line]
@@ -139,7 +140,7 @@ def _window(
 
 def _config(path: Path) -> dict[str, Any]:
     try:
-        content = json.loads(path.read_text(encoding="utf-8"))
+        content = json.loads(read_file(path, MOST_TEXT_BYTES))
     except FileNotFoundError as error:
         raise DamagedSeedError(f"{path} is missing, which says steps_per_epoch: copy it too") from error
     except (OSError, ValueError, RecursionError) as error:

@@ -12,6 +12,7 @@ from typing import Any, Final
 import numpy as np
 
 from tma_ray.array_files import load_array
+from tma_ray.decoding import MOST_TEXT_BYTES, read_file
 from tma_ray.importing.errors import DamagedSeedError, ImportRefusedError
 from tma_ray.importing.teacher_history import DIMENSIONS, Floats, entries, matrix
 from tma_ray.importing.unpickling import LARGEST_MEBIBYTES, load_pickle
@@ -110,7 +111,7 @@ def _read(path: Path, by_position: bool) -> FoundTestSet:
 
 
 def _of_csv(path: Path) -> tuple[tuple[str, ...], Floats | None]:
-    rows = [row for row in csv.reader(io.StringIO(path.read_text(encoding="utf-8"))) if row]
+    rows = [row for row in csv.reader(io.StringIO(read_file(path, MOST_TEXT_BYTES).decode())) if row]
     try:
         return (), _table([[float(value) for value in row] for row in rows])
     except ValueError:

@@ -18,6 +18,7 @@ from typing import Any, Final, NoReturn
 
 import numpy as np
 
+from tma_ray.decoding import DamagedFileError, check_file
 from tma_ray.importing.errors import RefusedPickleError
 from tma_ray.importing.opcodes import PickleRefusal, check_opcodes
 
@@ -45,6 +46,7 @@ def load_pickle(path: Path, largest_mebibytes: int = LARGEST_MEBIBYTES) -> Any:
             else; nothing that it asked for was imported, called or changed.
     """
     try:
+        check_file(path)
         size = path.stat().st_size
         if size > largest_mebibytes << 20:
             raise RefusedPickleError(
@@ -52,6 +54,8 @@ def load_pickle(path: Path, largest_mebibytes: int = LARGEST_MEBIBYTES) -> Any:
                 f"read: if that is right, allow more with --largest-pickle"
             )
         data = path.read_bytes()
+    except DamagedFileError as error:
+        raise RefusedPickleError(str(error)) from error
     except OSError as error:
         raise RefusedPickleError(f"{path} cannot be read ({error.strerror}): copy it again") from error
     try:

@@ -12,7 +12,7 @@ from typing import Annotated
 
 import msgspec
 
-from tma_ray.decoding import DamagedFileError, Sha256, decode_json
+from tma_ray.decoding import MOST_BYTES, DamagedFileError, Sha256, decode_json
 from tma_ray.plugin_source import PluginSource
 from tma_ray.results.layout import INPUTS
 from tma_ray.results.records import RunRecord
@@ -106,7 +106,7 @@ def read_plugin(store: Store, digest: str) -> PluginSource:
         DamagedFileError: it is not what was written.
     """
     where = store.where(plugin_path(digest))
-    content = decode_json(store.read_bytes(plugin_path(digest)), _Source, where)
+    content = decode_json(store.read_bytes(plugin_path(digest), MOST_BYTES), _Source, where)
     try:
         files = {name: base64.b64decode(code) for name, code in content.files.items()}
         source = PluginSource(content.module, files, content.installed)

@@ -147,13 +147,18 @@ def _refuse(store: Store, problem: DamagedFileError | None) -> NoReturn:
     )
 
 
+def is_id(name: str) -> bool:
+    """Returns True if `name` can be part of a path: up to `LONGEST_ID` letters, digits, "_" and "-"."""
+    return _ID.fullmatch(name) is not None
+
+
 def check_id(name: str) -> str:
     """Returns `name` if it can be part of a path.
 
     Raises:
         ValueError: anything but letters, digits, "_" and "-", or too many of them.
     """
-    if not _ID.fullmatch(name):
+    if not is_id(name):
         raise ValueError(
             f"id {name!r:.60} is part of file names: use up to {LONGEST_ID} letters, digits, '_' and '-'"
         )

@@ -10,9 +10,10 @@ from typing import Any, Final
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from tma_ray.decoding import DamagedFileError
+from tma_ray.decoding import MOST_BYTES, DamagedFileError
 from tma_ray.results.rows import completed, selected
 from tma_ray.results.schema import SCHEMAS, VERSION_KEY, Table
+from tma_ray.results.unpacking import unpacked_sizes
 
 ROW_GROUP_ROWS: Final = 1 << 17
 """Rows of a row group: several runs' evaluations, and a few megabytes of episodes."""
@@ -22,11 +23,13 @@ MOST_ROWS: Final = {
 }
 """Rows of one file beyond which it is a mistake, or a trap: repeated rows take next to nothing on disk."""
 
-MOST_LIST_VALUES: Final = 100_000
-"""Entries of the lists of one row, on average, beyond which likewise."""
+MOST_ROW_BYTES: Final = {
+    table: 2**20 if table in (Table.RUNS, Table.TEACHER_LOG) else 2**16 for table in Table
+}
+"""Bytes of one row in memory, on average, beyond which likewise; files under 1,000 rows may have as much."""
 
-MOST_ROW_BYTES: Final = 2**20
-"""Bytes of one row, on average, beyond which likewise."""
+MOST_UNPACKED_BYTES: Final = {Table.RUNS: 2**30, Table.ATTEMPTS: 2**28, Table.CELLS: 2**28}
+"""Bytes of a file in memory beyond which likewise; of other tables half of `MOST_BYTES`."""
 
 _REPEATED: Final = {
     Table.EVALUATIONS: ("task_index", "task.list.element"),
@@ -69,16 +72,17 @@ def decode_rows(table: Table, file: Any, first: int, count: int, columns: Sequen
         DamagedFileError: it lacks a column.
         IndexError: the file does not have so many rows.
     """
-    parquet = pq.ParquetFile(file, page_checksum_verification=True)
+    parquet = _opened(table, file)
     ends = list(
         itertools.accumulate(parquet.metadata.row_group(i).num_rows for i in range(parquet.num_row_groups))
     )
     if first + count > (ends[-1] if ends else 0):
         raise IndexError(f"it has {parquet.metadata.num_rows} rows, not {first + count}")
     groups = [i for i, end in enumerate(ends) if end > first and (i == 0 or ends[i - 1] < first + count)]
-    _check_size(table, parquet, groups, count + 2 * ROW_GROUP_ROWS)
+    names = _present(parquet, columns)
+    _check_size(table, parquet, file, groups, names, count + 2 * ROW_GROUP_ROWS)
     skipped = ends[groups[0] - 1] if groups and groups[0] else 0
-    rows = parquet.read_row_groups(groups, _present(parquet, columns), use_threads=False)
+    rows = parquet.read_row_groups(groups, names, use_threads=False)
     return _completed(table, columns, rows).slice(first - skipped, count)
 
 
@@ -103,16 +107,15 @@ def decode(
         OSError, pa.ArrowException: the bytes are not a complete Parquet file of this table.
         DamagedFileError: it lacks a column, has another number of rows, or claims more than makes sense.
     """
-    file = pq.ParquetFile(pa.BufferReader(data), page_checksum_verification=not checked)
+    source = pa.BufferReader(data)
+    file = _opened(table, source, checked=checked)
     rows = file.metadata.num_rows
     if count is not None and rows != count:
         raise DamagedFileError(f"it has {rows} rows, but its manifest says {count}")
-    _check_size(table, file, range(file.num_row_groups), MOST_ROWS[table])
     names = SCHEMAS[table].names if columns is None else columns
-    found = file.read(names, use_threads=False)  # leaves out what the file does not have
-    if not found.num_columns:
-        found = file.read(_present(file, names), use_threads=False)
-    return _completed(table, names, found)
+    present = _present(file, names)
+    _check_size(table, file, source, range(file.num_row_groups), present, MOST_ROWS[table])
+    return _completed(table, names, file.read(present, use_threads=False))
 
 
 def opened(data: bytes) -> pq.ParquetFile:
@@ -135,18 +138,20 @@ def schema_version(file: Any) -> int:
     return int((pq.read_schema(file).metadata or {})[VERSION_KEY.encode()])
 
 
-def unreadable_rows(data: bytes) -> Iterator[tuple[int, int]]:
+def unreadable_rows(table: Table, data: bytes) -> Iterator[tuple[int, int]]:
     """Yields first and end of the rows of each row group in which a page is damaged.
 
     Raises:
         OSError, pa.ArrowException: the bytes are not a Parquet file at all.
     """
-    file, first = pq.ParquetFile(pa.BufferReader(data), page_checksum_verification=True), 0
+    source = pa.BufferReader(data)
+    file, first = _opened(table, source), 0
     for group in range(file.num_row_groups):
         count = file.metadata.row_group(group).num_rows
         try:
+            _check_size(table, file, source, [group], file.schema_arrow.names, MOST_ROWS[table])
             file.read_row_group(group, use_threads=False)
-        except (OSError, pa.ArrowException):
+        except (OSError, pa.ArrowException, DamagedFileError):
             yield first, first + count
         first += count
 
@@ -157,20 +162,42 @@ def same_rows(table: Table, rows: pa.Table, others: pa.Table) -> bool:
     return alike or encode(table, rows) == encode(table, others)  # NaN equals itself as bytes only
 
 
-def _check_size(table: Table, file: pq.ParquetFile, groups: Iterable[int], most_rows: int) -> None:
-    """Refuses row groups that would fill the memory, by what the end of the file says of them.
+def _opened(table: Table, source: Any, *, checked: bool = False) -> pq.ParquetFile:
+    """Returns an opened file whose ids are read as dictionaries, whatever the file says of them."""
+    metadata = pq.read_metadata(source)
+    there = set(metadata.schema.names)  # an older file lacks some, which must not be asked for
+    ids = [name for name in _ids(table) if name in there]
+    return pq.ParquetFile(
+        source, metadata=metadata, page_checksum_verification=not checked, read_dictionary=ids
+    )
+
+
+def _ids(table: Table) -> list[str]:
+    return [field.name for field in SCHEMAS[table] if pa.types.is_dictionary(field.type)]
+
+
+def _check_size(
+    table: Table,
+    file: pq.ParquetFile,
+    source: Any,
+    groups: Sequence[int],
+    columns: Sequence[str],
+    most_rows: int,
+) -> None:
+    """Refuses columns of row groups that would fill the memory.
 
     Raises:
-        DamagedFileError: too many rows, entries of lists or bytes.
+        DamagedFileError: too many rows or bytes, or pages that do not tell their size.
     """
-    found = [file.metadata.row_group(group) for group in groups]
-    rows = sum(group.num_rows for group in found)
-    values = max((group.column(i).num_values for group in found for i in range(group.num_columns)), default=0)
-    size = sum(group.total_byte_size for group in found)
+    rows = sum(file.metadata.row_group(group).num_rows for group in groups)
     if rows > most_rows:
         raise DamagedFileError(f"it claims {rows:,} rows, more than {most_rows:,} of {table}")
-    if values > MOST_LIST_VALUES * max(rows, 1) or size > MOST_ROW_BYTES * max(rows, 1_000):
-        raise DamagedFileError(f"it claims {values:,} values and {size:,} bytes in {rows:,} rows of {table}")
+    most = min(MOST_ROW_BYTES[table] * max(rows, 1_000), MOST_UNPACKED_BYTES.get(table, MOST_BYTES // 2))
+    if any(
+        size > most
+        for size in itertools.accumulate(unpacked_sizes(file, source, groups, columns, _ids(table)))
+    ):
+        raise DamagedFileError(f"its {rows:,} rows of {table} would take more than {most:,} bytes of memory")
 
 
 def _present(file: pq.ParquetFile, columns: Sequence[str]) -> list[str]:

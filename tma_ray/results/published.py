@@ -13,8 +13,12 @@ from tma_ray.decoding import DamagedFileError
 from tma_ray.results.rows import completed
 from tma_ray.results.schema import SCHEMA_VERSION
 from tma_ray.results.storage.store import Store
+from tma_ray.results.unpacking import unpacked_sizes
 
 PUBLISHED_FILE: Final = "published.parquet"
+
+MOST_UNPACKED_BYTES: Final = 2**26
+"""Bytes in memory beyond which a table is none that anybody published."""
 
 _NAMES = pa.list_(pa.field("element", pa.string(), nullable=False))
 _PERCENT = {"unit": "% of the test tasks"}
@@ -62,11 +66,17 @@ def read_published(store: Store) -> pa.Table:
 
     Raises:
         FileNotFoundError: there is none.
-        DamagedFileError: the file lacks a column.
+        DamagedFileError: the file lacks a column, or would take too much memory.
         OSError, pa.ArrowException: it is not a complete Parquet file.
     """
     data = pa.BufferReader(store.read_bytes(PUBLISHED_FILE))
-    table = pq.ParquetFile(data, page_checksum_verification=True).read()
+    file = pq.ParquetFile(data, page_checksum_verification=True)
+    names = file.schema_arrow.names
+    if sum(unpacked_sizes(file, data, range(file.num_row_groups), names, ())) > MOST_UNPACKED_BYTES:
+        raise DamagedFileError(
+            f"{store.where(PUBLISHED_FILE)} would take more than {MOST_UNPACKED_BYTES:,} bytes"
+        )
+    table = file.read()
     try:
         return completed(PUBLISHED_SCHEMA, PUBLISHED_SCHEMA.names, table)
     except KeyError as error:

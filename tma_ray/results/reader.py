@@ -6,7 +6,7 @@ import time
 import warnings
 from collections.abc import Callable, Collection, Iterable, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from pathlib import Path
+from pathlib import Path, PurePosixPath
 from typing import Final, Self, TypeAlias, TypeVar
 
 import numpy as np
@@ -15,7 +15,7 @@ import pyarrow.compute as pc
 
 from tma_ray.commands.arguments import check_known, check_names
 from tma_ray.decoding import DamagedFileWarning
-from tma_ray.results.inspection import damage_reason
+from tma_ray.results.inspection import damage_reason, lost_manifests
 from tma_ray.results.layout import MANIFESTS, TABLES, check_root, manifest_path, table_path
 from tma_ray.results.manifest import Manifest, PartFile, load_manifest
 from tma_ray.results.merging.shared_files import (
@@ -85,6 +85,8 @@ class Results:
         read = dict(zip(new, self._map(self._load, new, self._threads()), strict=True))
         found = {key: known[key] if key in known else read[key[0]] for key in stamps.items()}
         self._manifests = tuple(manifest for manifest in found.values() if manifest is not None)
+        lost = lost_manifests(store, self._manifests, {PurePosixPath(path).stem for path in stamps})
+        self._map(lambda path: self._report(path, lost[path]), list(lost), 1)
         self._places = {manifest.run.run_id: place for place, manifest in enumerate(self._manifests)}
         self._known: _Known = {
             (path, (at, size)): manifest

@@ -16,7 +16,7 @@ import pyarrow.compute as pc
 
 from tma_ray.decoding import decode_json
 from tma_ray.results.inputs import damaged_inputs
-from tma_ray.results.inspection import Damage, Inspector, damage_reason
+from tma_ray.results.inspection import Damage, Inspector, damage_reason, lost_manifests
 from tma_ray.results.layout import MANIFESTS, POLICIES, TABLES, check_root, policy_folder
 from tma_ray.results.manifest import Manifest, PartFile, load_manifest
 from tma_ray.results.merging.shared_files import UNREADABLE
@@ -53,6 +53,8 @@ def verify_root(store: Store) -> RootVerification:
     """
     check_root(store)
     manifests, damage = _manifests(store)
+    lost = lost_manifests(store, manifests, {PurePosixPath(each.path).stem for each in damage})
+    damage += [Damage(path, str(error), PurePosixPath(path).stem) for path, error in lost.items()]
     inspector = Inspector(store, raise_refusals=False)
     for _, inspection in inspector.inspect_all(manifests):
         damage += inspection.damage

@@ -15,7 +15,7 @@ from typing import Any
 from uuid import uuid4
 
 from tma_ray.commands.places import expanded
-from tma_ray.decoding import DamagedFileError
+from tma_ray.decoding import DamagedFileError, read_file
 from tma_ray.part_names import base_name, join_name, split_name
 from tma_ray.results import Store, keep_input, keep_plugin, read_input
 from tma_ray.runs.plugins import plugin_sources
@@ -122,7 +122,7 @@ def fetch_beside(folder: Path, spec: RunSpec) -> None:
     for file in spec.inputs.values():
         path = folder / file.name
         if file.sha256 not in _contents and path.is_file():
-            data = path.read_bytes()
+            data = read_file(path, MOST_BYTES)
             if hashlib.sha256(data).hexdigest() != file.sha256:
                 raise DamagedFileError(f"{path} is not the file that run {spec.run_id} was trained with")
             _contents[file.sha256] = data

@@ -17,7 +17,7 @@ from safetensors import SafetensorError
 from safetensors.numpy import load as parse_tensors
 from safetensors.numpy import save as serialise_tensors
 
-from tma_ray.decoding import DamagedFileError, decode_json
+from tma_ray.decoding import DamagedFileError, decode_json, read_file
 
 T = TypeVar("T")
 
@@ -197,7 +197,7 @@ def _bytes(path: Path) -> bytes:
     if not path.is_file():
         problem = f"the file does not exist; a saved policy is {POLICY_FILE} and {TENSORS_FILE}: {_ADVICE}"
         raise PolicyFileError(path, problem)
-    return path.read_bytes()
+    return read_file(path)
 
 
 def _bounds(space: spaces.Box) -> dict[str, list[float | None]]:

@@ -12,6 +12,7 @@ from pathlib import Path
 import numpy as np
 
 from tma_ray.commands.arguments import check_kind, check_whole
+from tma_ray.decoding import MOST_TEXT_BYTES, read_file
 from tma_ray.tasks.space import Task, TaskSpace
 
 
@@ -66,11 +67,11 @@ class TestSet:
         """Reads a test set: a header of dimension names, then one task a line.
 
         Raises:
-            ValueError: a line that does not hold a task; the message names file and line.
+            ValueError: a line that does not hold a task, or no text; the message names the file.
         """
         path = Path(path)
-        with path.open(newline="") as file:
-            rows = [row for row in csv.reader(file) if row]
+        text = read_file(path, MOST_TEXT_BYTES).decode()
+        rows = [row for row in csv.reader(io.StringIO(text, newline="")) if row]
         if len(rows) < 2:
             raise ValueError(f"{path}: a test set has a header of dimension names and at least one task")
         tasks = [_parse(path, line, row, len(rows[0])) for line, row in enumerate(rows[1:], start=2)]

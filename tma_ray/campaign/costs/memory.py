@@ -16,6 +16,7 @@ from uuid import uuid4
 from tma_ray import __version__
 from tma_ray.campaign.costs.speed import Source, Throughput
 from tma_ray.campaign.settings import Settings
+from tma_ray.decoding import MOST_TEXT_BYTES, read_file
 from tma_ray.runs.placement import fingerprint
 from tma_ray.runs.spec import RunSpec
 
@@ -47,7 +48,7 @@ def speed_key(spec: RunSpec, settings: Settings, at_once: int) -> str:
 def remembered() -> dict[str, Throughput]:
     """Returns the speeds that are not too old, by key; none where the file is missing or damaged."""
     try:
-        entries = json.loads(speeds_file().read_text())
+        entries = json.loads(read_file(speeds_file(), MOST_TEXT_BYTES))
         known = {key: Throughput(**{**entry, "source": Source.REMEMBERED}) for key, entry in entries.items()}
         ages = {
             key: (date.today() - date.fromisoformat(each.measured_on)).days for key, each in known.items()

@@ -56,18 +56,18 @@ def read_slices(
         damage = error
     else:
         return {file: _slice(store, file, rows) for file in files}
-    hit = damaged_rows(store, files[0].path)
+    hit = damaged_rows(store, files[0])
     return {file: damage if is_hit(file, hit) else _tried(store, file, columns) for file in files}
 
 
-def damaged_rows(store: Store, path: str) -> tuple[tuple[int, int], ...]:
+def damaged_rows(store: Store, file: PartFile) -> tuple[tuple[int, int], ...]:
     """Returns first and end of rows that cannot be read of a file whose checksum is not the recorded one.
 
     Pages have checksums of their own, so that damage can be told from the rest. Where no page is damaged it
     is what describes them all, and no row can be trusted.
     """
     try:
-        found = tuple(unreadable_rows(store.read_bytes(path)))
+        found = tuple(unreadable_rows(file.table, store.read_bytes(file.path)))
     except UNREADABLE:
         found = ()
     return found or ((0, INT64_MAX),)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import fcntl
 import os
 import shutil
+import stat
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
@@ -21,6 +22,9 @@ LOCK_SECONDS: Final = 5.0
 
 LOCK_PAUSE: Final = 0.005
 """Between two tries to get it, s."""
+
+FILE_ENDINGS: Final = (".json", ".parquet", ".safetensors", ".log")
+"""Endings of names that no folder of a root has."""
 
 
 def write_file(target: Path, temporary: Path, data: bytes, *, exclusive: bool = False) -> bool:
@@ -112,6 +116,51 @@ def links_out(base: str, path: str) -> bool:
         return not Path(place).resolve().is_relative_to(Path(base).resolve())
     except (OSError, RuntimeError):  # a circle
         return True
+
+
+def stamps_below(base: str, folder: str) -> Iterator[tuple[str, tuple[int | None, int | None]]]:
+    """Yields paths from `base`, times of writing (ns since 1970) and bytes of all files below `folder`.
+
+    Time and bytes are None of what lies in the place of a file: pipes, sockets and devices, links that lead
+    nowhere, in a circle or out of `base`, folders that are called like a file or cannot be listed.
+
+    Raises:
+        OSError: `folder` itself cannot be listed.
+    """
+    with os.scandir(folder) as entries:
+        for entry in entries:
+            path = entry.path[len(base) + 1 :]
+            try:
+                found = entry.stat()
+            except OSError as error:
+                if entry.is_symlink() or not isinstance(error, FileNotFoundError):  # else it went meanwhile
+                    yield path, (None, None)
+                continue
+            if stat.S_ISREG(found.st_mode):
+                yield path, (found.st_mtime_ns, found.st_size)
+            elif not stat.S_ISDIR(found.st_mode) or (entry.is_symlink() and _strays(base, path)):
+                yield path, (None, None)
+            else:
+                yield from _stamps_in(base, entry.path)
+
+
+def _stamps_in(base: str, folder: str) -> Iterator[tuple[str, tuple[int | None, int | None]]]:
+    path = folder[len(base) + 1 :]
+    if path.endswith(FILE_ENDINGS):
+        yield path, (None, None)
+    try:
+        yield from stamps_below(base, folder)
+    except FileNotFoundError:  # it went meanwhile
+        return
+    except OSError:
+        yield path, (None, None)
+
+
+def _strays(base: str, path: str) -> bool:
+    """Returns True if a link to a folder leads out of the folder `base`, or to one that the link lies in."""
+    return links_out(base, path) or Path(base, path).parent.resolve().is_relative_to(
+        Path(base, path).resolve()
+    )
 
 
 def refuse_place(folder: Path) -> None:

@@ -14,6 +14,7 @@ from urllib.parse import SplitResult, parse_qsl, unquote, urlencode, urlsplit
 
 from pyarrow import fs
 
+from tma_ray.decoding import check_size
 from tma_ray.results.storage.errors import StorageError
 
 T = TypeVar("T")
@@ -61,13 +62,21 @@ class ReplacedWhileReadError(OSError):
     """An object is not the one any more whose size was asked for: the bytes may be those of half of it."""
 
 
-def read_object(filesystem: Any, path: str) -> bytes:
+def read_object(filesystem: Any, path: str, where: str, most_bytes: int) -> bytes:
     """Returns the bytes of one version of an object.
 
+    Args:
+        filesystem: that of its bucket.
+        path: bucket and key.
+        where: its address, for messages.
+        most_bytes: size over which it is refused.
+
     Raises:
+        DamagedFileError: it has more bytes.
         ReplacedWhileReadError: another version came meanwhile.
     """
     with filesystem.open_input_file(path) as file:
+        check_size(where, file.size(), most_bytes)
         data: bytes = file.read()
         version = file.metadata()
     # The size is asked for before the bytes: of an object that grew in between, only as many came.

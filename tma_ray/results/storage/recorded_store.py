@@ -29,20 +29,29 @@ class RecordedStore(Store):
         self._sha256 = dict(sha256)
         self._last: tuple[str, bytes] = "", b""
 
-    def read_bytes(self, path: str) -> bytes:
+    def read_bytes(self, path: str, most_bytes: int | None = None) -> bytes:
         """Returns the content of a file.
+
+        Args:
+            path: of the file, from the root.
+            most_bytes: size over which it is refused, as `Store` has it.
 
         Raises:
             FileNotFoundError: there is none.
             DamagedFileError: it is not the recorded one, or none is recorded.
         """
-        data = super().read_bytes(path)
+        data = super().read_bytes(path, most_bytes)
         recorded = self._sha256.get(path)
         if recorded is None:
             raise DamagedFileError(f"{self.where(path)} is damaged: it is not of this release")
         if hashlib.sha256(data).hexdigest() != recorded:
             raise DamagedFileError(f"{self.where(path)} is damaged: its sha256 is not the recorded one")
         return data
+
+    def names(self, folder: str) -> set[str]:
+        """Returns the names of what is recorded directly in `folder`, without asking for it."""
+        inner = (path.removeprefix(f"{folder}/") for path in self._sha256 if path.startswith(f"{folder}/"))
+        return {path.split("/")[0] for path in inner}
 
     def read_parts(self, path: str, read: Callable[[Any], T]) -> T:
         """Returns what `read` makes of a file, compared as a whole first; raises as `read_bytes` does."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import re
 import time
 from collections.abc import Callable, Iterator
@@ -15,7 +16,14 @@ from pyarrow import fs
 
 from tma_ray.commands.arguments import check_kind
 from tma_ray.commands.places import expanded
-from tma_ray.decoding import DamagedFileError
+from tma_ray.decoding import (
+    MOST_BYTES,
+    MOST_TEXT_BYTES,
+    DamagedFileError,
+    check_file,
+    check_size,
+    read_file,
+)
 from tma_ray.results.storage import disk
 from tma_ray.results.storage.addresses import open_address
 from tma_ray.results.storage.errors import explained_disk
@@ -101,15 +109,21 @@ class Store:
         """Returns `path` with its root, as a message names it: no credentials of a URI."""
         return f"{self}/{path}"
 
-    def read_bytes(self, path: str) -> bytes:
+    def read_bytes(self, path: str, most_bytes: int | None = None) -> bytes:
         """Returns the content of a file.
+
+        Args:
+            path: of the file, from the root.
+            most_bytes: size over which it is refused; by default that of JSON or of any other file.
 
         Raises:
             FileNotFoundError: there is none.
+            DamagedFileError: something else lies there, or it is too large.
         """
+        most = most_bytes or (MOST_TEXT_BYTES if path.endswith(".json") else MOST_BYTES)
         self._refuse_links_out(path)
         with self._explained(path):
-            return patiently(lambda: self._read(self.full_path(path)))
+            return patiently(lambda: self._read(path, most))
 
     def read_parts(self, path: str, read: Callable[[Any], T]) -> T:
         """Returns what `read` makes of the opened file, of which it need not read all.
@@ -118,9 +132,12 @@ class Store:
 
         Raises:
             FileNotFoundError: there is none.
+            DamagedFileError: something else lies there, or it is too large.
         """
 
         def open_and_read() -> T:
+            if self._local:
+                check_file(self.full_path(path))
             with self.filesystem.open_input_file(self.full_path(path)) as file:
                 return read(file)
 
@@ -170,6 +187,10 @@ class Store:
         """Tells whether there is a file at `path`."""
         return bool(self._info(path).type == fs.FileType.File)
 
+    def holds(self, path: str) -> bool:
+        """Returns True if anything lies at `path`, a file or something else in its place."""
+        return os.path.lexists(self.full_path(path)) if self._local else self.exists(path)
+
     def size(self, path: str) -> int:
         """Returns how many bytes the file at `path` has, 0 where there is none."""
         return self._info(path).size or 0
@@ -190,17 +211,39 @@ class Store:
         return ()
 
     def files(self, folder: str = "") -> tuple[str, ...]:
-        """Returns the paths of all files below `folder`, sorted; none if it does not exist."""
+        """Returns the paths of all files below `folder`, sorted; none if it does not exist.
+
+        On a disk what lies in the place of a file is among them, so that whoever reads it names it: pipes,
+        links that lead nowhere or out of the root, folders with the name of a file or that cannot be listed.
+        """
         return tuple(self.stamps(folder))
 
     def stamps(self, folder: str = "") -> dict[str, tuple[int | None, int | None]]:
-        """Returns time of writing (ns since 1970) and bytes of the files below `folder`, by path, sorted."""
+        """Returns time of writing (ns since 1970) and bytes of `files` below `folder`, by path, sorted.
+
+        Both are None of what lies in the place of a file.
+        """
         full = self.full_path(folder) if folder else self.base
+        if self._local:
+            self._refuse_links_out(folder)
+            with self._explained(folder), suppress(FileNotFoundError):
+                return dict(sorted(disk.stamps_below(self.base, full or "/")))
+            return {}
         selector = fs.FileSelector(full, recursive=True, allow_not_found=True)
         with self._explained(folder):
             found = self.filesystem.get_file_info(selector)
         files = [info for info in found if info.type == fs.FileType.File]
         return dict(sorted((f.path.removeprefix(self._prefix), (f.mtime_ns, f.size)) for f in files))
+
+    def names(self, folder: str) -> set[str]:
+        """Returns the names of all that lies directly in `folder`; none if it does not exist."""
+        full = self.full_path(folder)
+        with self._explained(folder), suppress(FileNotFoundError):
+            if self._local:
+                return set(os.listdir(full))  # noqa: PTH208 - thousands of names
+            found = self.filesystem.get_file_info(fs.FileSelector(full, allow_not_found=True))
+            return {info.base_name for info in found}
+        return set()
 
     def check_bucket(self) -> None:
         """Refuses an object store whose bucket does not exist, which reads and lists like an empty one.
@@ -324,19 +367,22 @@ class Store:
             raise ValueError(f"path {path!r} does not stay inside the root {self}; give a relative one")
         return self._prefix + "/".join(parts)
 
-    def _read(self, full: str) -> bytes:
-        if self.is_object_store:
-            return read_object(self.filesystem, full)
+    def _read(self, path: str, most_bytes: int) -> bytes:
+        full = self.full_path(path)
         if self._local:
-            with open(full, "rb", buffering=0) as file:  # noqa: PTH123 - half the time, for thousands of files
-                return file.read()
+            return read_file(full, most_bytes)
+        if self.is_object_store:
+            return read_object(self.filesystem, full, self.where(path), most_bytes)
         with self.filesystem.open_input_file(full) as file:  # a stream would ask for it bit by bit
+            check_size(self.where(path), file.size(), most_bytes)
             return cast("bytes", file.read())
 
     def _refuse_links_out(self, path: str) -> None:
         """Refuses symbolic links that lead out of the root: it may be others' who made it."""
         if self._local and disk.links_out(self.base, path):
-            raise DamagedFileError(f"{self.where(path)} is damaged: a symbolic link leads out of the root")
+            raise DamagedFileError(
+                f"{self.where(path)} is damaged: a symbolic link leads out of the root or nowhere"
+            )
 
     def _info(self, path: str) -> fs.FileInfo:
         with self._explained(path):
