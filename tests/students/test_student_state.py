@@ -202,3 +202,28 @@ def test_asking_for_values_does_not_change_the_training(name):
             train_episodes(student, range(episode, episode + 1))
     for key, value in parameters(asked).items():
         np.testing.assert_array_equal(value, parameters(other)[key])
+
+
+def test_evaluations_see_the_exponential_average_of_the_weights(tmp_path):
+    student = small_student("ppo", averaged_steps=120)
+    share = 1 - np.exp(-50 / 120)
+    average, env = flat(student), Drift()
+    for _ in range(3):
+        train(student, env, 50)
+        average = (1 - share) * average + share * flat(student)
+    np.testing.assert_allclose(student.average, average, rtol=1e-5, atol=1e-7)
+    assert np.abs(flat(student) - average).max() > 1e-4
+    present = student.act_greedily(OBSERVATIONS)
+    student.put_average(flat(student))
+    assert np.abs(student.act_greedily(OBSERVATIONS) - present).max() > 1e-5
+    student.save(tmp_path)
+    other = small_student("ppo", averaged_steps=120)
+    other.load(tmp_path)
+    np.testing.assert_array_equal(other.act_greedily(OBSERVATIONS), student.act_greedily(OBSERVATIONS))
+    student.reset()
+    np.testing.assert_array_equal(student.average, flat(student))
+
+
+def flat(student) -> np.ndarray:
+    """Returns the parameters of the network (p,)."""
+    return student._network.parameters.detach().numpy().copy()
