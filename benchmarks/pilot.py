@@ -10,9 +10,11 @@ evaluations are written to benchmarks/measured/pilot.csv, costs to benchmarks/me
 
 from __future__ import annotations
 
+import math
 import statistics
 import sys
 import time
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -20,7 +22,6 @@ import gymnasium
 import numpy as np
 import pandas as pd
 from pools import describe, execute, parser
-from student_training import OurLoop
 
 import analysis
 from analysis.data.evaluations import evaluation_measures
@@ -85,32 +86,30 @@ def costs() -> pd.DataFrame:
 
     All students take turns, so that what else the machine does meets all of them.
     """
+    from student_training import OurLoop  # it imports torch
+
     students = [*ROLLOUTS, *(name for rollouts in ROLLOUTS for name in changed(rollouts).values())]
-    loops = {student: RandomTasks(student) for student in students}
-    spent: dict[str, list[float]] = {student: [] for student in students}
+    loops = {}
+    for name in students:
+        env = Tasks(gymnasium.make("tma_ray.envs:tma_ray/StumpTracks-v0"))
+        seed = np.random.SeedSequence(0)
+        student = make_student(name, env.observation_space, env.action_space, seed)
+        loops[name] = OurLoop(student, env)
+    spent: dict[str, list[float]] = {name: [] for name in students}
     for repeat in range(STRETCHES + 1):
-        for student, loop in loops.items():
-            length = check_hyperparameters(student).steps_per_update
+        for name, loop in loops.items():
+            length = check_hyperparameters(name).steps_per_update
             steps = -(-STRETCH // length) * length if repeat else length
             start = time.process_time()
             loop.train(steps)
             if repeat:
-                spent[student].append(1e6 * (time.process_time() - start) / steps)
+                spent[name].append(1e6 * (time.process_time() - start) / steps)
     ratios = {
-        student: statistics.median(own / paper for own, paper in zip(values, spent[PAPER], strict=True))
-        for student, values in spent.items()
+        name: statistics.median(own / paper for own, paper in zip(values, spent[PAPER], strict=True))
+        for name, values in spent.items()
     }
     rows = [(name, round(statistics.median(spent[name]), 1), round(ratios[name], 3)) for name in students]
     return pd.DataFrame(rows, columns=["student", "microseconds", "ratio"])
-
-
-class RandomTasks(OurLoop):
-    """A student that trains on random tasks of the original space, one after the other."""
-
-    def __init__(self, name: str) -> None:
-        env = gymnasium.make("tma_ray.envs:tma_ray/StumpTracks-v0")
-        seed = np.random.SeedSequence(0)
-        super().__init__(make_student(name, env.observation_space, env.action_space, seed), Tasks(env))
 
 
 class Tasks(gymnasium.Wrapper[Any, Any, Any, Any]):
@@ -139,7 +138,7 @@ def plan(part: str, found: pd.DataFrame) -> Plan:
     if part == "students":
         chosen = [
             (student, challenge, body, teacher, steps_of(student), INTERVAL, SEEDS["screen"])
-            for student in screened(found).index[:2]
+            for student in finalists(found)
             for challenge, body in SPACES
             for teacher in TEACHERS
             if (challenge, teacher) != ("original", "random")  # which the screen has
@@ -177,10 +176,12 @@ def plan(part: str, found: pd.DataFrame) -> Plan:
     return joined_plan(name, campaigns)
 
 
-def evaluations(root: str) -> pd.DataFrame:
+def evaluations(root: str, run_ids: Collection[str] | None = None) -> pd.DataFrame:
     """Returns mastered % of every evaluation of all runs, of all test tasks and of those of even index."""
     frames = analysis.load(root)
     rows = frames.evaluations
+    if run_ids is not None:
+        rows = rows[rows["run_id"].isin(run_ids)]
     halves = evaluation_measures(rows[rows["task_index"] % 2 == 0]).rename(
         columns={"mastered_percent": "mastered_half"}
     )
@@ -224,6 +225,11 @@ def best_rollouts(found: pd.DataFrame) -> str:
     return str(screened(found).loc[list(ROLLOUTS), ("area", "mean")].idxmax())
 
 
+def finalists(found: pd.DataFrame) -> list[str]:
+    """Returns the two students that are compared with the paper's."""
+    return [student for student in screened(found).index if student != PAPER][:2]
+
+
 def noise_of(runs: pd.DataFrame, measure: str) -> Estimate:
     """Returns signal to noise of the square roots of a measure of the runs of one student."""
     strata = [
@@ -237,12 +243,133 @@ def student_of_choice(found: pd.DataFrame) -> str:
     """Returns the student that the rule of part a chooses, whether or not it is good enough."""
     runs = areas(every_second(found))
     runs = runs[runs["seed"].isin(SEEDS["screen"])]
-    best = list(screened(found).index[:2])
+    best = finalists(found)
     ratios = {student: noise_of(runs[runs["student"] == student], "area").value for student in best}
     if min(ratios.values()) >= 0.9 * max(ratios.values()):
         means = runs[runs["student"].isin(best)].groupby("student")["area"].mean()
         return str(means.idxmax())
     return max(best, key=ratios.__getitem__)
+
+
+def tables(found: pd.DataFrame) -> str:
+    """Returns the results as tables of the page, as far as there are any."""
+    parts = [screen_table(found), schedule_table(found)]
+    compared = found[found["seed"].isin(SEEDS["screen"]) & (found["student"] != PAPER)]
+    if students := complete(areas(every_second(compared))):
+        parts.append(comparison_table(complete(paper_runs()) | students))
+    longest = found[found["seed"].isin(SEEDS["budget"])]
+    if complete(areas(longest)):
+        parts.append(budget_table(longest))
+    return "\n\n".join(parts)
+
+
+def paper_runs() -> pd.DataFrame:
+    """Returns the runs of the paper's student in lite-1 that the pilot compares with."""
+    cells = analysis.load("lite-1").cells
+    wanted = (cells["student"] == PAPER) & (cells["expert_knowledge"] == "high") & (cells["seed"] < 5)
+    wanted &= cells["teacher"].isin(TEACHERS) & cells["challenge"].isin([name for name, _ in SPACES])
+    runs = areas(evaluations("lite-1", set(cells[wanted]["run_id"])))
+    return runs[pd.MultiIndex.from_frame(runs[["challenge", "embodiment"]]).isin(SPACES)]
+
+
+def complete(runs: pd.DataFrame) -> dict[str, pd.DataFrame]:
+    """Returns the runs of each student that has all teachers on all spaces with two seeds or more."""
+    found = {}
+    for student, own in runs.groupby("student"):
+        seeds = own.groupby(CELL)["seed"].count()
+        if len(seeds) == len(TEACHERS) * len(SPACES) and seeds.min() > 1:
+            found[str(student)] = own
+    return found
+
+
+def markdown(head: Sequence[str], rows: Iterable[Sequence[object]]) -> str:
+    """Returns a table."""
+    lines = [head, ["---"] * len(head), *rows]
+    return "\n".join(f"| {' | '.join(str(cell) for cell in line)} |" for line in lines)
+
+
+def screen_table(found: pd.DataFrame) -> str:
+    """Returns the students of the screen, the best first."""
+    ratios = pd.read_csv(MEASURED / "pilot_costs.csv").set_index("student").ratio
+    rows = [
+        (
+            f"`{student}`",
+            f"{ratios[student]:.2f}",
+            f"{steps_of(str(student)) / 1e6:g}",
+            *(
+                f"{row[measure, 'mean']:.1f} ± {row[measure, 'std']:.1f}"
+                for measure in ("area", "last_three")
+            ),
+            int(row["area", "count"]),
+        )
+        for student, row in screened(found).iterrows()
+    ]
+    head = ("student", "cost of a step", "million steps", "area, %", "last three, %", "seeds")
+    return markdown(head, rows)
+
+
+def schedule_table(found: pd.DataFrame) -> str:
+    """Returns slope and deviation of the residuals of both schedules of evaluations, over the screen."""
+    dense = found[found["step"] % INTERVAL != 0].groupby([*CELL, "steps", "seed"]).size().index
+    runs = found.set_index([*CELL, "steps", "seed"]).loc[dense].reset_index()
+    truth = areas(runs)["area"].to_numpy()
+    rows = []
+    for name, area in (
+        ("every 250,000 steps, all tasks", areas(every_second(runs))["area"]),
+        ("every 125,000 steps, half of the tasks", areas(runs, column="mastered_half")["area"]),
+    ):
+        slope = float(area @ truth / (truth @ truth))
+        rows.append((name, f"{slope:.3f}", f"{(area / slope - truth).std():.2f}", len(area)))
+    return markdown(("schedule", "slope", "deviation of residuals, points", "runs"), rows)
+
+
+def shown(estimate: Estimate) -> str:
+    """Returns a number with its interval."""
+    return f"{estimate.value:.2f} [{estimate.low:.2f}, {estimate.high:.2f}]"
+
+
+def comparison_table(students: Mapping[str, pd.DataFrame]) -> str:
+    """Returns mean area and signal to noise of each of the students that are compared."""
+    rows = [
+        (
+            f"`{student}`",
+            f"{runs['area'].mean():.1f}",
+            f"{runs['last_three'].mean():.1f}",
+            shown(noise_of(runs, "area")),
+            shown(noise_of(runs, "last_three")),
+            len(runs),
+        )
+        for student, runs in students.items()
+    ]
+    head = ("student", "area, %", "last three, %", "S/N of area", "S/N of last three", "runs")
+    return markdown(head, rows)
+
+
+def budget_table(found: pd.DataFrame) -> str:
+    """Returns signal to noise and decisiveness at each budget."""
+    micro = pd.read_csv(MEASURED / "pilot_costs.csv").set_index("student").microseconds
+    rows = []
+    for millions in MILLIONS:
+        for student, runs in complete(areas(found, millions * 10**6)).items():
+            hours = millions * micro[student] / 3600
+            area, last = (noise_of(runs, measure) for measure in ("area", "last_three"))
+            decisive = (f"{each.value / math.sqrt(hours):.2f}" for each in (area, last))
+            rows.append((millions, shown(area), shown(last), *decisive, len(runs)))
+    head = (
+        "million steps",
+        "S/N of area",
+        "S/N of last three",
+        "decisiveness of area",
+        "of last three",
+        "runs",
+    )
+    return markdown(head, rows)
+
+
+def written(root: str, csv: Path) -> pd.DataFrame:
+    """Returns the evaluations of `root`, as the file has them into which they are written."""
+    evaluations(root).to_csv(csv, index=False)
+    return pd.read_csv(csv)
 
 
 def main() -> int:
@@ -251,19 +378,22 @@ def main() -> int:
     options.add_argument("--parts", default=",".join(PARTS), help="in this order")
     options.add_argument("--csv", type=Path, default=MEASURED / "pilot.csv", help="file of all evaluations")
     options.add_argument("--costs", action="store_true", help="measure the costs of steps only")
-    reads = "--costs" in sys.argv
-    given = options.parse_args([*sys.argv[1:], *(["--results", ""] if reads else [])])
+    options.add_argument("--tables", action="store_true", help="print what the root or the CSV says only")
+    reads = {"--costs", "--tables"} & set(sys.argv)
+    given = options.parse_args([*(["--results", ""] if reads else []), *sys.argv[1:]])
     if given.costs:
         table = costs()
         print(table.to_string())
         table.to_csv(MEASURED / "pilot_costs.csv", index=False)
         return 0
+    if given.tables:
+        print(tables(written(given.results, given.csv) if given.results else pd.read_csv(given.csv)))
+        return 0
     found = pd.DataFrame()
     for part in given.parts.split(","):
         wanted = plan(part, found)
         print(part, describe(execute(wanted, given)), flush=True)
-        found = evaluations(given.results)
-        found.round(2).to_csv(given.csv, index=False)
+        found = written(given.results, given.csv)
         cells = analysis.load(given.results).cells
         if not set(cells[cells["status"] == "done"]["run_id"]).issuperset(run.run_id for run in wanted.runs):
             break  # the next call goes on

@@ -137,18 +137,12 @@ def signal_to_noise(strata: Sequence[Mapping[str, ArrayLike]]) -> Estimate:
 
     Args:
         strata: the values (n,), one a seed, of each of several teachers; one mapping a task space.
-
-    Raises:
-        ValueError: a stratum with one teacher, a teacher with one seed, or under three degrees of freedom.
     """
     samples = [[np.asarray(values, float) for values in stratum.values()] for stratum in strata]
     each = [values for stratum in samples for values in stratum]
     between, within = len(each) - len(samples), sum(map(len, each)) - len(each)
     if min(map(len, samples), default=0) < 2 or min(map(len, each)) < 2 or within < 3:
-        raise ValueError(
-            f"signal to noise of {[list(map(len, stratum)) for stratum in samples]} seeds: expected two "
-            f"teachers or more in each stratum, with two seeds or more each"
-        )
+        return Estimate(math.nan, math.nan, math.nan, sum(map(len, each)), "needs 2 teachers and 2 seeds")
     n = len(each) / sum(1 / len(values) for values in each)
     noise = sum(float(((values - values.mean()) ** 2).sum()) for values in each) / within
     means = [np.array([values.mean() for values in stratum]) for stratum in samples]
