@@ -56,6 +56,8 @@ class PPOHyperparameters:
         max_gradient_norm: norm to which the gradient is clipped.
         observation_clip: normalised observations are clipped to [-x, x].
         reward_clip: normalised rewards are clipped to [-x, x].
+        start_from: path of a file that `PPO.save_start` wrote, whose weights and running statistics the
+            student begins with, also after it forgot everything; empty for new ones.
         averaged_steps: environment steps over which the weights are averaged exponentially, update by update;
             evaluations and the saved policy have the average. 0 for the weights themselves.
         matmul_precision: of the updates' matrix products.
@@ -63,7 +65,7 @@ class PPOHyperparameters:
 
     algorithm_version: ClassVar[int] = 1
     absent_at_default: ClassVar[frozenset[str]] = frozenset(
-        ("activation", "separate_trunks", "averaged_steps")
+        ("activation", "separate_trunks", "start_from", "averaged_steps")
     )
 
     hidden_units: tuple[int, ...] = (400, 300)
@@ -82,6 +84,7 @@ class PPOHyperparameters:
     max_gradient_norm: float = 0.5
     observation_clip: float = 10.0
     reward_clip: float = 10.0
+    start_from: str = ""
     averaged_steps: int = 0
     matmul_precision: MatmulPrecision = MatmulPrecision.HIGHEST
 

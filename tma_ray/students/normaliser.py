@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from tma_ray.jit import kernel
 from tma_ray.students.base import Observations, Transition
+from tma_ray.students.hyperparameters import PPOHyperparameters
 
 EPSILON = 1e-8
 """Added to every variance before its root is taken."""
@@ -152,6 +153,27 @@ class Normaliser:
         normaliser._return_count = content["return_count"]
         normaliser._discounted_return = content["discounted_return"]
         return normaliser
+
+
+def first_normaliser(hyper: PPOHyperparameters, size: int) -> Normaliser:
+    """Returns what a student begins with: new statistics, or those of the file that it starts from.
+
+    Args:
+        hyper: of the student.
+        size: length of an observation.
+
+    Raises:
+        ValueError: the file is not there, or is of observations of another size.
+    """
+    if not hyper.start_from:
+        return Normaliser(size, hyper.gamma, hyper.observation_clip, hyper.reward_clip)
+    path = Path(hyper.start_from)
+    if not path.is_file():
+        raise ValueError(f"start_from = {hyper.start_from!r}: no such file; PPO.save_start writes one")
+    normaliser = Normaliser.load(path)
+    if len(normaliser._mean) != size:
+        raise ValueError(f"{path} has observations of size {len(normaliser._mean)}, expected {size}")
+    return normaliser
 
 
 @kernel

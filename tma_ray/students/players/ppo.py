@@ -11,7 +11,7 @@ from tma_ray.students.base import Actions, Observations, Transition
 from tma_ray.students.hyperparameters import PPOHyperparameters
 from tma_ray.students.mlp.arrays import ArrayNetwork, FloatArray
 from tma_ray.students.mlp.layout import Layout
-from tma_ray.students.normaliser import Normaliser
+from tma_ray.students.normaliser import first_normaliser
 from tma_ray.students.players.base import Player
 from tma_ray.students.players.link import Weights
 from tma_ray.students.ppo.acting import exploring_step, sampled_actions
@@ -29,7 +29,7 @@ class PPOPlayer(Player):
 
     def _start(self) -> None:
         hyper, size = self.hyperparameters, self._observation_size
-        self.normaliser = Normaliser(size, hyper.gamma, hyper.observation_clip, hyper.reward_clip)
+        self.normaliser = first_normaliser(hyper, size)
         self._rollout = Rollout(hyper.steps_per_update, size, self._low.size, self._batches)
         self._episode_starts = True
         self._greedy, self._average = self._network, None

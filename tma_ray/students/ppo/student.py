@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 from typing import Any
 
@@ -24,7 +25,7 @@ from tma_ray.students.layers import Clamp, Standardise, in_a_row
 from tma_ray.students.mlp.layout import Activation
 from tma_ray.students.mlp.modules import MODULES, FlatParameters, as_modules, blocks_of
 from tma_ray.students.mlp.network import as_batch
-from tma_ray.students.normaliser import MEAN_TENSOR, VARIANCE_TENSOR, Normaliser, scaled
+from tma_ray.students.normaliser import MEAN_TENSOR, VARIANCE_TENSOR, Normaliser, first_normaliser, scaled
 from tma_ray.students.policy_files import StoredPolicy, read_policy
 from tma_ray.students.ppo.acting import exploring_step, sampled_actions
 from tma_ray.students.ppo.trunk import Trunk, separate
@@ -34,6 +35,9 @@ from tma_ray.students.sb3.stable_baselines import Experience, StableBaselinesStu
 
 NORMALISER_FILE = "normaliser.json"
 AVERAGE_FILE = "average.npy"
+
+START = "parameters"
+"""Key of the weights in a file to start from, beside the running statistics."""
 
 POLICY = "ppo"
 """What saved policies say that they are; those of `StockPPO` say the same."""
@@ -84,7 +88,7 @@ class PPO(StableBaselinesStudent[PPOHyperparameters, stable_baselines3.PPO]):
         hyper = self.hyperparameters
         size, action_size = self.observation_space.shape[0], self.action_space.shape[0]
         self._layout = hyper.layout(size, action_size)
-        self.normaliser = Normaliser(size, hyper.gamma, hyper.observation_clip, hyper.reward_clip)
+        self.normaliser = first_normaliser(hyper, size)
         self._rollout = Rollout(hyper.steps_per_update, size, action_size, self._batches, self.device)
         self._episode_starts = True
 
@@ -97,6 +101,8 @@ class PPO(StableBaselinesStudent[PPOHyperparameters, stable_baselines3.PPO]):
         self._rollout.clear()
         blocks = blocks_of(policy.features_extractor, policy.action_net, policy.value_net)
         self._flat = FlatParameters([blocks], [policy.log_std], hyper.activation)
+        if hyper.start_from:
+            self._begin_with(json.loads(Path(hyper.start_from).read_text())[START])
         self._prepare_update()
         (self._network,) = self._flat.networks
         self._acting = GreedyNetwork(self._network.parameters, self._layout, self._low.size)
@@ -198,6 +204,20 @@ class PPO(StableBaselinesStudent[PPOHyperparameters, stable_baselines3.PPO]):
             {**self._greedy.tensors(), **self.normaliser.tensors()},
             values,
         )
+
+    def save_start(self, path: Path) -> None:
+        """Writes what other students begin with by ``start_from``: JSON, for networks of the same layers."""
+        self.normaliser.save(path)
+        content = json.loads(path.read_text()) | {START: self._flat.values.tolist()}
+        path.write_text(json.dumps(content))
+
+    def _begin_with(self, parameters: list[float]) -> None:
+        if len(parameters) != len(self._flat.values):
+            raise ValueError(
+                f"{self.hyperparameters.start_from} has {len(parameters)} parameters, the networks here have "
+                f"{len(self._flat.values)}: start from a student of the same body and the same layers"
+            )
+        self._flat.values.copy_(torch.tensor(parameters))
 
     @classmethod
     def load_policy(cls, folder: Path, device: str = "cpu") -> Policy:  # noqa: D102
