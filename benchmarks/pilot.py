@@ -16,7 +16,7 @@ import sys
 import time
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import gymnasium
 import numpy as np
@@ -28,10 +28,15 @@ from analysis.data.evaluations import evaluation_measures
 from analysis.statistics.estimates import Estimate, signal_to_noise
 from tma_ray.campaign.matrices import joined_plan
 from tma_ray.campaign.plan import CampaignSpec, Plan
-from tma_ray.runs import Cell, Schedule
+from tma_ray.envs import make_environment
+from tma_ray.runs import Cell, Schedule, effective_spec
+from tma_ray.runs.playing.evaluation import Evaluation
 from tma_ray.students import check_hyperparameters, make_student
 from tma_ray.students.catalogue import canonical_student
-from tma_ray.tasks import KnowledgeLevel, TaskSpace
+from tma_ray.tasks import MASTERY_RETURN, KnowledgeLevel, TaskSpace
+
+if TYPE_CHECKING:
+    from student_training import OurLoop
 
 MEASURED = Path(__file__).parent / "measured"
 
@@ -62,10 +67,19 @@ MILLIONS = 1, 2, 3, 4, 5
 
 SEEDS = {"screen": range(1000, 1004), "budget": range(1004, 1007)}
 
+ENOUGH = 1.3
+"""Signal to noise, in units of the paper's student's, from which on there is a new release."""
+
 STRETCH, STRETCHES = 40_000, 5
 """Fewest steps by which costs are measured, and how often."""
 
-PARTS = ("rollouts", "changes", "students", "budget")
+PARTS = ("rollouts", "changes", "students", "budget", "onset")
+
+FLAT = "easy:stump_height=0..0.05"
+"""Challenge on which walking policies are trained."""
+
+WALKER_STEPS = 1_000_000
+"""Steps for which they are."""
 
 
 def changed(rollouts: str) -> dict[str, str]:
@@ -86,15 +100,8 @@ def costs() -> pd.DataFrame:
 
     All students take turns, so that what else the machine does meets all of them.
     """
-    from student_training import OurLoop  # it imports torch
-
     students = [*ROLLOUTS, *(name for rollouts in ROLLOUTS for name in changed(rollouts).values())]
-    loops = {}
-    for name in students:
-        env = Tasks(gymnasium.make("tma_ray.envs:tma_ray/StumpTracks-v0"))
-        seed = np.random.SeedSequence(0)
-        student = make_student(name, env.observation_space, env.action_space, seed)
-        loops[name] = OurLoop(student, env)
+    loops = {name: loop_of(Cell(student=name), 0) for name in students}
     spent: dict[str, list[float]] = {name: [] for name in students}
     for repeat in range(STRETCHES + 1):
         for name, loop in loops.items():
@@ -113,16 +120,44 @@ def costs() -> pd.DataFrame:
 
 
 class Tasks(gymnasium.Wrapper[Any, Any, Any, Any]):
-    """Resets an environment with random tasks of its own space."""
+    """Resets an environment with random tasks of a space."""
 
-    def __init__(self, env: gymnasium.Env[Any, Any]) -> None:
+    def __init__(self, env: gymnasium.Env[Any, Any], space: TaskSpace, seed: int) -> None:
         super().__init__(env)
-        self._space: TaskSpace = env.get_wrapper_attr("task_space")
-        self._rng = np.random.default_rng(0)
+        self._space, self._rng = space, np.random.default_rng(seed)
 
     def reset(self, **options: Any) -> tuple[Any, dict[str, Any]]:
         """Returns the first observation of a random task."""
         return self.env.reset(**options | {"options": {"task": self._space.sample(self._rng, 1)[0]}})
+
+
+def loop_of(cell: Cell, seed: int) -> OurLoop:
+    """Returns the training of a student on random tasks of a challenge."""
+    from student_training import OurLoop  # it imports torch
+
+    spec = effective_spec(cell, seed, Schedule())
+    env = Tasks(make_environment(spec.environment, **spec.environment_options), spec.task_space, seed)
+    entropy = np.random.SeedSequence(seed)
+    return OurLoop(make_student(cell.student, env.observation_space, env.action_space, entropy), env)
+
+
+def walker(student: str, seed: int, folder: Path) -> Path:
+    """Returns the file of the walking policy of a seed, which is trained unless it is there.
+
+    Prints its mastered share of the easy test tasks.
+    """
+    file = folder / f"walker_{seed}.json"
+    if not file.exists():
+        folder.mkdir(parents=True, exist_ok=True)
+        cell = Cell(challenge=FLAT, student=student)
+        loop = loop_of(cell, seed)
+        loop.train(WALKER_STEPS)
+        rows = Evaluation(effective_spec(cell, seed, Schedule()))(loop.student)
+        mastered = np.mean([row["episodic_return"] > MASTERY_RETURN for row in rows])
+        print(f"walker {seed} masters {mastered:.0%} of the easy tasks", flush=True)
+        loop.student.save_start(file.with_suffix(".part"))
+        file.with_suffix(".part").replace(file)
+    return file
 
 
 def steps_of(student: str) -> int:
@@ -133,8 +168,8 @@ def steps_of(student: str) -> int:
     return int(np.clip(round(STEPS / ratio / INTERVAL) * INTERVAL, STEPS, 2 * STEPS))
 
 
-def plan(part: str, found: pd.DataFrame) -> Plan:
-    """Returns the runs of `part`, given the evaluations of the parts before."""
+def plan(part: str, found: pd.DataFrame, walkers: Path) -> Plan:
+    """Returns the runs of `part`, given the evaluations before it and a folder for walking policies."""
     if part == "students":
         chosen = [
             (student, challenge, body, teacher, steps_of(student), INTERVAL, SEEDS["screen"])
@@ -155,6 +190,15 @@ def plan(part: str, found: pd.DataFrame) -> Plan:
                 SEEDS["budget"],
             )
             for challenge, body in SPACES
+            for teacher in TEACHERS
+        ]
+    elif part == "onset":
+        student = student_of_choice(found)
+        chosen = [
+            (f"{student}:start_from={file}", challenge, body, teacher, STEPS, INTERVAL, (seed,))
+            for seed in SEEDS["budget"]
+            for file in [walker(student, seed, walkers)]
+            for challenge, body in SPACES[:2]
             for teacher in TEACHERS
         ]
     else:
@@ -251,6 +295,13 @@ def student_of_choice(found: pd.DataFrame) -> str:
     return max(best, key=ratios.__getitem__)
 
 
+def pays(found: pd.DataFrame) -> bool:
+    """Returns whether the student of choice is good enough for a new release."""
+    runs = areas(every_second(found))
+    own = runs[(runs["student"] == student_of_choice(found)) & runs["seed"].isin(SEEDS["screen"])]
+    return noise_of(own, "area").value >= ENOUGH * noise_of(paper_runs(), "area").value
+
+
 def tables(found: pd.DataFrame) -> str:
     """Returns the results as tables of the page, as far as there are any."""
     parts = [screen_table(found), schedule_table(found)]
@@ -259,7 +310,7 @@ def tables(found: pd.DataFrame) -> str:
         parts.append(comparison_table(complete(paper_runs()) | students))
     longest = found[found["seed"].isin(SEEDS["budget"])]
     if complete(areas(longest)):
-        parts.append(budget_table(longest))
+        parts += [budget_table(longest), onset_table(areas(longest, STEPS))]
     return "\n\n".join(parts)
 
 
@@ -366,6 +417,27 @@ def budget_table(found: pd.DataFrame) -> str:
     return markdown(head, rows)
 
 
+def onset_table(runs: pd.DataFrame) -> str:
+    """Returns signal to noise and decisiveness on two spaces, of new students and of walking ones.
+
+    Args:
+        runs: after `STEPS` steps, of one student, new or started from the walking policy of its seed.
+    """
+    begun = runs["student"].str.replace(r":start_from=[^:]+", "", regex=True)
+    (micro,) = pd.read_csv(MEASURED / "pilot_costs.csv").set_index("student").microseconds[begun.unique()]
+    runs = runs[pd.MultiIndex.from_frame(runs[["challenge", "embodiment"]]).isin(SPACES[:2])]
+    walks = runs["student"].str.contains("start_from=")
+    rows = []
+    for name, own, steps in (
+        ("new", runs[~walks], STEPS),
+        ("walking", runs[walks], STEPS + WALKER_STEPS),
+    ):
+        area, hours = noise_of(own, "area"), steps * micro / 3.6e9
+        decisive = f"{area.value / math.sqrt(hours):.2f}"
+        rows.append((name, f"{own['area'].mean():.1f}", shown(area), decisive, len(own)))
+    return markdown(("students", "area, %", "S/N of area", "decisiveness", "runs"), rows)
+
+
 def written(root: str, csv: Path) -> pd.DataFrame:
     """Returns the evaluations of `root`, as the file has them into which they are written."""
     evaluations(root).to_csv(csv, index=False)
@@ -391,12 +463,15 @@ def main() -> int:
         return 0
     found = pd.DataFrame()
     for part in given.parts.split(","):
-        wanted = plan(part, found)
+        wanted = plan(part, found, Path(f"{given.results}_walkers"))
         print(part, describe(execute(wanted, given)), flush=True)
         found = written(given.results, given.csv)
         cells = analysis.load(given.results).cells
         if not set(cells[cells["status"] == "done"]["run_id"]).issuperset(run.run_id for run in wanted.runs):
             break  # the next call goes on
+        if part == "students" and not pays(found):
+            print(f"no student has {ENOUGH} times the paper's signal to noise: the rest is left out")
+            break
     return 0
 
 
