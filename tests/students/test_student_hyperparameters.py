@@ -5,6 +5,7 @@ import numpy as np
 import pytest
 from gymnasium.spaces import Box
 
+from tma_ray.hyperparameters import identifying
 from tma_ray.registry import UnknownNameError
 from tma_ray.students import (
     STUDENTS,
@@ -16,7 +17,6 @@ from tma_ray.students import (
     default_hyperparameters,
     make_student,
 )
-from tma_ray.students.hyperparameters import as_plain_values
 
 
 def test_defaults_are_the_papers():
@@ -40,7 +40,7 @@ def test_defaults_survive_json(name):
 def test_later_hyperparameters_change_no_identity_at_their_defaults():
     later = {"activation": "tanh", "separate_trunks": True, "averaged_steps": 10}
     assert set(default_hyperparameters("ppo")).isdisjoint(later)
-    assert as_plain_values(check_hyperparameters("ppo", later)).items() >= later.items()
+    assert identifying(check_hyperparameters("ppo", later)).items() >= later.items()
     name = canonical_student("ppo:activation=relu:averaged_steps=10:separate_trunks=false")
     assert name == "ppo:averaged_steps=10"
 

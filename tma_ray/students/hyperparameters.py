@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import dataclasses
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from enum import StrEnum
 from typing import Any, ClassVar, TypeVar
 
-from tma_ray.hyperparameters import parse_settings, plain
+from tma_ray.hyperparameters import parse_settings
 from tma_ray.students.mlp.layout import Activation, Layout
 
 H = TypeVar("H")
@@ -38,7 +37,7 @@ class PPOHyperparameters:
     Attributes:
         algorithm_version: of the student; here, so that it is known without torch.
         absent_at_default: hyper-parameters that came after the first runs, whose identity they leave as it
-            was: see `as_plain_values`.
+            was: see `tma_ray.hyperparameters.identifying`.
         hidden_units: units per hidden layer of the trunk that policy and value share, or of each one's.
         activation: function after each hidden layer; ReLU as the paper says (the original release: tanh).
         separate_trunks: True if policy and value share no layer.
@@ -211,19 +210,6 @@ def parse_hyperparameters(
             or outside its range.
     """
     return kind(**parse_settings(kind, text or {}, given))
-
-
-def as_plain_values(hyperparameters: Any) -> dict[str, Any]:
-    """Returns `hyperparameters` as a dict that survives JSON unchanged.
-
-    Those that their class names in `absent_at_default` are left out where they have their default.
-    """
-    later: frozenset[str] = getattr(hyperparameters, "absent_at_default", frozenset())
-    return {
-        field.name: plain(getattr(hyperparameters, field.name))
-        for field in dataclasses.fields(hyperparameters)
-        if field.name not in later or getattr(hyperparameters, field.name) != field.default
-    }
 
 
 def _check_positive(hyperparameters: object, *names: str) -> None:
