@@ -242,12 +242,19 @@ def test_a_student_starts_from_the_weights_and_statistics_of_another(tmp_path):
         train(student, Drift(seed=3), 50)
         student.normaliser = walker.normaliser
         student.reset()
+    saved, moved = tmp_path / "saved", tmp_path / "elsewhere" / "walker.json"
+    for folder in (saved, moved.parent):
+        folder.mkdir()
+    file.rename(moved)
+    student.save(saved)
+    small_student("ppo", start_from=str(moved)).load(saved)
 
 
 @pytest.mark.parametrize(
     ("hyper", "message"),
     [
         ({"hidden_units": [8]}, "has 229 parameters, the networks here have 61"),
+        ({"gamma": 0.5}, r"walker.json is of a student .* \(3, 0.99, 10.0, 10.0\): expected \(3, 0.5, "),
         ({"start_from": "missing.json"}, "'missing.json': no such file; PPO.save_start writes one"),
     ],
 )

@@ -163,7 +163,7 @@ def first_normaliser(hyper: PPOHyperparameters, size: int) -> Normaliser:
         size: length of an observation.
 
     Raises:
-        ValueError: the file is not there, or is of observations of another size.
+        ValueError: the file is not there, or is of a student with other observations, gamma or clips.
     """
     if not hyper.start_from:
         return Normaliser(size, hyper.gamma, hyper.observation_clip, hyper.reward_clip)
@@ -171,8 +171,13 @@ def first_normaliser(hyper: PPOHyperparameters, size: int) -> Normaliser:
     if not path.is_file():
         raise ValueError(f"start_from = {hyper.start_from!r}: no such file; PPO.save_start writes one")
     normaliser = Normaliser.load(path)
-    if len(normaliser._mean) != size:
-        raise ValueError(f"{path} has observations of size {len(normaliser._mean)}, expected {size}")
+    wanted = size, hyper.gamma, hyper.observation_clip, hyper.reward_clip
+    found = len(normaliser._mean), normaliser.gamma, normaliser.observation_clip, normaliser.reward_clip
+    if found != wanted:
+        raise ValueError(
+            f"{path} is of a student with size of observations, gamma, observation_clip and reward_clip "
+            f"{found}: expected {wanted}; start from another file"
+        )
     return normaliser
 
 

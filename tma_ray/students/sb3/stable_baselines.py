@@ -125,7 +125,7 @@ class StableBaselinesStudent(Student, Generic[H, M]):
     def save(self, folder: Path, incremental: bool = False) -> tuple[str, ...]:  # noqa: D102
         experience = self._save_experience(folder, incremental)
         state = {
-            "hyperparameters": identifying(self.hyperparameters),
+            "hyperparameters": self._settings,
             "generators": [generator.bit_generator.state for generator in self._generators],
             "updates": self.model._n_updates,
             "counters": experience.counters,
@@ -141,7 +141,7 @@ class StableBaselinesStudent(Student, Generic[H, M]):
 
     def load(self, folder: Path) -> None:  # noqa: D102
         state = json.loads((folder / "student.json").read_text())
-        saved, ours = state["hyperparameters"], identifying(self.hyperparameters)
+        saved, ours = state["hyperparameters"], self._settings
         if saved != ours:
             differing = [key for key in {**saved, **ours} if saved.get(key, "none") != ours.get(key, "none")]
             raise ValueError(
@@ -194,6 +194,12 @@ class StableBaselinesStudent(Student, Generic[H, M]):
     def _variables(self) -> list[str]:
         """Names of the model's tensors that belong to no module, such as a learned entropy coefficient."""
         return list(self.model._get_torch_save_params()[1])
+
+    @property
+    def _settings(self) -> dict[str, Any]:
+        """Hyper-parameters as states have them: a file by its name, since each process has it elsewhere."""
+        values = identifying(self.hyperparameters)
+        return {key: Path(value).name if key == "start_from" else value for key, value in values.items()}
 
     @property
     def _generators(self) -> list[np.random.Generator]:
