@@ -65,7 +65,7 @@ STEPS = 2_000_000
 MILLIONS = 1, 2, 3, 4, 5
 """Budgets that part "budget" is read at."""
 
-SEEDS = {"screen": range(1000, 1004), "budget": range(1004, 1007)}
+SEEDS = {"screen": tuple(range(1000, 1004)), "budget": tuple(range(1004, 1007))}
 
 ENOUGH = 1.3
 """Signal to noise, in units of the paper's student's, from which on there is a new release."""
@@ -152,10 +152,11 @@ def walker(student: str, seed: int, folder: Path) -> Path:
         cell = Cell(challenge=FLAT, student=student)
         loop = loop_of(cell, seed)
         loop.train(WALKER_STEPS)
-        rows = Evaluation(effective_spec(cell, seed, Schedule()))(loop.student)
+        trained: Any = loop.student
+        rows = Evaluation(effective_spec(cell, seed, Schedule()))(trained)
         mastered = np.mean([row["episodic_return"] > MASTERY_RETURN for row in rows])
         print(f"walker {seed} masters {mastered:.0%} of the easy tasks", flush=True)
-        loop.student.save_start(file.with_suffix(".part"))
+        trained.save_start(file.with_suffix(".part"))
         file.with_suffix(".part").replace(file)
     return file
 
@@ -170,6 +171,7 @@ def steps_of(student: str) -> int:
 
 def plan(part: str, found: pd.DataFrame, walkers: Path) -> Plan:
     """Returns the runs of `part`, given the evaluations before it and a folder for walking policies."""
+    chosen: list[tuple[str, str, str, str, int, int, tuple[int, ...]]]
     if part == "students":
         chosen = [
             (student, challenge, body, teacher, steps_of(student), INTERVAL, SEEDS["screen"])
@@ -212,7 +214,7 @@ def plan(part: str, found: pd.DataFrame, walkers: Path) -> Plan:
         CampaignSpec(
             name,
             (Cell("stump_tracks", challenge, body, student, teacher, KnowledgeLevel.HIGH),),
-            tuple(seeds),
+            seeds,
             Schedule(steps, interval, INTERVAL, training_window=100_000),
         )
         for student, challenge, body, teacher, steps, interval, seeds in chosen
@@ -277,7 +279,7 @@ def finalists(found: pd.DataFrame) -> list[str]:
 def noise_of(runs: pd.DataFrame, measure: str) -> Estimate:
     """Returns signal to noise of the square roots of a measure of the runs of one student."""
     strata = [
-        {teacher: np.sqrt(own[measure].to_numpy()) for teacher, own in space.groupby("teacher")}
+        {str(teacher): np.sqrt(own[measure].to_numpy()) for teacher, own in space.groupby("teacher")}
         for _, space in runs.groupby(["challenge", "embodiment"])
     ]
     return signal_to_noise(strata)
@@ -345,7 +347,7 @@ def screen_table(found: pd.DataFrame) -> str:
     rows = [
         (
             f"`{student}`",
-            f"{ratios[student]:.2f}",
+            f"{ratios[str(student)]:.2f}",
             f"{steps_of(str(student)) / 1e6:g}",
             *(
                 f"{row[measure, 'mean']:.1f} ± {row[measure, 'std']:.1f}"

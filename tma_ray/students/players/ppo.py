@@ -25,14 +25,16 @@ class PPOPlayer(Player):
     hyperparameters_type = PPOHyperparameters
 
     def _layout(self, observation: int, action: int) -> Layout:
-        return self.hyperparameters.layout(observation, action)
+        layout: Layout = self.hyperparameters.layout(observation, action)
+        return layout
 
     def _start(self) -> None:
         hyper, size = self.hyperparameters, self._observation_size
         self.normaliser = first_normaliser(hyper, size)
         self._rollout = Rollout(hyper.steps_per_update, size, self._low.size, self._batches)
         self._episode_starts = True
-        self._greedy, self._average = self._network, None
+        self._average: FloatArray | None = None
+        self._greedy = self._network
         if hyper.averaged_steps:
             self._greedy = ArrayNetwork(self._layout(size, self._low.size))
 

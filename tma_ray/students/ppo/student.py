@@ -93,7 +93,8 @@ class PPO(StableBaselinesStudent[PPOHyperparameters, stable_baselines3.PPO]):
         self._episode_starts = True
 
     def _connect(self) -> None:
-        hyper, policy = self.hyperparameters, self.model.policy
+        hyper = self.hyperparameters
+        policy: Any = self.model.policy
         if hyper.separate_trunks:
             with self._torch_stream.active():
                 separate(policy.features_extractor, policy.action_net, policy.value_net)
@@ -294,7 +295,7 @@ class StockPPO(PPO):
             trunks = torch.from_numpy(self._layout.trunks(self._low.size))
             kept[: len(trunks)] = trunks.to(kept)
             for parameter, own in zip(self._flat.parameters, self._flat.views(kept), strict=True):
-                parameter.register_hook(own.mul)
+                parameter.register_hook(own.mul)  # type: ignore[no-untyped-call]
 
     def _restore_update(self) -> None:
         """Restores nothing: the model's optimiser is the only one."""
