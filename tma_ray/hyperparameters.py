@@ -120,6 +120,20 @@ def differing(part: Callable[..., Any], values: Mapping[str, Any]) -> dict[str, 
     return named | others
 
 
+def identifying(part: Any) -> dict[str, Any]:
+    """Returns what the constructor of a dataclass was given, defaults included, as values that JSON has.
+
+    Fields that its attribute `absent_at_default` names, those that came after the first runs, are left out
+    where they have their default: runs keep the identity that they had before.
+    """
+    later: frozenset[str] = getattr(part, "absent_at_default", frozenset())
+    return {
+        field.name: plain(getattr(part, field.name))
+        for field in dataclasses.fields(part)
+        if field.init and not (field.name in later and getattr(part, field.name) == field.default)
+    }
+
+
 def plain(value: Any) -> Any:
     """Returns a value that survives JSON unchanged: enums as text, tuples as lists."""
     if isinstance(value, StrEnum):

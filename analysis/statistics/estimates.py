@@ -127,6 +127,34 @@ def probability_of_improvement(first: Strata, second: Strata) -> Estimate:
     return Estimate(value, value - below, value + above, n)
 
 
+def signal_to_noise(strata: Sequence[Mapping[str, ArrayLike]]) -> Estimate:
+    """Returns the deviation between teachers over that between seeds, shrunken by what chance explains.
+
+    With F = n v / s², where v is the mean variance of the teachers' means in a stratum and s² the pooled
+    variance of seeds with f degrees of freedom, the square is (F (f - 2) / f - 1) / n, or 0 if that is less:
+    unbiased before it is cut. The interval is exact for normal teachers and seeds, whose F is distributed as
+    1 + n times the square, times Fisher's F. Where seeds differ in number, n is the harmonic mean.
+
+    Args:
+        strata: the values (n,), one a seed, of each of several teachers; one mapping a task space.
+    """
+    samples = [[np.asarray(values, float) for values in stratum.values()] for stratum in strata]
+    each = [values for stratum in samples for values in stratum]
+    between, within = len(each) - len(samples), sum(map(len, each)) - len(each)
+    if min(map(len, samples), default=0) < 2 or min(map(len, each)) < 2 or within < 3:
+        return Estimate(math.nan, math.nan, math.nan, sum(map(len, each)), "needs 2 teachers and 2 seeds")
+    n = len(each) / sum(1 / len(values) for values in each)
+    noise = sum(float(((values - values.mean()) ** 2).sum()) for values in each) / within
+    means = [np.array([values.mean() for values in stratum]) for stratum in samples]
+    signal = sum(float(((row - row.mean()) ** 2).sum()) for row in means) / between
+    ratio = n * signal / noise if noise else math.inf
+    ends = (ratio / special.fdtri(between, within, share) for share in (TAIL, 1 - TAIL))
+    value, low, high = (
+        math.sqrt(max(0.0, (found - 1) / n)) for found in (ratio * (within - 2) / within, *ends)
+    )
+    return Estimate(value, low, high, sum(map(len, each)))
+
+
 def performance_profile(
     sample: Strata, thresholds: Sequence[float], clusters: Clusters | None = None
 ) -> pd.DataFrame:

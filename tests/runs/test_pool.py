@@ -15,6 +15,8 @@ from tma_ray.runs.placement import PLAYER_NICENESS
 from tma_ray.runs.pool import PoolReport, cohort, run_in_processes
 from tma_ray.students.players import CohortSettings
 
+HOPPER = Path(__file__).parents[2] / "examples" / "hopper.toml"
+
 TINY = {"hidden_units": [16, 8], "steps_per_update": 100, "batch_size": 50, "epochs": 2}
 
 pytestmark = pytest.mark.slow
@@ -50,6 +52,13 @@ def test_a_pool_gives_what_one_process_gives(tmp_path: Path) -> None:
         assert set(report.outcomes.values()) == {AttemptOutcome.DONE}
         assert not report.errors
     assert episodes(tmp_path / "1") == episodes(tmp_path / "2")
+
+
+def test_processes_have_the_files_that_runs_read(tmp_path: Path) -> None:
+    cell = Cell(challenge="easy", embodiment=str(HOPPER), student="ppo", student_hyperparameters=TINY)
+    runs = CampaignSpec("pool", (cell,), (0,), Schedule(400, 400, 400)).plan().runs
+    report = run_in_processes(runs, tmp_path / "results", 1)
+    assert set(report.outcomes.values()) == {AttemptOutcome.DONE}, report.errors
 
 
 def test_a_cohort_stops_and_resumes_bit_for_bit(tmp_path: Path) -> None:

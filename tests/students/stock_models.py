@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import stable_baselines3
+import torch
 from gymnasium import spaces
 from stable_baselines3.common.logger import Logger
 from stable_baselines3.common.torch_layers import BaseFeaturesExtractor
@@ -44,11 +45,20 @@ def ppo(hyper: PPOHyperparameters, dtype) -> stable_baselines3.PPO:
         policy_kwargs={
             "net_arch": [],
             "features_extractor_class": Trunk,
-            "features_extractor_kwargs": {"hidden_units": hyper.hidden_units},
+            "features_extractor_kwargs": {
+                "hidden_units": hyper.layout(OBSERVATION, ACTION).sizes[1:-1],
+                "activation": hyper.activation,
+            },
         },
         device="cpu",
     )
     convert(model, dtype)
+    if hyper.separate_trunks:
+        flat = ppo_parameters(model)
+        kept = torch.ones_like(flat.values)
+        kept[:-ACTION] = torch.from_numpy(hyper.layout(OBSERVATION, ACTION).trunks(ACTION)).to(dtype)
+        for parameter, own in zip(flat.parameters, flat.views(kept), strict=True):
+            parameter.register_hook(own.mul)
     nn.init.normal_(model.policy.log_std, std=0.3)
     model.set_logger(Logger(None, []))
     return model

@@ -9,6 +9,7 @@ import gymnasium
 import numpy as np
 from gymnasium import spaces
 
+from tma_ray.part_names import base_name
 from tma_ray.students import Student, Transition, make_student
 
 SMALL = {
@@ -44,7 +45,7 @@ class Drift(gymnasium.Env):
 
 def small_student(name: str, seed: int = 0, **hyperparameters) -> Student:
     env = Drift()
-    values = {**SMALL[name.removeprefix("stock:")], **hyperparameters}
+    values = {**SMALL[base_name(name).removeprefix("stock:")], **hyperparameters}
     return make_student(name, env.observation_space, env.action_space, np.random.SeedSequence(seed), values)
 
 

@@ -9,6 +9,7 @@ import stable_baselines3
 import torch
 from students_support import Drift, digest, parameters, train, train_episodes
 
+from tma_ray.hyperparameters import identifying
 from tma_ray.registry import UnknownNameError
 from tma_ray.students import (
     STUDENTS,
@@ -16,7 +17,6 @@ from tma_ray.students import (
     default_hyperparameters,
     make_student,
 )
-from tma_ray.students.hyperparameters import as_plain_values
 from tma_ray.students.sb3.algorithms import as_student, student_of
 
 OBSERVATIONS = np.random.default_rng(0).normal(size=(20, 3)).astype(np.float32)
@@ -140,7 +140,7 @@ class Patient(stable_baselines3.TD3):
 
 def test_an_algorithm_of_ones_own_has_its_arguments_and_those_it_passes_on():
     own = as_student(Patient)
-    values = as_plain_values(own.hyperparameters_type(**VALUES["TD3"], patience=7))
+    values = identifying(own.hyperparameters_type(**VALUES["TD3"], patience=7))
     assert values.keys() == {*default_hyperparameters("TD3"), "patience"}
     assert values["gamma"] == 0.5
     env = Drift()

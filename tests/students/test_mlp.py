@@ -5,13 +5,17 @@ import pytest
 import torch
 from torch import nn
 
-from tma_ray.students.mlp.layout import Layout
+from tma_ray.students.mlp.arrays import ArrayNetwork
+from tma_ray.students.mlp.layout import Activation, Layout
 from tma_ray.students.mlp.modules import FlatParameters, as_modules, blocks_of
 from tma_ray.students.mlp.network import Network, forward, split
 from tma_ray.students.mlp.rows import RowNetwork
 
 LAYOUTS = [Layout(sizes) for sizes in ((5, 7, 6, 3), (4, 2), (24, 40, 30, 8), (1, 9, 1))]
-EACH = pytest.mark.parametrize("layout", LAYOUTS, ids=lambda layout: "-".join(map(str, layout.sizes)))
+LAYOUTS.append(Layout((5, 7, 6, 3), Activation.TANH))
+EACH = pytest.mark.parametrize(
+    "layout", LAYOUTS, ids=lambda layout: "-".join(map(str, (*layout.sizes, layout.activation)))
+)
 
 
 @pytest.fixture(autouse=True)
@@ -32,15 +36,21 @@ def test_torchs_modules_stacks_and_compiled_rows_compute_the_same(layout):
     parameters, inputs = drawn(layout)
     expected = nn.Sequential(*as_modules(parameters, layout))(inputs)
     assert expected.shape == (9, layout.sizes[-1])
-    torch.testing.assert_close(forward(split(parameters, layout), inputs), expected, rtol=0, atol=1e-12)
+    torch.testing.assert_close(
+        forward(split(parameters, layout), inputs, layout.activation), expected, rtol=0, atol=1e-12
+    )
     torch.testing.assert_close(Network(parameters, layout)(inputs).detach(), expected, rtol=0, atol=1e-12)
     other = drawn(layout)
-    stacked = forward(split(torch.stack([other[0], parameters]), layout), torch.stack([other[1], inputs]))
+    layers = split(torch.stack([other[0], parameters]), layout)
+    stacked = forward(layers, torch.stack([other[1], inputs]), layout.activation)
     torch.testing.assert_close(stacked[1], expected, rtol=0, atol=1e-12)
     row = RowNetwork(layout)
     row.load(parameters.numpy())
     outputs = np.stack([row(values) for values in inputs.float().numpy()])
     np.testing.assert_allclose(outputs, expected, atol=1e-5)
+    arrays = ArrayNetwork(layout)
+    arrays.load(parameters.float().numpy())
+    np.testing.assert_allclose(arrays(inputs.float().numpy()), expected, atol=1e-5)
 
 
 @EACH
@@ -50,7 +60,9 @@ def test_the_lean_backward_pass_equals_autograd(layout):
     outer = torch.randn(9, layout.sizes[-1], dtype=torch.float64)
     outer[[2, 5]] = 0  # rows without a gradient
     leaf = parameters.clone().requires_grad_()
-    expected = torch.autograd.grad(forward(split(leaf, layout), inputs), (inputs, leaf), outer)
+    expected = torch.autograd.grad(
+        forward(split(leaf, layout), inputs, layout.activation), (inputs, leaf), outer
+    )
     network = Network(parameters, layout)
     found = torch.autograd.grad(network(inputs), (inputs, network.parameters), outer)
     for gradient, wanted in zip(found, expected, strict=True):
@@ -87,3 +99,17 @@ def test_modules_are_views_of_the_vector_that_their_networks_apply():
             torch.testing.assert_close(found, wanted, rtol=0, atol=1e-12)
         with torch.no_grad():
             flat.values.mul_(1.1)
+
+
+def test_trunks_side_by_side_are_two_networks_that_share_their_inputs():
+    layout = Layout((5, 8, 6, 3), Activation.TANH)
+    parameters, inputs = drawn(layout)
+    parameters *= torch.from_numpy(layout.trunks(2))
+    outputs = forward(split(parameters, layout), inputs, layout.activation)
+    (first, b1), (second, b2), (last, b3) = split(parameters, layout)
+    for half, own in ((0, slice(2)), (1, slice(2, 3))):
+        low, high = slice(4 * half, 4 * half + 4), slice(3 * half, 3 * half + 3)
+        values = torch.tanh(inputs @ first[low].T + b1[low])
+        values = torch.tanh(values @ second[high, low].T + b2[high])
+        torch.testing.assert_close(outputs[:, own], values @ last[own, high].T + b3[own])
+    assert layout.trunks(2).sum() == 2 * (5 * 4 + 4 + 4 * 3 + 3) + 3 * 3 + 3

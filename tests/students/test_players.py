@@ -57,9 +57,13 @@ def weights(student, folder: Path) -> dict[str, np.ndarray]:
     return load_file(file)
 
 
-def test_ppo_learns_as_alone(learner, tmp_path):
+VARIANTS = {"activation": "tanh", "separate_trunks": True}, {"averaged_steps": 100}
+
+
+@pytest.mark.parametrize("hyper", [{}, *VARIANTS], ids=["default", "separate trunks", "average"])
+def test_ppo_learns_as_alone(learner, tmp_path, hyper):
     """Same worlds, same noise, same mini-batches: equal to rounding after several rollouts."""
-    alone, player = small_student("ppo"), player_of(learner, "ppo")
+    alone, player = small_student("ppo", **hyper), player_of(learner, "ppo", **hyper)
     steps = [train(student, Drift(seed=5), 260) for student in (alone, player)]
     for one, other in zip(*steps, strict=True):
         np.testing.assert_allclose(one.action, other.action, rtol=1e-3, atol=1e-4)
@@ -113,22 +117,24 @@ def student_noise(student) -> np.random.Generator:
     return copy.deepcopy(student._exploration)
 
 
-@pytest.mark.parametrize("name", ["ppo", "sac"])
-def test_a_run_moves_out_of_a_cohort_and_into_one(learner, tmp_path, name):
+@pytest.mark.parametrize(
+    ("name", "hyper"), [("ppo", {}), ("sac", {}), *(("ppo", variant) for variant in VARIANTS)]
+)
+def test_a_run_moves_out_of_a_cohort_and_into_one(learner, tmp_path, name, hyper):
     """The files are those of the student that learns alone, each loads what the other saved, and goes on."""
-    player = player_of(learner, name, seed=3)
+    player = player_of(learner, name, seed=3, **hyper)
     env = Drift(seed=9, limit=10, ending=0.0)
     train(player, env, 130)
     folders = [tmp_path / part for part in ("first", "second")]
     for folder in folders:
         folder.mkdir()
     player.save(folders[0])
-    alone = small_student(name, seed=3)
+    alone = small_student(name, seed=3, **hyper)
     alone.load(folders[0])
     states = np.random.default_rng(0).normal(size=(5, 3)).astype(np.float32)
     np.testing.assert_allclose(alone.act_greedily(states), player.act_greedily(states), rtol=1e-5, atol=1e-6)
     alone.save(folders[1])
-    again = player_of(learner, name, seed=3)
+    again = player_of(learner, name, seed=3, **hyper)
     again.load(folders[1])
     np.testing.assert_array_equal(again.act_greedily(states), player.act_greedily(states))
     ends = [train(each, Drift(seed=1, limit=10, ending=0.0), 120) for each in (player, again)]

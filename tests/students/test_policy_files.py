@@ -25,6 +25,7 @@ from tma_ray.students.sb3.algorithms import as_student
 
 OBSERVATIONS = np.random.default_rng(0).normal(0, 3, (200, 3)).astype(np.float32)
 OURS = [*SMALL, *(f"stock:{name}" for name in SMALL)]
+VARIANTS = ["ppo:activation=tanh:separate_trunks=true", "ppo:averaged_steps=100"]
 FILES = {"policy.json", "policy.safetensors"}
 
 _watched: list[str] = []
@@ -51,12 +52,12 @@ def no_pickles(monkeypatch: pytest.MonkeyPatch) -> Callable[[], None]:
 
 
 def trained(name: str) -> Student:
-    student = small_student(name) if name in OURS else algorithm_student(name)
+    student = small_student(name) if name in (*OURS, *VARIANTS) else algorithm_student(name)
     train(student, Drift(), 130)
     return student
 
 
-@pytest.mark.parametrize("name", [*OURS, *VALUES])
+@pytest.mark.parametrize("name", [*OURS, *VARIANTS, *VALUES])
 def test_a_saved_policy_acts_to_the_bit_as_its_student_and_is_loaded_without_pickles(
     name: str, tmp_path: Path, no_pickles: Callable[[], None]
 ) -> None:

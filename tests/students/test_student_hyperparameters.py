@@ -5,12 +5,14 @@ import numpy as np
 import pytest
 from gymnasium.spaces import Box
 
+from tma_ray.hyperparameters import identifying
 from tma_ray.registry import UnknownNameError
 from tma_ray.students import (
     STUDENTS,
     PPOHyperparameters,
     SACHyperparameters,
     Student,
+    canonical_student,
     check_hyperparameters,
     default_hyperparameters,
     make_student,
@@ -33,6 +35,14 @@ def test_defaults_survive_json(name):
     values = json.loads(json.dumps(default_hyperparameters(name)))
     assert values == default_hyperparameters(name)
     assert check_hyperparameters(name, values) == check_hyperparameters(name)
+
+
+def test_later_hyperparameters_change_no_identity_at_their_defaults():
+    later = {"activation": "tanh", "separate_trunks": True, "averaged_steps": 10}
+    assert set(default_hyperparameters("ppo")).isdisjoint(later)
+    assert identifying(check_hyperparameters("ppo", later)).items() >= later.items()
+    name = canonical_student("ppo:activation=relu:averaged_steps=10:separate_trunks=false")
+    assert name == "ppo:averaged_steps=10"
 
 
 def test_given_values_replace_defaults():
@@ -60,6 +70,8 @@ def test_given_values_replace_defaults():
         ("ppo", "batch_size", 300, "a divisor of steps_per_update = 2000"),
         ("ppo", "batch_size", 1, "more than 1"),
         ("ppo", "value_clip_range", -1, "expected more than 0"),
+        ("ppo", "activation", "tahn", "did you mean 'tanh'"),
+        ("ppo", "averaged_steps", -1, "averaged_steps = -1: expected 0 or more"),
         ("sac", "buffer_size", 0, "expected more than 0"),
         ("sac", "exploration_steps", -1, "neither under 0"),
     ],

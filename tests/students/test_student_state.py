@@ -202,3 +202,63 @@ def test_asking_for_values_does_not_change_the_training(name):
             train_episodes(student, range(episode, episode + 1))
     for key, value in parameters(asked).items():
         np.testing.assert_array_equal(value, parameters(other)[key])
+
+
+def test_evaluations_see_the_exponential_average_of_the_weights(tmp_path):
+    student = small_student("ppo", averaged_steps=120)
+    share = 1 - np.exp(-50 / 120)
+    average, env = flat(student), Drift()
+    for _ in range(3):
+        train(student, env, 50)
+        average = (1 - share) * average + share * flat(student)
+    np.testing.assert_allclose(student.average, average, rtol=1e-5, atol=1e-7)
+    assert np.abs(flat(student) - average).max() > 1e-4
+    present = student.act_greedily(OBSERVATIONS)
+    student.put_average(flat(student))
+    assert np.abs(student.act_greedily(OBSERVATIONS) - present).max() > 1e-5
+    student.save(tmp_path)
+    other = small_student("ppo", averaged_steps=120)
+    other.load(tmp_path)
+    np.testing.assert_array_equal(other.act_greedily(OBSERVATIONS), student.act_greedily(OBSERVATIONS))
+    student.reset()
+    np.testing.assert_array_equal(student.average, flat(student))
+
+
+def flat(student) -> np.ndarray:
+    """Returns the parameters of the network (p,)."""
+    return student._network.parameters.detach().numpy().copy()
+
+
+def test_a_student_starts_from_the_weights_and_statistics_of_another(tmp_path):
+    walker, env = small_student("ppo", seed=5), Drift()
+    train(walker, env, 130)
+    file = tmp_path / "walker.json"
+    walker.save_start(file)
+    student = small_student("ppo", seed=6, start_from=str(file))
+    for _ in range(2):
+        np.testing.assert_array_equal(student.act_greedily(OBSERVATIONS), walker.act_greedily(OBSERVATIONS))
+        np.testing.assert_array_equal(student.state_values(OBSERVATIONS), walker.state_values(OBSERVATIONS))
+        assert student.update.adam.steps == 0
+        train(student, Drift(seed=3), 50)
+        student.normaliser = walker.normaliser
+        student.reset()
+    saved, moved = tmp_path / "saved", tmp_path / "elsewhere" / "walker.json"
+    for folder in (saved, moved.parent):
+        folder.mkdir()
+    file.rename(moved)
+    student.save(saved)
+    small_student("ppo", start_from=str(moved)).load(saved)
+
+
+@pytest.mark.parametrize(
+    ("hyper", "message"),
+    [
+        ({"hidden_units": [8]}, "has 229 parameters, the networks here have 61"),
+        ({"gamma": 0.5}, r"walker.json is of a student .* \(3, 0.99, 10.0, 10.0\): expected \(3, 0.5, "),
+        ({"start_from": "missing.json"}, "'missing.json': no such file; PPO.save_start writes one"),
+    ],
+)
+def test_a_file_to_start_from_that_does_not_fit_is_refused(hyper, message, tmp_path):
+    small_student("ppo").save_start(tmp_path / "walker.json")
+    with pytest.raises(ValueError, match=message):
+        small_student("ppo", **{"start_from": str(tmp_path / "walker.json"), **hyper})

@@ -27,29 +27,68 @@ def assert_same_networks(student, stock, atol: float = 1e-7) -> None:
         np.testing.assert_allclose(ours, theirs[name].numpy(), rtol=1e-6, atol=atol, err_msg=name)
 
 
-def test_ppo_learns_what_stable_baselines3_learns(monkeypatch):
-    # so fast that both clips matter: of the ratio and of the value
-    student = small_student("ppo", seed=3, learning_rate=0.01, clip_range=0.02, value_clip_range=0.05)
-    exploration, batches = generators(3)
-    env = VecNormalize(DummyVecEnv([lambda: Drift(seed=1, limit=None)]))
+SHARED = {
+    "net_arch": [],
+    "activation_fn": nn.ReLU,
+    "features_extractor_class": Trunk,
+    "features_extractor_kwargs": {"hidden_units": (16, 8)},
+}
+SEPARATE = {"net_arch": {"pi": [16, 8], "vf": [16, 8]}, "activation_fn": nn.Tanh}
+
+
+def stock_ppo(student, policy_kwargs: dict[str, object]) -> stable_baselines3.PPO:
+    """Returns stable-baselines3's PPO on `Drift`, normalised, with the initial networks of `student`."""
     stock = stable_baselines3.PPO(
         "MlpPolicy",
-        env,
+        VecNormalize(DummyVecEnv([lambda: Drift(seed=1, limit=None)])),
         learning_rate=0.01,
         n_steps=50,
         batch_size=25,
         n_epochs=2,
         clip_range=0.02,
         clip_range_vf=0.05,
-        policy_kwargs={
-            "net_arch": [],
-            "activation_fn": nn.ReLU,
-            "features_extractor_class": Trunk,
-            "features_extractor_kwargs": {"hidden_units": (16, 8)},
-        },
+        policy_kwargs=policy_kwargs,
         device="cpu",
     )
-    stock.set_parameters(student.model.get_parameters())
+    stock.policy.load_state_dict(stock_parameters(student, policy_kwargs))
+    return stock
+
+
+def stock_parameters(student, policy_kwargs: dict[str, object]) -> dict[str, torch.Tensor]:
+    """Returns the parameters of `student` as `stock_ppo` has them; weights between trunks are 0."""
+    own = {name: torch.from_numpy(value) for name, value in parameters(student).items()}
+    if policy_kwargs is SHARED:
+        return own
+    found = {"log_std": own["log_std"]}
+    for index, half in enumerate(("policy", "value")):
+        last, inputs = {"policy": "action", "value": "value"}[half], slice(None)
+        for place, units in ((0, 16), (2, 8)):
+            kept = slice(units * index, units * index + units)
+            weight = own[f"features_extractor.layers.{place}.weight"][kept]
+            found[f"mlp_extractor.{half}_net.{place}.weight"] = weight[:, inputs]
+            found[f"mlp_extractor.{half}_net.{place}.bias"] = own[f"features_extractor.layers.{place}.bias"][
+                kept
+            ]
+            assert weight.count_nonzero() == weight[:, inputs].count_nonzero()
+            inputs = kept
+        found[f"{last}_net.weight"] = own[f"{last}_net.weight"][:, inputs]
+        found[f"{last}_net.bias"] = own[f"{last}_net.bias"]
+        assert own[f"{last}_net.weight"].count_nonzero() == found[f"{last}_net.weight"].numel()
+    return found
+
+
+@pytest.mark.parametrize("name", ["ppo", "stock:ppo"])
+@pytest.mark.parametrize(
+    ("policy_kwargs", "values"),
+    [(SHARED, {}), (SEPARATE, {"activation": "tanh", "separate_trunks": True})],
+    ids=["shared", "separate"],
+)
+def test_ppo_learns_what_stable_baselines3_learns(name, policy_kwargs, values, monkeypatch):
+    # so fast that both clips matter: of the ratio and of the value
+    values |= {"learning_rate": 0.01, "clip_range": 0.02, "value_clip_range": 0.05}
+    student = small_student(name, seed=3, **values)
+    exploration, batches = generators(3)
+    stock = stock_ppo(student, policy_kwargs)
     initial = parameters(student)
     gaussian = stock.policy.action_dist
 
@@ -63,11 +102,13 @@ def test_ppo_learns_what_stable_baselines3_learns(monkeypatch):
         stock.learn(200)
     train(student, Drift(seed=1, limit=None), 200)
 
-    assert_same_networks(student, stock)
-    assert any((initial[name] != value).any() for name, value in parameters(student).items())
+    expected = stock.policy.state_dict()
+    for key, ours in stock_parameters(student, policy_kwargs).items():
+        np.testing.assert_allclose(ours, expected[key].numpy(), rtol=1e-6, atol=1e-7, err_msg=key)
+    assert any((initial[key] != value).any() for key, value in parameters(student).items())
     np.testing.assert_allclose(
         student.normaliser.normalise(np.ones(3, np.float32)),
-        env.normalize_obs(np.ones(3, np.float32)),
+        stock.env.normalize_obs(np.ones(3, np.float32)),
         rtol=1e-6,
     )
 

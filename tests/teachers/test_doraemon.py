@@ -111,6 +111,25 @@ def test_nothing_changes_before_the_share_is_reached() -> None:
     np.testing.assert_array_equal(np.stack(teacher.distribution_), np.stack(first))
 
 
+@pytest.mark.parametrize(("level", "is_wide"), [(KnowledgeLevel.LOW, True), (KnowledgeLevel.HIGH, False)])
+def test_where_no_easy_task_is_known_it_can_start_uniform_and_narrow_to_what_is_mastered(
+    level: KnowledgeLevel, is_wide: bool
+) -> None:
+    space = SPACES["with_constants"]
+    teacher = make_teacher("doraemon", {"start_from_wide_uniform": True, "budget": 20_000})
+    assert isinstance(teacher, DORAEMON)
+    knowledge = expert_knowledge(level, space, np.random.default_rng(1), [0.2, 10, 0])
+    teacher.start(space, knowledge, np.random.default_rng(0))
+    assert (teacher.distribution_.entropy()[0] == 0.0) == is_wide
+    if is_wide:
+        assert teacher.next_update_ == 3162  # of 100,000, for a thousandth of the paper's budget
+        for index in range(1, 1501):
+            task = teacher.sample()
+            mastered = bool(task[0] <= 0.1)
+            teacher.observe(Episode(task, 0.0, mastered, 10, np.zeros(1, np.float32), 0.0, 20 * index))
+        assert (teacher.probe(2_000)[:, 0] <= 0.1).mean() > 0.3
+
+
 def test_senseless_hyperparameters_are_refused() -> None:
     for settings in ({"least_success": 1.0}, {"most_divergence": 0.0}, {"concentration": 1.0}):
         with pytest.raises(ValueError, match="expected"):

@@ -16,7 +16,7 @@ from tma_ray.tasks import (
     Trajectory,
     expert_knowledge,
 )
-from tma_ray.teachers import make_teacher
+from tma_ray.teachers import canonical_teacher, hyperparameters_of, make_teacher
 from tma_ray.teachers.replay.prioritised_replay import PrioritisedReplay
 from tma_ray.teachers.replay.scores import positive_value_loss
 from tma_ray.teachers.replay.task_buffer import TaskBuffer
@@ -115,6 +115,16 @@ def test_new_tasks_fill_the_buffer_before_it_is_replayed(name: str, trains: bool
     assert share == pytest.approx(expected, abs=0.08)
 
 
+@pytest.mark.parametrize(("budget", "capacity"), [(20_000_000, 1000), (2_000_000, 316), (200_000, 100)])
+def test_the_buffer_is_scaled_by_the_square_root_of_the_budget(budget: int, capacity: int) -> None:
+    teacher = started("plr", buffer_size=1000, budget=budget)
+    waited = 0
+    while teacher.replayed_ is None:
+        play(teacher, teacher.propose(), 1.0)
+        waited += teacher.replayed_ is None
+    assert waited == pytest.approx(capacity / 2, abs=12)  # from half of it on, by chance
+
+
 def test_high_scores_are_replayed_most() -> None:
     teacher = started("robust_plr", score="max_mc", replay_share=1.0, fill_first=1.0)
     for index in range(20):
@@ -155,6 +165,14 @@ def test_accel_starts_from_easy_tasks_where_an_expert_knows_them() -> None:
     proposed = np.stack([teacher.propose().task for _ in range(500)])
     for tasks in (proposed, teacher.probe(500)):
         np.testing.assert_allclose(tasks.mean(axis=0), [0.27, 7, 5.6], atol=0.2)
+
+
+def test_a_budget_is_absent_where_it_is_the_papers() -> None:
+    assert "budget" not in hyperparameters_of(make_teacher("accel:budget=20000000"))
+    assert hyperparameters_of(make_teacher("accel:budget=100"))["budget"] == 100
+    assert canonical_teacher("accel:budget=2e6") == "accel:budget=2000000"
+    with pytest.raises(ValueError, match="budget = 0: expected at least 1"):
+        make_teacher("robust_plr:budget=0")
 
 
 def test_senseless_hyperparameters_are_refused() -> None:

@@ -84,3 +84,15 @@ def test_senseless_hyperparameters_are_refused() -> None:
     for settings in ({"rollouts": 1}, {"kept": 0}, {"buffer_share": 2.0}):
         with pytest.raises(ValueError, match="expected"):
             make_teacher("sfl", settings)
+
+
+def test_sizes_are_scaled_by_the_square_root_of_the_budget() -> None:
+    teacher = started(candidates=50, kept=20, rollouts=2, refresh_every=100, budget=200_000)
+    asked = []
+    for index in range(31):
+        query = observed(teacher)
+        if query is not None:
+            assert query.tasks is not None
+            teacher.answer(answer(query.tasks, [0.5] * 5, 2))
+            asked.append((index, len(query.tasks), len(teacher.buffer_)))
+    assert asked == [(index, 2 * 5, 2) for index in (0, 10, 20, 30)]

@@ -13,6 +13,7 @@ import numpy as np
 from tma_ray.benchmark import challenges_of, find_challenge, load_test_set
 from tma_ray.commands.arguments import check_fields, check_kind
 from tma_ray.envs import make_environment, mastery_return
+from tma_ray.hyperparameters import identifying
 from tma_ray.part_names import base_name, join_name, split_name
 from tma_ray.physics import PHYSICS_VERSION
 from tma_ray.runs.cell_settings import (
@@ -27,7 +28,6 @@ from tma_ray.runs.inputs import captured, named
 from tma_ray.runs.plugins import algorithm_versions_of, plugins_of
 from tma_ray.runs.spec import RunSpec, Schedule
 from tma_ray.students import STUDENTS, Student, canonical_student, check_hyperparameters
-from tma_ray.students.hyperparameters import as_plain_values
 from tma_ray.tasks import KnowledgeLevel, TaskSpace, TestSet
 from tma_ray.teachers import (
     TEACHERS,
@@ -127,7 +127,7 @@ def effective_spec(cell: Cell, seed: int, schedule: Schedule, *, independent_lev
     if level is KnowledgeLevel.HIGH:
         _check_easy_task(environment, setting)
     options, inputs = captured("environment", options | (body and {"embodiment": setting.embodiment}))
-    student_values, student_inputs = captured("student", as_plain_values(student))
+    student_values, student_inputs = captured("student", identifying(student))
     teacher_values, teacher_inputs = captured("teacher", hyperparameters_of(teacher))
     return RunSpec(
         environment=named("environment", environment),

@@ -10,14 +10,13 @@ import numpy as np
 
 from tma_ray.commands.arguments import check_kind
 from tma_ray.commands.quantities import PROCESSES
-from tma_ray.hyperparameters import differing
+from tma_ray.hyperparameters import differing, identifying
 from tma_ray.part_names import base_name, join_name, split_name
 from tma_ray.registry import Registry, UnknownNameError
 from tma_ray.students.base import Policy, Student
 from tma_ray.students.hyperparameters import (
     PPOHyperparameters,
     SACHyperparameters,
-    as_plain_values,
     parse_hyperparameters,
 )
 from tma_ray.students.sb3.algorithm_names import ALGORITHMS, PACKAGES
@@ -119,7 +118,7 @@ def make_student(
 
 def default_hyperparameters(name: str) -> dict[str, Any]:
     """Returns all hyper-parameters of the student called `name` at their defaults, fit for JSON."""
-    return as_plain_values(check_hyperparameters(name))
+    return identifying(check_hyperparameters(name))
 
 
 def check_hyperparameters(name: str, given: Mapping[str, Any] | None = None) -> Any:
@@ -148,7 +147,7 @@ def canonical_student(name: str, given: Mapping[str, Any] | None = None) -> str:
     `check_hyperparameters`.
     """
     hyperparameters = check_hyperparameters(name, given)
-    return join_name(base_name(name), differing(type(hyperparameters), as_plain_values(hyperparameters)))
+    return join_name(base_name(name), differing(type(hyperparameters), identifying(hyperparameters)))
 
 
 def _hyperparameters_type(name: str) -> type:

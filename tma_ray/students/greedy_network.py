@@ -9,7 +9,7 @@ import torch
 from numpy.typing import NDArray
 
 from tma_ray.students.base import Actions, Observations
-from tma_ray.students.mlp.layout import Layout
+from tma_ray.students.mlp.layout import Activation, Layout
 from tma_ray.students.mlp.network import as_batch, forward, split
 from tma_ray.students.mlp.rows import RowNetwork
 from tma_ray.students.policy_files import StoredPolicy
@@ -50,7 +50,9 @@ class GreedyNetwork:
         if len(observations) == 1:
             mean = self.row(observations[0])[None, : self._action_size]
             return np.tanh(mean) if squash else mean
-        outputs = forward(self._layers, as_batch(observations, self._parameters.device))
+        outputs = forward(
+            self._layers, as_batch(observations, self._parameters.device), self._layout.activation
+        )
         means: Actions = (outputs.tanh_() if squash else outputs).numpy(force=True)
         return means
 
@@ -59,9 +61,8 @@ class GreedyNetwork:
         if len(observations) == 1:
             return self.row(observations[0])[None]
         layers = split(self._parameters, self._layout)
-        values: NDArray[np.float32] = forward(layers, as_batch(observations, self._parameters.device)).numpy(
-            force=True
-        )
+        rows = as_batch(observations, self._parameters.device)
+        values: NDArray[np.float32] = forward(layers, rows, self._layout.activation).numpy(force=True)
         return values
 
     def tensors(self) -> dict[str, NDArray[Any]]:
@@ -77,11 +78,14 @@ def tensor_kinds(stored: StoredPolicy) -> dict[str, tuple[tuple[int, ...], str]]
     """Returns what `StoredPolicy.check` expects of the layers, whose sizes are ``hidden_units``.
 
     Raises:
-        PolicyFileError: these are not sizes.
+        PolicyFileError: these are not sizes, or the activation is unknown.
     """
     units = stored.hyperparameters.get("hidden_units")
     if not isinstance(units, list) or not units or not all(type(size) is int and size > 0 for size in units):
         stored.refuse(f"hidden_units = {units!r:.80}: expected a list of sizes")
+    activation = stored.hyperparameters.get("activation", Activation.RELU)
+    if activation not in list(Activation):
+        stored.refuse(f"activation = {activation!r:.80}: expected one of {', '.join(Activation)}")
     shapes = _layout(stored).shapes
     kinds: dict[str, tuple[tuple[int, ...], str]] = {}
     for name, shape in zip(_names(len(shapes)), shapes, strict=True):
@@ -111,8 +115,9 @@ def check_rows(observations: Observations, size: int) -> None:
 
 
 def _layout(stored: StoredPolicy) -> Layout:
-    units = stored.hyperparameters["hidden_units"]
-    return Layout((*stored.observation_space.shape, *units, *stored.action_space.shape))
+    values = stored.hyperparameters
+    sizes = *stored.observation_space.shape, *values["hidden_units"], *stored.action_space.shape
+    return Layout(sizes, Activation(values.get("activation", Activation.RELU)))
 
 
 def _names(layers: int) -> list[str]:

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-import dataclasses
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from enum import StrEnum
 from typing import Any, ClassVar, TypeVar
 
-from tma_ray.hyperparameters import parse_settings, plain
+from tma_ray.hyperparameters import parse_settings
+from tma_ray.students.mlp.layout import Activation, Layout
 
 H = TypeVar("H")
 
@@ -35,8 +36,11 @@ class PPOHyperparameters:
 
     Attributes:
         algorithm_version: of the student; here, so that it is known without torch.
-        hidden_units: units per hidden layer of the trunk that policy and value share; ReLU as the paper
-            says (the original release: tanh).
+        absent_at_default: hyper-parameters that came after the first runs, whose identity they leave as it
+            was: see `tma_ray.hyperparameters.identifying`.
+        hidden_units: units per hidden layer of the trunk that policy and value share, or of each one's.
+        activation: function after each hidden layer; ReLU as the paper says (the original release: tanh).
+        separate_trunks: True if policy and value share no layer.
         learning_rate: Adam's step size, constant; its epsilon is 1e-5 (the release).
         steps_per_update: environment steps between two updates (the release's launch files: 20,000).
         epochs: passes over those steps in one update.
@@ -51,12 +55,21 @@ class PPOHyperparameters:
         max_gradient_norm: norm to which the gradient is clipped.
         observation_clip: normalised observations are clipped to [-x, x].
         reward_clip: normalised rewards are clipped to [-x, x].
+        start_from: path of a file that `PPO.save_start` wrote, whose weights and running statistics the
+            student begins with, also after it forgot everything; empty for new ones.
+        averaged_steps: environment steps over which the weights are averaged exponentially, update by update;
+            evaluations and the saved policy have the average. 0 for the weights themselves.
         matmul_precision: of the updates' matrix products.
     """
 
     algorithm_version: ClassVar[int] = 1
+    absent_at_default: ClassVar[frozenset[str]] = frozenset(
+        ("activation", "separate_trunks", "start_from", "averaged_steps")
+    )
 
     hidden_units: tuple[int, ...] = (400, 300)
+    activation: Activation = Activation.RELU
+    separate_trunks: bool = False
     learning_rate: float = 3e-4
     steps_per_update: int = 2_000
     epochs: int = 5
@@ -70,6 +83,8 @@ class PPOHyperparameters:
     max_gradient_norm: float = 0.5
     observation_clip: float = 10.0
     reward_clip: float = 10.0
+    start_from: str = ""
+    averaged_steps: int = 0
     matmul_precision: MatmulPrecision = MatmulPrecision.HIGHEST
 
     def __post_init__(self) -> None:
@@ -85,6 +100,21 @@ class PPOHyperparameters:
                 f"batch_size = {self.batch_size}: expected more than 1 and a divisor of "
                 f"steps_per_update = {self.steps_per_update}"
             )
+        if self.averaged_steps < 0:
+            raise ValueError(f"averaged_steps = {self.averaged_steps}: expected 0 or more")
+
+    def layout(self, inputs: int, actions: int) -> Layout:
+        """Returns the network from observations of a size to means of `actions` and the value.
+
+        Separate trunks lie side by side in layers of twice the units; see `Layout.trunks`.
+        """
+        hidden = (units * (1 + self.separate_trunks) for units in self.hidden_units)
+        return Layout((inputs, *hidden, actions + 1), self.activation)
+
+    @property
+    def averaging(self) -> float:
+        """Share of the present weights that an update adds to their average."""
+        return -math.expm1(-self.steps_per_update / self.averaged_steps)
 
 
 class LogStd(StrEnum):
@@ -180,11 +210,6 @@ def parse_hyperparameters(
             or outside its range.
     """
     return kind(**parse_settings(kind, text or {}, given))
-
-
-def as_plain_values(hyperparameters: Any) -> dict[str, Any]:
-    """Returns `hyperparameters` as a dict that survives JSON unchanged."""
-    return {key: plain(value) for key, value in dataclasses.asdict(hyperparameters).items()}
 
 
 def _check_positive(hyperparameters: object, *names: str) -> None:

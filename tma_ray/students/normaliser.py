@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from tma_ray.jit import kernel
 from tma_ray.students.base import Observations, Transition
+from tma_ray.students.hyperparameters import PPOHyperparameters
 
 EPSILON = 1e-8
 """Added to every variance before its root is taken."""
@@ -152,6 +153,32 @@ class Normaliser:
         normaliser._return_count = content["return_count"]
         normaliser._discounted_return = content["discounted_return"]
         return normaliser
+
+
+def first_normaliser(hyper: PPOHyperparameters, size: int) -> Normaliser:
+    """Returns what a student begins with: new statistics, or those of the file that it starts from.
+
+    Args:
+        hyper: of the student.
+        size: length of an observation.
+
+    Raises:
+        ValueError: the file is not there, or is of a student with other observations, gamma or clips.
+    """
+    if not hyper.start_from:
+        return Normaliser(size, hyper.gamma, hyper.observation_clip, hyper.reward_clip)
+    path = Path(hyper.start_from)
+    if not path.is_file():
+        raise ValueError(f"start_from = {hyper.start_from!r}: no such file; PPO.save_start writes one")
+    normaliser = Normaliser.load(path)
+    wanted = size, hyper.gamma, hyper.observation_clip, hyper.reward_clip
+    found = len(normaliser._mean), normaliser.gamma, normaliser.observation_clip, normaliser.reward_clip
+    if found != wanted:
+        raise ValueError(
+            f"{path} is of a student with size of observations, gamma, observation_clip and reward_clip "
+            f"{found}: expected {wanted}; start from another file"
+        )
+    return normaliser
 
 
 @kernel

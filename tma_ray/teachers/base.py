@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import copy
+import math
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -21,6 +22,23 @@ from tma_ray.tasks import (
     TeacherUpdate,
 )
 
+PAPER_STEPS = 20_000_000
+"""Budget, in environment steps, for which buffers, waits and intervals between refreshes are given."""
+
+
+def for_budget(size: int, budget: int) -> int:
+    """Returns the size of a buffer, a wait or an interval in a run of `budget` environment steps.
+
+    `size` is that of the paper's budget. It is scaled by the square root: a hundredth of the budget has a
+    tenth of the refreshes, each from a tenth of the episodes.
+
+    Raises:
+        ValueError: `budget` is under 1.
+    """
+    if budget < 1:
+        raise ValueError(f"budget = {budget}: expected at least 1 environment step")
+    return max(1, round(size * math.sqrt(budget / PAPER_STEPS)))
+
 
 @dataclass
 class Teacher(ABC):
@@ -38,6 +56,8 @@ class Teacher(ABC):
         knowledge_levels: the levels of expert knowledge that make a difference to the teacher, in
             rising order. It needs at least the first; at a level that is not listed it behaves as at
             the next lower one that is, so that such runs are shared instead of repeated.
+        absent_at_default: hyper-parameters that came after the first runs, whose identity they leave as it
+            was: see `tma_ray.hyperparameters.identifying`.
         presets: hyper-parameters that belong together, by the name that ``preset=`` chooses them with.
         wants_trajectory: whether it may ask for trajectories; for others the run does not record them.
         wants_evaluations: whether it may propose episodes from which the student does not learn, or ask for
@@ -49,6 +69,7 @@ class Teacher(ABC):
 
     algorithm_version: ClassVar[int | None] = None
     knowledge_levels: ClassVar[tuple[KnowledgeLevel, ...]] = (KnowledgeLevel.NONE,)
+    absent_at_default: ClassVar[frozenset[str]] = frozenset()
     presets: ClassVar[Mapping[str, Mapping[str, Any]]] = {}
     wants_trajectory: ClassVar[bool] = False
     wants_evaluations: ClassVar[bool] = False

@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import fields
 from typing import Any, TypeVar
 
-from tma_ray.hyperparameters import differing, parse_settings, plain
+from tma_ray.hyperparameters import differing, identifying, parse_settings
 from tma_ray.part_names import base_name, join_name, split_name
 from tma_ray.registry import Registry
 from tma_ray.tasks import KnowledgeLevel
@@ -76,7 +75,7 @@ def canonical_teacher(name: str, hyperparameters: Mapping[str, Any] | None = Non
 
 def hyperparameters_of(teacher: Teacher) -> dict[str, Any]:
     """Returns the hyper-parameters of `teacher` by name, defaults included, as values that JSON has."""
-    return {field.name: plain(getattr(teacher, field.name)) for field in fields(teacher) if field.init}
+    return identifying(teacher)
 
 
 def knows_enough(teacher: type[Teacher], level: KnowledgeLevel) -> bool:

@@ -16,7 +16,7 @@ from tma_ray.tasks import (
     TeacherUpdate,
     WeightedGaussian,
 )
-from tma_ray.teachers.base import Teacher
+from tma_ray.teachers.base import PAPER_STEPS, Teacher, for_budget
 from tma_ray.teachers.numerics.beta_product import BetaProduct
 from tma_ray.teachers.numerics.entropy_update import EntropyUpdate
 from tma_ray.teachers.numerics.task_cloud import CONSTANT_STD
@@ -40,15 +40,22 @@ class DORAEMON(Teacher):
         update_every: environment steps between two updates.
         concentration: both parameters of a Beta distribution at the start, if its mode is in the middle; its
             mode is the mean of the initial Gaussian.
+        start_from_wide_uniform: True if it starts uniform, and narrows to what is mastered, where no easy
+            task is known (authors' code).
+        budget: environment steps of the run, to which `for_budget` fits update_every.
     """
 
     algorithm_version: ClassVar[int | None] = 1
     knowledge_levels: ClassVar[tuple[KnowledgeLevel, ...]] = (KnowledgeLevel.LOW, KnowledgeLevel.HIGH)
 
+    absent_at_default: ClassVar[frozenset[str]] = frozenset(("start_from_wide_uniform", "budget"))
+
     least_success: float = 0.5
     most_divergence: float = 0.05
     update_every: int = 100_000
     concentration: float = 100.0
+    start_from_wide_uniform: bool = False
+    budget: int = PAPER_STEPS
 
     def __post_init__(self) -> None:
         if not 0 < self.least_success < 1:
@@ -59,17 +66,19 @@ class DORAEMON(Teacher):
             raise ValueError(f"update_every = {self.update_every}: expected at least 1 environment step")
         if not self.concentration > 1:
             raise ValueError(f"concentration = {self.concentration}: expected over 1, which is uniform")
+        for_budget(self.update_every, self.budget)
 
     def start(self, space: TaskSpace, knowledge: ExpertKnowledge, rng: np.random.Generator) -> None:
-        """Starts around the mean of the initial Gaussian."""
+        """Starts around the mean of the initial Gaussian, or uniform."""
         super().start(space, knowledge, rng)
         self._box = UnitBox(space)
         mode = np.clip(self._box.normalise(knowledge.initial.mean), 0.0, 1.0)
-        self.distribution_ = BetaProduct.around(mode, self.concentration)
+        wide = self.start_from_wide_uniform and knowledge.level is not KnowledgeLevel.HIGH
+        self.distribution_ = BetaProduct.around(mode, 1.0 if wide else self.concentration)
         self.tasks_: list[Task] = []
         self.successes_: list[bool] = []
-        self.reached_ = False
-        self.next_update_ = self.update_every
+        self.reached_ = wide
+        self.next_update_ = for_budget(self.update_every, self.budget)
         self._log({})
 
     def sample(self) -> Task:
@@ -83,7 +92,8 @@ class DORAEMON(Teacher):
         self.successes_.append(episode.success)
         if episode.step < self.next_update_:
             return
-        self.next_update_ += self.update_every * ((episode.step - self.next_update_) // self.update_every + 1)
+        every = for_budget(self.update_every, self.budget)
+        self.next_update_ += every * ((episode.step - self.next_update_) // every + 1)
         self._update()
 
     def probe(self, count: int) -> Task:

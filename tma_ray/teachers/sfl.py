@@ -18,7 +18,7 @@ from tma_ray.tasks import (
     TaskSpace,
     TeacherUpdate,
 )
-from tma_ray.teachers.base import Teacher
+from tma_ray.teachers.base import PAPER_STEPS, Teacher, for_budget
 from tma_ray.teachers.numerics.task_cloud import cloud_gaussian
 
 
@@ -40,18 +40,21 @@ class SFL(Teacher):
         rollouts: episodes of each (paper: as many as 1000 steps hold).
         kept: most tasks in the buffer (paper: K = 100).
         refresh_every: episodes between two refreshes (paper: T = 50 updates of 256 environments).
+        budget: environment steps of the run, to which `for_budget` fits candidates, kept and refresh_every.
         buffer_share: share of tasks from the buffer, in [0, 1]; the others are uniform (paper: rho).
     """
 
     algorithm_version: ClassVar[int | None] = 1
     knowledge_levels: ClassVar[tuple[KnowledgeLevel, ...]] = (KnowledgeLevel.LOW,)
     wants_evaluations: ClassVar[bool] = True
+    absent_at_default: ClassVar[frozenset[str]] = frozenset(("budget",))
 
     candidates: int = 60
     rollouts: int = 3
     kept: int = 20
     refresh_every: int = 500
     buffer_share: float = 0.5
+    budget: int = PAPER_STEPS
 
     def __post_init__(self) -> None:
         for name in ("candidates", "kept", "refresh_every"):
@@ -61,6 +64,7 @@ class SFL(Teacher):
             raise ValueError(f"rollouts = {self.rollouts}: expected at least 2, of which some may succeed")
         if not 0 <= self.buffer_share <= 1:
             raise ValueError(f"buffer_share = {self.buffer_share} is a share; expected it in [0, 1]")
+        for_budget(self.kept, self.budget)
 
     def start(self, space: TaskSpace, knowledge: ExpertKnowledge, rng: np.random.Generator) -> None:
         """Starts with an empty buffer."""
@@ -76,18 +80,19 @@ class SFL(Teacher):
     def observe(self, episode: Episode) -> Query | None:  # noqa: ARG002 - evaluations tell all
         """Asks for an evaluation when a refresh is due."""
         self.episodes_ += 1
-        if (self.episodes_ - 1) % self.refresh_every:
+        if (self.episodes_ - 1) % for_budget(self.refresh_every, self.budget):
             return None
-        self.asked_ = self.space.sample(self.rng, self.candidates)
+        self.asked_ = self.space.sample(self.rng, for_budget(self.candidates, self.budget))
         return Query(QueryKind.EVALUATION, tasks=np.repeat(self.asked_, self.rollouts, axis=0))
 
     def answer(self, answer: Outcomes) -> None:
         """Fills the buffer anew with the tasks of highest learnability; ties are broken at random."""
         assert self.asked_ is not None, "an answer follows a query"
-        mastered = answer.successes.reshape(self.candidates, self.rollouts).mean(axis=1)
+        candidates, kept = len(self.asked_), for_budget(self.kept, self.budget)
+        mastered = answer.successes.reshape(candidates, self.rollouts).mean(axis=1)
         learnability = mastered * (1 - mastered)
-        order = self.rng.permutation(self.candidates)
-        order = order[np.argsort(-learnability[order], kind="stable")][: self.kept]
+        order = self.rng.permutation(candidates)
+        order = order[np.argsort(-learnability[order], kind="stable")][:kept]
         order = order[learnability[order] > 0]
         self.buffer_, self.asked_ = self.asked_[order], None
         scalars = {

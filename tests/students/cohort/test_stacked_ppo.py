@@ -8,6 +8,7 @@ from stock_models import ACTION, OBSERVATION, ppo, ppo_parameters
 
 from tma_ray.students.cohort.ppo import PPONetworks, RolloutColumns, StackedPPO
 from tma_ray.students.hyperparameters import PPOHyperparameters
+from tma_ray.students.mlp.layout import Activation
 
 pytestmark = pytest.mark.usefixtures("_both_ways")
 
@@ -67,15 +68,17 @@ class Batches:
         return next(self.epochs)
 
 
-@pytest.mark.parametrize(("value_clip_range", "max_gradient_norm"), [(0.2, 0.05), (None, 50.0)])
-def test_every_slot_equals_stock_after_ten_updates(value_clip_range, max_gradient_norm):
-    hyper = PPOHyperparameters(
-        **SIZES,
-        epochs=5,
-        entropy_coefficient=0.01,
-        value_clip_range=value_clip_range,
-        max_gradient_norm=max_gradient_norm,
-    )
+@pytest.mark.parametrize(
+    "values",
+    [
+        {"value_clip_range": 0.2, "max_gradient_norm": 0.05},
+        {"value_clip_range": None, "max_gradient_norm": 50.0},
+        {"activation": Activation.TANH, "separate_trunks": True, "hidden_units": (10, 6)},
+    ],
+    ids=["clipped", "free", "separate trunks"],
+)
+def test_every_slot_equals_stock_after_ten_updates(values):
+    hyper = PPOHyperparameters(**{**SIZES, **values}, epochs=5, entropy_coefficient=0.01)
     stacked = StackedPPO((OBSERVATION, ACTION), hyper, WIDTH, CPU, torch.float64)
     for slot in range(WIDTH):
         stacked.join(slot, networks(slot))

@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import Any
 
 from tma_ray.results import AttemptOutcome, Committer, leave_pandas_out
+from tma_ray.runs.inputs import keep
 from tma_ray.runs.local import run_locally
 from tma_ray.runs.placement import Placement, Status
 from tma_ray.runs.spec import RunSpec
@@ -76,6 +77,7 @@ def run_in_processes(
         should_stop: asked about every second; once true, runs leave with a checkpoint.
         on_report: told the progress about every second.
     """
+    keep(Committer.open(root).store, specs)  # where the processes find the files that runs read
     report, started = PoolReport(), time.monotonic()
     job = _Job(str(root), placement or Placement(), _SPAWN.Queue(), _SPAWN.Queue(), _SPAWN.Event())
     for spec in specs:

@@ -7,7 +7,8 @@ from typing import Any
 import torch
 
 from tma_ray.students.cohort.padding import PaddedLayout
-from tma_ray.students.mlp.network import Layers, activations, forward, input_gradient, split
+from tma_ray.students.mlp.layout import Activation
+from tma_ray.students.mlp.network import Layers, activate, activations, forward, input_gradient, split
 
 
 def stacked_pass(
@@ -21,14 +22,14 @@ def stacked_pass(
         inputs: without padding (k, n, i).
         hidden: type in which hidden layers are computed; the last layer is in that of the parameters.
     """
-    layers = _layers(parameters, layout)
+    layers, activation = _layers(parameters, layout), layout.padded.activation
     if _pays_by_rows(parameters, inputs) and hidden == parameters.dtype:
-        outputs: torch.Tensor = _pass_by_rows(layout.inputs(inputs), layers)
+        outputs: torch.Tensor = _pass_by_rows(layout.inputs(inputs), layers, activation)
         return outputs
     last = layers[-1:]
     if hidden != parameters.dtype:
         layers = _layers(parameters.to(hidden), layout)
-    values = forward(layers[:-1], layout.inputs(inputs).to(hidden)).relu_()
+    values = activate(forward(layers[:-1], layout.inputs(inputs).to(hidden), activation), activation)
     return forward(last, values.to(parameters.dtype))
 
 
@@ -49,19 +50,20 @@ class _PassByRows(torch.autograd.Function):
     """
 
     @staticmethod
-    def forward(ctx: Any, inputs: torch.Tensor, layers: Layers) -> torch.Tensor:
-        *kept, outputs = activations(layers, inputs)
+    def forward(ctx: Any, inputs: torch.Tensor, layers: Layers, activation: Activation) -> torch.Tensor:
+        *kept, outputs = activations(layers, inputs, activation)
         ctx.save_for_backward(*kept)
-        ctx.layers = layers
+        ctx.layers, ctx.activation = layers, activation
         return outputs
 
     @staticmethod
-    def backward(ctx: Any, *gradients: torch.Tensor) -> tuple[torch.Tensor, None]:
+    def backward(ctx: Any, *gradients: torch.Tensor) -> tuple[torch.Tensor, None, None]:
         (gradient,), kept, parts = gradients, ctx.saved_tensors, []
         for own in range(len(gradient)):
             layers = [(weight[own], bias[own]) for weight, bias in ctx.layers]
-            parts.append(input_gradient(layers, [values[own] for values in kept], gradient[own]))
-        return torch.stack(parts), None
+            rows = [values[own] for values in kept]
+            parts.append(input_gradient(layers, rows, gradient[own], ctx.activation))
+        return torch.stack(parts), None, None
 
 
 _pass_by_rows: Any = _PassByRows.apply

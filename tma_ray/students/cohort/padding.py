@@ -1,9 +1,9 @@
 """Flat parameters padded to sizes that a GPU multiplies fast, and back.
 
 Rows of 300 bfloat16 values are not a multiple of 16 bytes, and products of such matrices take four times as
-long. Weights and biases of padding are 0 and stay so: a hidden unit of padding is 0 under the ReLU and gets
-no gradient, and inputs of padding are 0. On a CPU the padding makes sure that the parameters of all runs are
-aligned alike, so that they are multiplied by the same instructions.
+long. Weights and biases of padding are 0 and stay so: a hidden unit of padding is 0 under any activation and
+gets no gradient, and inputs of padding are 0. On a CPU the padding makes sure that the parameters of all runs
+are aligned alike, so that they are multiplied by the same instructions.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ class PaddedLayout(NamedTuple):
         """Returns the padding of `plain`, after whose parameters there are `others`."""
         inputs, *hidden, outputs = plain.sizes
         sizes = [_up(inputs, INPUTS_MULTIPLE), *(_up(size, HIDDEN_MULTIPLE) for size in hidden), outputs]
-        return cls(plain, Layout(tuple(sizes)), others)
+        return cls(plain, Layout(tuple(sizes), plain.activation), others)
 
     @property
     def length(self) -> int:

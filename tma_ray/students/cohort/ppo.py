@@ -18,7 +18,6 @@ from tma_ray.students.cohort.ppo_update import StackedPPOUpdate
 from tma_ray.students.cohort.rows import narrowed
 from tma_ray.students.cohort.transfer import upload
 from tma_ray.students.hyperparameters import MatmulPrecision, PPOHyperparameters
-from tma_ray.students.mlp.layout import Layout
 from tma_ray.students.ppo.losses import Steps
 
 FIGURES = "policy_gradient_loss", "value_loss", "approx_kl", "clip_fraction"
@@ -87,7 +86,7 @@ class StackedPPO(StackedLearner):
         super().__init__(width, Device(device, dtype, hyper.matmul_precision, compiled))
         (observation, action), steps = sizes, hyper.steps_per_update
         self._hyper, self._split = hyper, [observation, action, 1, 1, 1, 1]
-        self._layout = PaddedLayout.of(Layout((observation, *hyper.hidden_units, action + 1)), action)
+        self._layout = PaddedLayout.of(hyper.layout(observation, action), action)
         self._places = torch.from_numpy(self._layout.places()).to(device)
         like = torch.empty(0, dtype=dtype, device=device)
         self._update = StackedPPOUpdate(self._layout, hyper, width, like, compiled)

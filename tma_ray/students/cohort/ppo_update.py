@@ -47,6 +47,11 @@ class StackedPPOUpdate:
         self.parameters = like.new_zeros(width, layout.length).requires_grad_()
         self.adam = StackedAdam(self.parameters, hyper.learning_rate, EPSILON)
         self.steps = torch.zeros(width, dtype=torch.int64, device=like.device)
+        self._kept: torch.Tensor | None = None
+        if hyper.separate_trunks:
+            self._kept = like.new_ones(layout.length)
+            places = torch.from_numpy(layout.places()[: layout.plain.parameters])
+            self._kept[places] = torch.from_numpy(layout.plain.trunks(layout.others)).to(like)
         # compiled part by part: autograd runs between them, through what the compiler derived
         self._parts = [compile_if(compiled, part) for part in (self._outputs, self._losses, self._step)]
 
@@ -78,6 +83,8 @@ class StackedPPOUpdate:
         with torch.no_grad():
             gradient = gradient.clone()
             gradient[:, self._log_std] = log_std_gradient
+            if self._kept is not None:
+                gradient.mul_(self._kept)
             clip(gradient, self._hyper.max_gradient_norm)
             self.adam.step(gradient, self.steps, active)
             self.steps.add_(active.long())
@@ -94,6 +101,7 @@ class RowPPOUpdate:
     def __init__(self, stacked: StackedPPOUpdate, slot: int) -> None:
         one, count = slice(slot, slot + 1), stacked._layout.padded.parameters
         self._layout, self._hyper, self._log_std = stacked._layout, stacked._hyper, stacked._log_std
+        self._kept = stacked._kept
         self._values, self._steps = stacked.parameters.detach()[one], stacked.steps[one]
         self._gradient = torch.zeros_like(self._values)
         memory = self._values[0, :count], self._gradient[0, :count]
@@ -107,6 +115,8 @@ class RowPPOUpdate:
         parts = losses(kept[-1][None], self._values[:, self._log_std], batch, self._hyper)
         self._network.backpropagate(kept, parts.outputs_gradient[0])
         self._gradient[:, self._log_std] = parts.log_std_gradient
+        if self._kept is not None:
+            self._gradient.mul_(self._kept)
         clip(self._gradient, self._hyper.max_gradient_norm)
         self._adam.step(self._gradient, self._steps, active)
         self._steps.add_(1)

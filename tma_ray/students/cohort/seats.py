@@ -186,9 +186,12 @@ class PPOSeat(Seat[StackedPPO, PPO]):
     def _put(self, state: PlayerState) -> None:
         self.student.normaliser = state.experience["normaliser"]
         self.student.rollout.restore(state.experience["rollout"])
+        if state.experience["average"] is not None:
+            self.student.put_average(state.experience["average"])
 
     def _player_state(self) -> dict[str, Any]:
-        return {"normaliser": self.student.normaliser, "rollout": self.student.rollout.state()}
+        state = {"normaliser": self.student.normaliser, "rollout": self.student.rollout.state()}
+        return state | {"average": self.student.average}
 
 
 def _array(values: torch.Tensor) -> NDArray[np.float32]:

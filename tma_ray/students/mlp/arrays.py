@@ -7,7 +7,7 @@ from typing import TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from tma_ray.students.mlp.layout import Layout
+from tma_ray.students.mlp.layout import Activation, Layout
 from tma_ray.students.mlp.rows import RowNetwork
 
 FloatArray: TypeAlias = NDArray[np.float32]
@@ -44,5 +44,8 @@ class ArrayNetwork:
             values = values @ weight.T
             values += bias
             if index < len(self._layers) - 1:
-                np.maximum(values, 0, out=values)
+                if self._layout.activation is Activation.TANH:
+                    np.tanh(values, out=values)
+                else:
+                    np.maximum(values, 0, out=values)
         return values

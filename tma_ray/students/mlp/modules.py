@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import TypeAlias, cast
 
 import torch
 from torch import nn
 
-from tma_ray.students.mlp.layout import Layout
+from tma_ray.students.mlp.layout import Activation, Layout
 from tma_ray.students.mlp.network import Network, split
 
 Blocks: TypeAlias = Sequence[Sequence[nn.Linear]]
@@ -24,12 +24,17 @@ def blocks_of(module: nn.Module, *heads: nn.Module) -> Blocks:
     return rows
 
 
+MODULES: Mapping[Activation, type[nn.Module]] = {Activation.RELU: nn.ReLU, Activation.TANH: nn.Tanh}
+"""Activations as modules."""
+
+
 class FlatParameters:
     """Parameters of modules moved into one vector, of which they become views: the modules go on as before.
 
     Args:
         networks: the layers of each network.
         others: parameters that belong to no layer; they come last.
+        activation: function after each layer of a network but the last.
 
     Attributes:
         parameters: the modules' parameters, in the vector's order.
@@ -39,7 +44,12 @@ class FlatParameters:
         others: the values of `others`, as leaves of autograd.
     """
 
-    def __init__(self, networks: Sequence[Blocks], others: Sequence[nn.Parameter] = ()) -> None:
+    def __init__(
+        self,
+        networks: Sequence[Blocks],
+        others: Sequence[nn.Parameter] = (),
+        activation: Activation = Activation.RELU,
+    ) -> None:
         self.parameters: list[nn.Parameter] = []
         for block in (block for blocks in networks for block in blocks):
             self.parameters += [cast("nn.Parameter", layer.weight) for layer in block]
@@ -50,7 +60,7 @@ class FlatParameters:
         for parameter, view in zip(self.parameters, self.views(self.values), strict=True):
             parameter.data = view
         self.networks, start = [], 0
-        for layout in map(_layout, networks):
+        for layout in (_layout(blocks, activation) for blocks in networks):
             part = slice(start, start + layout.parameters)
             self.networks.append(Network(self.values[part], layout, self.gradient[part]))
             start = part.stop
@@ -88,15 +98,15 @@ class FlatParameters:
 
 
 def as_modules(parameters: torch.Tensor, layout: Layout) -> list[nn.Module]:
-    """Returns linear layers over `parameters` (p,), and a ReLU after each but the last."""
+    """Returns linear layers over `parameters` (p,), and the activation after each but the last."""
     modules: list[nn.Module] = []
     for weight, bias in split(parameters, layout):
         layer = nn.Linear(weight.shape[1], weight.shape[0], device="meta")  # neither filled nor initialised
         layer.weight, layer.bias = (nn.Parameter(part, requires_grad=False) for part in (weight, bias))
-        modules += [layer, nn.ReLU()]
+        modules += [layer, MODULES[layout.activation]()]
     return modules[:-1]
 
 
-def _layout(blocks: Blocks) -> Layout:
+def _layout(blocks: Blocks, activation: Activation) -> Layout:
     outputs = [sum(layer.out_features for layer in block) for block in blocks]
-    return Layout((blocks[0][0].in_features, *outputs))
+    return Layout((blocks[0][0].in_features, *outputs), activation)

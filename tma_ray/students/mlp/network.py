@@ -9,7 +9,7 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
-from tma_ray.students.mlp.layout import Layout
+from tma_ray.students.mlp.layout import Activation, Layout
 
 Layers: TypeAlias = Sequence[tuple[torch.Tensor, torch.Tensor]]
 """Weight (outputs, inputs) and bias (outputs,) of every layer in order; of k stacked networks (k, ...)."""
@@ -26,14 +26,20 @@ def split(parameters: torch.Tensor, layout: Layout) -> Layers:
     return list(zip(weights, parts[1::2], strict=True))
 
 
-def activations(layers: Layers, inputs: torch.Tensor, buffers: Buffers | None = None) -> list[torch.Tensor]:
+def activations(
+    layers: Layers,
+    inputs: torch.Tensor,
+    activation: Activation = Activation.RELU,
+    buffers: Buffers | None = None,
+) -> list[torch.Tensor]:
     """Returns the inputs of every layer, and at the end the outputs of the last: (n, ...) or (k, n, ...).
 
-    A ReLU follows each layer but the last. Differentiable by autograd, if without `buffers`.
+    Differentiable by autograd, if without `buffers`.
 
     Args:
         layers: of one network or of k.
         inputs: (n, i), or of k networks (k, n, i).
+        activation: function after each layer but the last.
         buffers: where hidden layers' outputs are written; by default in new memory.
     """
     values = [inputs]
@@ -44,13 +50,18 @@ def activations(layers: Layers, inputs: torch.Tensor, buffers: Buffers | None = 
             outputs = torch.addmm(bias, values[-1], weight.t(), out=out)
         else:
             outputs = torch.baddbmm(bias[:, None], values[-1], weight.mT, out=out)
-        values.append(outputs.relu_() if is_hidden else outputs)
+        values.append(activate(outputs, activation) if is_hidden else outputs)
     return values
 
 
-def forward(layers: Layers, inputs: torch.Tensor) -> torch.Tensor:
+def forward(layers: Layers, inputs: torch.Tensor, activation: Activation = Activation.RELU) -> torch.Tensor:
     """Returns the outputs (n, h) or (k, n, h); arguments as for `activations`."""
-    return activations(layers, inputs)[-1]
+    return activations(layers, inputs, activation)[-1]
+
+
+def activate(outputs: torch.Tensor, activation: Activation) -> torch.Tensor:
+    """Returns the `activation` of a layer's `outputs`, in place."""
+    return outputs.relu_() if activation is Activation.RELU else outputs.tanh_()
 
 
 class Network:
@@ -87,7 +98,9 @@ class Network:
 
     def activations(self, inputs: torch.Tensor) -> list[torch.Tensor]:
         """Returns the inputs (n, ...) of every layer and the outputs (n, h), for `backpropagate`."""
-        return activations(self.layers, inputs, lambda *where: self._buffer("outputs", *where))
+        return activations(
+            self.layers, inputs, self.layout.activation, lambda *where: self._buffer("outputs", *where)
+        )
 
     def backpropagate(self, kept: Sequence[torch.Tensor], gradient: torch.Tensor) -> torch.Tensor:
         """Writes the parameters' gradient.
@@ -105,7 +118,8 @@ class Network:
             torch.sum(gradient, dim=0, out=bias_gradient)
             if index:
                 out = self._buffer("gradient", index - 1, gradient)
-                gradient = _through_relu(torch.mm(gradient, self.layers[index][0], out=out), kept[index])
+                gradient = torch.mm(gradient, self.layers[index][0], out=out)
+                gradient = _through(gradient, kept[index], self.layout.activation)
         return gradient
 
     def __call__(self, inputs: torch.Tensor) -> torch.Tensor:
@@ -143,7 +157,7 @@ class _LeanPass(torch.autograd.Function):
         wants_inputs, wants_parameters, _ = ctx.needs_input_grad
         network = ctx.network
         if not wants_parameters:
-            return input_gradient(network.layers, kept, gradient), None, None
+            return input_gradient(network.layers, kept, gradient, network.layout.activation), None, None
         gradient = network.backpropagate(kept, gradient)
         by_inputs = torch.mm(gradient, network.layers[0][0]) if wants_inputs else None
         return by_inputs, network.gradient, None
@@ -152,28 +166,33 @@ class _LeanPass(torch.autograd.Function):
 _lean_pass: Any = _LeanPass.apply
 
 
-def input_gradient(layers: Layers, kept: Sequence[torch.Tensor], gradient: torch.Tensor) -> torch.Tensor:
+def input_gradient(
+    layers: Layers, kept: Sequence[torch.Tensor], gradient: torch.Tensor, activation: Activation
+) -> torch.Tensor:
     """Returns the loss's gradient by a network's inputs (n, i), computed for the rows that have one.
 
     Args:
         layers: of one network.
         kept: the inputs of every layer (n, ...).
         gradient: of the loss by the outputs (n, h).
+        activation: function after each layer but the last.
     """
     result = torch.zeros_like(kept[0])
     rows = gradient.any(dim=1).nonzero()[:, 0]
     gradient = gradient[rows]
     for (weight, _), values in zip(reversed(layers[1:]), reversed(kept[1:]), strict=True):
-        gradient = _through_relu(torch.mm(gradient, weight), values[rows])
+        gradient = _through(torch.mm(gradient, weight), values[rows], activation)
     result[rows] = torch.mm(gradient, layers[0][0])
     return result
 
 
-def _through_relu(gradient: torch.Tensor, outputs: torch.Tensor) -> torch.Tensor:
-    """Returns `gradient`, in place, where the ReLU's `outputs` are over 0, and 0 elsewhere."""
-    through: torch.Tensor = torch.ops.aten.threshold_backward.grad_input(
-        gradient, outputs, 0, grad_input=gradient
-    )
+def _through(gradient: torch.Tensor, outputs: torch.Tensor, activation: Activation) -> torch.Tensor:
+    """Returns `gradient`, in place, times the derivative of the activation, given its `outputs`."""
+    through: torch.Tensor
+    if activation is Activation.TANH:
+        through = torch.ops.aten.tanh_backward.grad_input(gradient, outputs, grad_input=gradient)
+        return through
+    through = torch.ops.aten.threshold_backward.grad_input(gradient, outputs, 0, grad_input=gradient)
     return through
 
 

@@ -2,18 +2,19 @@
 
 from __future__ import annotations
 
+import math
 from typing import TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
 from tma_ray.jit import kernel
-from tma_ray.students.mlp.layout import Layout
+from tma_ray.students.mlp.layout import Activation, Layout
 
 FloatArray: TypeAlias = NDArray[np.float32]
 IntArray: TypeAlias = NDArray[np.int64]
 
-RowArrays: TypeAlias = tuple[FloatArray, IntArray, FloatArray, IntArray]
+RowArrays: TypeAlias = tuple[FloatArray, IntArray, FloatArray, IntArray, bool]
 """The arguments of `apply_row` before the inputs."""
 
 
@@ -51,12 +52,18 @@ class RowNetwork:
     @property
     def arrays(self) -> RowArrays:
         """The arguments of `apply_row` before the inputs."""
-        return self._weights, self._sizes, self._work, self._active
+        is_tanh = self._layout.activation is Activation.TANH
+        return self._weights, self._sizes, self._work, self._active, is_tanh
 
 
 @kernel
 def apply_row(
-    weights: FloatArray, sizes: IntArray, work: FloatArray, active: IntArray, inputs: FloatArray
+    weights: FloatArray,
+    sizes: IntArray,
+    work: FloatArray,
+    active: IntArray,
+    is_tanh: bool,
+    inputs: FloatArray,
 ) -> FloatArray:
     """Returns the outputs (h,) for `inputs` (i,), in memory that the next call overwrites.
 
@@ -65,6 +72,7 @@ def apply_row(
         sizes: units of the inputs and of every layer (l,).
         work: overwritten (2, largest size).
         active: overwritten (largest size,).
+        is_tanh: True if the activation is the tangent hyperbolic, else it is the ReLU.
         inputs: (i,).
     """
     source, target = work[0], work[1]
@@ -80,7 +88,10 @@ def apply_row(
         start += rows * columns
         if layer < len(sizes) - 2:
             for column in range(columns):
-                outputs[column] = max(outputs[column], np.float32(0))
+                if is_tanh:
+                    outputs[column] = math.tanh(outputs[column])
+                else:
+                    outputs[column] = max(outputs[column], np.float32(0))
         source, target = target, source
     results: FloatArray = source[: sizes[-1]]
     return results

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from abc import abstractmethod
 from pathlib import Path
-from typing import Any, ClassVar
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,12 +27,6 @@ class Player(Student):
         link: to the learner, which nobody else uses.
     """
 
-    outputs_per_action: ClassVar[int]
-    """Outputs of the network for each component of an action."""
-
-    further_outputs: ClassVar[int]
-    """Outputs of the network besides those."""
-
     def __init__(self, membership: Membership, link: LearnerLink) -> None:
         self.hyperparameters = membership.hyperparameters
         self.gamma = membership.hyperparameters.gamma
@@ -43,13 +37,15 @@ class Player(Student):
         parts = streams.exploration, streams.batches, streams.values
         self._generators = [np.random.default_rng(part) for part in parts]
         self._exploration, self._batches, self._values = self._generators
-        outputs = self.outputs_per_action * self._low.size + self.further_outputs
-        layout = Layout((*space.shape, *membership.hyperparameters.hidden_units, outputs))
-        self._network = ArrayNetwork(layout)
+        self._network = ArrayNetwork(self._layout(space.shape[0], self._low.size))
         self._link = link
         self._observation_size = space.shape[0]
         self._start()
         self._take_over(link.join(membership))
+
+    @abstractmethod
+    def _layout(self, observation: int, action: int) -> Layout:
+        """Returns the network that acts, given the lengths of observations and of actions."""
 
     @abstractmethod
     def _start(self) -> None:
@@ -72,18 +68,18 @@ class Player(Student):
         """Takes over what `_experience` returned, at the end of an episode."""
 
     def reset(self) -> None:  # noqa: D102
-        self._take_over(self._link.reset())
         self._forget()
+        self._take_over(self._link.reset())
 
     def save(self, folder: Path, incremental: bool = False) -> tuple[str, ...]:  # noqa: D102
         return self._link.save(folder, self._state(), incremental)
 
     def load(self, folder: Path) -> None:  # noqa: D102
         weights, state = self._link.load(folder)
+        self._forget()
         self._take_over(weights)
         for generator, saved in zip(self._generators, state.generators, strict=True):
             generator.bit_generator.state = saved
-        self._forget()
         self._restore_experience(state.experience)
 
     def save_policy(self, folder: Path) -> None:  # noqa: D102

@@ -9,7 +9,9 @@ from numpy.typing import NDArray
 
 from tma_ray.students.base import Actions, Observations, Transition
 from tma_ray.students.hyperparameters import PPOHyperparameters
-from tma_ray.students.normaliser import Normaliser
+from tma_ray.students.mlp.arrays import ArrayNetwork, FloatArray
+from tma_ray.students.mlp.layout import Layout
+from tma_ray.students.normaliser import first_normaliser
 from tma_ray.students.players.base import Player
 from tma_ray.students.players.link import Weights
 from tma_ray.students.ppo.acting import exploring_step, sampled_actions
@@ -21,22 +23,37 @@ class PPOPlayer(Player):
 
     algorithm_version = PPOHyperparameters.algorithm_version
     hyperparameters_type = PPOHyperparameters
-    outputs_per_action = 1
-    further_outputs = 1
+
+    def _layout(self, observation: int, action: int) -> Layout:
+        layout: Layout = self.hyperparameters.layout(observation, action)
+        return layout
 
     def _start(self) -> None:
         hyper, size = self.hyperparameters, self._observation_size
-        self.normaliser = Normaliser(size, hyper.gamma, hyper.observation_clip, hyper.reward_clip)
+        self.normaliser = first_normaliser(hyper, size)
         self._rollout = Rollout(hyper.steps_per_update, size, self._low.size, self._batches)
         self._episode_starts = True
+        self._average: FloatArray | None = None
+        self._greedy = self._network
+        if hyper.averaged_steps:
+            self._greedy = ArrayNetwork(self._layout(size, self._low.size))
 
     def _take_over(self, weights: Weights) -> None:
         """Takes over the network's parameters and, after them, the log deviation (a,)."""
         count = self._low.size
-        self._network.load(weights[:-count])
+        own = weights[:-count]
+        self._network.load(own)
+        if self.hyperparameters.averaged_steps:
+            before = own if self._average is None else self._average
+            self._put_average(before + np.float32(self.hyperparameters.averaging) * (own - before))
         self._policy = weights[-count:].copy(), np.stack([self._low, self._high])
 
+    def _put_average(self, average: FloatArray) -> None:
+        self._average = average
+        self._greedy.load(average)
+
     def _forget(self) -> None:
+        self._average = None
         self._rollout.clear()
 
     def act(self, observation: Observations) -> Actions:  # noqa: D102
@@ -56,7 +73,7 @@ class PPOPlayer(Player):
             self._hand_over(transition.next_observation)
 
     def act_greedily(self, observations: Observations) -> Actions:  # noqa: D102
-        means = self._network(self.normaliser.normalise(observations))[:, :-1]
+        means = self._greedy(self.normaliser.normalise(observations))[:, :-1]
         clipped: Actions = np.minimum(np.maximum(means, self._low), self._high)
         return clipped
 
@@ -85,9 +102,12 @@ class PPOPlayer(Player):
         self._rollout.clear()
 
     def _experience(self) -> dict[str, Any]:
-        return {"normaliser": self.normaliser, "rollout": self._rollout.state()}
+        state = {"normaliser": self.normaliser, "rollout": self._rollout.state()}
+        return state | {"average": self._average}
 
     def _restore_experience(self, experience: dict[str, Any]) -> None:
         self.normaliser = experience["normaliser"]
         self._rollout.restore(experience["rollout"])
+        if experience["average"] is not None:
+            self._put_average(experience["average"])
         self._episode_starts = True  # states are saved at the end of an episode

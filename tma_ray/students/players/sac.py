@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from tma_ray.students.base import Actions, Observations, Transition
 from tma_ray.students.hyperparameters import LogStd, SACHyperparameters
+from tma_ray.students.mlp.layout import Layout
 from tma_ray.students.players.base import Player
 from tma_ray.students.players.link import Weights
 from tma_ray.students.sac.acting import (
@@ -26,8 +27,9 @@ class SACPlayer(Player):
 
     algorithm_version = SACHyperparameters.algorithm_version
     hyperparameters_type = SACHyperparameters
-    outputs_per_action = 2
-    further_outputs = 0
+
+    def _layout(self, observation: int, action: int) -> Layout:
+        return Layout((observation, *self.hyperparameters.hidden_units, 2 * action))
 
     def _start(self) -> None:
         self._steps, self._episode_steps = 0, 0

@@ -69,11 +69,11 @@ def _act(
     observation: Observations,
     noise: FloatArray,
 ) -> tuple[Observations, Actions, Actions, tuple[float, float]]:
-    weights, sizes, work, active = network
+    weights, sizes, work, active, is_tanh = network
     log_deviation, bounds = policy
     mean, variance, clip = statistics
     normalised = scaled(observation.reshape(1, -1), mean, variance, clip)[0]
-    outputs = apply_row(weights, sizes, work, active, normalised)
+    outputs = apply_row(weights, sizes, work, active, is_tanh, normalised)
     sampled, action = np.empty_like(noise), np.empty_like(noise)
     log_probability = 0.0
     for k in range(len(noise)):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 from typing import Any
 
@@ -21,17 +22,22 @@ from tma_ray.students.greedy_network import (
 )
 from tma_ray.students.hyperparameters import PPOHyperparameters
 from tma_ray.students.layers import Clamp, Standardise, in_a_row
-from tma_ray.students.mlp.modules import FlatParameters, as_modules, blocks_of
+from tma_ray.students.mlp.layout import Activation
+from tma_ray.students.mlp.modules import MODULES, FlatParameters, as_modules, blocks_of
 from tma_ray.students.mlp.network import as_batch
-from tma_ray.students.normaliser import MEAN_TENSOR, VARIANCE_TENSOR, Normaliser, scaled
+from tma_ray.students.normaliser import MEAN_TENSOR, VARIANCE_TENSOR, Normaliser, first_normaliser, scaled
 from tma_ray.students.policy_files import StoredPolicy, read_policy
 from tma_ray.students.ppo.acting import exploring_step, sampled_actions
-from tma_ray.students.ppo.trunk import Trunk
+from tma_ray.students.ppo.trunk import Trunk, separate
 from tma_ray.students.ppo.update import PPOUpdate
 from tma_ray.students.rollout import Rollout
 from tma_ray.students.sb3.stable_baselines import Experience, StableBaselinesStudent
 
 NORMALISER_FILE = "normaliser.json"
+AVERAGE_FILE = "average.npy"
+
+START = "parameters"
+"""Key of the weights in a file to start from, beside the running statistics."""
 
 POLICY = "ppo"
 """What saved policies say that they are; those of `StockPPO` say the same."""
@@ -67,9 +73,12 @@ class PPO(StableBaselinesStudent[PPOHyperparameters, stable_baselines3.PPO]):
             max_grad_norm=hyper.max_gradient_norm,
             policy_kwargs={
                 "net_arch": [],
-                "activation_fn": nn.ReLU,
+                "activation_fn": MODULES[hyper.activation],
                 "features_extractor_class": Trunk,
-                "features_extractor_kwargs": {"hidden_units": hyper.hidden_units},
+                "features_extractor_kwargs": {
+                    "hidden_units": self._layout.sizes[1:-1],
+                    "activation": hyper.activation,
+                },
             },
             device=self.device,
             _init_setup_model=False,
@@ -78,22 +87,34 @@ class PPO(StableBaselinesStudent[PPOHyperparameters, stable_baselines3.PPO]):
     def _start(self) -> None:
         hyper = self.hyperparameters
         size, action_size = self.observation_space.shape[0], self.action_space.shape[0]
-        self.normaliser = Normaliser(size, hyper.gamma, hyper.observation_clip, hyper.reward_clip)
+        self._layout = hyper.layout(size, action_size)
+        self.normaliser = first_normaliser(hyper, size)
         self._rollout = Rollout(hyper.steps_per_update, size, action_size, self._batches, self.device)
         self._episode_starts = True
 
     def _connect(self) -> None:
-        policy = self.model.policy
+        hyper = self.hyperparameters
+        policy: Any = self.model.policy
+        if hyper.separate_trunks:
+            with self._torch_stream.active():
+                separate(policy.features_extractor, policy.action_net, policy.value_net)
         self.model.rollout_buffer = self._rollout  # type: ignore[assignment]
         self._rollout.clear()
         blocks = blocks_of(policy.features_extractor, policy.action_net, policy.value_net)
-        self._flat = FlatParameters([blocks], others=[policy.log_std])
+        self._flat = FlatParameters([blocks], [policy.log_std], hyper.activation)
+        if hyper.start_from:
+            self._begin_with(json.loads(Path(hyper.start_from).read_text())[START])
         self._prepare_update()
         (self._network,) = self._flat.networks
-        self._greedy = GreedyNetwork(self._network.parameters, self._network.layout, self._low.size)
+        self._acting = GreedyNetwork(self._network.parameters, self._layout, self._low.size)
+        self._greedy = self._acting
+        if hyper.averaged_steps:
+            self._average = self._network.parameters.detach().clone()
+            self._greedy = GreedyNetwork(self._average, self._layout, self._low.size)
         self._refresh()
 
     def _refresh(self) -> None:
+        self._acting.refresh()
         self._greedy.refresh()
         log_std: NDArray[np.float32] = self._flat.others[0].numpy(force=True).copy()
         self._policy = log_std, np.stack([self._low, self._high])
@@ -112,7 +133,7 @@ class PPO(StableBaselinesStudent[PPOHyperparameters, stable_baselines3.PPO]):
     def act(self, observation: Observations) -> Actions:  # noqa: D102
         if self._episode_starts:
             self.normaliser.update(observation)
-        network = self._greedy.row.arrays
+        network = self._acting.row.arrays
         self._step = exploring_step(network, self._policy, self.normaliser, observation, self._noise())
         return self._step.action
 
@@ -135,6 +156,16 @@ class PPO(StableBaselinesStudent[PPOHyperparameters, stable_baselines3.PPO]):
         """The steps since the last update."""
         return self._rollout
 
+    @property
+    def average(self) -> NDArray[np.float32] | None:
+        """The average of the network's parameters (p,), None where `averaged_steps` is 0."""
+        return self._average.numpy(force=True).copy() if self.hyperparameters.averaged_steps else None
+
+    def put_average(self, average: NDArray[np.float32]) -> None:
+        """Evaluates with an `average` (p,) of elsewhere."""
+        self._average.copy_(torch.from_numpy(average))
+        self._greedy.refresh()
+
     def changed(self, updates: int) -> None:
         """Takes over parameters that were changed from outside, by so many `updates` in all."""
         self.model._n_updates = updates
@@ -144,7 +175,7 @@ class PPO(StableBaselinesStudent[PPOHyperparameters, stable_baselines3.PPO]):
         return self._clip(self._greedy(self.normaliser.normalise(observations), squash=False))
 
     def sample_actions(self, observations: Observations, rng: np.random.Generator) -> Actions:  # noqa: D102
-        means = self._greedy(self.normaliser.normalise(observations), squash=False)
+        means = self._acting(self.normaliser.normalise(observations), squash=False)
         return sampled_actions(means, self._policy, rng)
 
     def state_values(self, observations: Observations) -> NDArray[np.float64]:
@@ -158,16 +189,36 @@ class PPO(StableBaselinesStudent[PPOHyperparameters, stable_baselines3.PPO]):
         """Writes the layers to the mean action, and the statistics that normalise what goes in.
 
         These are float64, the layers float32. To play elsewhere: ``clip((observation - mean) /
-        sqrt(variance + 1e-8), -observation_clip, observation_clip)``, the layers with ReLUs between,
-        and the result clipped to the action space.
+        sqrt(variance + 1e-8), -observation_clip, observation_clip)``, the layers with the activation between,
+        and the result clipped to the action space. Separate trunks are layers with the value's half, too.
         """
         hyper = self.hyperparameters
+        values: dict[str, Any] = {
+            "hidden_units": list(self._layout.sizes[1:-1]),
+            "observation_clip": hyper.observation_clip,
+        }
+        if hyper.activation is not Activation.RELU:  # which files without the entry have
+            values["activation"] = hyper.activation.value
         self._write_policy(
             folder,
             POLICY,
             {**self._greedy.tensors(), **self.normaliser.tensors()},
-            {"hidden_units": list(hyper.hidden_units), "observation_clip": hyper.observation_clip},
+            values,
         )
+
+    def save_start(self, path: Path) -> None:
+        """Writes what other students begin with by ``start_from``: JSON, for networks of the same layers."""
+        self.normaliser.save(path)
+        content = json.loads(path.read_text()) | {START: self._flat.values.tolist()}
+        path.write_text(json.dumps(content))
+
+    def _begin_with(self, parameters: list[float]) -> None:
+        if len(parameters) != len(self._flat.values):
+            raise ValueError(
+                f"{self.hyperparameters.start_from} has {len(parameters)} parameters, the networks here have "
+                f"{len(self._flat.values)}: start from a student of the same body and the same layers"
+            )
+        self._flat.values.copy_(torch.tensor(parameters))
 
     @classmethod
     def load_policy(cls, folder: Path, device: str = "cpu") -> Policy:  # noqa: D102
@@ -197,12 +248,16 @@ class PPO(StableBaselinesStudent[PPOHyperparameters, stable_baselines3.PPO]):
     def _save_experience(self, folder: Path, _incremental: bool) -> Experience:
         self.normaliser.save(folder / NORMALISER_FILE)
         np.savez(folder / "rollout.npz", **self._rollout.state())
+        if self.hyperparameters.averaged_steps:
+            np.save(folder / AVERAGE_FILE, self._average.numpy(force=True))
         return Experience({})
 
     def _load_experience(self, folder: Path, _counters: dict[str, Any]) -> None:
         self.normaliser = Normaliser.load(folder / NORMALISER_FILE)
         with np.load(folder / "rollout.npz") as state:
             self._rollout.restore(dict(state))
+        if self.hyperparameters.averaged_steps:
+            self.put_average(np.load(folder / AVERAGE_FILE))
         self._episode_starts = True  # states are saved at the end of an episode
 
     def _finish_rollout(self, next_observation: Observations) -> None:
@@ -210,6 +265,8 @@ class PPO(StableBaselinesStudent[PPOHyperparameters, stable_baselines3.PPO]):
         self._rollout.finish(last_value, self.gamma, self.hyperparameters.gae_lambda)
         with self._updating():
             self._train()
+            if self.hyperparameters.averaged_steps:
+                self._average.lerp_(self._network.parameters.detach(), self.hyperparameters.averaging)
         self._rollout.clear()
 
     def _value(self, observation: Observations) -> float:
@@ -218,7 +275,7 @@ class PPO(StableBaselinesStudent[PPOHyperparameters, stable_baselines3.PPO]):
     def _normalised_values(self, observations: Observations) -> NDArray[np.float64]:
         normalised = self.normaliser.normalise(observations)
         if observations.ndim == 1:
-            return self._greedy.row(normalised)[-1:].astype(np.float64)
+            return self._acting.row(normalised)[-1:].astype(np.float64)
         with torch.no_grad():
             outputs = self._network.frozen(as_batch(normalised, self.device))
         return outputs[:, -1].numpy(force=True).astype(np.float64)
@@ -232,7 +289,13 @@ class StockPPO(PPO):
     """PPO whose update is stable-baselines3's own `train`; all else is alike."""
 
     def _prepare_update(self) -> None:
-        """Prepares nothing."""
+        """Keeps separate trunks apart, whose gradients are autograd's here."""
+        if self.hyperparameters.separate_trunks:
+            kept = torch.ones_like(self._flat.values)
+            trunks = torch.from_numpy(self._layout.trunks(self._low.size))
+            kept[: len(trunks)] = trunks.to(kept)
+            for parameter, own in zip(self._flat.parameters, self._flat.views(kept), strict=True):
+                parameter.register_hook(own.mul)  # type: ignore[no-untyped-call]
 
     def _restore_update(self) -> None:
         """Restores nothing: the model's optimiser is the only one."""

@@ -38,6 +38,10 @@ class PPOUpdate:
         self.flat = parameters
         self.adam = FlatAdam(model.policy.optimizer, parameters)
         self._model, self._hyper = model, hyperparameters
+        self._trunks: torch.Tensor | None = None
+        if hyperparameters.separate_trunks:
+            (network,), means = parameters.networks, parameters.others[0].numel()
+            self._trunks = torch.from_numpy(network.layout.trunks(means)).to(network.gradient)
 
     def restore(self) -> None:
         """Takes over the optimiser's state after the model was loaded."""
@@ -62,6 +66,8 @@ class PPOUpdate:
         kept = network.activations(batch.observations)
         parts = losses(kept[-1], log_std, Steps(*batch), self._hyper)
         self.flat.backpropagate(kept, parts.outputs_gradient, [parts.log_std_gradient])
+        if self._trunks is not None:
+            network.gradient.mul_(self._trunks)
         norm = torch.linalg.vector_norm(self.flat.gradient)
         self.flat.gradient.mul_(torch.clamp(self._hyper.max_gradient_norm / (norm + 1e-6), max=1.0))
         self.adam.step()

@@ -32,9 +32,9 @@ def squashed_action(
         log_std_range: bounds of the log deviation.
         clamp: the log deviation is clamped to its range; else it is a scaled tangent hyperbolic.
     """
-    weights, sizes, work, active = network
+    weights, sizes, work, active, is_tanh = network
     low, high = np.float32(log_std_range[0]), np.float32(log_std_range[1])
-    outputs = apply_row(weights, sizes, work, active, observation)
+    outputs = apply_row(weights, sizes, work, active, is_tanh, observation)
     count = len(noise)
     actions = np.empty_like(noise)
     for k in range(count):

@@ -18,9 +18,9 @@ from stable_baselines3.common.base_class import BaseAlgorithm
 from stable_baselines3.common.on_policy_algorithm import OnPolicyAlgorithm
 from torch import nn
 
+from tma_ray.hyperparameters import identifying
 from tma_ray.registry import UnknownNameError
 from tma_ray.students.base import Actions, Observations, Policy, Student, Transition
-from tma_ray.students.hyperparameters import as_plain_values
 from tma_ray.students.layers import acting_layers
 from tma_ray.students.mlp.network import as_batch
 from tma_ray.students.policy_files import read_policy
@@ -107,7 +107,7 @@ class AlgorithmStudent(StableBaselinesStudent[Any, Any]):
     def save_policy(self, folder: Path) -> None:
         """Writes the tensors that acting needs, by stable-baselines3's names, and all hyper-parameters."""
         tensors = {name: tensor.numpy(force=True) for name, tensor in acting_tensors(self.model).items()}
-        values = as_plain_values(self.hyperparameters)
+        values = identifying(self.hyperparameters)
         self._write_policy(folder, self.algorithm.__name__, tensors, values)
 
     @classmethod

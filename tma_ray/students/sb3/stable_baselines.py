@@ -16,9 +16,10 @@ from numpy.typing import NDArray
 from stable_baselines3.common.base_class import BaseAlgorithm
 from stable_baselines3.common.logger import Logger
 
+from tma_ray.hyperparameters import identifying
 from tma_ray.optimisers import leave_compiler_out
 from tma_ray.students.base import Student
-from tma_ray.students.hyperparameters import MatmulPrecision, as_plain_values
+from tma_ray.students.hyperparameters import MatmulPrecision
 from tma_ray.students.policy_files import write_policy
 from tma_ray.students.randomness import TorchStream
 from tma_ray.students.spaces import checked_spaces
@@ -124,7 +125,7 @@ class StableBaselinesStudent(Student, Generic[H, M]):
     def save(self, folder: Path, incremental: bool = False) -> tuple[str, ...]:  # noqa: D102
         experience = self._save_experience(folder, incremental)
         state = {
-            "hyperparameters": as_plain_values(self.hyperparameters),
+            "hyperparameters": self._settings,
             "generators": [generator.bit_generator.state for generator in self._generators],
             "updates": self.model._n_updates,
             "counters": experience.counters,
@@ -140,7 +141,7 @@ class StableBaselinesStudent(Student, Generic[H, M]):
 
     def load(self, folder: Path) -> None:  # noqa: D102
         state = json.loads((folder / "student.json").read_text())
-        saved, ours = state["hyperparameters"], as_plain_values(self.hyperparameters)
+        saved, ours = state["hyperparameters"], self._settings
         if saved != ours:
             differing = [key for key in {**saved, **ours} if saved.get(key, "none") != ours.get(key, "none")]
             raise ValueError(
@@ -193,6 +194,12 @@ class StableBaselinesStudent(Student, Generic[H, M]):
     def _variables(self) -> list[str]:
         """Names of the model's tensors that belong to no module, such as a learned entropy coefficient."""
         return list(self.model._get_torch_save_params()[1])
+
+    @property
+    def _settings(self) -> dict[str, Any]:
+        """Hyper-parameters as states have them: a file by its name, since each process has it elsewhere."""
+        values = identifying(self.hyperparameters)
+        return {key: Path(value).name if key == "start_from" else value for key, value in values.items()}
 
     @property
     def _generators(self) -> list[np.random.Generator]:

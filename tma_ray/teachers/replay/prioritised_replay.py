@@ -19,7 +19,7 @@ from tma_ray.tasks import (
     TeacherUpdate,
     Trajectory,
 )
-from tma_ray.teachers.base import Teacher
+from tma_ray.teachers.base import PAPER_STEPS, Teacher, for_budget
 from tma_ray.teachers.numerics.task_cloud import cloud_gaussian
 from tma_ray.teachers.replay.scores import Score, positive_value_loss
 from tma_ray.teachers.replay.task_buffer import TaskBuffer
@@ -46,9 +46,11 @@ class PrioritisedReplay(Teacher):
         temperature: of the ranks; the lower, the more often the highest scores are replayed (paper: beta).
         staleness_share: weight of staleness against score, in [0, 1] (paper: rho).
         gae_lambda: lambda of the advantage estimates in the positive value loss.
+        budget: environment steps of the run, to which `for_budget` fits the buffer.
     """
 
     wants_trajectory: ClassVar[bool] = True
+    absent_at_default: ClassVar[frozenset[str]] = frozenset(("budget",))
     new_tasks_train: ClassVar[bool] = True
     """Whether the student learns from tasks that are not replayed."""
 
@@ -59,6 +61,7 @@ class PrioritisedReplay(Teacher):
     temperature: float = 0.1
     staleness_share: float = 0.5
     gae_lambda: float = 0.9
+    budget: int = PAPER_STEPS
 
     def __post_init__(self) -> None:
         for name in ("replay_share", "fill_first", "staleness_share", "gae_lambda"):
@@ -68,11 +71,13 @@ class PrioritisedReplay(Teacher):
             raise ValueError(f"buffer_size = {self.buffer_size}: expected at least 1 task")
         if not self.temperature > 0:
             raise ValueError(f"temperature = {self.temperature}: expected a number over 0")
+        for_budget(self.buffer_size, self.budget)
 
     def start(self, space: TaskSpace, knowledge: ExpertKnowledge, rng: np.random.Generator) -> None:
         """Starts with an empty buffer."""
         super().start(space, knowledge, rng)
-        self.buffer_ = TaskBuffer(space.size, self.buffer_size, self.temperature, self.staleness_share)
+        size = for_budget(self.buffer_size, self.budget)
+        self.buffer_ = TaskBuffer(space.size, size, self.temperature, self.staleness_share)
         self.replayed_: int | None = (
             None  # place of the task that is played, None for one that is not kept yet
         )

@@ -1,0 +1,481 @@
+"""The pilot of docs/pilot.md, which chooses student, budget and evaluations of the next release, without Ray.
+
+    python benchmarks/pilot.py --costs
+    python benchmarks/pilot.py --results build/pilot --processes 1 --minutes 600
+    python benchmarks/pilot.py --tables
+
+Runs the parts in order, each once the one before is done, and continues what an earlier call left. All
+evaluations are written to benchmarks/measured/pilot.csv, costs to benchmarks/measured/pilot_costs.csv.
+"""
+
+from __future__ import annotations
+
+import math
+import statistics
+import sys
+import time
+from collections.abc import Collection, Iterable, Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import gymnasium
+import numpy as np
+import pandas as pd
+from pools import describe, execute, parser
+
+import analysis
+from analysis.data.evaluations import evaluation_measures
+from analysis.statistics.estimates import Estimate, signal_to_noise
+from tma_ray.campaign.matrices import joined_plan
+from tma_ray.campaign.plan import CampaignSpec, Plan
+from tma_ray.envs import make_environment
+from tma_ray.runs import Cell, Schedule, effective_spec
+from tma_ray.runs.playing.evaluation import Evaluation
+from tma_ray.students import check_hyperparameters, make_student
+from tma_ray.students.catalogue import canonical_student
+from tma_ray.tasks import MASTERY_RETURN, KnowledgeLevel, TaskSpace
+
+if TYPE_CHECKING:
+    from student_training import OurLoop
+
+MEASURED = Path(__file__).parent / "measured"
+
+PAPER = "ppo"
+
+ROLLOUTS = (PAPER, "ppo:steps_per_update=20000", "ppo:batch_size=1024:steps_per_update=32768")
+
+TEACHERS = ("random", "alp_gmm", "spdl", "goal_gan:preset=release")
+
+SPACES = (
+    ("original", "classic_bipedal"),
+    ("mostly_unfeasible", "classic_bipedal"),
+    ("diverse_students", "spider"),
+)
+"""Challenge and body."""
+
+CELL = ["challenge", "embodiment", "teacher", "student"]
+"""Columns that tell the samples apart."""
+
+INTERVAL = 250_000
+"""Steps between evaluations; the screen has twice as many."""
+
+STEPS = 2_000_000
+"""Budget of the paper's student, whose core-seconds all have."""
+
+MILLIONS = 1, 2, 3, 4, 5
+"""Budgets that part "budget" is read at."""
+
+SEEDS = {"screen": tuple(range(1000, 1004)), "budget": tuple(range(1004, 1007))}
+
+ENOUGH = 1.3
+"""Signal to noise, in units of the paper's student's, from which on there is a new release."""
+
+STRETCH, STRETCHES = 40_000, 5
+"""Fewest steps by which costs are measured, and how often."""
+
+PARTS = ("rollouts", "changes", "students", "budget", "onset")
+
+FLAT = "easy:stump_height=0..0.05"
+"""Challenge on which walking policies are trained."""
+
+WALKER_STEPS = 1_000_000
+"""Steps for which they are."""
+
+
+def changed(rollouts: str) -> dict[str, str]:
+    """Returns the students of the second half of the screen, by the name of their change."""
+    hyper = check_hyperparameters(rollouts)
+    changes: dict[str, dict[str, Any]] = {
+        "small batches": {"batch_size": 500 if hyper.batch_size == 1_000 else 512, "gamma": 0.995},
+        "small networks": {"activation": "tanh", "hidden_units": (64, 64), "separate_trunks": True},
+        "dcd": {"entropy_coefficient": 0.001, "gae_lambda": 0.9, "value_clip_range": None},
+        "averaged weights": {"averaged_steps": 100_000},
+    }
+    own = {key: getattr(hyper, key) for key in ("steps_per_update", "batch_size")}
+    return {name: canonical_student(PAPER, own | change) for name, change in changes.items()}
+
+
+def costs() -> pd.DataFrame:
+    """Returns the processor time of a training step of each student, in µs, and its ratio to the paper's.
+
+    All students take turns, so that what else the machine does meets all of them.
+    """
+    students = [*ROLLOUTS, *(name for rollouts in ROLLOUTS for name in changed(rollouts).values())]
+    loops = {name: loop_of(Cell(student=name), 0) for name in students}
+    spent: dict[str, list[float]] = {name: [] for name in students}
+    for repeat in range(STRETCHES + 1):
+        for name, loop in loops.items():
+            length = check_hyperparameters(name).steps_per_update
+            steps = -(-STRETCH // length) * length if repeat else length
+            start = time.process_time()
+            loop.train(steps)
+            if repeat:
+                spent[name].append(1e6 * (time.process_time() - start) / steps)
+    ratios = {
+        name: statistics.median(own / paper for own, paper in zip(values, spent[PAPER], strict=True))
+        for name, values in spent.items()
+    }
+    rows = [(name, round(statistics.median(spent[name]), 1), round(ratios[name], 3)) for name in students]
+    return pd.DataFrame(rows, columns=["student", "microseconds", "ratio"])
+
+
+class Tasks(gymnasium.Wrapper[Any, Any, Any, Any]):
+    """Resets an environment with random tasks of a space."""
+
+    def __init__(self, env: gymnasium.Env[Any, Any], space: TaskSpace, seed: int) -> None:
+        super().__init__(env)
+        self._space, self._rng = space, np.random.default_rng(seed)
+
+    def reset(self, **options: Any) -> tuple[Any, dict[str, Any]]:
+        """Returns the first observation of a random task."""
+        return self.env.reset(**options | {"options": {"task": self._space.sample(self._rng, 1)[0]}})
+
+
+def loop_of(cell: Cell, seed: int) -> OurLoop:
+    """Returns the training of a student on random tasks of a challenge."""
+    from student_training import OurLoop  # it imports torch
+
+    spec = effective_spec(cell, seed, Schedule())
+    env = Tasks(make_environment(spec.environment, **spec.environment_options), spec.task_space, seed)
+    entropy = np.random.SeedSequence(seed)
+    return OurLoop(make_student(cell.student, env.observation_space, env.action_space, entropy), env)
+
+
+def walker(student: str, seed: int, folder: Path) -> Path:
+    """Returns the file of the walking policy of a seed, which is trained unless it is there.
+
+    Prints its mastered share of the easy test tasks.
+    """
+    file = folder / f"walker_{seed}.json"
+    if not file.exists():
+        folder.mkdir(parents=True, exist_ok=True)
+        cell = Cell(challenge=FLAT, student=student)
+        loop = loop_of(cell, seed)
+        loop.train(WALKER_STEPS)
+        trained: Any = loop.student
+        rows = Evaluation(effective_spec(cell, seed, Schedule()))(trained)
+        mastered = np.mean([row["episodic_return"] > MASTERY_RETURN for row in rows])
+        print(f"walker {seed} masters {mastered:.0%} of the easy tasks", flush=True)
+        trained.save_start(file.with_suffix(".part"))
+        file.with_suffix(".part").replace(file)
+    return file
+
+
+def steps_of(student: str) -> int:
+    """Returns the budget with which `student` has as many core-seconds as the paper's with `STEPS`."""
+    if student in ROLLOUTS:
+        return STEPS
+    ratio = pd.read_csv(MEASURED / "pilot_costs.csv").set_index("student").ratio[student]
+    return int(np.clip(round(STEPS / ratio / INTERVAL) * INTERVAL, STEPS, 2 * STEPS))
+
+
+def plan(part: str, found: pd.DataFrame, walkers: Path) -> Plan:
+    """Returns the runs of `part`, given the evaluations before it and a folder for walking policies."""
+    chosen: list[tuple[str, str, str, str, int, int, tuple[int, ...]]]
+    if part == "students":
+        chosen = [
+            (student, challenge, body, teacher, steps_of(student), INTERVAL, SEEDS["screen"])
+            for student in finalists(found)
+            for challenge, body in SPACES
+            for teacher in TEACHERS
+            if (challenge, teacher) != ("original", "random")  # which the screen has
+        ]
+    elif part == "budget":
+        chosen = [
+            (
+                student_of_choice(found),
+                challenge,
+                body,
+                teacher,
+                MILLIONS[-1] * 10**6,
+                INTERVAL,
+                SEEDS["budget"],
+            )
+            for challenge, body in SPACES
+            for teacher in TEACHERS
+        ]
+    elif part == "onset":
+        student = student_of_choice(found)
+        chosen = [
+            (f"{student}:start_from={file}", challenge, body, teacher, STEPS, INTERVAL, (seed,))
+            for seed in SEEDS["budget"]
+            for file in [walker(student, seed, walkers)]
+            for challenge, body in SPACES[:2]
+            for teacher in TEACHERS
+        ]
+    else:
+        students = ROLLOUTS if part == "rollouts" else changed(best_rollouts(found)).values()
+        chosen = [
+            (student, *SPACES[0], TEACHERS[0], steps_of(student), INTERVAL // 2, SEEDS["screen"])
+            for student in students
+        ]
+    name = f"pilot_{part}"
+    campaigns = [
+        CampaignSpec(
+            name,
+            (Cell("stump_tracks", challenge, body, student, teacher, KnowledgeLevel.HIGH),),
+            seeds,
+            Schedule(steps, interval, INTERVAL, training_window=100_000),
+        )
+        for student, challenge, body, teacher, steps, interval, seeds in chosen
+    ]
+    return joined_plan(name, campaigns)
+
+
+def evaluations(root: str, run_ids: Collection[str] | None = None) -> pd.DataFrame:
+    """Returns mastered % of every evaluation of all runs, of all test tasks and of those of even index."""
+    frames = analysis.load(root)
+    rows = frames.evaluations
+    if run_ids is not None:
+        rows = rows[rows["run_id"].isin(run_ids)]
+    halves = evaluation_measures(rows[rows["task_index"] % 2 == 0]).rename(
+        columns={"mastered_percent": "mastered_half"}
+    )
+    found = frames.measured[["run_id", "step", "mastered_percent"]]
+    found = found.merge(halves[["run_id", "step", "mastered_half"]], on=["run_id", "step"])
+    runs = frames.cells.drop_duplicates("run_id")[["run_id", *CELL, "seed", "steps"]]
+    table = runs.merge(found, on="run_id").drop(columns="run_id")
+    return table.astype(dict.fromkeys(CELL, str) | {"steps": int}).sort_values(
+        [*CELL, "steps", "seed", "step"]
+    )
+
+
+def areas(found: pd.DataFrame, until: int | None = None, column: str = "mastered_percent") -> pd.DataFrame:
+    """Returns area and last three, in %, of each run that got to its budget, or to `until` steps."""
+    rows = []
+    for key, run in found.groupby([*CELL, "steps", "seed"], observed=True):
+        end = until or key[-2]
+        curve = run[run["step"] <= end].set_index("step")[column]
+        if curve.index[-1] == end:
+            area = np.trapezoid(curve, curve.index) / end
+            rows.append((*key, area, curve.iloc[-3:].mean()))
+    return pd.DataFrame(rows, columns=[*CELL, "steps", "seed", "area", "last_three"])
+
+
+def every_second(found: pd.DataFrame) -> pd.DataFrame:
+    """Returns the evaluations that today's schedule has."""
+    return found[found["step"] % INTERVAL == 0]
+
+
+def screened(found: pd.DataFrame) -> pd.DataFrame:
+    """Returns mean and deviation of area and last three of the students of the screen, the best first."""
+    runs = areas(every_second(found))
+    runs = runs[(runs["challenge"] == "original") & (runs["teacher"] == "random")]
+    runs = runs[runs["seed"].isin(SEEDS["screen"])]
+    table = runs.groupby("student")[["area", "last_three"]].agg(["mean", "std", "count"])
+    return table.sort_values(("area", "mean"), ascending=False)
+
+
+def best_rollouts(found: pd.DataFrame) -> str:
+    """Returns the student of `ROLLOUTS` with the largest mean area."""
+    return str(screened(found).loc[list(ROLLOUTS), ("area", "mean")].idxmax())
+
+
+def finalists(found: pd.DataFrame) -> list[str]:
+    """Returns the two students that are compared with the paper's."""
+    return [student for student in screened(found).index if student != PAPER][:2]
+
+
+def noise_of(runs: pd.DataFrame, measure: str) -> Estimate:
+    """Returns signal to noise of the square roots of a measure of the runs of one student."""
+    strata = [
+        {str(teacher): np.sqrt(own[measure].to_numpy()) for teacher, own in space.groupby("teacher")}
+        for _, space in runs.groupby(["challenge", "embodiment"])
+    ]
+    return signal_to_noise(strata)
+
+
+def student_of_choice(found: pd.DataFrame) -> str:
+    """Returns the student that the rule of part a chooses, whether or not it is good enough."""
+    runs = areas(every_second(found))
+    runs = runs[runs["seed"].isin(SEEDS["screen"])]
+    best = finalists(found)
+    ratios = {student: noise_of(runs[runs["student"] == student], "area").value for student in best}
+    if min(ratios.values()) >= 0.9 * max(ratios.values()):
+        means = runs[runs["student"].isin(best)].groupby("student")["area"].mean()
+        return str(means.idxmax())
+    return max(best, key=ratios.__getitem__)
+
+
+def pays(found: pd.DataFrame) -> bool:
+    """Returns whether the student of choice is good enough for a new release."""
+    runs = areas(every_second(found))
+    own = runs[(runs["student"] == student_of_choice(found)) & runs["seed"].isin(SEEDS["screen"])]
+    return noise_of(own, "area").value >= ENOUGH * noise_of(paper_runs(), "area").value
+
+
+def tables(found: pd.DataFrame) -> str:
+    """Returns the results as tables of the page, as far as there are any."""
+    parts = [screen_table(found), schedule_table(found)]
+    compared = found[found["seed"].isin(SEEDS["screen"]) & (found["student"] != PAPER)]
+    if students := complete(areas(every_second(compared))):
+        parts.append(comparison_table(complete(paper_runs()) | students))
+    longest = found[found["seed"].isin(SEEDS["budget"])]
+    if complete(areas(longest)):
+        parts += [budget_table(longest), onset_table(areas(longest, STEPS))]
+    return "\n\n".join(parts)
+
+
+def paper_runs() -> pd.DataFrame:
+    """Returns the runs of the paper's student in lite-1 that the pilot compares with."""
+    cells = analysis.load("lite-1").cells
+    wanted = (cells["student"] == PAPER) & (cells["expert_knowledge"] == "high") & (cells["seed"] < 5)
+    wanted &= cells["teacher"].isin(TEACHERS) & cells["challenge"].isin([name for name, _ in SPACES])
+    runs = areas(evaluations("lite-1", set(cells[wanted]["run_id"])))
+    return runs[pd.MultiIndex.from_frame(runs[["challenge", "embodiment"]]).isin(SPACES)]
+
+
+def complete(runs: pd.DataFrame) -> dict[str, pd.DataFrame]:
+    """Returns the runs of each student that has all teachers on all spaces with two seeds or more."""
+    found = {}
+    for student, own in runs.groupby("student"):
+        seeds = own.groupby(CELL)["seed"].count()
+        if len(seeds) == len(TEACHERS) * len(SPACES) and seeds.min() > 1:
+            found[str(student)] = own
+    return found
+
+
+def markdown(head: Sequence[str], rows: Iterable[Sequence[object]]) -> str:
+    """Returns a table."""
+    lines = [head, ["---"] * len(head), *rows]
+    return "\n".join(f"| {' | '.join(str(cell) for cell in line)} |" for line in lines)
+
+
+def screen_table(found: pd.DataFrame) -> str:
+    """Returns the students of the screen, the best first."""
+    ratios = pd.read_csv(MEASURED / "pilot_costs.csv").set_index("student").ratio
+    rows = [
+        (
+            f"`{student}`",
+            f"{ratios[str(student)]:.2f}",
+            f"{steps_of(str(student)) / 1e6:g}",
+            *(
+                f"{row[measure, 'mean']:.1f} ± {row[measure, 'std']:.1f}"
+                for measure in ("area", "last_three")
+            ),
+            int(row["area", "count"]),
+        )
+        for student, row in screened(found).iterrows()
+    ]
+    head = ("student", "cost of a step", "million steps", "area, %", "last three, %", "seeds")
+    return markdown(head, rows)
+
+
+def schedule_table(found: pd.DataFrame) -> str:
+    """Returns slope and deviation of the residuals of both schedules of evaluations, over the screen."""
+    dense = found[found["step"] % INTERVAL != 0].groupby([*CELL, "steps", "seed"]).size().index
+    runs = found.set_index([*CELL, "steps", "seed"]).loc[dense].reset_index()
+    truth = areas(runs)["area"].to_numpy()
+    rows = []
+    for name, area in (
+        ("every 250,000 steps, all tasks", areas(every_second(runs))["area"]),
+        ("every 125,000 steps, half of the tasks", areas(runs, column="mastered_half")["area"]),
+    ):
+        slope = float(area @ truth / (truth @ truth))
+        rows.append((name, f"{slope:.3f}", f"{(area / slope - truth).std():.2f}", len(area)))
+    return markdown(("schedule", "slope", "deviation of residuals, points", "runs"), rows)
+
+
+def shown(estimate: Estimate) -> str:
+    """Returns a number with its interval."""
+    return f"{estimate.value:.2f} [{estimate.low:.2f}, {estimate.high:.2f}]"
+
+
+def comparison_table(students: Mapping[str, pd.DataFrame]) -> str:
+    """Returns mean area and signal to noise of each of the students that are compared."""
+    rows = [
+        (
+            f"`{student}`",
+            f"{runs['area'].mean():.1f}",
+            f"{runs['last_three'].mean():.1f}",
+            shown(noise_of(runs, "area")),
+            shown(noise_of(runs, "last_three")),
+            len(runs),
+        )
+        for student, runs in students.items()
+    ]
+    head = ("student", "area, %", "last three, %", "S/N of area", "S/N of last three", "runs")
+    return markdown(head, rows)
+
+
+def budget_table(found: pd.DataFrame) -> str:
+    """Returns signal to noise and decisiveness at each budget."""
+    micro = pd.read_csv(MEASURED / "pilot_costs.csv").set_index("student").microseconds
+    rows = []
+    for millions in MILLIONS:
+        for student, runs in complete(areas(found, millions * 10**6)).items():
+            hours = millions * micro[student] / 3600
+            area, last = (noise_of(runs, measure) for measure in ("area", "last_three"))
+            decisive = (f"{each.value / math.sqrt(hours):.2f}" for each in (area, last))
+            rows.append((millions, shown(area), shown(last), *decisive, len(runs)))
+    head = (
+        "million steps",
+        "S/N of area",
+        "S/N of last three",
+        "decisiveness of area",
+        "of last three",
+        "runs",
+    )
+    return markdown(head, rows)
+
+
+def onset_table(runs: pd.DataFrame) -> str:
+    """Returns signal to noise and decisiveness on two spaces, of new students and of walking ones.
+
+    Args:
+        runs: after `STEPS` steps, of one student, new or started from the walking policy of its seed.
+    """
+    begun = runs["student"].str.replace(r":start_from=[^:]+", "", regex=True)
+    (micro,) = pd.read_csv(MEASURED / "pilot_costs.csv").set_index("student").microseconds[begun.unique()]
+    runs = runs[pd.MultiIndex.from_frame(runs[["challenge", "embodiment"]]).isin(SPACES[:2])]
+    walks = runs["student"].str.contains("start_from=")
+    rows = []
+    for name, own, steps in (
+        ("new", runs[~walks], STEPS),
+        ("walking", runs[walks], STEPS + WALKER_STEPS),
+    ):
+        area, hours = noise_of(own, "area"), steps * micro / 3.6e9
+        decisive = f"{area.value / math.sqrt(hours):.2f}"
+        rows.append((name, f"{own['area'].mean():.1f}", shown(area), decisive, len(own)))
+    return markdown(("students", "area, %", "S/N of area", "decisiveness", "runs"), rows)
+
+
+def written(root: str, csv: Path) -> pd.DataFrame:
+    """Returns the evaluations of `root`, as the file has them into which they are written."""
+    evaluations(root).to_csv(csv, index=False)
+    return pd.read_csv(csv)
+
+
+def main() -> int:
+    """Measures costs, prints tables, or runs what is missing."""
+    options = parser(str(__doc__))
+    options.add_argument("--parts", default=",".join(PARTS), help="in this order")
+    options.add_argument("--csv", type=Path, default=MEASURED / "pilot.csv", help="file of all evaluations")
+    options.add_argument("--costs", action="store_true", help="measure the costs of steps only")
+    options.add_argument("--tables", action="store_true", help="print what the root or the CSV says only")
+    reads = {"--costs", "--tables"} & set(sys.argv)
+    given = options.parse_args([*(["--results", ""] if reads else []), *sys.argv[1:]])
+    if given.costs:
+        table = costs()
+        print(table.to_string())
+        table.to_csv(MEASURED / "pilot_costs.csv", index=False)
+        return 0
+    if given.tables:
+        print(tables(written(given.results, given.csv) if given.results else pd.read_csv(given.csv)))
+        return 0
+    found = pd.DataFrame()
+    for part in given.parts.split(","):
+        wanted = plan(part, found, Path(f"{given.results}_walkers"))
+        print(part, describe(execute(wanted, given)), flush=True)
+        found = written(given.results, given.csv)
+        cells = analysis.load(given.results).cells
+        if not set(cells[cells["status"] == "done"]["run_id"]).issuperset(run.run_id for run in wanted.runs):
+            break  # the next call goes on
+        if part == "students" and not pays(found):
+            print(f"no student has {ENOUGH} times the paper's signal to noise: the rest is left out")
+            break
+    return 0
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())

@@ -1,0 +1,83 @@
+"""The rules of the pilot, on curves whose areas are known."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from types import ModuleType
+
+import numpy as np
+import pandas as pd
+import pytest
+
+BENCHMARKS = Path(__file__).parents[1] / "benchmarks"
+SPIDER = ("diverse_students", "spider")
+
+
+@pytest.fixture
+def pilot(monkeypatch: pytest.MonkeyPatch) -> ModuleType:
+    monkeypatch.syspath_prepend(str(BENCHMARKS))
+    return pytest.importorskip("pilot")
+
+
+def line(
+    end: float, student: str = "ppo", teacher: str = "random", seed: int = 1000, steps: int = 2_000_000
+) -> pd.DataFrame:
+    """A run that masters from 0 to `end` percent, in a line; twice as much of half of the tasks."""
+    step = np.arange(0, steps + 1, 125_000)
+    mastered = end * step / steps
+    cell = {"challenge": "original", "embodiment": "classic_bipedal", "teacher": teacher, "student": student}
+    curve = {"step": step, "mastered_percent": mastered, "mastered_half": 2 * mastered}
+    return pd.DataFrame({**cell, "seed": seed, "steps": steps, **curve})
+
+
+def test_area_and_last_three_of_a_line(pilot: ModuleType) -> None:
+    (row,) = pilot.areas(pilot.every_second(line(40.0))).itertuples()
+    assert (row.area, row.last_three) == pytest.approx((20.0, 35.0))
+    (early,) = pilot.areas(line(40.0), until=1_000_000).itertuples()
+    assert early.area == pytest.approx(10.0)
+    assert pilot.areas(line(40.0).iloc[:-1]).empty  # it is not done
+
+
+def test_schedules_that_agree_with_all_evaluations_leave_no_residuals(pilot: ModuleType) -> None:
+    found = pd.concat([line(end, seed=1000 + seed) for seed, end in enumerate((10, 20, 40))])
+    *_, every_second, half = pilot.schedule_table(found).splitlines()
+    assert "| 1.000 | 0.00 | 3 |" in every_second
+    assert "| 2.000 | 0.00 | 3 |" in half
+
+
+def compared(pilot: ModuleType, ends: dict[str, tuple[float, float]], spread: float) -> pd.DataFrame:
+    """Runs of students under all teachers on all spaces, half of the teachers with each of two ends."""
+    runs = [
+        line(end + spread * place, student, teacher, 1000 + place).assign(challenge=space, embodiment=body)
+        for student, pair in ends.items()
+        for space, body in pilot.SPACES
+        for teacher, end in zip(pilot.TEACHERS, 2 * pair, strict=True)
+        for place in range(4)
+    ]
+    return pd.concat([*runs, *(line(5, pilot.PAPER, seed=1000 + place) for place in range(4))])
+
+
+@pytest.mark.parametrize(
+    ("ends", "winner"),
+    [
+        ({"ppo:epochs=6": (20, 30), "ppo:epochs=7": (30, 32)}, "ppo:epochs=6"),  # teachers differ more
+        ({"ppo:epochs=6": (20, 30), "ppo:epochs=7": (22, 32)}, "ppo:epochs=7"),  # as much: it learns more
+    ],
+)
+def test_the_student_is_the_one_under_which_teachers_differ(
+    pilot: ModuleType, ends: dict[str, tuple[float, float]], winner: str
+) -> None:
+    found = compared(pilot, ends, spread=2)
+    assert set(pilot.finalists(found)) == set(ends)
+    assert pilot.student_of_choice(found) == winner
+
+
+def test_a_student_of_half_the_cost_trains_for_twice_the_steps(
+    pilot: ModuleType, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    monkeypatch.setattr(pilot, "MEASURED", tmp_path)
+    ratios = {"a": 0.55, "b": 1.1, "c": 0.3}
+    costs = pd.DataFrame({"student": ratios.keys(), "ratio": ratios.values()})
+    costs.to_csv(tmp_path / "pilot_costs.csv", index=False)
+    assert [pilot.steps_of(student) for student in ratios] == [3_750_000, 2_000_000, 4_000_000]
+    assert pilot.steps_of(pilot.ROLLOUTS[2]) == pilot.STEPS
