@@ -153,6 +153,4 @@ def interval(row: pd.Series, suffix: str, digits: int) -> str:
         return "\N{EN DASH}"
     if not np.isfinite(low):
         return number(value, digits)
-    if not suffix:  # a share of the test tasks, whatever its distribution
-        low, high = max(low, 0.0), min(high, 100.0)
     return f"{number(value, digits)} [{number(low, digits)}, {number(high, digits)}]"

@@ -61,6 +61,22 @@ def mean_interval(sample: Description) -> tuple[float, float]:
     return sample.mean - margin, sample.mean + margin
 
 
+def percent_interval(mean: float, margin: float) -> tuple[float, float]:
+    """Returns the 95 % confidence interval of a mean percentage, which stays within 0 and 100.
+
+    It is symmetric in the log odds of the mean, whose standard error follows from that of the mean (delta
+    method). A mean of 0 or 100, which has no log odds, keeps the symmetric interval, cut at these.
+
+    Args:
+        mean: mean of percentages, in [0, 100].
+        margin: half the width of its symmetric interval, in points; NaN where there is none.
+    """
+    if not 0 < mean < 100:
+        return max(mean - margin, 0.0), min(mean + margin, 100.0)
+    odds, spread = mean / (100 - mean), math.exp(min(100 * margin / (mean * (100 - mean)), 500.0))
+    return 100 / (1 + spread / odds), 100 / (1 + 1 / (odds * spread))
+
+
 def finite(values: ArrayLike) -> NDArray[np.float64]:
     """Returns the finite ones among `values` (n,).
 

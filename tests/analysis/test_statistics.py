@@ -6,7 +6,7 @@ import pandas as pd
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from scipy import stats
+from scipy import special, stats
 
 from analysis.statistics import (
     Description,
@@ -14,6 +14,7 @@ from analysis.statistics import (
     describe,
     holm,
     paired,
+    percent_interval,
     stratified,
     welch,
     welch_from_statistics,
@@ -232,6 +233,23 @@ def test_describe_by_hand() -> None:
     assert result.mean == 5
     assert result.std == pytest.approx(math.sqrt((9 + 1 + 16) / 2))
     assert result.standard_error == pytest.approx(math.sqrt(13 / 3))
+
+
+@given(st.floats(1e-6, 100 - 1e-6), st.floats(0, 300))
+def test_the_interval_of_a_percentage_is_one_of_log_odds(mean: float, margin: float) -> None:
+    low, high = percent_interval(mean, margin)
+    assert 0 <= low <= mean * (1 + 1e-9)
+    assert mean * (1 - 1e-9) <= high <= 100
+    spread = margin / 100 / (mean / 100 * (1 - mean / 100))
+    expected = 100 * special.expit(special.logit(mean / 100) + np.array([-spread, spread]))
+    np.testing.assert_allclose([low, high], expected, rtol=1e-6, atol=1e-9)
+
+
+def test_the_interval_of_a_percentage_without_log_odds_is_cut() -> None:
+    assert percent_interval(0.0, 3.0) == (0.0, 3.0)
+    assert percent_interval(100.0, 3.0) == (97.0, 100.0)
+    assert np.isnan(percent_interval(10.0, math.nan)).all()
+    assert np.isnan(percent_interval(0.0, math.nan)).all()
 
 
 def test_one_value_has_no_spread() -> None:
