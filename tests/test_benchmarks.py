@@ -29,6 +29,7 @@ OTHERS = {
     "claim_standings": "--experiments 1",
     "cohort": "--widths 2 --precisions highest --seconds 0.2 --whole 1 --students ppo --output o.json",
     "data_plane": "--exchanges 5",
+    "familywise_error": "--experiments 1",
     "interval_coverage": "--experiments 1",
     "learning": f"{SHORT_RUNS} --seeds 1",
     "lite": IN_A_MOMENT,

@@ -37,8 +37,8 @@ def pairwise(
 ) -> pd.DataFrame:
     """Returns the tests between groups of runs, one row a pair.
 
-    Welch's, or paired by seed where seeds share a student, on the scale of `tested.scale_of`. Runs without the measure do not count. Groups are
-    not tested that share a run or that pool other bodies or students.
+    Welch's, or paired by seed where seeds share a student, on the scale of `tested.scale_of`. Runs without
+    the measure do not count. Groups are not tested that share a run or that pool other bodies or students.
 
     Args:
         runs: of `pooling.pool_runs`; with a step column among `within`, the values of

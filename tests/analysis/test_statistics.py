@@ -6,7 +6,7 @@ import pandas as pd
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from scipy import special, stats
+from scipy import stats
 
 from analysis.statistics import (
     Description,
@@ -236,16 +236,21 @@ def test_describe_by_hand() -> None:
 
 
 @given(st.floats(1e-6, 100 - 1e-6), st.floats(0, 300))
-def test_the_interval_of_a_percentage_is_one_of_log_odds(mean: float, margin: float) -> None:
+def test_the_interval_of_a_percentage_stays_within_its_bounds(mean: float, margin: float) -> None:
     low, high = percent_interval(mean, margin)
     assert 0 <= low <= mean * (1 + 1e-9)
     assert mean * (1 - 1e-9) <= high <= 100
-    spread = margin / 100 / (mean / 100 * (1 - mean / 100))
-    expected = 100 * special.expit(special.logit(mean / 100) + np.array([-spread, spread]))
-    np.testing.assert_allclose([low, high], expected, rtol=1e-6, atol=1e-9)
+    assert percent_interval(100 - mean, margin) == pytest.approx((100 - high, 100 - low), abs=1e-4)
 
 
-def test_the_interval_of_a_percentage_without_log_odds_is_cut() -> None:
+def test_the_interval_of_a_percentage_by_hand() -> None:
+    # The share 1/4 is at the angle of 30 degrees, where a point is 1 / (100 sin 60) radians.
+    low, high = percent_interval(25.0, 100 * math.sin(math.pi / 3) * math.pi / 12)
+    assert (low, high) == pytest.approx((100 * math.sin(math.pi / 12) ** 2, 50.0))
+    assert percent_interval(25.0, 0.01) == pytest.approx((24.99, 25.01), abs=1e-5)
+
+
+def test_the_interval_of_a_percentage_at_its_bounds_is_cut() -> None:
     assert percent_interval(0.0, 3.0) == (0.0, 3.0)
     assert percent_interval(100.0, 3.0) == (97.0, 100.0)
     assert np.isnan(percent_interval(10.0, math.nan)).all()
