@@ -88,7 +88,7 @@ def welch(values: Floats, weights: Floats) -> tuple[Floats, Floats]:
 
 def by_holm(values: Floats, release: Release, _: np.random.Generator) -> Families:
     """Returns Welch and Satterthwaite's p with Holm's correction."""
-    _, p = welch(values, release.weights)
+    p = welch(values, release.weights)[1]
     return Families(holm(p), holm(p[_of_random(release)]))
 
 
@@ -143,7 +143,7 @@ def simulated(release: Release, scale: Scale, seeds: int, experiments: int, *, h
     shift = np.where(others[:, None] & half, means - means[:, ~others].mean(axis=1, keepdims=True), 0.0)
     first, second = np.triu_indices(means.shape[1], 1)
     null = ~(others[first] | others[second]) | (not half)
-    nulls = Families(null, null[_of_random(release)])
+    nulls = null, null[_of_random(release)]
     wrong, right = np.zeros((len(METHODS), 2)), np.zeros((len(METHODS), 2))
     for _ in range(experiments):
         drawn = rng.integers(0, n, (*means.shape[:2], seeds))

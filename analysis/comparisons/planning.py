@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Hashable, Mapping, Sequence
 from functools import cache
 from statistics import median
 from typing import Any
@@ -54,12 +54,13 @@ def detectable_differences(cell_rows: Sequence[Mapping[str, Any]], steps: int) -
 
 
 @cache
-def _lite_deviations() -> dict[tuple[str, str], list[float]]:
-    """Returns the standard deviations of `LITE` by environment and challenge, where they are over 0."""
+def _lite_deviations() -> dict[Hashable, list[float]]:
+    """Returns by environment and challenge the standard deviations of `LITE`, of teachers with most seeds."""
     table = pooled(runs_after(find_baseline(LITE).frames(), training=False), [MEASURE])
-    table = table[(table["missing"] == "") & (table[f"{MEASURE}_std"] > 0)]
-    groups = table.groupby(["environment", "challenge"], observed=True)[f"{MEASURE}_std"]
-    return {(str(place[0]), str(place[1])): stds.tolist() for place, stds in groups}
+    place = ["environment", "challenge"]
+    whole = table.groupby(place)["n"].transform("max") == table["n"]
+    groups = table[whole & (table[f"{MEASURE}_std"] > 0)].groupby(place)[f"{MEASURE}_std"]
+    return {place: stds.tolist() for place, stds in groups}
 
 
 def _deviations(environment: object, challenge: object, levels: set[str]) -> list[float]:

@@ -68,7 +68,7 @@ def run_measures(
         - run_id, steps (at which it is measured), step (of the last evaluation until then);
         - mastered_percent and evaluation_return, of that evaluation;
         - last_three_percent, the mean of mastered % at the last three of these evaluations, of all if there
-          are fewer; that of the untrained student, at step 0, counts only where there is no other;
+          are fewer; that of the untrained student, at step 0, counts only if it is the last;
         - mastered_area, the mean of mastered % over the budget: area under the curve, by trapezoids,
           through steps; its first and last values hold where no evaluation is;
         - steps_to_50_percent and so on: first evaluation that masters this share of the final mastered %;

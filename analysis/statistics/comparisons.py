@@ -63,7 +63,7 @@ class Scale(StrEnum):
         wrong = shares[(shares < -ROUNDING) | (shares > 1 + ROUNDING)]
         if len(wrong):
             raise ValueError(f"{100 * wrong.iloc[0]:g}: expected percentages, in [0, 100], to test arcsines")
-        return np.arcsin(np.sqrt(shares.clip(0.0, 1.0)))
+        return pd.Series(np.arcsin(np.sqrt(shares.clip(0.0, 1.0).to_numpy())), index=percentages.index)
 
 
 @dataclass(frozen=True)
