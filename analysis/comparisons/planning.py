@@ -60,7 +60,7 @@ def _lite_deviations() -> dict[Hashable, list[float]]:
     place = ["environment", "challenge"]
     whole = table.groupby(place)["n"].transform("max") == table["n"]
     groups = table[whole & (table[f"{MEASURE}_std"] > 0)].groupby(place)[f"{MEASURE}_std"]
-    return {place: stds.tolist() for place, stds in groups}
+    return {key: stds.tolist() for key, stds in groups}
 
 
 def _deviations(environment: object, challenge: object, levels: set[str]) -> list[float]:
