@@ -4,15 +4,23 @@ from __future__ import annotations
 
 import hashlib
 import itertools
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
+from contextlib import contextmanager
+from contextvars import ContextVar
 
 from tma_ray.benchmark import CHALLENGES, challenges_of
+from tma_ray.commands.texts import visible
 from tma_ray.hyperparameters import PRESET
 from tma_ray.part_names import split_name
 from tma_ray.tasks import KnowledgeLevel
 
 LONGEST = 80
 """Characters of a name in sentences and tables."""
+
+YOURS = " \N{LEFTWARDS ARROW} yours"
+"""Mark behind the name of a reader's own teacher."""
+
+_OWN: ContextVar[frozenset[str]] = ContextVar("own", default=frozenset())
 
 _LABELS = {
     "random": "Random",
@@ -45,11 +53,34 @@ def label(teacher: str) -> str:
         ('ALP-GMM', 'ALP-GMM (fit_every=100)', 'GoalGAN (release)')
     """
     name, settings = split_name(teacher)
-    full = with_settings(_LABELS.get(plain_name(name), name), settings)
+    full = visible(with_settings(_LABELS.get(plain_name(name), name), settings))
     if len(full) <= LONGEST:
         return full
     digest = hashlib.sha256(teacher.encode()).hexdigest()[:4]
     return f"{full[: LONGEST - 27]}…{full[-20:]} [{digest}]"
+
+
+@contextmanager
+def own_first(teachers: Iterable[str]) -> Iterator[None]:
+    """Marks `teachers` as the reader's own, and sorts them before all others, within the context.
+
+    The mark is in `marked_label` and `short_labels`, not in `label`, which sentences are made of.
+    """
+    token = _OWN.set(frozenset(teachers))
+    try:
+        yield
+    finally:
+        _OWN.reset(token)
+
+
+def marked_label(teacher: str) -> str:
+    """Returns the `label` of a teacher, marked if it is one of `own_first`."""
+    return label(teacher) + mark_of(teacher)
+
+
+def mark_of(teacher: str) -> str:
+    """Returns `YOURS` for a teacher of `own_first`, else nothing."""
+    return YOURS if teacher in _OWN.get() else ""
 
 
 def with_settings(name: str, settings: Mapping[str, str]) -> str:
@@ -78,7 +109,7 @@ def short_labels(teachers: Iterable[str], length: int = 22) -> dict[str, str]:
 
     Args:
         teachers: all that are shown together.
-        length: at most so many characters, the numbers apart.
+        length: at most so many characters, numbers and the mark of `own_first` apart.
 
     Examples:
         >>> list(short_labels(["my_teacher:fit_every=100", "my_teacher:fit_every=250"], 16).values())
@@ -99,12 +130,12 @@ def short_labels(teachers: Iterable[str], length: int = 22) -> dict[str, str]:
         taken = set(found.values())
         counted = (f"{text} ({number})" for number in itertools.count(2))
         found[teacher] = text if text not in taken else next(each for each in counted if each not in taken)
-    return found
+    return {teacher: name + mark_of(teacher) for teacher, name in found.items()}
 
 
-def teacher_order(teacher: str) -> tuple[bool, str]:
-    """Sorts teachers: Random first, since the others are read against it, then by name."""
-    return (plain_name(teacher) != "random", label(teacher).lower())
+def teacher_order(teacher: str) -> tuple[bool, bool, str]:
+    """Sorts teachers: those of `own_first`, then Random, which the others are read against, then by name."""
+    return (teacher not in _OWN.get(), plain_name(teacher) != "random", label(teacher).lower())
 
 
 def plain_name(teacher: str) -> str:
@@ -121,7 +152,7 @@ def title(column: str, value: object) -> str:
         if len(titles) == 1:  # several environments have an "original"
             return titles.pop()
     names = value if isinstance(value, tuple) else (value,)
-    return ", ".join(str(name) for name in names).replace("_", " ").capitalize()
+    return visible(", ".join(str(name) for name in names)).replace("_", " ").capitalize()
 
 
 def order(column: str, value: object) -> tuple[int, str]:

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import argparse
 from collections.abc import Callable
 
 from tma_ray.campaign import Campaign
 from tma_ray.campaign.options import add_options
 from tma_ray.campaign.script import execute
+from tma_ray.command_line import Parser
 
 
 def main(campaign: Campaign, description: str, report: Callable[[str], None]) -> int:
@@ -18,9 +18,7 @@ def main(campaign: Campaign, description: str, report: Callable[[str], None]) ->
         description: text for ``--help``.
         report: called with the results root once all runs are done.
     """
-    parser = argparse.ArgumentParser(
-        description=description, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    parser = Parser(description=description)
     add_options(parser, campaign)
     options = parser.parse_args()
     code = execute(campaign, options)

@@ -7,7 +7,6 @@ Prints the tables of ``docs/statistics.md``.
 
 from __future__ import annotations
 
-import argparse
 from collections.abc import Callable
 
 import numpy as np
@@ -18,6 +17,7 @@ from analysis.claims.judging import judge
 from analysis.claims.sources import PaperSource, RootSource
 from analysis.statistics import Comparison, stratified
 from analysis.statistics.verdicts import Standing, equivalent, greater
+from tma_ray.command_line import Parser
 
 DIFFERENCES = (0.0, 2.0, 10.0, 20.0)
 """True differences of two teachers, in points of mastered tasks."""
@@ -63,7 +63,7 @@ def of_the_paper(release: str) -> list[str]:
 
 def main() -> None:
     """Prints the paper's claims, then shares of simulated ones: supported / undecided / refuted."""
-    parser = argparse.ArgumentParser(description=__doc__)
+    parser = Parser(description=__doc__)
     parser.add_argument("--experiments", type=int, default=2_000, help="simulated for each row (%(default)s)")
     parser.add_argument("--release", default="lite-1", help="that claims are held against (%(default)s)")
     given = parser.parse_args()

@@ -27,6 +27,7 @@ import whole_runs
 from gymnasium import spaces
 from stable_baselines3.common.type_aliases import ReplayBufferSamples, RolloutBufferSamples
 
+from tma_ray.command_line import Parser
 from tma_ray.students.cohort.ppo import PPONetworks, RolloutColumns, StackedPPO
 from tma_ray.students.cohort.sac import SACNetworks, StackedSAC
 from tma_ray.students.hyperparameters import MatmulPrecision, PPOHyperparameters, SACHyperparameters
@@ -239,11 +240,9 @@ def longest(options: argparse.Namespace, compiled: bool) -> float:
     return 3 * float(options.seconds) + (200.0 if compiled else 20.0)
 
 
-def parser() -> argparse.ArgumentParser:
+def parser() -> Parser:
     """Returns the options."""
-    parser = argparse.ArgumentParser(
-        description=str(__doc__), formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    parser = Parser(description=str(__doc__))
     parser.add_argument("--device", default="cpu")
     parser.add_argument("--students", default="sac,ppo")
     parser.add_argument("--widths", default="4")

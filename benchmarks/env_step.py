@@ -5,11 +5,11 @@ turn within one run, by processor time.
 
     python benchmarks/env_step.py --steps 20000 --output env_step.json
     python benchmarks/env_step.py --environments parkour --bodies classic_bipedal fish climbing_chimpanzee
+    python benchmarks/env_step.py --environments stump_tracks --bodies classic_bipedal --box2d
 """
 
 from __future__ import annotations
 
-import argparse
 import itertools
 import json
 import platform
@@ -20,10 +20,12 @@ from functools import partial
 from pathlib import Path
 from typing import Any, cast
 
+import gymnasium
 import numba
 import numpy as np
 from numpy.typing import NDArray
 
+from tma_ray.command_line import Parser
 from tma_ray.embodiments import embodiment_names
 from tma_ray.envs.body_environment import BodyEnvironment
 from tma_ray.envs.parkour import Parkour
@@ -89,7 +91,7 @@ def environment(world: str, body: str, engine: str) -> BodyEnvironment:
     return env
 
 
-def play(env: BodyEnvironment, task: list[float], actions: Actions) -> list[int]:
+def play(env: gymnasium.Env[Any, Any], task: list[float], actions: Actions) -> list[int]:
     """Plays `actions`, starting a new episode whenever one ends; returns the episodes' lengths."""
     lengths = [0]
     env.reset(seed=0, options={"task": task})
@@ -118,10 +120,11 @@ def reset_seconds(env: BodyEnvironment, task: list[float]) -> float:
     return seconds(lambda: [env.reset(options={"task": task}) for _ in range(RESETS)]) / RESETS
 
 
-def measure(world: str, body: str, task: list[float], steps: int) -> dict[str, float]:
+def measure(world: str, body: str, task: list[float], steps: int, box2d: bool) -> dict[str, float]:
     """Returns microseconds of steps (resets included), of resets, and of the simulation in a step.
 
-    Parkour has no figure for the bare simulation: forces of the water and grips are computed outside it.
+    Parkour has no figure for the bare simulation: forces of the water and grips are computed outside it. With
+    `box2d`, Gymnasium's walker plays a tenth of the steps, without wrappers either.
     """
     envs = {engine: environment(world, body, engine) for engine in ENGINES}
     shape = steps, envs["compiled"].embodiment.action_size
@@ -135,6 +138,11 @@ def measure(world: str, body: str, task: list[float], steps: int) -> dict[str, f
         bare = bare_seconds(envs["compiled"], task, actions, lengths) / steps * 1e6
         figures["bare_simulation_us"] = bare
         figures["compiled_to_bare"] = figures["compiled_step_us"] / bare
+    if box2d:
+        walker, few = gymnasium.make("BipedalWalker-v3").unwrapped, max(1, steps // 10)
+        walking = np.random.default_rng(0).uniform(-1, 1, (few, 4)).astype(np.float32)
+        figures["box2d_step_us"] = seconds(partial(play, walker, task, walking)) / few * 1e6
+        figures["box2d_to_compiled"] = figures["box2d_step_us"] / figures["compiled_step_us"]
     figures["pymunk_to_compiled"] = figures["pymunk_step_us"] / figures["compiled_step_us"]
     figures["pymunk_to_compiled_reset"] = figures["pymunk_reset_us"] / figures["compiled_reset_us"]
     figures["steps_per_second"] = 1e6 / figures["compiled_step_us"]
@@ -143,20 +151,20 @@ def measure(world: str, body: str, task: list[float], steps: int) -> dict[str, f
 
 def main() -> None:
     """Measures every chosen body in every task of the chosen environments."""
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    parser = Parser(description=__doc__)
     parser.add_argument("--steps", type=int, default=20_000, help="steps per task and repeat")
     parser.add_argument("--repeats", type=int, default=3, help="repeats, of which the median counts")
     parser.add_argument("--environments", nargs="+", choices=WORLDS, default=list(WORLDS))
     parser.add_argument("--bodies", nargs="+", choices=embodiment_names(), default=BODIES)
+    parser.add_argument("--box2d", action="store_true", help="also Gymnasium's BipedalWalker-v3")
     parser.add_argument("--output", type=Path, help="JSON file to write")
     arguments = parser.parse_args()
     results: dict[str, dict[str, float]] = {}
     for world, body in itertools.product(arguments.environments, arguments.bodies):
         for name, task in WORLDS[world][1].items():
-            measure(world, body, task, min(100, arguments.steps))  # compiles
-            repeats = [measure(world, body, task, arguments.steps) for _ in range(arguments.repeats)]
+            measured = partial(measure, world, body, task, box2d=arguments.box2d)
+            measured(min(100, arguments.steps))  # compiles
+            repeats = [measured(arguments.steps) for _ in range(arguments.repeats)]
             row = {key: statistics.median(repeat[key] for repeat in repeats) for key in repeats[0]}
             results[f"{world}, {body}, {name}"] = row
             figures = ", ".join(f"{key} {value:.4g}" for key, value in row.items())

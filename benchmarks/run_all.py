@@ -9,10 +9,11 @@ own; `interval_coverage.py` and `familywise_error.py` print tables of the docume
 
 from __future__ import annotations
 
-import argparse
 import subprocess
 import sys
 from pathlib import Path
+
+from tma_ray.command_line import Parser
 
 SMALLEST = {
     "env_step": "--steps 20 --repeats 1 --environments stump_tracks --bodies classic_bipedal",
@@ -32,11 +33,11 @@ SMALLEST = {
 
 def main() -> None:
     """Runs each script in a process of its own."""
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    parser = Parser(description=__doc__)
     parser.add_argument("--output", type=Path, default=Path("build/benchmarks"), help="folder (%(default)s)")
-    parser.add_argument("--scripts", nargs="+", choices=SMALLEST, default=list(SMALLEST), help="(all)")
+    parser.add_argument(
+        "--scripts", nargs="+", choices=SMALLEST, default=list(SMALLEST), help="(default: all)"
+    )
     parser.add_argument("--smallest", action="store_true", help="only check that each script runs to its end")
     options = parser.parse_args()
     options.output.mkdir(parents=True, exist_ok=True)

@@ -9,7 +9,6 @@ compare it with a bare Ray actor, measured in the same run.
 
 from __future__ import annotations
 
-import argparse
 import io
 import json
 import resource
@@ -29,6 +28,7 @@ from tma_ray.campaign.cluster.connection import connect
 from tma_ray.campaign.monitor.progress import ProgressView
 from tma_ray.campaign.placing import places
 from tma_ray.campaign.settings import Resources, Settings, TeacherPlacement
+from tma_ray.command_line import Parser
 from tma_ray.results import Committer, PartFile, RunWriter, Store
 from tma_ray.runs import Cell, RunSpec, Schedule, effective_spec
 
@@ -138,9 +138,7 @@ def bare_actor_milliseconds(count: int) -> float:
 
 def main() -> None:
     """Measures both parts."""
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    parser = Parser(description=__doc__)
     parser.add_argument("--runs", type=int, default=10_000, help="in shared processes (%(default)s)")
     parser.add_argument("--processes", type=int, default=20, help="runs in their own (%(default)s)")
     parser.add_argument("--output", type=Path)

@@ -1,20 +1,21 @@
-"""Speed of vector environments: ours, in one compiled call, and those of stable-baselines3 and Gymnasium.
+"""Speed of vector environments: ours, with one thread and with several, and those of others.
 
     python benchmarks/vector_envs.py --output vector_envs.json
 
 Random actions on a task of medium difficulty, with resets as episodes end. Measured in turn, by the processor
-time of all processes, and by wall time, which means little on a busy machine.
+time of all processes, and by wall time, which alone tells what threads gain, and nothing on a busy machine.
+Speeds are multiples of that of stable-baselines3's DummyVecEnv in the same turn.
 """
 
 from __future__ import annotations
 
-import argparse
 import json
 import platform
 import resource
 import statistics
 import time
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import Any, TypeAlias
 
@@ -24,6 +25,7 @@ from numpy.typing import NDArray
 from stable_baselines3.common.vec_env import DummyVecEnv
 
 import tma_ray  # noqa: F401  (registers the environments)
+from tma_ray.command_line import Parser
 
 ID = "tma_ray/StumpTracks-v0"
 TASK = np.array([1.5, 3.0])
@@ -32,6 +34,9 @@ Actions: TypeAlias = NDArray[np.float32]
 
 Step: TypeAlias = Callable[[Actions], object]
 """Steps all environments of a vector with actions (n, a)."""
+
+Maker: TypeAlias = Callable[[int], tuple[Step, Callable[[], None]]]
+"""Returns the functions that step and close a vector of so many environments."""
 
 
 class OnOneTask(gymnasium.Wrapper[Any, Any, Any, Any]):
@@ -47,9 +52,9 @@ def one() -> gymnasium.Env[Any, Any]:
     return OnOneTask(gymnasium.make(ID).unwrapped)
 
 
-def ours(number: int) -> tuple[Step, Callable[[], None]]:
+def ours(number: int, threads: int) -> tuple[Step, Callable[[], None]]:
     """Returns the functions that step and close a vector of `number` of our environments."""
-    worlds = gymnasium.make_vec(ID, num_envs=number)
+    worlds = gymnasium.make_vec(ID, num_envs=number, threads=threads)
     tasks = np.tile(TASK, (number, 1))
     worlds.reset(seed=0, options={"task": tasks})
 
@@ -72,7 +77,7 @@ def sb3(number: int) -> tuple[Step, Callable[[], None]]:
 
 def gymnasiums(
     kind: Callable[..., gymnasium.vector.VectorEnv[Any, Any, Any]],
-) -> Callable[[int], tuple[Step, Callable[[], None]]]:
+) -> Maker:
     """Returns the maker of the same functions for a vector environment of Gymnasium."""
 
     def make(number: int) -> tuple[Step, Callable[[], None]]:
@@ -83,9 +88,9 @@ def gymnasiums(
     return make
 
 
-KINDS: dict[str, Callable[[int], tuple[Step, Callable[[], None]]]] = {
-    "tma_ray": ours,
-    "sb3_dummy": sb3,
+REFERENCE = "sb3_dummy"
+OTHERS: dict[str, Maker] = {
+    REFERENCE: sb3,
     "gymnasium_sync": gymnasiums(gymnasium.vector.SyncVectorEnv),
     "gymnasium_async": gymnasiums(gymnasium.vector.AsyncVectorEnv),
 }
@@ -97,10 +102,10 @@ def processor_seconds() -> float:
     return time.process_time() + ended.ru_utime + ended.ru_stime
 
 
-def microseconds(kind: str, number: int, steps: int) -> dict[str, float]:
+def microseconds(make: Maker, number: int, steps: int) -> dict[str, float]:
     """Returns wall and processor time per step of one environment, in µs."""
     rng, before_start = np.random.default_rng(0), processor_seconds()
-    step, close = KINDS[kind](number)
+    step, close = make(number)
     shape = (number, *(gymnasium.make(ID).action_space.shape or ()))
     actions = rng.uniform(-1, 1, (100, *shape)).astype(np.float32)
     for index in range(20):
@@ -114,34 +119,37 @@ def microseconds(kind: str, number: int, steps: int) -> dict[str, float]:
     return {"wall": 1e6 * wall / steps, "processor": 1e6 * spent / steps}
 
 
-def measure(number: int, steps: int, repeats: int) -> dict[str, Any]:
-    """Returns medians of all kinds over `repeats` turns, and of their ratios to ours within a turn."""
-    turns = [{kind: microseconds(kind, number, steps) for kind in KINDS} for _ in range(repeats)]
+def measure(number: int, threads: list[int], steps: int, repeats: int) -> dict[str, Any]:
+    """Returns medians of all kinds over `repeats` turns, and of their speeds within a turn."""
+    mine = {f"tma_ray_{count}": partial(ours, threads=count) for count in threads if count <= number}
+    kinds: dict[str, Maker] = {**mine, **OTHERS}
+    turns = [{kind: microseconds(kinds[kind], number, steps) for kind in kinds} for _ in range(repeats)]
     result: dict[str, Any] = {}
     for clock in ("processor", "wall"):
         result[f"{clock}_microseconds"] = {
-            kind: round(statistics.median(turn[kind][clock] for turn in turns), 1) for kind in KINDS
+            kind: round(statistics.median(turn[kind][clock] for turn in turns), 1) for kind in kinds
         }
-        result[f"{clock}_ratio"] = {
-            kind: round(statistics.median(turn[kind][clock] / turn["tma_ray"][clock] for turn in turns), 2)
-            for kind in KINDS
+        result[f"{clock}_speed"] = {
+            kind: round(statistics.median(turn[REFERENCE][clock] / turn[kind][clock] for turn in turns), 2)
+            for kind in kinds
         }
     return result
 
 
 def main() -> None:
     """Measures vectors of several sizes in one run."""
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    parser = Parser(description=__doc__)
+    parser.add_argument(
+        "--numbers", type=int, nargs="+", default=[1, 4, 8, 16, 64], help="environments in a vector"
     )
-    parser.add_argument("--numbers", type=int, nargs="+", default=[1, 8, 64], help="environments in a vector")
+    parser.add_argument("--threads", type=int, nargs="+", default=[1, 2], help="numbers of threads of ours")
     parser.add_argument("--steps", type=int, default=100_000, help="of all environments together")
     parser.add_argument("--repeats", type=int, default=3)
     parser.add_argument("--output", type=Path)
     options = parser.parse_args()
     result: dict[str, Any] = {"machine": platform.machine()}
     for number in options.numbers:
-        result[str(number)] = measure(number, options.steps, options.repeats)
+        result[str(number)] = measure(number, options.threads, options.steps, options.repeats)
     print(json.dumps(result))
     if options.output:
         options.output.write_text(json.dumps(result, indent=1))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from pathlib import Path
 from typing import Any
 
@@ -22,10 +23,17 @@ import tma_ray.tasks
 import tma_ray.teachers
 import tma_ray.testing
 from analysis import baselines, statistics
+from tma_ray.campaign import Campaign
 from tma_ray.campaign.settings import Resources, Settings
 from tma_ray.embodiments import load_embodiment
 from tma_ray.export import export
 from tma_ray.importing import import_results
+from tma_ray.runs import Cell, Placement, Schedule
+from tma_ray.students.players import CohortSettings
+from tma_ray.tasks import Dimension, TaskSpace
+from tma_ray.testing import StudentParameters
+from tma_ray.viewing.play.playing import PlaySettings
+from tma_ray.viewing.rendering import EpisodeSettings
 
 ROOT = Path(__file__).parents[1] / "notebooks" / "data" / "ppo-lite"
 
@@ -40,6 +48,11 @@ MODULES = (
     tma_ray.teachers,
     tma_ray.testing,
     statistics,
+)
+
+CONFIGURATIONS = (
+    *(Campaign, Cell, CohortSettings, Dimension, EpisodeSettings, Placement, PlaySettings, Resources),
+    *(Schedule, Settings, StudentParameters, TaskSpace),
 )
 
 OTHERS = (Resources, Settings, load_embodiment, export, import_results, analysis, baselines, gym, np, Series)
@@ -89,6 +102,16 @@ def test_every_mistake_is_refused_in_a_sentence(
             problems.append(f"{call}: {error!r}")
     assert len(MISTAKES) > 200
     assert problems == []
+
+
+@pytest.mark.parametrize("kind", CONFIGURATIONS)
+@pytest.mark.parametrize("wrong", [object(), 1j])
+def test_no_field_of_a_configuration_takes_a_value_of_another_type(kind: Any, wrong: object) -> None:
+    needed = {Campaign: {"name": "x", "cells": (Cell(),)}, Dimension: {"name": "a", "low": 0, "high": 1}}
+    for field in dataclasses.fields(kind):
+        words = field.name.removesuffix("s").replace("_", ".")
+        with pytest.raises((TypeError, ValueError), match=f"{words}.*expected"):
+            kind(**{**needed.get(kind, {}), field.name: wrong})
 
 
 @pytest.mark.parametrize("call", ACCEPTED)

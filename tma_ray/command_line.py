@@ -9,7 +9,8 @@ from __future__ import annotations
 
 import argparse
 import sys
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from itertools import takewhile
 from typing import Any, NoReturn
 
 from tma_ray.commands.exits import REFUSED
@@ -35,7 +36,7 @@ METAVARS: Mapping[str, str] = {
     "LICENCE": "a licence, as SPDX names it",
     "TEXT": "a sentence, in quotation marks",
     "SIZE": "width and height, as 640x480",
-    "N": "a whole number; steps may be written 500000, 500k or 20M",
+    "N": "a whole number; steps may be written 500000, 500k, 500K or 20M",
     "WIDTH": "the number of slots of a cohort, or off",
     "X": "a number",
     "SECONDS": "a time in s",
@@ -46,11 +47,8 @@ METAVARS: Mapping[str, str] = {
 """Kinds of values in helps."""
 
 
-EXAMPLES = "examples:"
-
-
 class HelpFormatter(argparse.HelpFormatter):
-    """Adds the default to the help of every option that has one; keeps the lines of examples."""
+    """Adds the default to the help of every option that has one; keeps the lines of longer texts."""
 
     def add_argument(self, action: argparse.Action) -> None:
         """Adds what helps with an argument; the names of commands count with their whole indentation."""
@@ -60,7 +58,7 @@ class HelpFormatter(argparse.HelpFormatter):
         self._action_max_length = max(self._action_max_length, *(indented + len(each) for each in names), 0)
 
     def _fill_text(self, text: str, width: int, indent: str) -> str:
-        return text if text.startswith(EXAMPLES) else super()._fill_text(text, width, indent)
+        return text if "\n" in text else super()._fill_text(text, width, indent)
 
     def _get_help_string(self, action: argparse.Action) -> str | None:
         text = action.help
@@ -71,8 +69,58 @@ class HelpFormatter(argparse.HelpFormatter):
         return f"{text} (default: %(default)s)"
 
 
-class CommandParser(argparse.ArgumentParser):
-    """A parser whose options are added when it first parses or prints something.
+class Parser(argparse.ArgumentParser):
+    """A parser that refuses in one sentence, which names what is meant; no option may be abbreviated.
+
+    Args:
+        kwargs: as of `argparse.ArgumentParser`.
+    """
+
+    def __init__(self, **kwargs: Any) -> None:
+        super().__init__(formatter_class=HelpFormatter, allow_abbrev=False, **kwargs)
+
+    def parse_known_args(self, args: Any = None, namespace: Any = None) -> Any:  # noqa: D102
+        words = sys.argv[1:] if args is None else list(args)
+        self._refuse_unknown_options(words)
+        return super().parse_known_args(words, namespace)
+
+    def error(self, message: str) -> NoReturn:
+        """Ends the process with one sentence."""
+        self.exit(REFUSED, f"{self.prog}: {message}\n")
+
+    def _refuse_unknown_options(self, words: Sequence[str]) -> None:
+        """Names a misspelt option before what is missing because of it, and says which one may be meant."""
+        if any(isinstance(action, argparse._SubParsersAction) for action in self._actions):
+            mine: Iterable[str] = takewhile(lambda word: word.startswith("-"), words)
+        else:
+            mine = takewhile(lambda word: word != "--", words)
+        known = [option for option in self._option_string_actions if option.startswith("--")]
+        for name in (word.partition("=")[0] for word in mine):
+            if name.startswith("--") and " " not in name and name not in known:
+                longer = [option for option in known if option.startswith(name)]
+                hint = f"did you mean {' or '.join(longer)}? " if longer else nearest(name, known)
+                self.error(f"unknown option {name}: {hint}'{self.prog} --help' lists all")
+
+    def _get_value(self, action: argparse.Action, arg_string: str) -> Any:
+        if action.type is not None and action.choices is not None:  # its own refusal lists none
+            self._check_value(action, arg_string)
+        return super()._get_value(action, arg_string)
+
+    def _check_value(self, action: argparse.Action, value: Any) -> None:
+        if action.choices is not None and value not in action.choices:
+            choices = [str(choice) for choice in action.choices]
+            raise argparse.ArgumentError(
+                action, f"{str(value)!r}: {nearest(str(value), choices)}expected one of {', '.join(choices)}"
+            )
+
+    def _get_values(self, action: argparse.Action, arg_strings: list[str]) -> Any:
+        if action.option_strings and "--" in arg_strings:  # argparse would take it for no value at all
+            raise argparse.ArgumentError(action, "'--' ends the options; expected a value")
+        return super()._get_values(action, arg_strings)
+
+
+class CommandParser(Parser):
+    """A parser of a command, whose options are added when it first parses or prints something.
 
     Options of one command may need imports that take longer than all others together.
 
@@ -87,15 +135,14 @@ class CommandParser(argparse.ArgumentParser):
 
     def __init__(
         self,
-        *args: Any,
+        *,
         populate: Callable[[CommandParser], None] | None = None,
         examples: Sequence[str] = (),
         **kwargs: Any,
     ) -> None:
-        kwargs.setdefault("formatter_class", HelpFormatter)
         if examples:
-            kwargs["epilog"] = "\n".join([EXAMPLES, *(f"  {example}" for example in examples)])
-        super().__init__(*args, **kwargs)
+            kwargs["epilog"] = "\n  ".join(["examples:", *examples])
+        super().__init__(**kwargs)
         self.examples = tuple(examples)
         self._populate = populate
         self.add_argument(
@@ -111,10 +158,7 @@ class CommandParser(argparse.ArgumentParser):
 
     def parse_known_args(self, args: Any = None, namespace: Any = None) -> Any:  # noqa: D102
         self.populated()
-        words = sys.argv[1:] if args is None else list(args)
-        if not any(isinstance(action, argparse._SubParsersAction) for action in self._actions):
-            self._refuse_unknown_options(words)
-        return super().parse_known_args(words, namespace)
+        return super().parse_known_args(args, namespace)
 
     def format_help(self) -> str:  # noqa: D102
         self.populated()
@@ -123,31 +167,6 @@ class CommandParser(argparse.ArgumentParser):
     def format_usage(self) -> str:  # noqa: D102
         self.populated()
         return super().format_usage()
-
-    def error(self, message: str) -> NoReturn:
-        """Ends the process with one sentence."""
-        self.exit(REFUSED, f"{self.prog}: {message}\n")
-
-    def _refuse_unknown_options(self, words: Sequence[str]) -> None:
-        """Names a misspelt option before what is missing because of it, and says which one may be meant."""
-        before_end = words[: words.index("--")] if "--" in words else words
-        for word in before_end:
-            name = word.partition("=")[0]
-            known = [option for option in self._option_string_actions if option.startswith("--")]
-            if name.startswith("--") and " " not in name and not any(o.startswith(name) for o in known):
-                self.error(f"unknown option {name}: {nearest(name, known)}'{self.prog} --help' lists all")
-
-    def _check_value(self, action: argparse.Action, value: Any) -> None:
-        if action.choices is not None and value not in action.choices:
-            choices = [str(choice) for choice in action.choices]
-            raise argparse.ArgumentError(
-                action, f"{str(value)!r}: {nearest(str(value), choices)}expected one of {', '.join(choices)}"
-            )
-
-    def _get_values(self, action: argparse.Action, arg_strings: list[str]) -> Any:
-        if action.option_strings and "--" in arg_strings:  # argparse would take it for no value at all
-            raise argparse.ArgumentError(action, "'--' ends the options; expected a value")
-        return super()._get_values(action, arg_strings)
 
     def commands(self) -> Iterator[CommandParser]:
         """Yields this parser and all below it, with their options."""

@@ -37,13 +37,18 @@ if is_command(sys.orig_argv):
     event.register("numba:compile", _Announcement())  # type: ignore[no-untyped-call]
 
 
-def kernel(function: F) -> F:
+def kernel(function: F, nogil: bool = False) -> F:
     """Returns `function` compiled on its first call, without fast-math, and cached on disk.
 
     Kernels of the physics and the terrains use arithmetic and comparisons only, no transcendental functions:
     compiled and plain they give the same bits.
+
+    Args:
+        function: the kernel.
+        nogil: whether other threads of the interpreter go on during a call.
     """
-    compiled: Any = numba.njit(cache=True)(function)
+    # Inlined into each other: a call hands over an array as seven values, and takes longer than most kernels.
+    compiled: Any = numba.njit(cache=True, forceinline=True, nogil=nogil)(function)
     if compiled is not function:
         # numba notices changes of the function's own file only, but kernels call others of their package.
         file = Path(function.__code__.co_filename)

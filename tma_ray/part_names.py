@@ -1,6 +1,6 @@
 """The grammar of names with settings, ``name:key=value``.
 
-Settings follow the name of a part, as in ``alp_gmm:batch_size=100``, ``stock:sac:learning_rate=3e-4`` or
+Settings follow the name of a part, as in ``alp_gmm:fit_every=100``, ``stock:sac:learning_rate=3e-4`` or
 ``module:Name:key=value``. Lists are written with "x" between their entries (``hidden_units=64x64``), booleans
 as ``true`` and ``false``, no value as ``none``; ":", "=", "," and "%" within a value are escaped as in
 addresses (``%3A``). The canonical name of a part holds what differs from its
@@ -58,7 +58,7 @@ def base_name(text: str) -> str:
     """Returns the name of a part without its settings.
 
     Examples:
-        >>> base_name("alp_gmm:batch_size=10"), base_name("module:Name")
+        >>> base_name("alp_gmm:fit_every=10"), base_name("module:Name")
         ('alp_gmm', 'module:Name')
     """
     match = _settings_in(text)

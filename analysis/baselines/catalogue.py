@@ -15,6 +15,7 @@ from analysis.baselines.manifest import BASELINE_FILE, BaselineError, BaselineKi
 from analysis.data.frames import Frames, frames_of
 from analysis.data.published import published_frame
 from tma_ray.commands.arguments import check_kind
+from tma_ray.commands.places import expanded
 from tma_ray.part_names import nearest
 from tma_ray.results import RecordedStore, Results, ResultsRootError, Store
 
@@ -94,7 +95,7 @@ def find_baseline(name: str | Path) -> Baseline:
         BaselineError: there is none, or several have the name.
     """
     text = str(name)
-    if "://" in text or Path(text).expanduser().exists():
+    if "://" in text or expanded(text).exists():
         return Baseline.open(text)
     known = baselines()
     found = [each for each in known if each.manifest.name == text]
@@ -120,7 +121,7 @@ def as_baseline(root: str | Path) -> Baseline | None:
     """
     check_kind("root", root, (str, Path), "a folder or an address")
     text = str(root)
-    if "://" in text or Path(text).expanduser().exists():
+    if "://" in text or expanded(text).exists():
         return Baseline.open(text) if Store.open(text).exists(BASELINE_FILE) else None
     names = [each.manifest.name for each in baselines()]
     if text in names:
@@ -142,7 +143,7 @@ def _within(entry: str) -> Iterator[str]:
     if "://" in entry:
         below = [path for path in store.files() if path.count("/") == 1]
     else:
-        folder = Path(entry).expanduser()
+        folder = expanded(entry)
         below = [f"{path.parent.name}/{path.name}" for path in folder.glob(f"*/{BASELINE_FILE}")]
     found = sorted(path.split("/")[0] for path in below if path.endswith(f"/{BASELINE_FILE}"))
     if not found:

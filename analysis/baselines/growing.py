@@ -42,7 +42,8 @@ def add_to_release(
 
     Raises:
         ResultsRootError: `root` does not exist, or a shard of that name does.
-        BaselineError: the root has no run that the release lacks, or is damaged; the release is damaged.
+        BaselineError: the root has no run that the release lacks, or is damaged; the release is damaged, or
+            other files lie in its folder, which would be lost.
     """
     check_id(shard)
     folder = release_folder(name, output or Path())
@@ -74,11 +75,20 @@ def _refuse_nothing(added: Shard, results: Results, folder: Path) -> None:
 
 
 def _copied(folder: Path, aside: Path) -> BaselineManifest | None:
-    """Copies a release that is there, and returns its manifest."""
+    """Copies a release that is there, and returns its manifest.
+
+    Raises:
+        BaselineError: it is damaged, or other files lie in its folder.
+    """
     if not folder.exists():
         return None
     manifest = Baseline.open(folder).manifest
-    for file in (*(file.path for file in manifest.files), BASELINE_FILE):
+    known = {*(file.path for file in manifest.files), BASELINE_FILE}
+    for path in sorted(folder.rglob("*")):
+        file = path.relative_to(folder).as_posix()
+        if file not in known and (path.is_symlink() or not path.is_dir()):
+            raise BaselineError(f"{path} is not of the release, which is replaced as a whole: move it first")
+    for file in sorted(known):
         (aside / file).parent.mkdir(parents=True, exist_ok=True)
         shutil.copyfile(folder / file, aside / file)
     return manifest

@@ -29,7 +29,9 @@ from analysis.data.frames import STATUSES, Frames, load
 from analysis.tables.paper_tables import result_tables
 from analysis.tables.results import table_results
 from analysis.tables.table import Table
+from tma_ray.commands.arguments import check_known
 from tma_ray.commands.installed import installed_version
+from tma_ray.commands.places import expanded
 from tma_ray.results import (
     CHIPMUNK,
     SCHEMA_VERSION,
@@ -123,12 +125,15 @@ def describe(
 
     Raises:
         BaselineError: it is not as it should be.
+        ValueError: it has no campaign of a name in the core.
     """
     store = Store.open(place)
-    shutil.rmtree(place / "tmp", ignore_errors=True)
+    (place / "tmp").rmdir()  # empty, since all that was written is in its place
     for file in (CARD_FILE, BASELINE_FILE):
         (place / file).unlink(missing_ok=True)
     released = load(place)
+    for campaign in about.core:
+        check_known("campaign", campaign, set(released.cells["campaign"]), "the release has")
     manifest = _manifest(released, name, licence, missing, copy, store)
     manifest = replace(manifest, core=about.core, gaps=about.gaps, planned=dict(planned))
     text = card(manifest, _made(released), tables=_tables(released))
@@ -152,7 +157,7 @@ def release_folder(name: str, output: Path) -> Path:
         )
     if "://" in str(output):
         raise BaselineError(f"{output} is not a local folder: pack the release on a disk, then publish it")
-    return output.expanduser() / name
+    return expanded(output) / name
 
 
 def _new_folder(name: str, output: Path) -> Path:

@@ -10,6 +10,7 @@ from analysis.baselines.catalogue import Baseline, as_baseline
 from analysis.baselines.manifest import BaselineError, BaselineKind
 from analysis.data.frames import Frames, load
 from analysis.data.joining import joined
+from analysis.data.reference import is_baseline
 
 Sources: TypeAlias = str | Path | Sequence[str | Path]
 """Results roots or baselines: folders, ``s3://`` or ``gs://`` addresses, names of baselines."""
@@ -37,6 +38,22 @@ def places_of(sources: Sources) -> tuple[str | Path, ...]:
     if not places:
         raise ValueError("no results: expected at least one results root or name of a baseline")
     return places
+
+
+def own_teachers(sources: Sources, frames: Frames) -> frozenset[str]:
+    """Returns the teachers, but Random, of the results roots that are read with baselines, if any are.
+
+    Args:
+        sources: results roots and baselines.
+        frames: of `read`.
+    """
+    places = places_of(sources)
+    roots = [place for place in places if as_baseline(place) is None]
+    if not 0 < len(roots) < len(places):
+        return frozenset()
+    run_ids = {run_id for root in roots for run_id in load(root).cells["run_id"]}
+    teachers = frames.cells.loc[frames.cells["run_id"].isin(run_ids), "teacher"].unique()
+    return frozenset(str(teacher) for teacher in teachers if not is_baseline(str(teacher)))
 
 
 def published(sources: Sources) -> Baseline | None:

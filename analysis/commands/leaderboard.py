@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import html
 from collections.abc import Sequence
 
 from rich.console import Console
@@ -13,22 +14,27 @@ from analysis.baselines.sources import read
 from analysis.comparisons.few_seeds import caveat
 from analysis.comparisons.leaderboard import Entry, Leaderboard, leaderboards
 from analysis.formatting import number, plus_minus
-from analysis.names import label
+from analysis.measures.tested import MEASURE, QUANTITIES
+from analysis.names import label, short_labels
 from tma_ray.terminal import terminal
 
 EXPLANATION = (
-    "Mastered test tasks in %, mean ± 95 % margin. Ranks are by the mean over the challenges of a table, "
-    "which weigh the same; those in brackets are the ranks that tests over these challenges leave open, "
-    "after Holm's correction for all pairs of teachers: Welch's, and paired by seed where seeds share a "
-    "simulated student. A teacher without results on all challenges "
-    "is ranked on those that it has, in a table of its own. Hours are wall-clock hours of a run beside "
-    "others on the same machine; the card of a release says which."
+    f"{QUANTITIES[MEASURE]}, mean ± half the width of its 95 % interval over seeds. Ranks are by the mean "
+    "over the challenges of a table, which weigh the same. In brackets are the ranks that tests over these "
+    "challenges leave open: 1 [1 to 8] of ten teachers is the highest mean, found better than two others and "
+    "not told from the other seven. Tests are corrected by Holm's method for all pairs of teachers of a "
+    "table: Welch's, and paired by seed where seeds share a simulated student. A teacher without results on "
+    "all challenges is ranked on those that it has, in a table of its own. Hours are wall-clock hours of a "
+    "run beside others on the same machine; the card of a release says which."
 )
 
 NO_BREAK = "\N{NO-BREAK SPACE}"
 
 LINE = 80
 """Characters of a line of the terminal, which no table exceeds."""
+
+NAMES_WIDTH, RANK_WIDTH, ROW_HEIGHT = 170, 28, 20
+"""Room of names, of a rank and of a teacher in the chart of ranks, CSS pixels."""
 
 CHALLENGE_WIDTH, LEAST_TEACHER_WIDTH = 10, 14
 """Characters of a column, of which six and one fill a line."""
@@ -46,6 +52,7 @@ def show_leaderboards(names: Sequence[str], console: Console | None = None) -> N
         ResultsRootError: nothing lies at a place.
     """
     console = terminal(console)
+    console.print(f"{EXPLANATION}\n", style="dim", highlight=False)
     for name, place, partial in _places(names):
         console.print(f"{name}{f' (partial: {partial})' if partial else ''}", style="bold", highlight=False)
         boards = leaderboards(read(place))
@@ -56,7 +63,6 @@ def show_leaderboards(names: Sequence[str], console: Console | None = None) -> N
             console.print(_ranking(board))
             console.print(_challenges(board))
             console.print(_caveat(board), style="dim", highlight=False)
-    console.print(EXPLANATION, style="dim", highlight=False)
 
 
 def markdown(names: Sequence[str] = ()) -> str:
@@ -67,9 +73,40 @@ def markdown(names: Sequence[str] = ()) -> str:
         parts += [f"*This release is not complete: {partial}.*"] if partial else []
         for board in leaderboards(read(place)):
             parts.append(f"### {board.title[0].upper()}{board.title[1:]}")
-            parts.append(_markdown_table(board))
+            parts += [_rank_chart(board), _markdown_table(board)]
             parts += [text] if (text := _caveat(board)) else []
-    return "\n\n".join([*(parts or ["No release with runs ships with this version."]), EXPLANATION])
+    return "\n\n".join([EXPLANATION, *(parts or ["No release with runs ships with this version."])])
+
+
+def _rank_chart(board: Leaderboard) -> str:
+    """Returns ranks, and the ranks that tests leave open, as SVG in the page's ink, a row per teacher."""
+    ranks = [entry.rank for entry in board.entries]
+    width, height = NAMES_WIDTH + RANK_WIDTH * len(ranks), ROW_HEIGHT * (len(ranks) + 1)
+    places = [NAMES_WIDTH + RANK_WIDTH * (place + 0.5) for place in range(len(ranks))]
+    parts = [
+        f'<text x="{x:g}" y="13" text-anchor="middle">{place}</text>'
+        f'<line x1="{x:g}" x2="{x:g}" y1="18" y2="{height}" stroke-opacity=".12"/>'
+        for place, x in enumerate(places, start=1)
+    ]
+    for row, rank in enumerate(ranks, start=1):
+        y, x, low, high = (
+            ROW_HEIGHT * (row + 0.5),
+            *(places[n - 1] for n in (rank.rank, rank.best, rank.worst)),
+        )
+        words = f"{label(rank.teacher)}: rank {rank.rank}, {rank.best} to {rank.worst} open"
+        parts.append(
+            f"<g><title>{html.escape(words)}</title>"
+            f'<text x="{NAMES_WIDTH - 8}" y="{y + 4:g}" text-anchor="end">'
+            f"{html.escape(short_labels([rank.teacher])[rank.teacher])}</text>"
+            f'<line x1="{low:g}" x2="{high:g}" y1="{y:g}" y2="{y:g}" stroke-width="3" stroke-opacity=".45"/>'
+            f'<circle cx="{x:g}" cy="{y:g}" r="5"/></g>'
+        )
+    size = f'viewBox="0 0 {width} {height}" style="max-width: {1.25 * width:g}px"'
+    return (
+        f'<figure class="ranks"><svg {size} role="img" fill="currentColor" stroke="currentColor" '
+        f'aria-label="Ranks of teachers">{"".join(parts)}</svg>'
+        "<figcaption>Ranks: dots are by the mean, lines are what tests leave open.</figcaption></figure>"
+    )
 
 
 def _markdown_table(board: Leaderboard) -> str:

@@ -10,7 +10,7 @@ import pandas as pd
 from rich.console import Console, JustifyMethod
 from rich.table import Table
 
-from analysis.baselines.sources import Sources, read
+from analysis.baselines.sources import Sources, own_teachers, read
 from analysis.comparisons.aggregates import ACROSS
 from analysis.comparisons.overall import THRESHOLDS, headlines, interval, overall
 from analysis.comparisons.ranking import places, ranked, sentences
@@ -19,7 +19,7 @@ from analysis.formatting import ends, number, p_value, plus_minus
 from analysis.measures.conditions import condition_words, varying
 from analysis.measures.student_pools import runs_after
 from analysis.measures.tested import MEASURE, MEASURES
-from analysis.names import label
+from analysis.names import label, mark_of, own_first
 from tma_ray.terminal import terminal
 
 WIDTHS = {"teacher": 14, "": 12, "worst": 5, "runs": 4, "beside Random, 95 %": 23, "Holm p": 7}
@@ -49,16 +49,16 @@ def show_ranking(
     if table[f"{measure}_mean"].notna().sum() == 0:
         console.print("No run has been evaluated to its end here.")
         return
-    for (place, level), rows in table.groupby([pd.Series(places(table)), "expert_knowledge"], sort=False):
-        console.print(f"{place}, expert knowledge {level}", style="bold", highlight=False, markup=False)
-        console.print(_shown(rows, measure))
-        for reason, teachers in _untested(rows).items():
-            console.print(
-                f"  not tested: {', '.join(teachers)}: {reason}", style="dim", highlight=False, markup=False
-            )
-    for note in (*_notes(table), *frames.told, *frames.left_out):
-        console.print(note, style="dim", highlight=False, markup=False)
-    _show_overall(console, runs, measure)
+    with own_first(own_teachers(sources, frames)):
+        for (place, level), rows in table.groupby([pd.Series(places(table)), "expert_knowledge"], sort=False):
+            console.print(f"{place}, expert knowledge {level}", style="bold", highlight=False, markup=False)
+            console.print(_shown(rows, measure))
+            for reason, teachers in _untested(rows).items():
+                text = f"  not tested: {', '.join(teachers)}: {reason}"
+                console.print(text, style="dim", highlight=False, markup=False)
+        for note in (*_notes(table), *frames.told, *frames.left_out):
+            console.print(note, style="dim", highlight=False, markup=False)
+        _show_overall(console, runs, measure)
     for sentence in [*headlines(runs, measure), *sentences(table)]:
         console.print(sentence, highlight=False, markup=False)
 
@@ -77,7 +77,7 @@ def _show_overall(console: Console, runs: pd.DataFrame, measure: str) -> None:
             better = "" if is_baseline(row["teacher"]) else interval(row, "_better", 2)
             shares = "/".join(number(100 * row[f"over_{threshold}"], 0) for threshold in THRESHOLDS)
             cells = [str(row["n"]), interval(row, "", 1), better, number(row["worst"]), shares]
-            _add(shown, label(row["teacher"]), cells)
+            _add(shown, row["teacher"], cells)
         console.print(shown)
 
 
@@ -85,8 +85,7 @@ def _shown(rows: pd.DataFrame, measure: str) -> Table:
     """Returns the results of one challenge at one level, at most 80 columns wide."""
     shown = _table({name or MEASURES[measure]: width for name, width in WIDTHS.items()})
     for _, row in rows.iterrows():
-        name, *cells = _cells(row, measure)
-        _add(shown, name, cells, "bold" if row["rank"] == 1 else None)
+        _add(shown, row["teacher"], _cells(row, measure), "bold" if row["rank"] == 1 else None)
     return shown
 
 
@@ -98,8 +97,8 @@ def _table(widths: Mapping[str, int]) -> Table:
     return shown
 
 
-def _add(table: Table, name: str, cells: Sequence[str], style: str | None = None) -> None:
-    first, *settings = _lines(name)
+def _add(table: Table, teacher: str, cells: Sequence[str], style: str | None = None) -> None:
+    first, *settings = [*_lines(label(teacher)), *filter(None, [mark_of(teacher)])]
     table.add_row(first, *cells, style=style)
     for setting in settings:
         table.add_row(setting, style=style)
@@ -117,13 +116,13 @@ def _lines(name: str) -> list[str]:
 def _cells(row: pd.Series, measure: str) -> list[str]:
     result = plus_minus(row[f"{measure}_mean"], row[f"{measure}_std"])
     partly = "*" if row["missing"] else ""
-    names = [label(row["teacher"]), result + partly, number(row["worst"]), str(row["n"])]
+    numbers = [result + partly, number(row["worst"]), str(row["n"])]
     if is_baseline(row["teacher"]):
-        return [*names, "", ""]
+        return [*numbers, "", ""]
     if row["reason"] or pd.isna(row["p"]):
-        return [*names, "not tested", ""]
+        return [*numbers, "not tested", ""]
     gap = f"{number(row['difference'])} {ends(row['low'], row['high'])}"
-    return [*names, gap, p_value(row["holm"]).lstrip("p =\N{NO-BREAK SPACE}")]
+    return [*numbers, gap, p_value(row["holm"]).lstrip("p =\N{NO-BREAK SPACE}")]
 
 
 def _untested(rows: pd.DataFrame) -> dict[str, list[str]]:

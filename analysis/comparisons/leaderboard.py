@@ -67,7 +67,7 @@ def leaderboards(frames: Frames) -> list[Leaderboard]:
     runs = runs_after(frames)
     if runs.empty or not runs[MEASURE].notna().any():
         return []
-    hours, found = _hours(frames), []
+    hours, found = frames.run_hours, []
     for key, group in runs[runs[MEASURE].notna()].groupby(ACROSS, dropna=False, sort=True):
         across = dict(zip(ACROSS, key, strict=True))
         found.append([_board(across, part, hours, total) for part, total in on_the_same(group)])
@@ -113,12 +113,3 @@ def _board(across: dict[str, Any], runs: pd.DataFrame, hours: pd.Series, total: 
     if len(titles) < total:
         title += f": the {len(entries)} teachers on {len(titles)} of {total} challenges"
     return Leaderboard(title, tuple(titles), entries)
-
-
-def _hours(frames: Frames) -> pd.Series:
-    """Returns the hours of all attempts at each run, by run id."""
-    attempts = frames.attempts
-    if attempts.empty:
-        return pd.Series(dtype=float)
-    seconds = attempts["wall_seconds"].groupby(attempts["run_id"].astype(str)).sum()
-    return seconds / 3600

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from typing import Any
 
 import numpy as np
@@ -25,7 +25,7 @@ from analysis.formatting import ends, number, p_value
 from analysis.looks import look
 from analysis.measures.conditions import CONDITIONS, condition_words, varying
 from analysis.measures.tested import MEASURE
-from analysis.names import label
+from analysis.names import label, mark_of, marked_label
 from analysis.statistics import SIGNIFICANCE
 
 THRESHOLDS = (25, 50, 75)
@@ -38,8 +38,10 @@ STEPS = tuple(range(0, 100, 2))
 """The same of the curves that are performance profiles."""
 
 
-def headlines(runs: pd.DataFrame, measure: str = MEASURE) -> list[str]:
-    """Returns a sentence on each teacher's difference to Random over all challenges, largest first.
+def headlines(
+    runs: pd.DataFrame, measure: str = MEASURE, teachers: Collection[str] | None = None
+) -> list[str]:
+    """Returns the differences of teachers to Random over all challenges, a sentence for each verdict.
 
     Few seeds of one challenge decide little, all challenges together more. A teacher is better or worse where
     p is under 0.05 after Holm's correction for all teachers at that level.
@@ -47,26 +49,31 @@ def headlines(runs: pd.DataFrame, measure: str = MEASURE) -> list[str]:
     Args:
         runs: of `pooling.pool_runs`.
         measure: column of `runs`, in per cent.
+        teachers: that are told of; all by default.
     """
     if runs.empty:
         return []
     table = stratified_differences(runs, measure, BASELINE)
     table = table[(table["reason"] == "") & (table["challenges"] > 1)]
+    table = table if teachers is None else table[table["teacher"].isin(teachers)]
     table = table.sort_values([*ACROSS, "difference"], ascending=[*[True] * len(ACROSS), False])
     told = {"steps", *varying(table), *(["variant"] if (table["variant"] != "").any() else [])}
-    return [_headline(row, [name for name in CONDITIONS if name in told]) for _, row in table.iterrows()]
+    found: dict[str, list[str]] = {}
+    for _, row in table.iterrows():
+        words = condition_words(row, [name for name in CONDITIONS if name in told])
+        where = ", ".join([f"expert knowledge {row['expert_knowledge']}", *words])
+        verdict = "not distinguishable from"
+        if row["holm"] < SIGNIFICANCE:
+            verdict = "better than" if row["difference"] > 0 else "worse than"
+        said = f"Over {row['challenges']} challenges ({where}) {verdict} Random, in points"
+        found.setdefault(said, []).append(_difference(row))
+    return [f"{said}: {'; '.join(teachers)}." for said, teachers in found.items()]
 
 
-def _headline(row: pd.Series, told: list[str]) -> str:
-    verdict = "not distinguishable from"
-    if row["holm"] < SIGNIFICANCE:
-        verdict = "better than" if row["difference"] > 0 else "worse than"
-    interval = f"{number(row['difference'])} points {ends(row['low'], row['high'])}"
-    return (
-        f"Over {row['challenges']} challenges (expert knowledge {row['expert_knowledge']}, "
-        f"{', '.join(condition_words(row, told))}) {label(row['teacher'])} is {verdict} Random: {interval}, "
-        f"{p_value(row['holm'])} after Holm{in_brief(row['fewest'])}."
-    )
+def _difference(row: pd.Series) -> str:
+    interval = f"{number(row['difference'])} {ends(row['low'], row['high'])}"
+    few = in_brief(row["fewest"]).replace("; ", ", ")
+    return f"{label(row['teacher'])} {interval}, {p_value(row['holm'])} after Holm{few}"
 
 
 def overall(runs: pd.DataFrame, measure: str = MEASURE) -> pd.DataFrame:
@@ -129,8 +136,8 @@ def overall_rows(runs: pd.DataFrame, measure: str = MEASURE) -> list[dict[str, A
         measure: column of `runs`, in per cent.
 
     Returns:
-        place, name (of the teacher), teacher (its label), colour, n, mean and better (with intervals), worst,
-        over (shares of runs over `THRESHOLDS`), missing.
+        place, name (of the teacher), teacher (its label), own (True if it is the reader's), colour, n, mean
+        and better (with intervals), worst, over (shares of runs over `THRESHOLDS`), missing.
     """
     if runs.empty:
         return []
@@ -140,7 +147,8 @@ def overall_rows(runs: pd.DataFrame, measure: str = MEASURE) -> list[dict[str, A
         {
             "place": place_of(row, told),
             "name": row["teacher"],
-            "teacher": label(row["teacher"]),
+            "teacher": marked_label(row["teacher"]),
+            "own": mark_of(row["teacher"]) != "",
             "colour": look(row["teacher"]).colour,
             "n": row["n"],
             "mean": interval(row, "", 1),

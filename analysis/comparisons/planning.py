@@ -1,8 +1,9 @@
-"""Smallest differences that a planned experiment can detect, from the spread of earlier results."""
+"""Plans of experiments: differences that a plan can detect, and runs that a comparison with Random needs."""
 
 from __future__ import annotations
 
-from collections.abc import Hashable, Mapping, Sequence
+import math
+from collections.abc import Collection, Hashable, Mapping, Sequence
 from functools import cache
 from statistics import median
 from typing import Any
@@ -10,11 +11,15 @@ from typing import Any
 import pandas as pd
 
 from analysis.baselines.catalogue import find_baseline
+from analysis.comparisons.aggregates import stratified_differences
+from analysis.data.reference import BASELINE
+from analysis.formatting import number
 from analysis.measures.pooling import pooled
 from analysis.measures.student_pools import runs_after
 from analysis.measures.tested import MEASURE
-from analysis.statistics import Description
-from analysis.statistics.power import detectable_difference
+from analysis.names import label
+from analysis.statistics import SIGNIFICANCE, Comparison, Description, Method
+from analysis.statistics.power import MOST_SEEDS, POWER, detectable_difference, seeds_needed
 from tma_ray.benchmark import paper_results
 
 COLUMNS = ["environment", "challenge", "seeds", "steadiest", "typical", "most_varied", "spread_of"]
@@ -73,3 +78,51 @@ def _deviations(environment: object, challenge: object, levels: set[str]) -> lis
 def _difference(seeds: int, std: float) -> float:
     sample = Description(n=seeds, mean=float("nan"), std=std)
     return detectable_difference(sample, sample)
+
+
+def plans_against_random(
+    runs: pd.DataFrame, teachers: Collection[str], hours: pd.Series, measure: str = MEASURE
+) -> list[str]:
+    """Returns a sentence on each teacher not told from Random: the runs and hours that would tell them apart.
+
+    Args:
+        runs: of `pooling.pool_runs`.
+        teachers: that are looked at.
+        hours: of runs, by run id.
+        measure: column of `runs`, in per cent.
+    """
+    table = stratified_differences(runs, measure, BASELINE) if len(runs) else pd.DataFrame()
+    said = []
+    for row in table.to_dict("records"):
+        if row["teacher"] in teachers and not row["reason"] and not row["holm"] < SIGNIFICANCE:
+            spent = runs["run_id"].map(hours).groupby(runs["teacher"]).median()
+            said.append(_plan(row, float(spent[row["teacher"]] + spent[BASELINE])))
+    return said
+
+
+def _plan(row: Mapping[Hashable, Any], pair_hours: float) -> str:
+    """Returns how many runs find a difference over challenges to Random, and for how many hours.
+
+    Args:
+        row: of `stratified_differences`.
+        pair_hours: median hours of a run of the teacher and of one of Random, together.
+    """
+    test = Comparison(**{name: row[name] for name in Comparison.__dataclass_fields__})
+    each = 2 / (1 / test.n + 1 / test.reference_n)
+    each /= 1 if test.method == Method.PAIRED else row["challenges"]
+    runs = seeds_needed(test, each)
+    name, points = label(str(row["teacher"])), number(abs(test.difference))
+    where = f"each of the {row['challenges']} challenges" if row["challenges"] > 1 else "the challenge"
+    if runs is None:
+        return (
+            f"The difference of {points} points between {name} and Random is too small, or rests on too few "
+            f"runs, to say how many runs would find it: over {MOST_SEEDS} on {where}, if any number."
+        )
+    total = runs * row["challenges"] * pair_hours
+    cost = f", about {number(total, 0 if total >= 10 else 1)} hours of runs," if math.isfinite(total) else ""
+    return (
+        f"If the true difference between {name} and Random is the {points} points seen here, a new "
+        f"experiment with {runs} runs of either on {where}{cost} finds it with probability {POWER} "
+        f"(p < {SIGNIFICANCE}, the two alone). Fix that number before the first run and test once, after the "
+        f"last: adding runs until a difference is significant finds differences that are not there."
+    )

@@ -71,18 +71,22 @@ class Rank:
         """Returns rank and verdicts in one sentence."""
         where = f"expert knowledge {self.across['expert_knowledge']}, {amount(self.across['steps'])} steps"
         where += f", {self.across['variant']}" if self.across["variant"] else ""
-        count = f"{self.challenges} challenge{'s' if self.challenges > 1 else ''}"
+        over = f"Over {self.challenges} challenge{'s' if self.challenges > 1 else ''} ({where})"
+        if self.of == 1:
+            return (
+                f"{over} {label(self.teacher)} has no rank: no other teacher has results on the same "
+                f"challenges under the same conditions."
+            )
         best, worst = self.best, self.worst
         certain = f"and the tests leave {best} to {worst} open" if best < worst else "as the tests confirm"
-        count += f" ({where})"
         parts = [("better than", self.better), ("worse than", self.worse)]
         said = [f"{words} {_listed(names)}" for words, names in parts if names]
         said += [f"undecided against {_listed(self.undecided)}"] if self.undecided else []
         lacking = f"; not ranked, lacking challenges: {_listed(self.left_out)}" if self.left_out else ""
         family = f"after Holm for all pairs{in_brief(self.fewest)}"
         return (
-            f"Over {count} {label(self.teacher)} ranks {self.rank} of {self.of} by mean, {certain}: "
-            f"{'; '.join(said) or 'there is nothing to compare'} (p < {SIGNIFICANCE} {family}){lacking}."
+            f"{over} {label(self.teacher)} ranks {self.rank} of {self.of} by mean, {certain}: "
+            f"{'; '.join(said)} (p < {SIGNIFICANCE} {family}){lacking}."
         )
 
 

@@ -18,7 +18,7 @@ from analysis.data.frames import Frames
 from analysis.data.identity import NAMED, named_apart
 from analysis.data.joining import joined
 from analysis.data.reference import is_baseline
-from analysis.formatting import amount
+from analysis.formatting import amount, listed
 from analysis.measures.conditions import CONDITIONS, condition_words, varying
 from analysis.measures.pooling import COMPARED, POOLED, pooled
 from analysis.measures.run_measures import evaluations_at, run_measures
@@ -29,7 +29,7 @@ from analysis.names import label
 from analysis.statistics import SIGNIFICANCE, holm
 from tma_ray.benchmark import MATRICES, TEACHERS
 from tma_ray.part_names import base_name
-from tma_ray.results import CHIPMUNK
+from tma_ray.results import CHIPMUNK, SIMULATED
 
 PLACE = ["environment", "challenge", "expert_knowledge"]
 """Columns that say where a result was had."""
@@ -45,6 +45,12 @@ SAID = {
     "mastery_threshold": "threshold of mastery",
 }
 """Columns that results must share, beside their place, to be compared, and what they are called."""
+
+PLACES = {"challenge": "challenges", "expert_knowledge": "expert knowledge"}
+"""Further columns of which two sides may have nothing in common, and what they are called."""
+
+OTHERS = "\N{OBJECT REPLACEMENT CHARACTER}"
+"""Place in a sentence of the teachers that it is said of."""
 
 FAMILY = [*COMPARED, "first"]
 """Tests of one teacher against all others on a challenge are corrected together."""
@@ -180,37 +186,73 @@ def duels(runs: pd.DataFrame, teachers: Sequence[str], measure: str = MEASURE) -
 
 
 def sentences(tests: pd.DataFrame) -> list[str]:
-    """Returns what `duels` found, Random first, in plain words."""
-    said = []
+    """Returns what `duels` found in plain words, Random first; what is said of several teachers, once."""
     order = tests.assign(last=~tests["second"].map(is_baseline)) if len(tests) else tests.assign(last=False)
     told = varying(order)
-    same = ["environment", "expert_knowledge", *CONDITIONS, "first", "last", "second"]
-    for _, rows in order.groupby(same, sort=True, dropna=False):
+    same = ["environment", "expert_knowledge", *CONDITIONS, "first"]
+    found: dict[str, list[str]] = {}
+    for _, rows in order.groupby([*same, "last", "second"], sort=True, dropna=False):
         row = rows.iloc[0]
-        first, second = str(row["first"]), str(row["second"])
         environment = str(row["environment"]).replace("_", " ").capitalize()
         words = [environment, f"expert knowledge {row['expert_knowledge']}", *condition_words(row, told)]
-        place = ", ".join(words)
-        said.append(f"{place}: {label(first)} is {_found(rows, label(second))}.")
-    return said
+        said = f"{', '.join(words)}: {label(str(row['first']))} is {_found(rows)}."
+        found.setdefault(said, []).append(label(str(row["second"])))
+    return [said.replace(OTHERS, listed(names)) for said, names in found.items()]
 
 
-def _found(rows: pd.DataFrame, other: str) -> str:
+def _found(rows: pd.DataFrame) -> str:
     tested = rows[rows["p"].notna()]
     if tested.empty:
         reasons = ", ".join(dict.fromkeys(rows["reason"]))
-        return f"not tested against {other} ({reasons})"
+        return f"not tested against {OTHERS} ({reasons})"
     sure = tested[tested["holm"] < SIGNIFICANCE]
     better, worse = int((sure["difference"] > 0).sum()), int((sure["difference"] < 0).sum())
     few = in_brief(tested[["n", "reference_n"]].min().min())
     of = f"{len(tested)} challenge{'s' if len(tested) > 1 else ''}"
     if not better and not worse:
+        brief = few.replace("; ", " (") + ")" if few else ""
+        return f"not distinguishable from {OTHERS} on any of {of}{brief}"
+    best = f"better than {OTHERS} on {better} of {of}" if better else f"on none of {of} better than {OTHERS}"
+    worst = f", worse on {worse}" if worse else ""
+    return f"{best}{worst} (p < {SIGNIFICANCE} after Holm{few})"
+
+
+def incomparable(mine: Side, baselines: Sequence[Side], runs: pd.DataFrame) -> list[str]:
+    """Returns a sentence on each baseline of which nothing may be compared with mine: why, and what to run.
+
+    Args:
+        mine: results of one's own.
+        baselines: others.
+        runs: of `together`.
+    """
+    apart = [
+        side
+        for side in baselines
+        if len(mine.table)
+        and (side.runs is None or not _among(side.table, mine.table, COMPARED).any())
+        and side.name not in set(runs["source"])
+    ]
+    return [f"Nothing of {side.name} may be compared with yours: {_apart(mine, side)}" for side in apart]
+
+
+def _apart(mine: Side, baseline: Side) -> str:
+    """Returns what no result of a baseline has in common with mine, and how to have results that do."""
+    if baseline.runs is None:
         return (
-            f"not distinguishable from {other} on any of {of}{few.replace('; ', ' (') + ')' if few else ''}"
+            f"its tables are of {baseline.engine}, and are set beside, untested; a release of runs, as "
+            f"--baseline lite-1, is compared."
         )
-    parts = [f"better than {other} on {better} of {of}" if better else f"on none of {of} better than {other}"]
-    parts += [f"worse on {worse}"] if worse else []
-    return f"{', '.join(parts)} (p < {SIGNIFICANCE} after Holm{few})"
+    differing = []
+    for column, words in {**PLACES, **SAID}.items():
+        words_of = amount if column == "steps" else str
+        ours, theirs = (dict.fromkeys(map(words_of, side.table[column])) for side in (mine, baseline))
+        if not set(ours) & set(theirs):
+            differing.append(f"{words} {listed(theirs)}, yours {listed(ours)}")
+    reasons = "; ".join(differing) or "no result has all of its conditions in common with one of yours"
+    repeat = f"tma-ray campaign --like {baseline.name} --teachers MODULE:NAME"
+    if set(baseline.table["engine"]) == {SIMULATED}:
+        repeat = "tma-ray simulate --teachers MODULE:NAME --results ROOT"
+    return f"{reasons}. For results that may: {repeat}"
 
 
 def beside(mine: Side, baseline: Side) -> pd.DataFrame:

@@ -115,6 +115,12 @@ class Frames:
         return self._rows(Table.ATTEMPTS, list(SCHEMAS[Table.ATTEMPTS].names), self._run_ids)
 
     @property
+    def run_hours(self) -> pd.Series:
+        """Wall-clock time of each run, all its attempts together, in hours, by run id; empty if unknown."""
+        attempts = self.attempts
+        return attempts["wall_seconds"].astype(float).groupby(attempts["run_id"].astype(str)).sum() / 3600
+
+    @property
     def _run_ids(self) -> list[str]:
         return list(self.cells["run_id"].unique())
 

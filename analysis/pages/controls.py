@@ -9,7 +9,7 @@ import pandas as pd
 
 from analysis.formatting import amount
 from analysis.looks import look
-from analysis.names import challenge_title, label, teacher_order
+from analysis.names import challenge_title, marked_label, teacher_order
 
 FILTERS = {
     "engine": "Engine",
@@ -79,7 +79,7 @@ def controls(
         shown: teachers that it shows at first.
     """
     named = tuple(
-        Choice(teacher, label(teacher), look(teacher).colour, teacher in shown)
+        Choice(teacher, marked_label(teacher), look(teacher).colour, teacher in shown)
         for teacher in sorted(set(map(str, teachers)), key=teacher_order)
     )
     filters = [_filter(comparisons, column) for column in FILTERS if column in comparisons]

@@ -13,10 +13,11 @@ from analysis.comparisons.overall import THRESHOLDS, overall_rows, performance_p
 from analysis.measures.pooling import COMPARED
 from analysis.measures.tested import MEASURE, QUANTITIES
 from analysis.pages.charts import Chart, profile_chart
+from analysis.pages.charts.profiles import FEWEST
 
 CAPTION = (
     "Share of runs that master more of the test tasks than the horizontal axis says; bands are exact 95 % "
-    "intervals, threshold by threshold; all challenges together."
+    f"intervals, threshold by threshold, of {FEWEST} runs and more; all challenges together."
 )
 
 

@@ -5,12 +5,14 @@ from __future__ import annotations
 import base64
 from collections.abc import Mapping
 from functools import cache
+from itertools import chain
 from pathlib import Path
 from typing import Any
 
 from jinja2 import Environment, PackageLoader, StrictUndefined
 
 from analysis.pages.charts import plotly_library
+from tma_ray.commands.texts import visible
 
 
 def page(template: str, **content: Any) -> str:
@@ -24,6 +26,7 @@ def _environment() -> Environment:
     environment = Environment(
         loader=PackageLoader("analysis.pages.page"),
         autoescape=True,
+        finalize=lambda value: visible(value) if type(value) is str else value,
         undefined=StrictUndefined,
         trim_blocks=True,
         lstrip_blocks=True,
@@ -43,11 +46,20 @@ def page_folder(root: str | Path, output: Path | None, name: str, what: str) -> 
         what: is written, in words.
 
     Raises:
-        ValueError: an object store and no `output`.
+        ValueError: no `output`, and an object store or a root in which links would be written through.
     """
-    if output is None and "://" in str(root):
+    if output is not None:
+        return output
+    if "://" in str(root):
         raise ValueError(f"{root} is not a local folder: say in which folder to write the {what}")
-    return output or Path(root) / name
+    folder = Path(root) / name
+    for path in chain([folder], folder.rglob("*")):
+        if path.is_symlink():
+            raise ValueError(
+                f"{path} is a symbolic link, which may lead out of the root: remove it, or say in which "
+                f"folder to write the {what}"
+            )
+    return folder
 
 
 def write_page(folder: Path, text: str, beside: Mapping[str, bytes]) -> Path:

@@ -1,14 +1,15 @@
-"""Power of tests: the smallest difference that a number of seeds can show."""
+"""Power of tests: the smallest difference that some seeds can show, and the seeds that one needs."""
 
 from __future__ import annotations
 
+import bisect
 import math
 from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
 
-from analysis.statistics.comparisons import standard_error_of_difference
+from analysis.statistics.comparisons import Comparison, standard_error_of_difference
 from analysis.statistics.samples import CONFIDENCE, SIGNIFICANCE, Description
 
 POWER = 0.8
@@ -16,6 +17,9 @@ POWER = 0.8
 
 NODES = 64
 """Quadrature nodes for each sample variance: the power of two runs against two is exact to 1e-6."""
+
+MOST_SEEDS = 1000
+"""Seeds beyond which no number is looked for."""
 
 FURTHEST = 1e6
 """Standard errors beyond which no difference is looked for."""
@@ -98,17 +102,50 @@ def detectable_in_pairs(
     from scipy import optimize, special
 
     freedom = pairs - 1
-    critical = float(special.stdtrit(freedom, 1 - significance / 2))
-
-    def lacking(shift: float) -> float:
-        low, high = special.nctdtr(freedom, shift, [-critical, critical])
-        return float(1 - high + low) - wanted
-
     high = 1.0
-    while lacking(high) < 0:
+    while _student_power(high, freedom, significance) < wanted:
         high *= 2
-    shift = optimize.brentq(lacking, 0.0, high)
+    shift = optimize.brentq(lambda shift: _student_power(shift, freedom, significance) - wanted, 0.0, high)
     return float(shift) * margin / float(special.stdtrit(freedom, (1 + CONFIDENCE) / 2))
+
+
+def seeds_needed(test: Comparison, seeds: float, wanted: float = POWER) -> int | None:
+    """Returns the number of seeds that finds a difference as large as a test with fewer seeds saw.
+
+    By the noncentral t distribution: the standard error of the difference falls with the root of the number
+    of seeds, and the degrees of freedom grow with it.
+
+    Args:
+        test: a t-test, of pairs or of two samples, in one stratum or over several.
+        seeds: number on each side in it; of two different numbers the harmonic mean.
+        wanted: probability of finding the difference, over `SIGNIFICANCE` and under 1.
+
+    Returns:
+        The least number, from 2 on; None without a t-test or where `MOST_SEEDS` do not suffice.
+    """
+    if seeds <= 1 or not math.isfinite(test.t):
+        return None
+
+    def suffices(number: int) -> bool:
+        freedom = test.degrees_of_freedom * (number - 1) / (seeds - 1)
+        return _student_power(abs(test.t) * math.sqrt(number / seeds), freedom, SIGNIFICANCE) >= wanted
+
+    high = 2
+    while not suffices(high):  # far beyond the number, the noncentral t distribution is not computed well
+        high *= 2
+        if high > 2 * MOST_SEEDS:
+            return None
+    found = bisect.bisect_left(range(high), True, lo=2, key=suffices)
+    return found if found <= MOST_SEEDS else None
+
+
+def _student_power(shift: float, freedom: float, significance: float) -> float:
+    """Returns the power of a two-sided t-test for a difference of `shift` true standard errors."""
+    from scipy import special
+
+    critical = float(special.stdtrit(freedom, 1 - significance / 2))
+    low, high = special.nctdtr(freedom, shift, [-critical, critical])
+    return float(1 - high + low)
 
 
 def _power(shift: float, first: Description, second: Description, significance: float) -> float:

@@ -27,8 +27,8 @@ def check_installed() -> None:
 
 
 def event_files(folder: Path) -> list[Path]:
-    """Returns the event files in `folder`, in the order in which TensorBoard reads them; none without one."""
-    return sorted(folder.glob(_NAMES))
+    """Returns the event files in `folder`, but no links, in the order in which TensorBoard reads them."""
+    return sorted(path for path in folder.glob(_NAMES) if not path.is_symlink())
 
 
 def read_scalars(files: Sequence[Path]) -> dict[str, deque[tuple[int, float]]]:

@@ -13,6 +13,7 @@ import numpy as np
 
 from analysis.tracking.event_file import EventFile, check_installed, event_files, read_scalars
 from analysis.tracking.points import TABLES, Point, experiments_of, published_points
+from tma_ray.commands.places import expanded
 from tma_ray.results import Manifest, Results, RunRecord, RunStatus, Table
 
 RUNS_AT_ONCE: Final = 32
@@ -143,7 +144,7 @@ def _plain(name: object) -> str:
 def _made(folder: str | Path) -> Path:
     if "://" in str(folder):
         raise ValueError(f"{folder}: expected a folder of this machine; TensorBoard reads it from there")
-    path = Path(folder).expanduser().absolute()
+    path = expanded(folder).absolute()
     try:
         path.mkdir(parents=True, exist_ok=True)
     except OSError as error:

@@ -7,7 +7,6 @@ Each teacher is shown by its run with the first seed, so that pictures stay true
 
 from __future__ import annotations
 
-import argparse
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -22,15 +21,14 @@ from analysis.data.task_axes import task_axes
 from analysis.figures.curricula.film_strips import REPORT_WIDTH, Shot, film_strip
 from analysis.figures.curricula.motion import MOST_SHOTS, animation
 from analysis.names import label, teacher_order
+from tma_ray.command_line import Parser
 
 FRAMES, DPI, COLOURS = 9, 90, 64
 
 
 def main() -> None:
     """Writes NAME-CHALLENGE.png and NAME-CHALLENGE.gif."""
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    parser = Parser(description=__doc__)
     parser.add_argument("release", help="name, folder or address of a release with curricula")
     parser.add_argument("--output", type=Path, required=True, metavar="FOLDER", help="made if missing")
     options = parser.parse_args()

@@ -7,7 +7,6 @@ Run it again whenever those tables or the schema change. A test compares the shi
 
 from __future__ import annotations
 
-import argparse
 from dataclasses import replace
 from datetime import UTC, datetime
 from importlib.metadata import version
@@ -19,6 +18,7 @@ from analysis.baselines.manifest import BASELINE_FILE
 from analysis.data.published import PAPER, PAPER_ENGINE, paper_frame
 from analysis.tables.paper_tables import result_tables
 from analysis.tables.results import published_table_results
+from tma_ray.command_line import Parser
 from tma_ray.results import PUBLISHED_FILE, SCHEMA_VERSION, Store, write_published
 
 MADE = (
@@ -43,9 +43,7 @@ LICENCE = "Facts from the paper, which is to be cited for them."
 
 def main() -> None:
     """Writes the folder."""
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    parser = Parser(description=__doc__)
     parser.add_argument(
         "--output", type=Path, required=True, metavar="FOLDER", help="paper-2021 is made in it"
     )

@@ -29,8 +29,12 @@ PAGES = {
 }
 """Pages of the site that lie elsewhere in the repository, and where the site has them."""
 
-FILES = ("cluster.yaml", "benchmarks/measured/*.csv", "examples/*.py", "examples/*.toml", "notebooks/*.ipynb")
-"""Files that pages link to, at the same place in the site."""
+FILES = (
+    "cluster.yaml",
+    "analysis/pages/templates/sorting.js",
+    *("benchmarks/measured/*.csv", "examples/*.py", "examples/*.toml", "notebooks/*.ipynb"),
+)
+"""Files that pages link to or run, at the same place in the site."""
 
 LINK = re.compile(r"(?<=\]\()(?!\w+:|#)([^)\s#]+)(#[^)\s]*)?(?=\))")
 MARK = re.compile(r"^<!-- generated: (.+?) -->$", re.MULTILINE)

@@ -41,6 +41,8 @@ class SyntheticCampaign:
     environment: str = "stump_tracks"
     boxes: bool = False
     updates: int = 20
+    error: str = ERROR
+    host: str = "node-1"
 
     def __post_init__(self) -> None:
         self.committer = Committer.open(self.root)
@@ -116,13 +118,13 @@ class SyntheticCampaign:
         else:
             self.committer.publish(record, attempt, writer.flush())
         if status == "failed":
-            self.committer.fail(record, attempt, ERROR)
+            self.committer.fail(record, attempt, self.error)
         outcome = {"done": AttemptOutcome.DONE, "failed": AttemptOutcome.FAILED}.get(status)
         started = datetime(2026, 11, 20, 8, record.seed % 60, tzinfo=UTC)
         if outcome is not None:
             self.committer.record_attempt(
                 AttemptRecord(
-                    record.run_id, attempt, started, 3600.0, end / 3600, "node-1", FINGERPRINT, outcome
+                    record.run_id, attempt, started, 3600.0, end / 3600, self.host, FINGERPRINT, outcome
                 )
             )
 

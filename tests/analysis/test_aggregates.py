@@ -120,7 +120,7 @@ def test_the_difference_over_challenges_by_hand() -> None:
     assert row["degrees_of_freedom"] == pytest.approx(6)
     assert row["holm"] == row["p"] < 0.05
     assert headlines(runs)[0].startswith(
-        "Over 3 challenges (expert knowledge low, 1 thousand steps) ADR is better than Random: 5.0 points ["
+        "Over 3 challenges (expert knowledge low, 1 thousand steps) better than Random, in points: ADR 5.0 ["
     )
 
 

@@ -20,6 +20,7 @@ from analysis.pages.charts import (
     mastery_charts,
     overview_chart,
     probed_task_charts,
+    profile_chart,
     seeds_chart,
     training_task_charts,
 )
@@ -193,6 +194,14 @@ def test_tasks_that_more_seeds_master_are_darker() -> None:
     assert (shares[0], shares[-1]) == (0, 1)
     brightness = [sum(map(int, re.findall(r"\d+", colour))) for colour in colours]
     assert brightness == sorted(brightness, reverse=True)
+
+
+@pytest.mark.parametrize(("runs", "bands"), [(3, 0), (4, 0), (5, 1), (32, 1)])
+def test_a_profile_of_few_runs_has_no_band(runs: int, bands: int) -> None:
+    table = pd.DataFrame({"threshold": [0, 50], "share": [1.0, 0.4], "low": [0.3, 0.0], "high": [1.0, 0.9]})
+    chart = profile_chart("profile", table.assign(teacher="adr", n=runs), "Mastered (%)", "title", "caption")
+    assert sum(trace.fill == "toself" for trace in figure_of(chart).data) == bands
+    assert sum(trace.fill != "toself" for trace in figure_of(chart).data) == 1
 
 
 def test_an_axis_of_zeros_does_not_reach_below() -> None:

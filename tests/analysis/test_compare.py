@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import re
 import shutil
 from pathlib import Path
@@ -13,6 +14,7 @@ from analysis.comparisons.sides import (
     baseline_side,
     beside,
     duels,
+    incomparable,
     missing,
     new_teachers,
     sentences,
@@ -87,6 +89,59 @@ def test_mine_stands_for_a_baselines_teacher_that_i_have_run_too(
     }  # fmt: skip
 
 
+def test_what_cannot_be_compared_at_all_is_said_with_the_reason(
+    roots: tuple[Path, Path], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    short = tmp_path / "short"
+    write(short, "frontier", {CHALLENGES[0]: [1, 2, 3]}, steps=20_000)
+    sides = side_of(load(short), "yours"), [side_of(load(roots[1]), "lite")]
+    assert incomparable(*sides, together(*sides)) == [
+        "Nothing of lite may be compared with yours: training steps 2 million, 4 million, yours 20 thousand. "
+        "For results that may: tma-ray campaign --like lite --teachers MODULE:NAME"
+    ]
+    mine = side_of(load(roots[0]), "yours")
+    assert incomparable(mine, sides[1], together(mine, sides[1])) == []
+    assert main(["compare", str(short), "--baseline", "paper-2021"]) == 0
+    told = capsys.readouterr().out
+    assert "frontier has no rank: no other teacher has results on the same challenges" in told
+    assert "nothing to compare" not in told
+    assert "ranks 1 of 1" not in told
+
+
+def test_no_page_replaces_that_of_other_baselines(roots: tuple[Path, Path], tmp_path: Path) -> None:
+    places = ([str(roots[1])], ["paper-2021"], ["paper-2021", str(roots[1])])
+    pages = {write_comparison(roots[0], baselines, tmp_path) for baselines in places}
+    assert len(pages) == 3
+    assert tmp_path / "paper-2021" / "index.html" in pages
+    assert all(page.is_file() and tmp_path in page.parents for page in pages)
+
+
+def test_what_is_said_of_several_teachers_is_said_once(tmp_path: Path) -> None:
+    mine, theirs = tmp_path / "mine", tmp_path / "theirs"
+    write(mine, "frontier", {CHALLENGES[0]: [4, 5, 6]})
+    for teacher in ("random", "riac", "adr"):
+        write(theirs, teacher, {CHALLENGES[0]: [4, 5, 6]})
+    write(theirs, "alp_gmm", {CHALLENGES[0]: [0, 1, 2]})
+    runs = together(side_of(load(mine), "yours"), [side_of(load(theirs), "theirs")])
+    assert sentences(duels(runs, ["frontier"])) == [
+        "Stump tracks, expert knowledge none: frontier is not distinguishable from Random, ADR, RIAC on any "
+        "of 1 challenge (few seeds).",
+        "Stump tracks, expert knowledge none: frontier is better than ALP-GMM on 1 of 1 challenge "
+        "(p < 0.05 after Holm; few seeds).",
+    ]
+
+
+def test_a_ranking_with_a_baseline_marks_the_teacher_of_ones_own(
+    roots: tuple[Path, Path], capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["ranking", *map(str, roots)]) == 0
+    assert "yours" not in capsys.readouterr().out  # two results roots, no baseline
+    assert main(["ranking", str(roots[0]), "lite-1"]) == 0
+    lines = capsys.readouterr().out.splitlines()
+    marked = [before.split()[0] for before, line in itertools.pairwise(lines) if "← yours" in line]
+    assert marked == ["frontier"] * (len(CHALLENGES) + 1)
+
+
 def test_missing_challenges_are_named(roots: tuple[Path, Path]) -> None:
     (text,) = missing(side_of(load(roots[0]), "mine"), ["frontier"])
     assert text == (
@@ -100,7 +155,8 @@ def test_the_page_has_all_of_it(
 ) -> None:
     mine, theirs = str(shutil.copytree(roots[0], tmp_path / "mine")), str(roots[1])
     assert main(["compare", mine, "--baseline", theirs, "--baseline", "paper-2021"]) == 0
-    verdict, place = capsys.readouterr().out.splitlines()
+    apart, verdict, place = capsys.readouterr().out.splitlines()
+    assert apart.startswith("Nothing of paper-2021 may be compared with yours: its tables are of Box2D")
     assert verdict == (
         "Over 3 challenges (expert knowledge none, 2 million steps) frontier ranks 1 of 3 by mean, and "
         "the tests leave 1 to 2 open: better than 1 (Random); "
@@ -115,10 +171,10 @@ def test_the_page_has_all_of_it(
     assert "engine Box2D; 20 million steps" in text
     assert "<h3>Challenges without results</h3> <p>frontier: stump_tracks original" in text
     assert "Over all challenges" in text
-    assert (
-        '</span>frontier</th> <td data-label="At" class="verdict">expert knowledge none, 2 million steps</td>'
-        in text
-    )
+    place = "expert knowledge none, 2 million steps"
+    assert f'</span>frontier ← yours</th> <td data-label="At" class="verdict">{place}</td>' in text
+    assert text.count('class="own"') == 3 + 1
+    assert '"name":"frontier \\u2190 yours"' in text
     assert "Challenges of Stump Tracks, expert knowledge none" in text
     assert '<th scope="row">frontier</th> <td data-label="Mostly unfeasible"><b>75.0 ± 5.8</b></td>' in text
     assert {path.name for path in index.parent.glob("*.png")} >= {"radar-paper-2021.png"}
@@ -154,7 +210,8 @@ def test_the_area_under_the_curve_can_be_the_measure(
     output = str(tmp_path / "page")
     command = ["compare", str(mine), "--baseline", str(theirs), "-o", output, "--measure", "mastered_area"]
     assert main(command) == 0
-    assert "frontier ranks 1 of 2 by mean, as the tests confirm" in capsys.readouterr().out
-    text = (tmp_path / "page" / "index.html").read_text()
+    rank, place = capsys.readouterr().out.splitlines()
+    assert "frontier ranks 1 of 2 by mean, as the tests confirm" in rank
+    text = Path(place).read_text()
     assert "Mastered test tasks over training (%), mean" in text
     assert "80.0 ± 5.0" in text

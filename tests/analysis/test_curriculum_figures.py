@@ -188,6 +188,17 @@ def test_scalars_have_a_chart_each_with_every_value_in_its_teachers_colour() -> 
     assert not list(scalar_charts("log", {"random": curriculum("random")}, "caption"))
 
 
+@pytest.mark.parametrize(
+    ("values", "ticks"),
+    [([7.0, 8.0, 9.0, 8.0], 1), ([2.0, 40.0, 30.0, 3.0], None), ([0.5, 1.0, 2.0, 1.5], None)],
+)
+def test_numbers_of_components_have_no_ticks_between_them(values: list[float], ticks: int | None) -> None:
+    rows = {"step": range(len(values)), "gaussians": None, "boxes": None}
+    updates = pd.DataFrame(rows | {"scalars": [[("components", value)] for value in values]})
+    (chart,) = scalar_charts("log", {"adr": replace(played(), updates=updates)}, "caption")
+    assert figure_of(chart).layout.yaxis.dtick == ticks
+
+
 def test_long_series_are_medians_within_their_range() -> None:
     values = np.random.default_rng(0).normal(size=100 * BINS)
     rows = {"step": range(len(values)), "gaussians": None, "boxes": None}

@@ -30,6 +30,25 @@ def test_rows_are_runs_and_columns_moments() -> None:
     assert len(film_strip(shots, PLANE).axes) == 2 * MOMENTS
 
 
+def test_tasks_in_a_corner_are_drawn_at_their_own_scale() -> None:
+    """ADR's first tasks are in one corner, and nearly equal; those of another row fill the plane."""
+    log = curriculum("adr")
+    low = np.array([axis.low for axis in PLANE])
+    near = log.probes.assign(task=[np.float32(low + 0.01 * (task - low)) for task in log.probes["task"]])
+    shots = [Shot("near", "adr", replace(log, probes=near)), Shot("far", "random", curriculum("random"))]
+    figure = film_strip(shots, PLANE, steps=[0, STEPS])
+    first, second, third, _ = figure.axes
+    tasks = np.concatenate([shots[0].curriculum.probed_at(step) for step in (0, STEPS)])
+    for axis, bounds, values in zip(PLANE, (first.get_xlim(), first.get_ylim()), tasks.T, strict=True):
+        assert axis.low <= bounds[0] <= values.min()
+        assert values.max() <= bounds[1] < axis.low + 0.1 * (axis.high - axis.low)
+    assert second.get_xlim() == first.get_xlim()
+    assert third.get_xlim() == (PLANE[0].low, PLANE[0].high)
+    assert first.spines["top"].get_edgecolor() != third.spines["top"].get_edgecolor()
+    for panel in (first, third):  # both rows have numbers of their own
+        assert any(tick.label1.get_visible() for tick in panel.xaxis.get_major_ticks())
+
+
 def test_a_strip_is_as_wide_as_a_page_of_a_paper() -> None:
     assert film_strip([Shot("ADR", "adr", curriculum("adr"))], PLANE).get_figwidth() == 6.9
 

@@ -122,6 +122,20 @@ def test_nothing_new_and_names_twice_are_refused_and_change_nothing(
     assert sorted(path.name for path in grown.parent.iterdir()) == ["growing"]
 
 
+def test_a_release_that_would_lose_files_of_others_does_not_grow(grown: Path, tmp_path: Path) -> None:
+    more = batch(tmp_path / "more", range(2, 3))
+    (grown / ".git").mkdir()
+    for name in ("notes.txt", ".git/config"):
+        (grown / name).write_text("mine")
+        before = files(grown)
+        with pytest.raises(BaselineError, match=rf"{name} is not of the release.*move it first"):
+            add_to_release(more, "growing", "batch-2", grown.parent)
+        assert files(grown) == before
+        (grown / name).unlink()
+    add_to_release(more, "growing", "batch-2", grown.parent)
+    assert verify(grown).whole
+
+
 @pytest.mark.slow
 def test_what_campaigns_lack_is_told_until_they_have_it(first: Path, tmp_path: Path) -> None:
     waiting = SyntheticCampaign(first, campaign="batch", **SMALL)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
+from xml.etree import ElementTree
 
 import numpy as np
 import pytest
@@ -19,6 +20,7 @@ from analysis.commands.findings import findings
 from analysis.commands.leaderboard import markdown, show_leaderboards
 from analysis.comparisons.leaderboard import leaderboards
 from analysis.data.frames import load
+from analysis.names import label
 from analysis.statistics import Description, describe, percent_interval, welch_from_statistics
 from tma_ray.benchmark import paper_results
 from tma_ray.cli import main
@@ -109,6 +111,28 @@ def test_the_same_is_shown_in_the_terminal_and_on_the_site(
     capsys.readouterr()
     assert main(["leaderboard", "paper-2021"]) == 2
     assert "only published results" in capsys.readouterr().err
+
+
+def test_ranks_are_explained_and_drawn_before_the_first_table(released: Path) -> None:
+    page = markdown([str(released)])
+    first_table = page.index("| teacher | rank |")
+    assert page.index("1 [1 to 8]") < page.index("<svg") < first_table
+    assert page.index("±") < first_table
+    (board,) = leaderboards(load(released))
+    drawn = ElementTree.fromstring(page[page.index("<svg") : page.index("</svg>") + len("</svg>")])
+    rows = drawn.findall("g")
+    assert len(rows) == len(TEACHERS)
+    ticks = {tick.text: float(tick.attrib["x"]) for tick in drawn.findall("text")}
+    for row, entry in zip(rows, board.entries, strict=True):
+        name, line, dot = row.find("text"), row.find("line"), row.find("circle")
+        assert name is not None
+        assert line is not None
+        assert dot is not None
+        rank = entry.rank
+        assert name.text == label(rank.teacher)
+        assert float(dot.attrib["cx"]) == ticks[str(rank.rank)]
+        ends = [float(line.attrib[end]) for end in ("x1", "x2")]
+        assert ends == [ticks[str(rank.best)], ticks[str(rank.worst)]]
 
 
 def test_taus_are_kendalls() -> None:

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import os
+import re
 import shutil
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Literal
 
 import pytest
-from playwright.sync_api import Browser, Page, expect, sync_playwright
+from playwright.sync_api import Browser, FloatRect, Page, expect, sync_playwright
 from synthetic_results import SyntheticCampaign
 
 from analysis.pages.compare.page import write_comparison
@@ -338,6 +340,117 @@ def test_print_shows_every_chart_and_no_controls_of_the_screen(reader: Reader, r
     hidden = "[...document.querySelectorAll('.plot')].filter(plot => !plot.querySelector('.main-svg')).length"
     assert reader.page.evaluate(hidden) == 0
     assert reader.page.locator("#step").is_hidden()
+
+
+def overlaps(one: FloatRect, other: FloatRect) -> bool:
+    """True if two boxes of a page have more than an edge in common."""
+    across = min(one["x"] + one["width"], other["x"] + other["width"]) - max(one["x"], other["x"])
+    down = min(one["y"] + one["height"], other["y"] + other["height"]) - max(one["y"], other["y"])
+    return across > 1 and down > 1
+
+
+@pytest.mark.slow
+def test_the_mode_bar_is_seen_under_the_mouse_only_and_never_over_data(
+    anywhere: Reader, small_report: Path
+) -> None:
+    anywhere.open(small_report)
+    for plot in anywhere.page.locator(".plot").all():
+        plot.scroll_into_view_if_needed()
+        bar = plot.locator(".modebar")
+        anywhere.page.mouse.move(0, 0)
+        expect(bar).to_be_hidden()
+        plot.hover()
+        expect(bar).to_be_visible()
+        place = bar.bounding_box()
+        assert place is not None
+        assert place["y"] >= 0
+        drawn = [*plot.locator(".nsewdrag").all(), *plot.locator(".legend .traces").all()]
+        boxes = [box for box in (each.bounding_box() for each in drawn) if box is not None]
+        assert boxes
+        assert not any(overlaps(place, box) for box in boxes)
+        assert bar.evaluate("bar => getComputedStyle(bar).backgroundColor") == "rgba(0, 0, 0, 0)"
+
+
+@pytest.mark.parametrize("kind", ["small_report", "small_comparison"])
+def test_a_page_holds_no_address_that_it_could_send_to(kind: str, request: pytest.FixtureRequest) -> None:
+    page = request.getfixturevalue(kind).read_text()
+    assert len(page) > 1_000_000  # plotly.js is in it
+    strings = re.findall(r"""["'`]\s*(https?://[^"'`]*)""", page)
+    assert {text for text in strings if not text.startswith("http://www.w3.org/")} == set()
+
+
+@pytest.mark.slow
+def test_no_button_of_a_chart_sends_anything(reader: Reader, small_report: Path) -> None:
+    reader.open(small_report)
+    plot = reader.page.locator(".plot").first
+    plot.hover()
+    buttons = plot.locator(".modebar-btn")
+    titles = [button.get_attribute("data-title") or "" for button in buttons.all()]
+    assert len(titles) >= 4
+    assert not [title for title in titles if "share" in title.lower() or "cloud" in title.lower()]
+    for button in buttons.all():
+        plot.hover()
+        button.click()
+    reader.settle()
+    assert len(reader.page.context.pages) == 1
+    assert [url for url in reader.requests if not url.startswith(("file:", "data:", "blob:"))] == []
+
+
+CONTRAST = """() => {
+    const parts = colour => colour.startsWith("#")
+        ? [1, 3, 5].map(at => parseInt(colour.slice(at, at + 2), 16))
+        : colour.match(/[\\d.]+/g).slice(0, 3).map(Number);
+    const luminance = colour => parts(colour).map(part => part / 255)
+        .map(part => part <= 0.04045 ? part / 12.92 : ((part + 0.055) / 1.055) ** 2.4)
+        .reduce((sum, part, place) => sum + [0.2126, 0.7152, 0.0722][place] * part, 0);
+    const page = luminance(getComputedStyle(document.body).backgroundColor);
+    const contrast = value => (Math.max(value, page) + 0.05) / (Math.min(value, page) + 0.05);
+    const random = [...document.querySelectorAll(".plot.js-plotly-plot")].flatMap(plot => plot._fullData)
+        .filter(trace => (trace.meta || {}).teacher === "random" && trace.line && trace.line.width > 1);
+    const swatches = [...document.querySelectorAll("[data-of=random] .swatch, .chip .swatch")];
+    return [...random.map(trace => trace.line.color),
+        ...swatches.map(swatch => getComputedStyle(swatch).backgroundColor)]
+        .map(colour => contrast(luminance(colour)));
+}"""
+"""Contrasts (WCAG) of Random's lines and of teachers' small squares to the page."""
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("scheme", ["light", "dark"])
+def test_random_is_told_from_the_page_at_night_too(
+    scheme: Literal["light", "dark"], browser: Browser, small_report: Path
+) -> None:
+    page = browser.new_page(viewport=DESK, color_scheme=scheme)
+    reader = Reader(page)
+    reader.open(small_report)
+    contrasts = page.evaluate(CONTRAST)
+    assert len(contrasts) >= 4
+    assert min(contrasts) >= 4.5
+    page.close()
+
+
+@pytest.mark.slow
+def test_tables_are_sorted_by_their_headings_also_from_the_keyboard(
+    reader: Reader, small_report: Path
+) -> None:
+    reader.open(small_report)
+    table = reader.page.locator("#comparison-1 table")
+    heading = table.locator("thead th", has_text="mean ± std").first
+    cells = table.locator("td[data-field=mastered]")
+    as_written = cells.all_inner_texts()
+    values = sorted(float(text.partition(" ")[0]) for text in as_written)
+    heading.get_by_role("button").click()
+    assert [float(text.partition(" ")[0]) for text in cells.all_inner_texts()] == values[::-1]
+    expect(heading).to_have_attribute("aria-sort", "descending")
+    reader.page.keyboard.press("Enter")
+    assert [float(text.partition(" ")[0]) for text in cells.all_inner_texts()] == values
+    expect(heading).to_have_attribute("aria-sort", "ascending")
+    table.get_by_role("button", name="Teacher").click()
+    assert table.locator("tbody th").all_inner_texts() == ["ALP-GMM", "Random"]
+    expect(table.locator("[aria-sort]")).to_have_count(1)
+    differences = table.locator("td[data-field=difference]")
+    table.get_by_role("button", name="minus Random").click()
+    assert differences.last.inner_text() == ""  # what has no number comes last, whatever the order
 
 
 def test_without_scripts_tables_still_say_everything(browser: Browser, small_report: Path) -> None:

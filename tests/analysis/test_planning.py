@@ -4,14 +4,18 @@ from __future__ import annotations
 
 import math
 
+import pandas as pd
 import pytest
 from rich.console import Console
 from scipy import stats
+from synthetic_pools import cell
 
 from analysis.baselines import find_baseline
 from analysis.commands.planning import show_detectable_differences
-from analysis.comparisons.planning import detectable_differences
+from analysis.comparisons.planning import detectable_differences, plans_against_random
+from analysis.measures.pooling import pool_runs
 from analysis.measures.student_pools import runs_after
+from analysis.measures.tested import MEASURE
 from analysis.statistics import Description
 from analysis.statistics.power import detectable_difference
 from tma_ray.benchmark import paper_results
@@ -80,3 +84,25 @@ def test_a_lite_budget_has_the_spread_of_lite_runs() -> None:
     assert longer.typical != found.typical
     parkour = [planned[0] | {"environment": "parkour", "challenge": "original"}] * 3
     assert detectable_differences(parkour, 2_000_000)["spread_of"].tolist() == ["paper"]
+
+
+def test_a_plan_says_the_runs_and_hours_that_would_find_the_difference_seen() -> None:
+    """Two challenges, three runs each, of which one side or the other takes two hours."""
+    values = {"random": [10.0, 20.0, 30.0], "adr": [14.0, 24.0, 34.0], "spdl": [70.0, 80.0, 90.0]}
+    cells = pd.DataFrame(
+        cell(teacher, seed, value, challenge=challenge, experiment=challenge)
+        for teacher, results in values.items()
+        for challenge in ("original", "mostly_trivial")
+        for seed, value in enumerate(results)
+    )
+    runs = pool_runs(cells, cells[["run_id", MEASURE, "step"]])
+    hours = pd.Series(2.0, index=runs["run_id"].unique())
+    (text,) = plans_against_random(runs, ["adr", "spdl"], hours)  # of spdl nothing is open
+    assert text.startswith("If the true difference between ADR and Random is the 4.0 points seen here, a new")
+    needed = int(text.partition("with ")[2].partition(" runs")[0])
+    wanted = stats.norm.isf(0.025) + stats.norm.isf(0.2)
+    assert needed == pytest.approx(2 * 10**2 / 2 * (wanted / 4) ** 2, abs=2)  # standard error: 10 / root n
+    assert f"each of the 2 challenges, about {needed * 2 * 4} hours of runs, finds it" in text
+    assert "Fix that number before the first run" in text
+    assert "hours" not in plans_against_random(runs, ["adr"], pd.Series(dtype=float))[0]
+    assert plans_against_random(runs.head(0), ["adr"], hours) == []

@@ -6,8 +6,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy import stats
 
-from analysis.statistics import Description
-from analysis.statistics.power import detectable_difference, power
+from analysis.statistics import Comparison, Description, Method, welch_from_statistics
+from analysis.statistics.power import detectable_difference, detectable_in_pairs, power, seeds_needed
 
 
 def seeds(n: int, std: float = 1.0) -> Description:
@@ -97,3 +97,26 @@ def test_where_nothing_can_be_tested_nothing_can_be_shown(first: Description, se
 def test_power_is_a_probability_over_the_significance(wanted: float) -> None:
     with pytest.raises(ValueError, match="expected over the significance"):
         detectable_difference(seeds(32), seeds(32), wanted)
+
+
+def test_seeds_needed_are_those_that_the_power_asks_for() -> None:
+    few, spread = 5, 10.0
+    first, second = Description(few, 6.0, spread), Description(few, 0.0, spread)
+    needed = seeds_needed(welch_from_statistics(first, second), few)
+    assert needed is not None
+    assert abs(power(6.0, seeds(needed, spread), seeds(needed, spread)) - 0.8) < 0.01
+    paired = Comparison(few, few, 6.0, t=6.0 / (spread / math.sqrt(few)), degrees_of_freedom=few - 1)
+    needed = seeds_needed(paired, few)
+    assert needed is not None
+    less, enough = (
+        detectable_in_pairs(n, stats.t.ppf(0.975, n - 1) * spread / math.sqrt(n))
+        for n in (needed - 1, needed)
+    )
+    assert enough <= 6.0 < less
+
+
+def test_no_number_of_seeds_is_said_where_none_is_known() -> None:
+    tiny = welch_from_statistics(Description(5, 0.01, 10.0), Description(5, 0.0, 10.0))
+    assert seeds_needed(tiny, 5) is None
+    assert seeds_needed(tiny, 1) is None
+    assert seeds_needed(Comparison(3, 3, 5.0, p=0.1, method=Method.PERMUTATION), 3) is None

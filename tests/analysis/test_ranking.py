@@ -58,8 +58,14 @@ def test_sentences_count_challenges_after_holms_correction(tmp_path: Path) -> No
         "distinguishable on 1 (p < 0.05 after Holm; few seeds)."
     ]
     assert "Over 3 challenges (expert knowledge none" in shown(tmp_path)
-    headline = next(text for text in headlines(runs_after(load(tmp_path))) if "RIAC" in text)
-    assert headline.endswith("after Holm; few seeds.")
+    for teacher in ("adr", "spdl"):
+        write(tmp_path, teacher, [4, 5, 4, 5], "mostly_trivial")
+        write(tmp_path, teacher, [3, 4, 3, 4], "rugged_difficulty")
+    (two, three) = headlines(runs_after(load(tmp_path)))
+    assert two.startswith("Over 2 challenges (expert knowledge none, 2 million steps) not distinguishable")
+    assert two.count("not distinguishable") == 1
+    assert [name in two for name in ("ADR", "SPDL", "RIAC")] == [True, True, False]
+    assert three.endswith("after Holm, few seeds.")
 
 
 def test_few_seeds_are_said_of_random_too(tmp_path: Path) -> None:

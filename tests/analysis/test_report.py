@@ -88,6 +88,22 @@ def unpainted(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("analysis.figures.picture.png", lambda figure: b"\x89PNG")
 
 
+@pytest.mark.parametrize("link", ["report", "report/index.html", "report/latex"])
+def test_no_page_is_written_through_a_link_in_a_root(tmp_path: Path, unpainted: None, link: str) -> None:
+    root, outside = tmp_path / "root", tmp_path / "outside"
+    small(root).run("random", 0)
+    outside.mkdir()
+    (outside / "index.html").write_text("theirs")
+    (root / link).parent.mkdir(exist_ok=True)
+    (root / link).symlink_to(outside / "index.html" if "html" in link else outside)
+    with pytest.raises(
+        ValueError, match=rf"root/{link} is a symbolic link.*remove it, or say in which folder"
+    ):
+        write_report(root)
+    assert [path.read_text() for path in outside.iterdir()] == ["theirs"]
+    assert write_report(root, tmp_path / "page").exists()
+
+
 def test_the_page_loads_nothing_from_elsewhere(full: Page) -> None:
     assert full.loads
     assert all(address.startswith(("data:", "#")) for address in full.loads)

@@ -174,6 +174,19 @@ def test_a_second_call_goes_on_and_touches_nothing_else(campaign: SyntheticCampa
     assert (folder / NAME / "notes.txt").exists()
 
 
+def test_a_file_that_a_link_leads_to_is_not_emptied(campaign: SyntheticCampaign, tmp_path: Path) -> None:
+    folder, run, theirs = tmp_path / "events", Growing(campaign), tmp_path / "theirs"
+    run.add(10)
+    run.publish()
+    export(campaign.root, folder)
+    (file,) = (folder / NAME).iterdir()
+    theirs.write_bytes(file.read_bytes() * 2)
+    (folder / NAME / "events.out.tfevents.0").symlink_to(theirs)
+    before = theirs.read_bytes()
+    main(["tensorboard", str(campaign.root), str(folder)])
+    assert theirs.read_bytes() == before
+
+
 @pytest.mark.parametrize("cut", [1, 40, 500])
 def test_a_call_that_was_killed_is_made_up_for(campaign: SyntheticCampaign, tmp_path: Path, cut: int) -> None:
     folder, run = tmp_path / "events", Growing(campaign)

@@ -1,16 +1,26 @@
-"""Names in the terminal: what a user calls a teacher is printed as it is, whatever rich makes of it."""
+"""Names in the terminal: as they are, whatever rich makes of them, but for what a terminal would obey."""
 
 from __future__ import annotations
 
+import json
+import logging
 import re
+import sys
 from pathlib import Path
 
+import pyarrow as pa
 import pytest
+from pyarrow import parquet
+from rich.live import Live
+from rich.text import Text
 from synthetic_results import SyntheticCampaign
 
 import analysis
 import tma_ray
 from tma_ray.cli import main
+from tma_ray.commands.exits import exit_code
+from tma_ray.results.holding.heartbeat import HeartbeatWriter
+from tma_ray.terminal import terminal
 
 NAMES = ("[red]x", "[/x]", ":smile:")
 
@@ -41,12 +51,103 @@ def test_names_are_printed_as_they_are(
         assert name in printed
 
 
+EVIL = "\x1b]0;title\x07\x1b[2J\x1b[31m\u202eevil\x9b2J\u2066\rover"
+"""A title of the window, cleared screens, red, text from right to left, a return to the line's beginning."""
+
+
+@pytest.fixture(scope="module")
+def hostile(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A root, got from somebody else, whose names and errors are meant for the terminal."""
+    folder = tmp_path_factory.mktemp("hostile") / "root"
+    campaign = SyntheticCampaign(
+        folder,
+        experiment=f"x{EVIL}",
+        error=f"Traceback {EVIL}:\n{EVIL}",
+        host=f"h{EVIL}",
+    )
+    for number, teacher in enumerate(("random", f"t{EVIL}")):
+        for seed in range(2):
+            values = {1_000_000: [300.0, 10.0], 2_000_000: [300.0, 20.0 * seed + 200 * number]}
+            campaign.plain_run(teacher, seed, values, run_id=f"run-{number}-{seed}")
+    campaign.plain_run(f"t{EVIL}", 2, {1_000_000: [0.0, 0.0]}, status="failed", run_id="failed")
+    HeartbeatWriter(campaign.committer.store, f"holder {EVIL}").beat({})
+    (cells,) = (folder / "tables" / "cells").iterdir()
+    table = parquet.read_table(cells)
+    column = pa.array([f"c{EVIL}"] * len(table)).dictionary_encode()
+    parquet.write_table(table.set_column(table.schema.get_field_index("campaign"), "campaign", column), cells)
+    (folder / "tables" / f"{EVIL}.parquet").write_text("damaged")
+    return folder
+
+
+@pytest.mark.parametrize(
+    "command",
+    [
+        "status {root} --cells",
+        "status {root} --json",
+        "logs failed --results {root}",
+        "ranking {root}",
+        "ranking {root} --json",
+        "leaderboard {root}",
+        "compare {root} --baseline {root} -o {new}",
+        "report {root} -o {new}",
+        "tables {root}",
+        "claims {root} --details",
+        "search {root}",
+        "verify {root}",
+        "rerun {root} --failed --dry-run",
+        "campaign --like {root} --teachers random --dry-run",
+        "release {root} mine -o {new} --partial",
+        "tensorboard {root} {new}",
+    ],
+)
+def test_nothing_that_a_terminal_would_obey_is_printed(
+    hostile: Path, command: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    words = [word.format(root=hostile, new=tmp_path / "new") for word in command.split()]
+    main(words)
+    shown = "".join(capsys.readouterr())
+    pages = [path.read_text(encoding="utf-8") for path in tmp_path.rglob("index.html")]
+    assert shown.strip()
+    assert "Traceback (most" not in shown
+    assert (
+        re.findall(r"[^\n\t -~\u00a0-\u061b\u061d-\u200d\u2010-\u2027\u202f-\u2065\u206a-\U0010ffff]", shown)
+        == []
+    )
+    for page in pages:
+        assert not set(page) & set("\u202e\u2066\x9b")
+
+
+def test_json_keeps_what_text_does_not_show(hostile: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["status", str(hostile), "--json"]) == 1
+    campaigns = json.loads(capsys.readouterr().out)["campaigns"]
+    assert [campaign["name"] for campaign in campaigns] == [f"c{EVIL}"]
+
+
+def test_logs_and_warnings_obey_too_and_colours_of_our_own_stay(capsys: pytest.CaptureFixture[str]) -> None:
+    def command() -> int:
+        assert logging.lastResort is not None
+        logging.lastResort.handle(logging.makeLogRecord({"msg": f"logged {EVIL}", "levelno": logging.ERROR}))
+        terminal(force_terminal=True).print(Text(f"bold {EVIL}", style="bold"))
+        with Live(Text(f"live {EVIL}"), console=terminal(force_terminal=True, color_system="standard")):
+            sys.stdout.write(f"{EVIL} printed\n")
+        raise ValueError(f"refused {EVIL}")
+
+    assert exit_code("name", command) == 2
+    out, err = capsys.readouterr()
+    for word, shown in (("logged", err), ("refused", err), ("bold", out), ("live", out), ("printed", out)):
+        assert word in shown
+    assert out.startswith("\x1b[1mbold ")
+    assert "\x1b[?25l" in out
+    for mark in ("\x1b]", "\x1b[2J", "\u202e", "\x9b", "\u2066"):
+        assert mark not in out + err, repr(mark)
+
+
 def test_every_console_is_one_that_prints_names_as_they_are() -> None:
     folders = [Path(str(package.__file__)).parent for package in (analysis, tma_ray)]
     makers = [
         path.name
         for folder in folders
         for path in folder.rglob("*.py")
-        if re.search(r"\bConsole\(", path.read_text(encoding="utf-8"))
+        if re.search(r"\bConsole\(|\(Console\)", path.read_text(encoding="utf-8"))
     ]
     assert makers == ["terminal.py"]

@@ -116,3 +116,5 @@ def test_the_command_says_the_cost_and_refuses_what_the_release_decides(
     assert "--students, --steps from the release" in capsys.readouterr().err
     assert main(like) == 2
     assert "--teachers mine:Teacher" in capsys.readouterr().err
+    assert main([*like, "--teachers", "riac", "--name", "no name"]) == 2
+    assert "id 'no name' is part of file names" in capsys.readouterr().err

@@ -17,6 +17,7 @@ from tma_ray.campaign.options import add_options, chosen_address, chosen_campaig
 from tma_ray.campaign.preflight.address import check_address
 from tma_ray.campaign.settings import Resources, Settings
 from tma_ray.cli import main
+from tma_ray.command_line import Parser
 from tma_ray.commands.quantities import COUNT
 from tma_ray.physics import engine_in_use
 from tma_ray.runs import Status
@@ -25,7 +26,7 @@ CAMPAIGN = Campaign("small", cells_of(("random", "alp_gmm"), ("ppo",)), seeds=(0
 
 
 def chosen(*arguments: str) -> Campaign:
-    parser = argparse.ArgumentParser()
+    parser = Parser()
     add_options(parser, CAMPAIGN)
     return chosen_campaign(CAMPAIGN, parser.parse_args(arguments))
 
@@ -174,7 +175,7 @@ def test_a_campaign_that_cannot_start_says_what_to_change(
 
 def test_the_address_comes_from_the_environment_and_local_wins(monkeypatch: pytest.MonkeyPatch) -> None:
     def address(*arguments: str) -> str | None:
-        parser = argparse.ArgumentParser()
+        parser = Parser()
         add_options(parser, CAMPAIGN)
         return chosen_address(parser.parse_args(arguments))
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import argparse
 import sys
 from functools import partial
 from pathlib import Path
@@ -17,13 +16,14 @@ from tma_ray.campaign.costs.speed import Throughput
 from tma_ray.campaign.experiments import add_experiment_options, experiment_plan
 from tma_ray.campaign.settings import Resources, Settings
 from tma_ray.cli import main
+from tma_ray.command_line import Parser
 from tma_ray.runs import Schedule
 
 SCRIPTS = Path(__file__).parents[2] / "experiments"
 
 
 def planned(name: str, *arguments: str) -> Plan:
-    parser = argparse.ArgumentParser()
+    parser = Parser()
     add_experiment_options(parser)
     return experiment_plan(find_experiment(name), parser.parse_args(arguments))
 

@@ -2,6 +2,11 @@
 
 from __future__ import annotations
 
+import os
+import signal
+import subprocess
+import sys
+import time
 from pathlib import Path
 
 import numpy as np
@@ -155,3 +160,71 @@ def test_the_command_writes_a_root_that_can_be_compared(
     capsys.readouterr()
     assert main(["compare", "mine", "--baseline", str(root)]) == 0
     assert "middle:Middle ranks" in capsys.readouterr().out
+
+
+BLOCKING = """
+import os
+import time
+from pathlib import Path
+
+from tma_ray.teachers import Teacher
+
+
+class Blocking(Teacher):
+    def start(self, *arguments):
+        super().start(*arguments)
+        with Path("plays").open("a") as plays:
+            plays.write(f"{os.getpid()}\\n")
+        if len(Path("plays").read_text().split()) == 2:
+            time.sleep(3_600)
+
+    def sample(self):
+        return self.space.sample(self.rng)
+
+    def observe(self, episode):
+        return None
+"""
+"""A teacher that writes the process of each run to a file, and waits in the second."""
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("sent", "code", "said"),
+    [
+        (signal.SIGINT, 130, ""),
+        (
+            signal.SIGKILL,
+            1,
+            "blocking:Blocking on original (expert knowledge none, seed 1); done so far: 1 run; the same",
+        ),
+    ],
+)
+def test_a_simulation_that_was_ended_is_continued(
+    tmp_path: Path, sent: signal.Signals, code: int, said: str
+) -> None:
+    (tmp_path / "blocking.py").write_text(BLOCKING)
+    chosen = ["--challenges", "original", "--expert-knowledge", "none", "--seeds", "3", "--episodes", "20"]
+    command = [sys.executable, "-m", "tma_ray.cli", "simulate", "--teachers", "blocking:Blocking", *chosen]
+    command += ["--results", "sim"]
+    with subprocess.Popen(command, cwd=tmp_path, stderr=subprocess.PIPE, text=True) as simulation:
+        try:
+            player = _second_player(tmp_path, simulation)
+            os.kill(player if sent is signal.SIGKILL else simulation.pid, sent)
+            _, error = simulation.communicate(timeout=60)
+        finally:
+            simulation.kill()
+    assert (simulation.returncode, said in error, "Traceback" in error) == (code, True, False), error
+    assert len(played_runs(Results.open(tmp_path / "sim"))) == 1
+    assert subprocess.run(command, cwd=tmp_path, capture_output=True, check=False).returncode == 0
+    assert len(played_runs(Results.open(tmp_path / "sim"))) == 3
+    assert len((tmp_path / "plays").read_text().split()) == 1 + 1 + 2
+
+
+def _second_player(folder: Path, simulation: subprocess.Popen[str]) -> int:
+    """Waits until the first run is kept and the second begun; returns the process that plays it."""
+    while True:
+        assert simulation.poll() is None
+        time.sleep(0.05)
+        players = (folder / "plays").read_text().split("\n")[:-1] if (folder / "plays").exists() else []
+        if len(players) == 2 and played_runs(Results.open(folder / "sim")):
+            return int(players[1])

@@ -29,13 +29,35 @@ NO_NUMBERS = (
     "--",
     "1/2",
     "½",
+    "+5",
+    "5m",
+    "5G",
 )
 
 TOO_MANY = ("1e30", "99999999999999999999")
 
-NO_FOLDERS = ("{file}", "{file}/below", "{loop}", "/dev/null", "/dev/full/x", "nul\0", LONG, "")
+NO_FOLDERS = (
+    "~nosuchuser/x",
+    "{file}",
+    "{file}/below",
+    "{loop}",
+    "/dev/null",
+    "/dev/full/x",
+    "nul\0",
+    LONG,
+    "",
+)
 
-NO_ROOTS = (*NO_FOLDERS, "s3://", "gs://", "ftp://host/root", "s3:///root", "\n")
+NO_ROOTS = (
+    *NO_FOLDERS,
+    "s3://",
+    "gs://",
+    "ftp://host/root",
+    "s3:///root",
+    "file://{file}",
+    "file:///dev/null",
+    "\n",
+)
 
 NO_PLUGINS = (
     "nothing_like_it",
@@ -55,8 +77,8 @@ BY_KIND: Mapping[str, Sequence[str]] = {
     "NAME": ("", " ", "\n"),
     "ROOT": NO_ROOTS,
     "RUN": ("", "zzz", "*", "../root", LONG),
-    "POLICY": ("", "zzz", "{file}", "{missing}", "{empty}", "{loop}", "nul\0"),
-    "BASELINE": ("paper-2020", "{missing}", "{file}", "{empty}", "", "nul\0"),
+    "POLICY": ("~nosuchuser/x", "", "zzz", "{file}", "{missing}", "{empty}", "{loop}", "nul\0"),
+    "BASELINE": ("~nosuchuser/x", "paper-2020", "{missing}", "{file}", "{empty}", "", "nul\0"),
     "EXPERIMENT": ("stump_track", "", "all", "../x", LONG),
     "KIND": ("teacher", "", "all"),
     "LEVEL": ("medium", "", "HIGH", "1"),
@@ -72,11 +94,21 @@ BY_KIND: Mapping[str, Sequence[str]] = {
         "stump_height=0:1,stump_height=0:2",
     ),
     "FOLDER": NO_FOLDERS,
-    "FILE": ("{empty}", "{file}/below.csv", "{loop}", "/dev/full", "x.unknown", "nul\0", "", f"{LONG}.gif"),
-    "SOURCE": ("{missing}", "{empty}", "{file}", "{loop}", "/dev/null", "nul\0", ""),
+    "FILE": (
+        "~nosuchuser/x.csv",
+        "{empty}",
+        "{file}/below.csv",
+        "{loop}",
+        "/dev/full",
+        "x.unknown",
+        "nul\0",
+        "",
+        f"{LONG}.gif",
+    ),
+    "SOURCE": ("~nosuchuser/x", "{missing}", "{empty}", "{file}", "{loop}", "/dev/null", "nul\0", ""),
     "ADDRESS": ("", "host", "host:port", "host:99999", "http://x", "::", "ray://127.0.0.1:10001"),
     "DEVICE": ("", "gpu", "cuda:-1", "cuda:9", "cpu:1", "CPU", "tpu", "meta"),
-    "LICENCE": ("", " ", "\n", "my own", LONG, "CC BY 4.0"),
+    "LICENCE": ("", " ", "\n", "my own", LONG, "CC BY 4.0", "+5", "5", "-", "MIT OR"),
     "TEXT": ("", " ", "\n"),
     "SIZE": ("", "0x0", "1x1", "640", "640x", "x480", "-1x-1", "640x480x3", "1e30x5", "99999x99999", "6*4"),
     "N": (*NO_NUMBERS, *TOO_MANY, "0.5", "0.0001k", "1,5"),
@@ -97,14 +129,22 @@ BY_OPTION: Mapping[str, Sequence[str]] = {
     "environment": (*NO_PLUGINS, "stump_track", "stump_tracks:no=1"),
     "embodiment": ("nothing_like_it", "wheel:size=1e30", "wheel:size=nan", "wheel:size=-1", "spidre", LONG),
     "challenge": ("nothing_like_it", "originl", "original:no=1"),
-    "test_set": ("nothing_like_it", "{empty}", "{file}", "{loop}", "nul\0", LONG),
+    "test_set": ("~nosuchuser/x.csv", "nothing_like_it", "{empty}", "{file}", "{loop}", "nul\0", LONG),
     "name": ("no name", "a/b", "..", LONG),
     "only": ("nothing_like_it", LONG),
     "root": NO_RESULTS,
+    "start_from": NO_RESULTS,
+    "results": ("{foreign}",),
+    "core": ("nothing_like_it",),
 }
 """Further values by what the option chooses."""
 
-PLURALS = ("teacher", "student", "challenge", "embodiment")
+NOT_READ = (
+    ("doctor", "results"),
+    ("play", "results"),
+    ("render", "results"),
+)
+"""Roots of which only the form counts: a disk to examine, and where a run would lie that is not asked for."""
 
 SMALL: Mapping[str, Sequence[str]] = {
     "run": ("--student", "ppo", "--steps", "300"),
@@ -211,19 +251,20 @@ def _of_option(path: tuple[str, ...], parser: CommandParser, action: argparse.Ac
         return
     if option:
         yield Mistake((*path, *rest, option), (option,), "option without its value")
-    for value in _values(action):
+    for value in _values(path[-1], action):
         words = (*rest, f"{option}={value}") if option else tuple(word or value for word in rest)
         if not option and value not in words:  # an optional position at the end
             words = (*words, value)
         yield Mistake((*path, *words), _names(action, value), str(action.metavar or "choice"))
 
 
-def _values(action: argparse.Action) -> Sequence[str]:
+def _values(command: str, action: argparse.Action) -> Sequence[str]:
     if action.choices:
         return ("", "nothing", "None")
     kind, several = str(action.metavar).removesuffix(",..."), str(action.metavar).endswith(",...")
     name = action.dest.removesuffix("s") if several else action.dest
-    values = (*BY_KIND[kind], *BY_OPTION.get(name, ()))
+    further = () if (command, name) in NOT_READ else BY_OPTION.get(name, ())
+    values = (*BY_KIND[kind], *further)
     empty_is_valid = action.dest == "embodiments"
     return [
         value for value in values if value.strip() or not (empty_is_valid or _takes_an_empty_word(action))

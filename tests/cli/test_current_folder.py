@@ -19,7 +19,8 @@ SCRIPT = Path(sys.executable).with_name("tma-ray")
 @pytest.mark.parametrize(
     "start",
     [
-        pytest.param((sys.executable, "-m", "tma_ray.cli"), marks=pytest.mark.slow),
+        (sys.executable, "-m", "tma_ray.cli"),
+        (sys.executable, "-m", "tma_ray"),
         (str(SCRIPT),),
     ],
 )
@@ -31,3 +32,19 @@ def test_the_users_own_files_shadow_nothing(start: tuple[str, ...], tmp_path: Pa
     )
     assert (ended.returncode, ended.stderr) == (0, "")
     assert "ALP-GMM" in ended.stdout
+
+
+@pytest.mark.parametrize("name", ["analysis.py", "analysis/__init__.py"])
+def test_what_hides_our_package_is_named(name: str, tmp_path: Path) -> None:
+    place = tmp_path / name
+    place.parent.mkdir(exist_ok=True)
+    place.touch()
+    (tmp_path / "script.py").write_text(
+        "from tma_ray.cli import main\n\nraise SystemExit(main(['report', 'x']))\n"
+    )
+    ended = subprocess.run(
+        [sys.executable, "script.py"], cwd=tmp_path, capture_output=True, text=True, check=False
+    )
+    hiding = tmp_path / Path(name).parts[0]
+    assert (ended.returncode, "Traceback" in ended.stderr) == (2, False)
+    assert f"{hiding} hides the package 'analysis' of tma_ray: rename it" in ended.stderr

@@ -6,12 +6,9 @@ import argparse
 import contextlib
 import io
 import os
-import random
 import re
-import sys
 import time
 import traceback
-from collections import Counter
 from collections.abc import Mapping
 from dataclasses import dataclass
 from decimal import Decimal
@@ -22,7 +19,7 @@ import numpy as np
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
-from mistakes import Mistake, commands, fill, mistakes
+from mistakes import Mistake, commands, fill, mistakes, valid_rest
 
 from tma_ray.campaign import execution, single
 from tma_ray.campaign.costs import estimation
@@ -37,9 +34,6 @@ from tma_ray.terrain.cppn import SHAPES
 
 SECONDS = 1.0
 """Processor time within which a mistake is refused, s."""
-
-MANY = int(os.environ.get("MISTAKES", "1000"))
-"""How many mistakes the long test draws."""
 
 MEASURED = Throughput("measured", 1e6, 1e6, 100)
 
@@ -77,8 +71,8 @@ def places(root: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Mappi
     monkeypatch.setattr(estimation, "measured_speeds", lambda kinds, *_: dict.fromkeys(kinds, MEASURED))
     monkeypatch.setattr(single, "run_locally", lambda *_: AttemptOutcome.DONE)
     monkeypatch.setattr(execution, "execute_plan", _checked_plan)
-    for name in ("empty", "foreign", "source"):
-        (tmp_path / name).mkdir()
+    for name in ("empty", "foreign", "source", "home", "checkout/.git", "busy/tmp"):
+        (tmp_path / name).mkdir(parents=True)
     (tmp_path / "file").write_text("a,b\n1,2\n")
     (tmp_path / "foreign" / "precious.txt").write_text("not ours\n")
     (tmp_path / "source" / "tasks.csv").write_text("0,6\n1.5,3\n")
@@ -87,7 +81,19 @@ def places(root: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Mappi
         tmp_path / "weights.npz", **{name: np.zeros(shape, np.float32) for name, shape in SHAPES.items()}
     )
     named = {
-        name: tmp_path / name for name in ("empty", "foreign", "source", "file", "loop", "missing", "new")
+        name: tmp_path / name
+        for name in (
+            "empty",
+            "foreign",
+            "source",
+            "file",
+            "loop",
+            "missing",
+            "new",
+            "home",
+            "checkout",
+            "busy",
+        )
     }
     named["weights"] = tmp_path / "weights.npz"
     return {**named, "root": root, "run": Results.open(root).runs()[0].run.run_id}
@@ -149,20 +155,43 @@ def test_mistakes_are_refused_by_name(warm: Mapping[str, Any], mistake: Mistake)
     assert wrong(mistake, warm) == ""
 
 
+WRITERS = [
+    (path, parser, action)
+    for path, parser in commands()
+    for action in parser._actions
+    if action.metavar == "ROOT" and "to write" in str(action.help) and path != ("plan",)
+]
+"""Commands that write a results root, and their options that name it."""
+
+
+@pytest.mark.parametrize("place", ["/", "{home}", "{checkout}", "{busy}"])
+def test_no_command_makes_a_root_where_others_have_files(
+    places: Mapping[str, Any], monkeypatch: pytest.MonkeyPatch, place: str
+) -> None:
+    monkeypatch.setenv("HOME", str(places["home"]))
+    (places["busy"] / "tmp" / "notes.txt").write_text("mine")
+    assert len(WRITERS) == 6
+    for path, parser, action in WRITERS:
+        words = [word for word in valid_rest(path, parser, action) if word != "--dry-run"]
+        end = ending((*path, *words, f"{action.option_strings[-1]}={place}"), places)
+        assert end.code == 2, (path, end.said)
+        assert re.search("results need a folder of their own|empty", end.said), (path, end.said)
+    assert not [*Path.cwd().rglob("root.json"), *Path.cwd().rglob("lease.json"), *Path("/").glob("root.json")]
+    assert len(list(places["busy"].rglob("*"))) == 2
+
+
 @settings(max_examples=400, deadline=None, derandomize=True)
 @given(
-    text=st.from_regex(r"[+-]?[0-9_.]{0,12}([eE][+-]?[0-9]{1,3})?[kMG]{0,2}", fullmatch=True)
+    text=st.from_regex(r"[+-]?[0-9_.]{0,12}([eE][+-]?[0-9]{1,3})?[kKmMG]{0,2}", fullmatch=True)
     | st.text(max_size=8)
 )
 def test_numbers_are_read_or_refused(text: str) -> None:
     """By every quantity, against another reading of the same grammar."""
-    found = re.fullmatch(
-        r"\s*([+-]?)([0-9]+(?:_[0-9]+)*)(\.[0-9]+)?(?:[eE]([+-]?[0-9]{1,3}))?([kM]?)\s*", text
-    )
+    found = re.fullmatch(r"\s*(-?)([0-9]+(?:_[0-9]+)*)(\.[0-9]+)?(?:[eE]([+-]?[0-9]{1,3}))?([kKM]?)\s*", text)
     value = None
     if found:
         sign, whole, rest, exponent, unit = found.groups()
-        power = int(exponent or 0) + {"": 0, "k": 3, "M": 6}[unit]
+        power = int(exponent or 0) + {"": 0, "k": 3, "K": 3, "M": 6}[unit]
         value = Decimal(f"{sign}{whole.replace('_', '')}{rest or ''}").scaleb(power)
     for quantity in QUANTITIES:
         assert_read_or_refused(quantity, text, value)
@@ -181,12 +210,47 @@ def assert_read_or_refused(quantity: Quantity, text: str, value: Decimal | None)
 
 
 @pytest.mark.slow
-def test_a_thousand_mistakes(warm: Mapping[str, Any], record_property: Any) -> None:
-    """All are refused clearly; the seed in the environment draws others."""
-    seed = int(os.environ.get("MISTAKES_SEED", "0"))
-    drawn = random.Random(seed).sample(MISTAKES, min(MANY, len(MISTAKES)))
-    problems = [problem for mistake in drawn if (problem := wrong(mistake, warm))]
-    record_property("refused", f"{len(drawn) - len(problems)} of {len(drawn)}")
-    kinds = Counter(mistake.kind for mistake in drawn)
-    sys.stdout.write(f"{len(drawn) - len(problems)} of {len(drawn)} mistakes were refused clearly: {kinds}\n")
-    assert problems == []
+def test_the_whole_catalogue_is_refused(warm: Mapping[str, Any]) -> None:
+    assert [problem for mistake in MISTAKES if (problem := wrong(mistake, warm))] == []
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        ("plan parkour --tier smoke --start-from file:///etc/passwd", "it is a file; expected a folder"),
+        ("plan parkour --tier smoke --start-from {missing}", "is not a results root"),
+        ("plan parkour --tier smoke --start-from {foreign}", "is not a results root"),
+        ("plan parkour --tier smoke --results {foreign}", "neither empty (precious.txt) nor"),
+        ("campaign --seeds 1 --steps 300 --dry-run --results {foreign}", "neither empty (precious.txt) nor"),
+        ("campaign --cohort +5 --dry-run", "'+5': expected a number of slots such as 48, or off"),
+        ("release {root} mine --partial --licence +5", "'+5': expected a licence"),
+        (
+            "release {root} mine --partial --core nothing",
+            "no campaign 'nothing': the release has single_runs",
+        ),
+        (
+            "simulate --episodes 20m",
+            "unknown unit 'm': k is a thousand, M a million; expected a whole number",
+        ),
+        ("status ~nosuchuser/x", "no home folder is known for '~nosuchuser'"),
+        ("plan parkour --tier x", "'x': expected one of smoke, lite, paper"),
+        ("campaign --teacher-placement x", "'x': expected one of actor, inline"),
+    ],
+)
+def test_values_are_checked_where_nothing_needs_them(
+    places: Mapping[str, Any], words: str, said: str
+) -> None:
+    end = ending(tuple(words.split()), places)
+    assert (end.code, said in end.said) == (2, True), end.said
+
+
+def test_every_refusal_of_a_choice_names_all_choices(places: Mapping[str, Any]) -> None:
+    chosen = 0
+    for path, parser in commands():
+        for action in (action for action in parser._actions if action.choices):
+            rest, option = valid_rest(path, parser, action), action.option_strings[-1:]
+            end = ending((*path, *(word or "nothing" for word in rest), *option, "nothing"), places)
+            assert end.code == 2
+            assert ", ".join(map(str, action.choices)) in end.said, (path, option, end.said)
+            chosen += 1
+    assert chosen > 10

@@ -6,6 +6,7 @@ import argparse
 import re
 import subprocess
 from collections.abc import Iterator
+from pathlib import Path
 
 import pytest
 
@@ -17,6 +18,10 @@ from tma_ray.campaign.options import add_options
 from tma_ray.command_line import METAVARS, CommandParser
 
 METAVAR = re.compile(rf"({'|'.join(METAVARS)})(,\.\.\.)?|NAME=VALUE")
+
+ROOT = Path(__file__).parents[2]
+
+PROGRAMS = ("analysis", "benchmarks", "docs", "examples", "experiments", "tests", "tma_ray")
 
 MAIN = ("run", "campaign", "report", "compare", "ranking")
 
@@ -60,6 +65,23 @@ def test_metavars_follow_the_rule() -> None:
 def test_every_value_is_read_by_a_type_or_chosen() -> None:
     for name, _, action in every_option():
         assert action.nargs == 0 or action.type is not None or action.choices, name
+
+
+def test_no_option_may_be_abbreviated_and_a_refusal_names_it(capsys: pytest.CaptureFixture[str]) -> None:
+    for parser in parsers():
+        options = {option for option in parser._option_string_actions if option.startswith("--")}
+        for option in options:
+            for short in {option[:end] for end in range(3, len(option))} - options:
+                with pytest.raises(SystemExit):
+                    parser.parse_args([short])
+                assert option in capsys.readouterr().err, f"{parser.prog} {short}"
+
+
+def test_every_program_of_the_project_has_such_a_parser() -> None:
+    files = [file for folder in PROGRAMS for file in (ROOT / folder).rglob("*.py")]
+    texts = {file: file.read_text(encoding="utf-8") for file in files}
+    assert sum("Parser(" in text for text in texts.values()) > 20
+    assert [file for file, text in texts.items() if re.search(r"\bArgumentParser\(", text)] == []
 
 
 def test_the_help_of_a_script_shows_what_its_campaign_has() -> None:

@@ -71,3 +71,15 @@ def test_every_page_names_its_version(page: Page) -> None:
     from tma_ray import __version__
 
     expect(page.locator(".md-copyright")).to_contain_text(f"version {__version__}", timeout=PATIENCE)
+
+
+def test_leaderboards_draw_ranks_and_are_sorted_by_their_headings(page: Page, site: Path) -> None:
+    page.goto((site / "leaderboard.html").as_uri())
+    table = page.locator(".leaderboard table").first
+    drawn = page.locator(".leaderboard .ranks").first.locator("circle")
+    expect(drawn).to_have_count(table.locator("tbody tr").count())
+    table.get_by_role("button", name="teacher").click()
+    names = table.locator("tbody td:first-child").all_inner_texts()
+    assert len(names) >= 8
+    assert names == sorted(names, key=str.lower)
+    expect(table.locator("th[aria-sort=ascending]")).to_have_text("teacher")

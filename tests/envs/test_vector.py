@@ -2,6 +2,14 @@
 
 from __future__ import annotations
 
+import copy
+import gc
+import multiprocessing
+import pickle
+import subprocess
+import sys
+import threading
+
 import gymnasium
 import numpy as np
 import pytest
@@ -11,6 +19,7 @@ import tma_ray  # noqa: F401  (registers the environments)
 from tma_ray.envs import ENVIRONMENTS, make_environment, make_vector_environment
 from tma_ray.envs.lock_step import EngineLockStep
 from tma_ray.envs.vector import VectorEnvironment
+from tma_ray.physics.compiled.memory import body_in
 
 COUNT = 4
 
@@ -141,3 +150,127 @@ def test_a_vector_is_not_drawn() -> None:
     with pytest.raises(ValueError, match="num_envs = 0"):
         make_vector_environment("parkour", 0)
     assert set(IDS) == set(ENVIRONMENTS.names())
+
+
+@pytest.mark.parametrize(
+    ("name", "body"),
+    [
+        ("stump_tracks", "classic_bipedal"),
+        ("stump_tracks", "spider"),
+        ("parkour", "fish"),
+        ("parkour", "climbing_chimpanzee"),
+    ],
+)
+def test_any_number_of_threads_gives_the_same_bits(name: str, body: str) -> None:
+    vectors = [
+        gymnasium.make_vec(IDS[name], num_envs=COUNT, embodiment=body, threads=threads)
+        for threads in (1, 2, COUNT)
+    ]
+    rng, mask, seed = np.random.default_rng(0), np.ones(COUNT, np.bool_), 3
+    for _ in range(60):
+        if mask.any():
+            results = [worlds.reset(seed=seed, options={"reset_mask": mask}) for worlds in vectors]
+            assert all(same(given, results[0][0]) for given, _ in results)
+            seed = None
+        actions = rng.uniform(-1, 1, vectors[0].action_space.shape).astype(np.float32)
+        one, *others = (worlds.step(actions) for worlds in vectors)
+        assert all(same(*pair) for other in others for pair in zip(other, one, strict=True))
+        mask = one[2] | one[3] | (rng.random(COUNT) < 0.05)
+
+
+def helpers() -> list[str]:
+    """Names of the threads that help to step worlds."""
+    return [thread.name for thread in threading.enumerate() if thread.name == "tma_ray worlds"]
+
+
+def test_threads_live_from_the_first_reset_until_the_vector_is_closed_or_gone() -> None:
+    worlds = make_vector_environment("stump_tracks", 3, threads=3)
+    still = np.zeros(worlds.action_space.shape, np.float32)
+    assert len(helpers()) == 0
+    for _ in range(2):  # a reset begins again what was closed
+        worlds.reset(seed=0)
+        worlds.step(still)
+        assert len(helpers()) == 2
+        worlds.close_extras()
+        assert len(helpers()) == 0
+        with pytest.raises(gymnasium.error.ResetNeeded, match="worlds 0, 1, 2 have ended or not begun"):
+            worlds.step(still)
+    worlds.reset(seed=0)
+    del worlds
+    gc.collect()
+    assert len(helpers()) == 0
+
+
+def test_the_interpreter_ends_with_worlds_that_nobody_closed() -> None:
+    code = (
+        "import gymnasium, tma_ray\n"
+        f"worlds = gymnasium.make_vec({IDS['stump_tracks']!r}, num_envs=4, threads=2)\n"
+        "worlds.reset(seed=0)\n"
+        "worlds.step(worlds.action_space.sample())"
+    )
+    ended = subprocess.run([sys.executable, "-c", code], capture_output=True, timeout=120, check=False)
+    assert (ended.returncode, ended.stderr) == (0, b"")
+
+
+@pytest.mark.parametrize("row", [0, 3])
+def test_a_step_that_fails_in_a_thread_is_an_error_of_the_call(row: int) -> None:
+    worlds = make_vector_environment("stump_tracks", 4, threads=2)
+    worlds.reset(seed=0)
+    still, memory = np.zeros((4, 4), np.float32), worlds._environments[row]._engine._memory
+    motors = body_in(*memory).motors
+    speeds = motors[:, 1].copy()
+    motors[:, 1] = 0.0  # which observations are divided by
+    with pytest.raises(RuntimeError, match="the step of a world failed"):
+        worlds.step(still)
+    motors[:, 1] = speeds
+    worlds.step(still)
+
+
+def test_copies_have_worlds_of_their_own_once_they_are_reset() -> None:
+    worlds = gymnasium.make_vec(IDS["stump_tracks"], num_envs=2, threads=2)
+    still = np.zeros((2, 4), np.float32)
+    worlds.reset(seed=0)
+    for copied in (copy.deepcopy(worlds), pickle.loads(pickle.dumps(worlds))):
+        with pytest.raises(gymnasium.error.ResetNeeded):
+            copied.step(still)
+        assert copied.spec == worlds.spec
+        assert same(copied.reset(seed=5)[0], worlds.reset(seed=5)[0])
+        assert same(copied.step(still)[0], worlds.step(still)[0])
+
+
+def test_a_forked_process_steps_its_copies_alone() -> None:
+    worlds = make_vector_environment("stump_tracks", 4, threads=2)
+    worlds.reset(seed=0)
+    actions = np.random.default_rng(0).uniform(-1, 1, (20, 4, 4)).astype(np.float32)
+
+    def play(results) -> None:
+        results.put([worlds.step(action)[0].tobytes() for action in actions])
+
+    context = multiprocessing.get_context("fork")
+    seen = context.Queue()
+    child = context.Process(target=play, args=(seen,))
+    child.start()
+    forked = seen.get(timeout=60)
+    child.join(60)
+    assert child.exitcode == 0
+    assert forked == [worlds.step(action)[0].tobytes() for action in actions]
+
+
+@pytest.mark.parametrize(
+    ("name", "threads", "message"),
+    [
+        ("stump_tracks", 0, "threads = 0: expected a whole number of at least 1"),
+        ("stump_tracks", 1.5, "threads = 1.5: expected a whole number"),
+        ("stump_tracks", 3, "threads = 3: expected at most 2, one for each world"),
+        (
+            "swing_up:SwingUp",
+            2,
+            "threads = 2: expected at most 1, these worlds do not have the benchmark's engine",
+        ),
+    ],
+)
+def test_numbers_of_threads_that_worlds_cannot_have_are_refused(
+    name: str, threads: float, message: str
+) -> None:
+    with pytest.raises(ValueError, match=message):
+        make_vector_environment(name, 2, threads=threads)

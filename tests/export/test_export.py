@@ -267,6 +267,18 @@ def test_a_failure_on_the_way_leaves_nothing(
     assert not list(tmp_path.iterdir())
 
 
+def test_folders_beside_the_output_stay(root: Path, tmp_path: Path) -> None:
+    theirs = tmp_path / ".out-unfinished" / "notes.txt"
+    theirs.parent.mkdir()
+    theirs.write_text("mine")
+    (tmp_path / "place").mkdir()
+    (tmp_path / "out").symlink_to(tmp_path / "place")
+    export("ppo_alp", tmp_path / "out", root, onnx=False)
+    assert theirs.read_text() == "mine"
+    assert (tmp_path / "out").is_symlink()
+    assert (tmp_path / "place" / "README.md").exists()
+
+
 @pytest.mark.parametrize(
     "activation",
     [

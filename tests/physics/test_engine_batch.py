@@ -43,8 +43,9 @@ def parkour_engines():
 
 @pytest.mark.parametrize(("make", "actions_each"), [(engines, 4), (parkour_engines, 12)])
 def test_they_equal_single_engines_bit_for_bit(kind: str, make, actions_each: int) -> None:
+    """With more threads than worlds in some of the calls, where there can be threads."""
     alone, joined = make(), make()
-    worlds, rng = batch_engines(joined), np.random.default_rng(0)
+    worlds, rng = batch_engines(joined, threads=3 if kind == "compiled" else 1), np.random.default_rng(0)
     assert isinstance(worlds, KINDS[kind])
     for _ in range(60):
         rows = np.sort(rng.choice(COUNT, rng.integers(1, COUNT + 1), replace=False))
@@ -70,3 +71,13 @@ def test_engines_without_a_world_are_refused() -> None:
     engine = make_engine(load_embodiment("classic_bipedal"), RULES)
     with pytest.raises(RuntimeError, match="call reset first"):
         batch_engines([engine]).step(np.array([0]), np.zeros((1, 4), np.float32))
+
+
+@pytest.mark.parametrize("kind", ["pymunk"], indirect=True)
+@pytest.mark.usefixtures("kind")
+def test_worlds_of_pymunk_have_one_thread() -> None:
+    with pytest.raises(
+        ValueError,
+        match=r"threads = 2: expected 1 with the pymunk engine \(TMA_RAY_ENGINE=pymunk demands it\)",
+    ):
+        batch_engines(engines(), threads=2)

@@ -1,7 +1,6 @@
 import errno
 import os
 import pickle
-import time
 from pathlib import Path
 
 import pytest
@@ -76,15 +75,6 @@ def test_a_file_in_the_making_is_never_in_its_folder(tmp_path: Path, monkeypatch
     store.write_bytes("tables/file", b"x")
     assert seen[0] == ()
     assert seen[-1] == ("tables/file",)
-
-
-def test_old_temporaries_go_and_young_ones_stay(tmp_path: Path) -> None:
-    store = Store.open(tmp_path)
-    for name, age in (("old", 7200.0), ("young", 0.0)):
-        store.write_bytes(f"tmp/{name}", b"half")
-        os.utime(tmp_path / "tmp" / name, (time.time() - age,) * 2)
-    store.clear_temporaries(3600.0)
-    assert store.files() == ("tmp/young",)
 
 
 def test_a_store_can_be_sent_to_another_process(tmp_path: Path) -> None:

@@ -223,6 +223,17 @@ def test_a_file_appears_when_it_is_complete(tmp_path: Path) -> None:
     assert [path.read_bytes() for path in tmp_path.iterdir()] == [before]
 
 
+def test_files_beside_it_stay_and_no_link_is_written_through(tmp_path: Path) -> None:
+    beside, elsewhere, path = tmp_path / ".a-unfinished.gif", tmp_path / "elsewhere", tmp_path / "a.gif"
+    for theirs in (beside, elsewhere):
+        theirs.write_text("mine")
+    path.symlink_to(elsewhere)
+    write_frames(path, colours(2), Fraction(10))
+    assert [theirs.read_text() for theirs in (beside, elsewhere)] == ["mine", "mine"]
+    assert Image.open(path).format == "GIF"
+    assert len(list(tmp_path.iterdir())) == 3
+
+
 def test_a_gif_keeps_rare_colours(tmp_path: Path) -> None:
     sky = np.linspace((150, 190, 225), (236, 243, 247), 200)[:, None].repeat(300, axis=1)
     frame = (sky + np.random.default_rng(0).uniform(-3, 3, sky.shape)).round().astype(np.uint8)

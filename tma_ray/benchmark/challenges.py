@@ -7,6 +7,8 @@ from dataclasses import dataclass, field
 from functools import cache
 from pathlib import Path
 
+from tma_ray.commands.arguments import check_kind
+from tma_ray.commands.places import expanded
 from tma_ray.part_names import base_name, nearest
 from tma_ray.tasks import TaskSpace, TestSet
 from tma_ray.tasks.shuffled_space import CUTS
@@ -200,18 +202,21 @@ def _shipped(name: str) -> TestSet:
     return TestSet.from_csv(TEST_SETS / f"{name}.csv")
 
 
-def load_test_set(name_or_path: str) -> TestSet:
+def load_test_set(name_or_path: str | Path) -> TestSet:
     """Returns a shipped test set by name, or any other from the path of a CSV file.
 
     Raises:
         ValueError: neither a known name nor a readable file.
+        TypeError: neither text nor a path.
     """
-    if name_or_path in shipped_test_sets():
-        return _shipped(name_or_path)
-    path = Path(name_or_path)
+    check_kind("test set", name_or_path, (str, Path), "a name or the path of a CSV file")
+    name = str(name_or_path)
+    if name in shipped_test_sets():
+        return _shipped(name)
+    path = expanded(name)
     if not path.is_file():
         raise ValueError(
-            f"no test set {name_or_path!r}: {nearest(name_or_path, shipped_test_sets())}"
+            f"no test set {name!r}: {nearest(name, shipped_test_sets())}"
             f"known: {', '.join(shipped_test_sets())}, "
             f"or give a path to a CSV file"
         )

@@ -23,6 +23,7 @@ from tma_ray.campaign.plan import Plan
 from tma_ray.campaign.script import run_plan
 from tma_ray.commands.texts import named
 from tma_ray.part_names import nearest
+from tma_ray.results import Store, check_usable
 from tma_ray.runs import Schedule
 from tma_ray.terminal import terminal
 
@@ -39,6 +40,8 @@ def execute_experiment(experiment: Experiment, options: argparse.Namespace) -> i
         RootInUseError: another campaign is running on the results root.
     """
     plan = experiment_plan(experiment, options)
+    if not options.dry_run:
+        check_usable(Store.open(options.results))
     cost = estimate(plan, chosen_settings(options))
     terminal().print(cost.describe(), highlight=False, soft_wrap=True)
     return run_plan(plan, options.results, options, cost.throughputs)

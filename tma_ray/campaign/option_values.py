@@ -7,9 +7,11 @@ import re
 from collections.abc import Sequence
 
 from tma_ray.campaign.preflight.address import host_and_port
+from tma_ray.commands.places import root
 from tma_ray.commands.quantities import COORDINATE, SEED
 from tma_ray.commands.texts import refused
 from tma_ray.part_names import nearest
+from tma_ray.results import Store, check_root
 from tma_ray.runs.placement import check_device
 from tma_ray.tasks import KnowledgeLevel
 
@@ -109,6 +111,29 @@ def parse_device(text: str) -> str:
     try:
         check_device(text)
     except ValueError as error:
+        raise argparse.ArgumentTypeError(str(error)) from error
+    return text
+
+
+def parse_results(text: str) -> str:
+    """Returns the results root to write to that `text` names: a folder, there or to be made, or an address.
+
+    Raises:
+        argparse.ArgumentTypeError: it cannot be one.
+    """
+    if "://" not in root(text):
+        try:
+            Store.open(text).check_place()
+        except ValueError as error:
+            raise argparse.ArgumentTypeError(str(error)) from error
+    return text
+
+
+def parse_source(text: str) -> str:
+    """Parses a results root or a release to read, which has to be one."""
+    try:
+        check_root(Store.open(root(text)))
+    except (ValueError, OSError) as error:
         raise argparse.ArgumentTypeError(str(error)) from error
     return text
 

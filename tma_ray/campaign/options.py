@@ -13,13 +13,14 @@ from tma_ray.campaign.option_values import (
     parse_address,
     parse_assignment,
     parse_levels,
+    parse_results,
     parse_seeds,
+    parse_source,
     parse_space,
 )
 from tma_ray.campaign.placing.options import add_placing_options, placed
 from tma_ray.campaign.plan import CampaignSpec
 from tma_ray.campaign.settings import Settings
-from tma_ray.commands.places import root
 from tma_ray.commands.quantities import COUNT, SECONDS
 from tma_ray.commands.texts import named
 from tma_ray.part_names import join_name
@@ -155,7 +156,11 @@ def add_cell_options(group: argparse._ActionsContainer) -> None:
 def add_results_option(parser: argparse.ArgumentParser) -> None:
     """Adds the option that says where results are written."""
     parser.add_argument(
-        "--results", type=root, default="results", metavar="ROOT", help="folder, s3:// or gs:// to write to"
+        "--results",
+        type=parse_results,
+        default="results",
+        metavar="ROOT",
+        help="folder, s3:// or gs:// to write to",
     )
 
 
@@ -181,7 +186,7 @@ def add_execution_options(parser: argparse.ArgumentParser) -> argparse._Argument
     _add_times(how)
     how.add_argument(
         "--start-from",
-        type=root,
+        type=parse_source,
         metavar="ROOT",
         help="results root or release whose runs are copied first and not repeated (default: none)",
     )

@@ -9,7 +9,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
-from tma_ray.commands.arguments import check_kind, check_names
+from tma_ray.commands.arguments import check_fields, check_kind, check_names
 from tma_ray.commands.quantities import SEED
 from tma_ray.commands.texts import counted
 from tma_ray.results import check_id
@@ -32,6 +32,9 @@ class Plan:
     size: str
     runs: tuple[RunSpec, ...]
     cell_rows: tuple[dict[str, Any], ...]
+
+    def __post_init__(self) -> None:
+        check_id(self.name)
 
     @property
     def steps(self) -> int:
@@ -73,6 +76,7 @@ class CampaignSpec:
     independent_levels: bool = False
 
     def __post_init__(self) -> None:
+        check_fields(self)
         check_id(self.name)
         check_names("cells", self.cells)
         for cell in self.cells:
@@ -82,7 +86,6 @@ class CampaignSpec:
             SEED.check("seed", seed)
         if len(set(self.seeds)) < len(self.seeds):
             raise ValueError(f"campaign {self.name!r}: a seed is listed twice in {list(self.seeds)!s:.60}")
-        check_kind("schedule", self.schedule, Schedule, "a Schedule(steps=...)")
         if not self.cells or not self.seeds:
             raise ValueError(
                 f"campaign {self.name!r} has {len(self.cells)} cells and {len(self.seeds)} seeds"

@@ -21,7 +21,7 @@ from tma_ray.command_line import CommandParser
 from tma_ray.commands.exits import FAILED, RAY_LOST, exit_code
 from tma_ray.commands.interrupts import INTERRUPTED
 from tma_ray.commands.texts import counted
-from tma_ray.results import Store, start_from
+from tma_ray.results import Store, check_usable, start_from
 from tma_ray.terminal import terminal
 
 
@@ -69,6 +69,8 @@ def run_plan(
     from tma_ray.campaign.execution import execute_plan
 
     console, settings, address = terminal(), chosen_settings(options), chosen_address(options)
+    if options.dry_run:
+        check_usable(Store.open(results))
     if address is not None and not options.dry_run:
         check_address(address)
     console.print(plan.describe(), highlight=False, soft_wrap=True)

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from enum import StrEnum
 
-from tma_ray.commands.arguments import check_kind
+from tma_ray.commands.arguments import check_fields
 from tma_ray.commands.quantities import CORES, GPUS, LOSSES, MEMORY, SECONDS, WIDTH
 from tma_ray.runs.placement import Placement, check_device
 from tma_ray.students.players import CohortSettings
@@ -106,14 +106,13 @@ class Settings:
     autoscaling: bool = False
 
     def __post_init__(self) -> None:
+        check_fields(self)
         check_device(self.device)
-        check_kind("resources", self.resources, Resources, "a Resources(cpus=...)")
         if self.teachers not in list(TeacherPlacement):
             raise ValueError(f"teachers = {self.teachers!r}: expected {' or '.join(TeacherPlacement)}")
         LOSSES.check("most_losses", self.most_losses)
         for name in (name for name in vars(self) if name.endswith("_seconds")):
             SECONDS.check(name, getattr(self, name))
-        check_kind("player", self.player, Resources, "a Resources(cpus=...)")
         if self.cohort is not None:
             WIDTH.check("cohort", self.cohort)
         kind = self.device.partition(":")[0]

@@ -7,6 +7,8 @@ import gc
 import sys
 import warnings
 from collections.abc import Callable, Sequence
+from importlib.util import find_spec
+from pathlib import Path
 from typing import Final
 
 from tma_ray import __version__
@@ -24,7 +26,7 @@ from tma_ray.cli import (
     verifying,
 )
 from tma_ray.command_line import CommandParser
-from tma_ray.commands.exits import exit_code
+from tma_ray.commands.exits import RefusedError, exit_code
 from tma_ray.registry import search_current_folder
 
 GARBAGE_OBJECTS: Final = 200_000
@@ -44,10 +46,26 @@ def _run(words: Sequence[str]) -> int:
         options = _parser().parse_args(words)
     except SystemExit as ended:  # after --help, or a sentence of the parser's
         return int(ended.code or 0)
+    _refuse_shadow()
     search_current_folder()
     command: Callable[[argparse.Namespace], int] = options.command
     warnings.showwarning = _show_warning
     return command(options)
+
+
+def _refuse_shadow() -> None:
+    """Refuses what Python finds in the place of the package `analysis`, which lies next to this one.
+
+    Raises:
+        RefusedError: the message names it.
+    """
+    found = find_spec("analysis")
+    place = Path([found.origin, *(found.submodule_search_locations or ())][-1] or "") if found else None
+    if place and place.resolve() != Path(__file__).resolve().parents[2] / "analysis":
+        raise RefusedError(
+            f"{place} hides the package 'analysis' of tma_ray: rename it, or take its folder from PYTHONPATH "
+            f"and start the command elsewhere"
+        )
 
 
 def _parser() -> CommandParser:

@@ -2,9 +2,7 @@
 
 import sys
 
-if sys.path[0] not in sys.path[1:]:
-    sys.path.append(sys.path.pop(0))  # the current folder, whose modules shall shadow nothing
-
+import tma_ray.__main__  # noqa: F401  (the current folder comes last)
 from tma_ray.cli import main
 
 if __name__ == "__main__":

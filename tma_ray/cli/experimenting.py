@@ -79,9 +79,11 @@ def _quickstart(options: argparse.Namespace) -> int:
     from tma_ray.campaign.options import chosen_campaign, chosen_settings
     from tma_ray.campaign.quickstart import QUICKSTART
     from tma_ray.campaign.script import execute
+    from tma_ray.results import Store, check_usable
 
     if options.dry_run:
         return execute(QUICKSTART, options)
+    check_usable(Store.open(options.results))
     plan, settings = chosen_campaign(QUICKSTART, options).plan(), chosen_settings(options)
     stages = _Stages(3)
     print(stages.begin("compilation (once)", "Compiling the physics: about half a minute, once per machine"))

@@ -10,6 +10,8 @@ from enum import Enum
 from pathlib import Path
 from typing import Any
 
+from tma_ray.commands.texts import OBEYED
+
 KEYS: Mapping[str, Mapping[str, str]] = {
     "status": {
         "root": "results root",
@@ -72,7 +74,8 @@ def add_json_option(parser: argparse.ArgumentParser) -> None:
 def print_json(command: str, record: Mapping[str, Any]) -> None:
     """Prints what `command` has found, with the keys that `KEYS` declares."""
     assert list(record) == list(KEYS[command]), f"{command}: {list(record)}"
-    print(json.dumps(json_value(record), indent=2, ensure_ascii=False, allow_nan=False))
+    text = json.dumps(json_value(record), indent=2, ensure_ascii=False, allow_nan=False)
+    print(OBEYED.sub(lambda found: f"\\u{ord(found[0]):04x}", text))
 
 
 def json_value(value: Any) -> Any:

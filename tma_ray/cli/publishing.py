@@ -122,7 +122,8 @@ def _add_compare(parser: CommandParser) -> None:
         "--output",
         type=folder,
         metavar="FOLDER",
-        help="folder to write to (default: compare in the first ROOT)",
+        help="folder to write to, where the page has a folder named by its baselines (default: compare in "
+        "the first ROOT)",
     )
     add_measure(parser)
     parser.set_defaults(command=_compare)

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 from tma_ray.cli.sources import add_sources, chosen_sources
 from tma_ray.command_line import CommandParser
-from tma_ray.commands.places import folder
+from tma_ray.commands.places import expanded, folder
 from tma_ray.commands.texts import named
 
 if TYPE_CHECKING:
@@ -102,7 +102,7 @@ def changes(sources: Sequence[str], seconds: float = LOOK_SECONDS) -> Iterator[N
     """
     from tma_ray.results import MANIFESTS, Store
 
-    stores = [Store.open(each) for each in sources if "://" in each or Path(each).expanduser().exists()]
+    stores = [Store.open(each) for each in sources if "://" in each or expanded(each).exists()]
     seen = [store.stamps(MANIFESTS) for store in stores]
     while True:
         time.sleep(seconds)

@@ -208,8 +208,10 @@ def _plan(options: argparse.Namespace) -> int:
     from analysis.commands.planning import show_detectable_differences
     from tma_ray.benchmark import find_experiment
     from tma_ray.campaign.planning import show_plan
+    from tma_ray.results import Store, check_usable
 
     experiment = find_experiment(options.experiment)
+    check_usable(Store.open(options.results))
     if options.json:
         print_json("plan", plan_record(experiment, options))
         return 0

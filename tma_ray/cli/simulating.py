@@ -3,11 +3,15 @@
 from __future__ import annotations
 
 import argparse
+import sys
+from contextlib import closing
 from typing import Any
 
 from tma_ray.command_line import CommandParser
+from tma_ray.commands.exits import FAILED
 from tma_ray.commands.places import new_file, root
 from tma_ray.commands.quantities import COUNT, PROCESSES
+from tma_ray.commands.texts import counted
 
 
 def add_commands(commands: Any) -> None:
@@ -83,10 +87,16 @@ def _simulate(options: argparse.Namespace) -> int:
     played = root.kept() if root else []
     total = matrix.run_count(cells, options.seeds) - len(played)
     runs = matrix.run_cells(*asked, options.jobs, tuple(played))
-    for run in track(runs, "simulating", total, console=terminal(stderr=True)):
-        if root:
-            root.add(run)
-        played.append(run)
+    try:
+        with closing(runs):
+            for run in track(runs, "simulating", total, console=terminal(stderr=True)):
+                if root:
+                    root.add(run)
+                played.append(run)
+    except matrix.ProcessLostError as error:
+        following = "the same command plays the others" if root else "with --results they would be kept"
+        sys.stderr.write(f"tma-ray: {error}; done so far: {counted(len(played), 'run')}; {following}\n")
+        return FAILED
     frame = matrix.tabulate(cells, played)
     if options.output:
         simulated.write(frame, options.output)

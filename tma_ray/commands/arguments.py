@@ -3,11 +3,25 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
+from enum import Enum
+from functools import cache
 from numbers import Integral, Real
-from typing import Any
+from pathlib import Path
+from types import NoneType, UnionType
+from typing import Any, Final, get_args, get_origin, get_type_hints
 
 from tma_ray.part_names import nearest
+
+_IN_WORDS: Final[dict[type, str]] = {
+    str: "a text",
+    bool: "True or False",
+    int: "a whole number",
+    float: "a number",
+    Mapping: "a mapping, as {'name': value}",
+    Path: "a path",
+    NoneType: "None",
+}
 
 
 def check_kind(name: str, value: object, kind: type | tuple[type, ...], expected: str) -> None:
@@ -18,6 +32,38 @@ def check_kind(name: str, value: object, kind: type | tuple[type, ...], expected
     """
     if not isinstance(value, kind):
         raise TypeError(f"{name} = {value!r:.60}: expected {expected}")
+
+
+def check_fields(record: Any) -> None:
+    """Refuses fields of a dataclass whose values are of other types than it declares.
+
+    Whole numbers pass for real ones and the other way round, since their ranges are checked where they are
+    known; choices and tuples are left to checks of their own.
+
+    Raises:
+        TypeError: the message holds the field's name, its value and what was expected.
+        ValueError: the same, where a number was expected.
+    """
+    for name, (kinds, expected) in _kinds_of_fields(record.__class__).items():
+        value = getattr(record, name)
+        if Real not in kinds:
+            check_kind(name, value, kinds, expected)
+        elif isinstance(value, bool) or not isinstance(value, kinds):
+            raise ValueError(f"{name} = {value!r:.60}: expected {expected}")
+
+
+@cache
+def _kinds_of_fields(record: type) -> dict[str, tuple[tuple[type, ...], str]]:
+    """Returns what `check_fields` takes in each field, and its name in a message."""
+    found = {}
+    for name, hint in get_type_hints(record).items():
+        hints = [
+            get_origin(each) or each for each in (get_args(hint) if isinstance(hint, UnionType) else (hint,))
+        ]
+        if not any(each in (Any, tuple) or issubclass(each, Enum) for each in hints):
+            kinds = tuple(Real if each in (int, float) else each for each in hints)
+            found[name] = kinds, " or ".join(_IN_WORDS.get(each, f"a {each.__name__}") for each in hints)
+    return found
 
 
 def check_names(name: str, value: object) -> None:

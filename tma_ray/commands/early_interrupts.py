@@ -11,7 +11,7 @@ INTERRUPTED = 130
 def is_command(arguments: list[str]) -> bool:
     """Tells whether the interpreter with these arguments was started for the command ``tma-ray``."""
     stems = {os.path.basename(word).partition(".")[0] for word in arguments[:2]}  # noqa: PTH119
-    return "tma_ray.cli" in arguments[1:3] or "tma-ray" in stems
+    return bool({"tma_ray", "tma_ray.cli"} & set(arguments[1:3])) or "tma-ray" in stems
 
 
 def leave_at_once(*_: object) -> None:

@@ -6,10 +6,11 @@ import os
 import sys
 import traceback
 from collections.abc import Callable
-from contextlib import suppress
+from contextlib import redirect_stderr, redirect_stdout, suppress
 from pathlib import Path
 
 from tma_ray.commands.interrupts import INTERRUPTED, Interrupts
+from tma_ray.commands.texts import VisibleStream
 
 FAILED = 1
 """Something went wrong on the way, or something that was asked about is not as it should be."""
@@ -31,7 +32,8 @@ class RefusedError(RuntimeError):
 def exit_code(name: str, command: Callable[[], int], *, debug: bool = False) -> int:
     """Runs a command and returns its exit code; what it refuses becomes a sentence on standard error.
 
-    Errors that no user can cause are raised as they come.
+    What it prints holds nothing that a terminal would obey, but for what rich paints. Errors that no user
+    can cause are raised as they come.
 
     Args:
         name: of the command, before the sentence.
@@ -39,6 +41,11 @@ def exit_code(name: str, command: Callable[[], int], *, debug: bool = False) -> 
         debug: prints the traceback of a refusal, too.
     """
     interrupts = Interrupts()
+    with redirect_stdout(VisibleStream(sys.stdout)), redirect_stderr(VisibleStream(sys.stderr)):
+        return _ended(name, command, interrupts, debug)
+
+
+def _ended(name: str, command: Callable[[], int], interrupts: Interrupts, debug: bool) -> int:
     try:
         with interrupts.raised():
             code = command()

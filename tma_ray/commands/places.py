@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+import argparse
 import os
 import stat
 from pathlib import Path
 from typing import Final
-from urllib.parse import urlsplit
+from urllib.parse import unquote, urlsplit
 
 from tma_ray.commands.texts import check_visible, refused
 
@@ -27,6 +28,8 @@ def root(text: str) -> str:
     address = urlsplit(text)
     if address.scheme not in SCHEMES:
         raise refused(text, f"expected a folder, or an address that begins with {SCHEMES[0]}:// or gs://")
+    if address.scheme == "file":
+        folder(unquote(address.path))
     if address.scheme in SCHEMES[:2] and not address.netloc:
         raise refused(text, f"it needs a bucket: {address.scheme}://bucket/folder")
     return text
@@ -43,7 +46,7 @@ def folder(text: str) -> Path:
     mode = _mode(text, "a folder")
     if mode is not None and not stat.S_ISDIR(mode):
         raise refused(text, "it is a file; expected a folder")
-    return Path(text)
+    return expanded(text)
 
 
 def new_file(text: str) -> Path:
@@ -55,7 +58,7 @@ def new_file(text: str) -> Path:
     mode = _mode(text, "a file")
     if mode is not None and stat.S_ISDIR(mode):
         raise refused(text, "it is a folder; expected a file")
-    return Path(text)
+    return expanded(text)
 
 
 def source(text: str) -> Path:
@@ -69,13 +72,31 @@ def source(text: str) -> Path:
         raise refused(text, "it does not exist")
     if not (stat.S_ISDIR(mode) or stat.S_ISREG(mode)):
         raise refused(text, "it is a device; expected a file or a folder")
-    return Path(text)
+    return expanded(text)
+
+
+def expanded(path: str | Path) -> Path:
+    """Returns a path with the home folder in place of ``~`` or ``~user``.
+
+    Raises:
+        ValueError: nobody is called so.
+    """
+    try:
+        return Path(path).expanduser()
+    except RuntimeError as error:
+        raise ValueError(
+            f"{str(path)!r}: no home folder is known for {Path(path).parts[0]!r}; a folder that is called so "
+            f"is './{path}'"
+        ) from error
 
 
 def _mode(text: str, expected: str) -> int | None:
     """Returns the mode of what lies at `text`, None if nothing does; refuses what nothing can lie at."""
     check_visible(text, expected)
-    path = Path(text).expanduser()
+    try:
+        path = expanded(text)
+    except ValueError as error:
+        raise argparse.ArgumentTypeError(str(error)) from error
     try:
         for place in (path, *path.absolute().parents):
             if place.is_symlink() or place.exists():

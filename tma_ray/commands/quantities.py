@@ -10,8 +10,9 @@ from typing import Any, Final
 
 from tma_ray.commands.texts import refused
 
-_NUMBER: Final = re.compile(r"[+-]?\d+(_\d+)*(\.\d+)?([eE][+-]?\d{1,3})?[kM]?", re.ASCII)
-_FACTORS: Final = {"k": 1_000, "M": 1_000_000}
+_NUMBER: Final = re.compile(r"(-?\d+(?:_\d+)*(?:\.\d+)?(?:[eE][+-]?\d{1,3})?)([A-Za-z]*)", re.ASCII)
+_FACTORS: Final = {"": 1, "k": 1_000, "K": 1_000, "M": 1_000_000}
+"""Values of the letters after a number; "m" is none, since it could be a thousandth or a million."""
 
 
 @dataclass(frozen=True)
@@ -19,7 +20,7 @@ class Quantity:
     """A kind of number.
 
     Calling one parses text, as argparse's ``type=`` wants it. Numbers are written as 500000, 500_000, 5e5,
-    500k or 20M; infinities and NaN are none.
+    500k, 500K or 20M, without a plus; infinities and NaN are none.
 
     Attributes:
         expected: what a refusal says was expected.
@@ -43,8 +44,12 @@ class Quantity:
         """
         found = _NUMBER.fullmatch(text.strip())
         if found is not None:
-            digits = found[0].rstrip("kM")
-            value = Decimal(digits) * _FACTORS.get(found[0][-1], 1)
+            digits, unit = found.groups()
+            if unit not in _FACTORS:
+                raise refused(
+                    text, f"unknown unit {unit!r}: k is a thousand, M a million; expected {self.expected}"
+                )
+            value = Decimal(digits) * _FACTORS[unit]
             if self._holds(value) and (not self.whole or value == int(value)):
                 number: int | float = int(value) if self.whole else float(value)
                 if self._holds(number):  # what is next to nothing may have become nothing

@@ -9,6 +9,7 @@ import gymnasium
 import numpy as np
 from numpy.typing import NDArray
 
+from tma_ray.commands.arguments import check_whole
 from tma_ray.physics import Engine, EngineBatch, batch_engines
 from tma_ray.tasks import Task
 
@@ -68,11 +69,23 @@ class EngineEnvironment(Protocol):
         ...
 
 
-def lock_step(environments: Sequence[gymnasium.Env[Any, Any]]) -> LockStep:
-    """Returns the fastest way to step `environments`, which are all of one kind, together."""
-    if all(isinstance(environment, EngineEnvironment) for environment in environments):
-        return EngineLockStep(environments)
-    return SequentialLockStep(environments)
+def lock_step(environments: Sequence[gymnasium.Env[Any, Any]], threads: int = 1) -> LockStep:
+    """Returns the fastest way to step `environments`, which are all of one kind, together.
+
+    Args:
+        environments: new environments.
+        threads: number of threads that step them; the bits are the same.
+
+    Raises:
+        ValueError: more threads than environments, or several without the benchmark's engine.
+    """
+    check_whole("threads", threads, least=1)
+    own = all(isinstance(environment, EngineEnvironment) for environment in environments)
+    most = len(environments) if own else 1
+    if threads > most:
+        reason = "one for each world" if own else "these worlds do not have the benchmark's engine"
+        raise ValueError(f"threads = {threads}: expected at most {most}, {reason}")
+    return EngineLockStep(environments, threads) if own else SequentialLockStep(environments)
 
 
 class SequentialLockStep:
@@ -111,8 +124,9 @@ class SequentialLockStep:
 class EngineLockStep(SequentialLockStep):
     """Environments that hand their engines over, each with a counter of its steps; see `LockStep`."""
 
-    def __init__(self, environments: Sequence[gymnasium.Env[Any, Any]]) -> None:
+    def __init__(self, environments: Sequence[gymnasium.Env[Any, Any]], threads: int = 1) -> None:
         super().__init__(environments)
+        self._threads = threads
         self._batch: EngineBatch | None = None
         self._steps = np.zeros(len(environments), dtype=np.int64)
         self._longest = environments[0].max_episode_steps  # type: ignore[attr-defined]
@@ -124,7 +138,7 @@ class EngineLockStep(SequentialLockStep):
         observations, played = super().reset(rows, seeds, tasks)
         engines = [self._environments[row].release_engine() for row in rows]
         if self._batch is None:
-            self._batch = batch_engines(engines)
+            self._batch = batch_engines(engines, self._threads)
         self._steps[rows] = 0
         return observations, played
 
@@ -132,5 +146,5 @@ class EngineLockStep(SequentialLockStep):
         """Takes one step in some; see `LockStep`."""
         assert self._batch is not None, "reset begins the first episodes"
         observations, rewards, terminated = self._batch.step(rows, actions)
-        self._steps[rows] += 1
-        return Outcome(observations, rewards, terminated, ~terminated & (self._steps[rows] >= self._longest))
+        self._steps[rows] = steps = self._steps[rows] + 1
+        return Outcome(observations, rewards, terminated, ~terminated & (steps >= self._longest))

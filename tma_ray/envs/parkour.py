@@ -56,6 +56,7 @@ class Parkour(BodyEnvironment):
         ValueError: an unknown layout of lidars, or no weights in that file.
 
     Examples:
+        >>> import gymnasium
         >>> import tma_ray.envs  # registers the environment
         >>> env = gymnasium.make("tma_ray/Parkour-v0", embodiment="fish")
         >>> observation, info = env.reset(seed=1)

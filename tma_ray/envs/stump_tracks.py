@@ -39,6 +39,7 @@ class StumpTracks(BodyEnvironment):
         max_episode_steps: steps after which an episode is truncated.
 
     Examples:
+        >>> import gymnasium
         >>> import tma_ray.envs  # registers the environment
         >>> env = gymnasium.make("tma_ray/StumpTracks-v0", embodiment="classic_bipedal")
         >>> observation, info = env.reset(seed=1, options={"task": [1.5, 3.0]})

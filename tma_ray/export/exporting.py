@@ -11,6 +11,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
+from uuid import uuid4
 
 import numpy as np
 from gymnasium import spaces
@@ -106,9 +107,8 @@ def _check_output(output: Path) -> None:
 @contextmanager
 def _unfinished(output: Path) -> Iterator[Path]:
     """Yields a folder that takes the place of `output` if all goes well, and vanishes otherwise."""
-    output = output.absolute()
-    folder = output.with_name(f".{output.name}-unfinished")
-    shutil.rmtree(folder, ignore_errors=True)
+    output = output.resolve()
+    folder = output.with_name(f".{output.name}-{uuid4().hex}")
     folder.mkdir(parents=True)
     try:
         yield folder

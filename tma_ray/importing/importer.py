@@ -62,8 +62,8 @@ def import_results(
     Raises:
         ImportRefusedError: nothing can be imported, or `root` is not empty; nothing was written.
     """
-    found = find_seeds(source)
     store = open_empty(root)
+    found = find_seeds(source)
     left_out = dict(found.problems)
     known = _read_all(found.seeds, left_out)
     budgets = _budgets(known)

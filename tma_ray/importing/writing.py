@@ -194,10 +194,11 @@ def open_empty(root: str | Path) -> Store:
 
     Raises:
         ImportRefusedError: something is there already.
+        ResultsRootError: nothing is written to that place.
     """
     store = Store.open(root)
     store.check_access()
-    there = store.files()
+    there = store.entries()
     if there:
         raise ImportRefusedError(
             f"{store} is not empty ({there[0]}): results of another engine get a root of their own; "

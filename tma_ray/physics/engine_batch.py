@@ -35,10 +35,21 @@ class EngineBatch(Protocol):
         ...
 
 
-def batch_engines(engines: Sequence[Engine]) -> EngineBatch:
-    """Returns a batch of `engines`, all made by `make_engine` for one body and reset."""
-    if engine_in_use().name == "compiled":
-        return CompiledBatch(cast("Sequence[CompiledEngine]", engines))
+def batch_engines(engines: Sequence[Engine], threads: int = 1) -> EngineBatch:
+    """Returns a batch of `engines`, all made by `make_engine` for one body and reset.
+
+    Args:
+        engines: of the worlds.
+        threads: number of threads that step them; the bits are the same.
+
+    Raises:
+        ValueError: several threads, and this process uses the pymunk engine.
+    """
+    choice = engine_in_use()
+    if choice.name == "compiled":
+        return CompiledBatch(cast("Sequence[CompiledEngine]", engines), threads)
+    if threads > 1:
+        raise ValueError(f"threads = {threads}: expected 1 with the pymunk engine ({choice.reason})")
     return SequentialBatch(engines)
 
 
@@ -56,12 +67,12 @@ class SequentialBatch:
 
 
 class CompiledBatch:
-    """A batch of compiled engines, stepped by one compiled loop; see `EngineBatch`."""
+    """A batch of compiled engines, stepped by compiled loops in `threads` threads; see `EngineBatch`."""
 
-    def __init__(self, engines: Sequence[CompiledEngine]) -> None:
-        from tma_ray.physics.compiled.step import step_worlds  # here, since it loads numba
+    def __init__(self, engines: Sequence[CompiledEngine], threads: int = 1) -> None:
+        from tma_ray.physics.compiled.threads import WorldThreads  # here, since it loads numba
 
-        self._step_worlds = step_worlds
+        self._threads = WorldThreads(threads)
         self._engines = engines  # whose memories must live as long as their addresses are used
         self._addresses = np.array([engine.addresses for engine in engines], dtype=np.int64)
         body = engines[0].arrays
@@ -74,7 +85,7 @@ class CompiledBatch:
             raise ValueError(f"actions of {len(rows)} worlds have shape {expected}, got {actions.shape}")
         observations = np.empty((len(rows), self._observation_size), np.float32)
         rewards, ended = np.empty(len(rows)), np.empty(len(rows), np.bool_)
-        self._step_worlds(self._addresses[rows], actions, observations, rewards, ended)
-        if np.isnan(rewards).any():
+        self._threads.step(self._addresses[rows], actions, observations, rewards, ended)
+        if np.count_nonzero(np.isnan(rewards)):
             raise ValueError(f"actions must be finite, got {actions[np.isnan(rewards)][0].tolist()}")
         return observations, rewards, ended

@@ -7,7 +7,6 @@ from tma_ray.results.engines import BOX2D, BOX2D_TEST_SET, CHIPMUNK, NO_PHYSICS_
 from tma_ray.results.holding.heartbeat import Heartbeat, HeartbeatWriter, LearnerProgress, RunProgress
 from tma_ray.results.holding.lease import Lease, NotRunningError, RootInUseError, ask_to_stop, holder_of
 from tma_ray.results.inputs import (
-    INPUTS,
     input_path,
     keep_input,
     keep_plugin,
@@ -17,11 +16,11 @@ from tma_ray.results.inputs import (
 from tma_ray.results.inspection import Damage, Inspector, damage_reason
 from tma_ray.results.layout import (
     CHECKPOINTS,
+    INPUTS,
     LOGS,
     MANIFESTS,
     POLICIES,
     TABLES,
-    ResultsRootError,
     check_id,
     check_path,
     check_root,
@@ -49,7 +48,7 @@ from tma_ray.results.records import (
 )
 from tma_ray.results.rows import teacher_log_row
 from tma_ray.results.schema import DATA_TABLES, SCHEMA_VERSION, SCHEMAS, Table
-from tma_ray.results.storage.errors import DISK_FULL, StorageError, explained_disk, retry
+from tma_ray.results.storage.errors import DISK_FULL, ResultsRootError, StorageError, explained_disk, retry
 from tma_ray.results.storage.object_store import ObjectStoreError
 from tma_ray.results.storage.recorded_store import RecordedStore
 from tma_ray.results.storage.store import Store

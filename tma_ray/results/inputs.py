@@ -8,17 +8,15 @@ import json
 import re
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field
-from typing import Annotated, Final
+from typing import Annotated
 
 import msgspec
 
 from tma_ray.decoding import DamagedFileError, Sha256, decode_json
 from tma_ray.plugin_source import PluginSource
+from tma_ray.results.layout import INPUTS
 from tma_ray.results.records import RunRecord
 from tma_ray.results.storage.store import Store
-
-INPUTS: Final = "inputs"
-"""Folder of a results root; each file is named by its content."""
 
 
 @dataclass(frozen=True)

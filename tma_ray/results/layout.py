@@ -15,6 +15,7 @@ from tma_ray.commands.arguments import check_kind
 from tma_ray.decoding import DamagedFileError, DamagedFileWarning, Natural, decode_json
 from tma_ray.results.parquet import schema_version
 from tma_ray.results.schema import SCHEMA_VERSION, Table
+from tma_ray.results.storage.errors import ResultsRootError
 from tma_ray.results.storage.store import TEMPORARY, Store
 
 FORMAT: Final = "tma_ray results"
@@ -28,6 +29,10 @@ TABLES: Final = "tables"
 CHECKPOINTS: Final = "checkpoints"
 POLICIES: Final = "policies"
 LOGS: Final = "logs"
+INPUTS: Final = "inputs"
+
+FOLDERS: Final = (TEMPORARY, MANIFESTS, STAGING, TABLES, CHECKPOINTS, POLICIES, LOGS, INPUTS)
+"""Folders that campaigns write to."""
 
 LONGEST_ID: Final = 200
 """Characters of an id: with its ending it is a file name on every disk."""
@@ -48,15 +53,12 @@ class RootFile:
     schema_version: Natural
 
 
-class ResultsRootError(ValueError):
-    """A place that cannot be used as a results root; the message says why and what to do."""
-
-
 def check_usable(store: Store) -> None:
     """Refuses a place that neither is a results root of this version nor could become one; leaves nothing.
 
     Raises:
-        ResultsRootError: other files are there, or a root of another version.
+        ResultsRootError: something else is there, or a root of another version.
+        DamagedFileError: a link in a root leads out of it.
         ObjectStoreError: the bucket does not exist, or we may not write there.
     """
     store.check_access()
@@ -64,11 +66,12 @@ def check_usable(store: Store) -> None:
 
 
 def _check_content(store: Store) -> None:
+    store.check_place(*FOLDERS)
     if store.exists(ROOT_FILE) or _version_of_tables(store) is not None:
         check_root(store)
         return
-    ours = (LEASE_FILE, STOP_FILE, f"{TEMPORARY}/")
-    foreign = [path for path in store.files() if not path.startswith(ours)]
+    foreign = [path for path in store.entries() if path != TEMPORARY or store.exists(path)]
+    foreign += [path for path in store.entries(TEMPORARY) if not store.is_temporary(path)]
     if foreign:
         raise ResultsRootError(
             f"{store} is neither empty ({foreign[0]}) nor a results root; choose a new or empty folder"
@@ -79,7 +82,8 @@ def create_root(store: Store) -> None:
     """Makes an empty place a results root; leaves one of this version as it is, and mends its `ROOT_FILE`.
 
     Raises:
-        ResultsRootError: other files are there, or a root of another version.
+        ResultsRootError: something else is there, or a root of another version.
+        DamagedFileError: a link in a root leads out of it.
     """
     _check_content(store)
     content = RootFile(FORMAT, SCHEMA_VERSION)

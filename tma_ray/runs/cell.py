@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Any
 
 import gymnasium
 import numpy as np
 
 from tma_ray.benchmark import challenges_of, find_challenge, load_test_set
-from tma_ray.commands.arguments import check_kind
+from tma_ray.commands.arguments import check_fields, check_kind
 from tma_ray.envs import make_environment, mastery_return
 from tma_ray.part_names import base_name, join_name, split_name
 from tma_ray.physics import PHYSICS_VERSION
@@ -48,7 +49,7 @@ OWN_TEST_SET_SIZE = 100
 class Cell:
     """One combination of an experiment; its seeds are runs.
 
-    Names may be followed by settings, as in ``alp_gmm:batch_size=100`` or ``module:Name:key=value``; see
+    Names may be followed by settings, as in ``alp_gmm:fit_every=100`` or ``module:Name:key=value``; see
     `tma_ray.part_names`. Runs and tables have the canonical name, which holds what differs from the defaults,
     wherever it was given.
 
@@ -74,11 +75,12 @@ class Cell:
     expert_knowledge: KnowledgeLevel = KnowledgeLevel.NONE
     teacher_hyperparameters: Mapping[str, Any] = field(default_factory=dict)
     student_hyperparameters: Mapping[str, Any] = field(default_factory=dict)
-    test_set: str | None = None
+    test_set: str | Path | None = None
     environment_options: Mapping[str, Any] = field(default_factory=dict)
     space: Bounds = field(default_factory=dict)
 
     def __post_init__(self) -> None:
+        check_fields(self)
         object.__setattr__(self, "expert_knowledge", KnowledgeLevel(self.expert_knowledge))
 
 

@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import Any
 from uuid import uuid4
 
+from tma_ray.commands.places import expanded
 from tma_ray.decoding import DamagedFileError
 from tma_ray.part_names import base_name, join_name, split_name
 from tma_ray.results import Store, keep_input, keep_plugin, read_input
@@ -141,7 +142,7 @@ def _path_in(value: object) -> Path | None:
     """Returns the file that the value of an option names, None if it names none."""
     if not isinstance(value, (str, Path)):
         return None
-    path = Path(base_name(str(value))).expanduser()
+    path = expanded(base_name(str(value)))
     looks_like_one = bool(path.suffix) or len(path.parts) > 1
     return path if looks_like_one and path.is_file() else None
 

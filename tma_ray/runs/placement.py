@@ -10,6 +10,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from tma_ray.commands.arguments import check_fields
 from tma_ray.commands.installed import installed_version
 from tma_ray.commands.quantities import PROCESSES, SECONDS
 from tma_ray.part_names import nearest
@@ -43,6 +44,7 @@ class Placement:
     learner: Learner | None = None
 
     def __post_init__(self) -> None:
+        check_fields(self)
         check_device(self.device)
         PROCESSES.check("threads", self.threads)
         SECONDS.check("checkpoint_seconds", self.checkpoint_seconds)

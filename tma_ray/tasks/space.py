@@ -10,7 +10,7 @@ from typing import TypeAlias
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from tma_ray.commands.arguments import check_finite, check_kind, check_pair, check_whole
+from tma_ray.commands.arguments import check_finite, check_kind, check_names, check_pair, check_whole
 
 Task: TypeAlias = NDArray[np.float32]
 """One task (d,) or several (n, d), float32 as every environment receives them."""
@@ -34,6 +34,7 @@ class Dimension:
 
     def __post_init__(self) -> None:
         check_kind("name of a dimension", self.name, str, "a text")
+        check_kind("unit", self.unit, str, "a text")
         if not self.name:
             raise ValueError("a dimension needs a name, as it is called in test sets and tables")
         check_finite(f"dimension {self.name!r}: low", self.low)
@@ -59,6 +60,7 @@ class TaskSpace:
     dimensions: tuple[Dimension, ...]
 
     def __post_init__(self) -> None:
+        check_names("dimensions", self.dimensions)
         for dimension in self.dimensions:
             check_kind("dimension", dimension, Dimension, "a Dimension(name, low, high)")
         if not self.dimensions:

@@ -49,7 +49,7 @@ def make_teacher(name: str, hyperparameters: Mapping[str, Any] | None = None) ->
 
     Args:
         name: a registered name or ``module:Name``, with hyper-parameters if wanted
-            (``alp_gmm:batch_size=100``), among them ``preset=`` where the teacher has presets.
+            (``alp_gmm:fit_every=100``), among them ``preset=`` where the teacher has presets.
         hyperparameters: further values that differ from the teacher's defaults.
 
     Raises:

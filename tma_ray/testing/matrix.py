@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import itertools
 import multiprocessing
 import os
 import threading
-from collections.abc import Iterable, Iterator, Sequence
-from concurrent.futures import ProcessPoolExecutor, as_completed
+from collections.abc import Generator, Iterable, Sequence
+from concurrent.futures import Future, ProcessPoolExecutor, as_completed
+from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass
+from multiprocessing.connection import Connection
 
 import pandas as pd
 from threadpoolctl import threadpool_limits
@@ -28,6 +31,10 @@ MEASURES = ("mastered_percent", *RECOVERY)
 
 CURVE = tuple(f"at_{100 * (point + 1) // POINTS:02}" for point in range(POINTS))
 """Columns of the learning curve."""
+
+
+class ProcessLostError(RuntimeError):
+    """A process of a pool of runs was killed; the message names the runs that it may have played."""
 
 
 @dataclass(frozen=True)
@@ -75,26 +82,40 @@ def run_cells(
     episodes: int,
     jobs: int,
     kept: Iterable[SimulatedRun] = (),
-) -> Iterator[SimulatedRun]:
+) -> Generator[SimulatedRun, None, None]:
     """Yields the runs of `cells` as they end, each once, played by `jobs` processes of one thread each.
 
     Every cell's first seed is played before any cell's second; what is among `kept` is not played again.
+    The processes end with the iterator, also in the middle of a run: close it.
+
+    Raises:
+        ProcessLostError: a process was killed; all runs that had ended have been yielded.
     """
     done = {(run.challenge, run.teacher, run.level, run.seed) for run in kept}
     spawn = multiprocessing.get_context("spawn")
-    with ProcessPoolExecutor(jobs, spawn, initializer=_settle) as pool:
-        with started_out_of_reach():
-            runs = [
-                pool.submit(simulate, *key, seed, episodes)
-                for seed in seeds
-                for key in runs_of(cells)
-                if (key[0].name, *key[1:], seed) not in done
-            ]
+    wanted, wanting = spawn.Pipe(duplex=False)
+    runs: dict[Future[SimulatedRun], str] = {}
+    lost: set[Future[SimulatedRun]] = set()
+    with wanted, ProcessPoolExecutor(jobs, spawn, initializer=_settle, initargs=(wanted,)) as pool:
         try:
+            with started_out_of_reach():
+                for seed, (challenge, teacher, level) in itertools.product(seeds, runs_of(cells)):
+                    if (challenge.name, teacher, level, seed) not in done:
+                        run = pool.submit(simulate, challenge, teacher, level, seed, episodes)
+                        runs[run] = f"{teacher} on {challenge.name} (expert knowledge {level}, seed {seed})"
             for run in as_completed(runs):
-                yield run.result()
+                if isinstance(run.exception(), BrokenProcessPool):
+                    lost.add(run)
+                else:
+                    yield run.result()
         finally:
-            pool.shutdown(wait=False, cancel_futures=True)
+            wanting.close()
+            pool.shutdown(cancel_futures=True)
+    if lost:
+        begun = [name for run, name in runs.items() if run in lost][:jobs]
+        raise ProcessLostError(
+            f"a process was killed, perhaps for lack of memory, that played {' or '.join(begun)}"
+        )
 
 
 def run_count(cells: Sequence[SimulatedCell], seeds: Sequence[int]) -> int:
@@ -161,16 +182,18 @@ def _recovery(challenge: SimulatedChallenge, run: SimulatedRun) -> dict[str, flo
     }
 
 
-def _settle() -> None:
-    """Prepares a worker: one thread, also in torch if a teacher imports it; no life after its parent's."""
+def _settle(wanted: Connection) -> None:
+    """Prepares a worker: one thread, also in torch if a teacher imports it; no life after its parent's.
+
+    Args:
+        wanted: pipe whose other end the parent closes when it wants no more runs, or ends.
+    """
     come_into_reach()
     threadpool_limits(limits=1)
     os.environ["OMP_NUM_THREADS"] = "1"
-    parent = multiprocessing.parent_process()
-    assert parent is not None, "a worker has a parent"
 
     def follow() -> None:
-        parent.join()
+        wanted.poll(None)
         os._exit(1)
 
     threading.Thread(target=follow, daemon=True).start()

@@ -31,6 +31,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from tma_ray.commands.arguments import check_fields
 from tma_ray.testing.conversation import DISCOUNT
 
 Array = NDArray[np.float64]
@@ -90,6 +91,7 @@ class StudentParameters:
     regions: int = 10
 
     def __post_init__(self) -> None:
+        check_fields(self)
         for name in ("pace", "zone", "reach", "limit", "regions"):
             if not getattr(self, name) > 0:
                 raise ValueError(f"{name} = {getattr(self, name)}: expected a positive number")

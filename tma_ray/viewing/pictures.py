@@ -6,6 +6,7 @@ import os
 from collections.abc import Callable, Iterable
 from fractions import Fraction
 from pathlib import Path
+from uuid import uuid4
 
 import numpy as np
 from numpy.typing import NDArray
@@ -58,7 +59,7 @@ def write_frames(path: Path, frames: Iterable[Frame], frames_per_second: Fractio
         ValueError: as `check_picture` does.
     """
     check_picture(path)
-    unfinished = path.with_name(f".{path.stem}-unfinished{path.suffix}")
+    unfinished = path.with_name(f".{uuid4().hex}{path.suffix}")
     try:
         _WRITERS[path.suffix](unfinished, frames, frames_per_second)
         unfinished.replace(path)

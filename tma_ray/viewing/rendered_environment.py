@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 from gymnasium import spaces
 
+from tma_ray.commands.arguments import check_fields, check_whole
 from tma_ray.envs import ENVIRONMENTS, Environment, make_environment, mastery_return
 from tma_ray.runs.inputs import arguments
 from tma_ray.runs.saved_policies import SavedPolicy, StepPolicy, find_policy
@@ -45,11 +46,9 @@ class RenderSettings:
     every: int = 2
 
     def __post_init__(self) -> None:
+        check_fields(self)
         for name, least in (("seed", 0), ("steps", 0), ("every", 1)):
-            if getattr(self, name) < least:
-                raise ValueError(
-                    f"{name} = {getattr(self, name)}: expected a whole number of at least {least}"
-                )
+            check_whole(name, getattr(self, name), least)
 
 
 @dataclass

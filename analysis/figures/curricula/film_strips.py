@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+import itertools
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any, NamedTuple
 
 import matplotlib as mpl
@@ -23,6 +24,9 @@ from analysis.looks import INK, look
 
 REPORT_WIDTH = 10.2
 """Of a figure over the full width of a page on the screen, inches."""
+
+SMALL = 1 / 3
+"""Share of both dimensions under which tasks of a run are drawn at their own scale."""
 
 SCORE_COLOURS = "YlGnBu"
 """From pale for no score to dark for the highest; readable with any colour vision."""
@@ -46,7 +50,8 @@ def film_strip(
     """Draws probed tasks, Gaussians and boxes: a row per run, a column per moment.
 
     Gaussians are drawn at two standard deviations, fuller for more weight; a single box as an outline;
-    several boxes as regions coloured by score, with a scale for each row.
+    several boxes as regions coloured by score, with a scale for each row. A row whose tasks lie in a small
+    part of the plane shows that part, in a frame of the teacher's colour.
 
     Args:
         shots: runs of several teachers, or of several seeds of one; of two task dimensions, else first
@@ -63,20 +68,50 @@ def film_strip(
     with mpl.rc_context(small):
         side = 1.6 * width / REPORT_WIDTH
         figure = Figure(figsize=(width, 0.9 + side * len(shots)), layout="constrained")
-        grid = figure.subplots(len(shots), len(steps), sharex=True, sharey=True, squeeze=False)
+        grid = figure.subplots(len(shots), len(steps), sharex="row", sharey="row", squeeze=False)
+        label_plane(figure, grid[0, 0], plane)
+        whole = []
         for row, shot in zip(grid, shots, strict=True):
             scores = score_scale(shot.curriculum, steps)
             for step, axes in zip(steps, row, strict=True):
                 draw_state(axes, shot, step, scores)
             row[0].set_ylabel(shot.name, fontweight="bold")
+            whole += [] if to_scale(row, shot, plane, steps) else [row]
             if scores is not None:
                 bar = figure.colorbar(scores, ax=row.tolist(), fraction=0.02, pad=0.01, aspect=14)
                 bar.set_label("Score of a region")
                 bar.outline.set_visible(False)
         for step, axes in zip(steps, grid[0], strict=True):
             axes.set_title(moment_name(step), fontweight="normal")
-        label_plane(figure, grid[0, 0], plane)
+        for axes in itertools.chain.from_iterable(whole[:-1]):
+            axes.tick_params(labelbottom=False)  # those of the last row are the same
     return figure
+
+
+def to_scale(panels: Iterable[Axes], shot: Shot, plane: tuple[Axis, Axis], steps: Sequence[int]) -> bool:
+    """Gives the panels of a run the bounds of the plane, or of its tasks where these fill little of it.
+
+    Args:
+        panels: drawn by `draw_state`.
+        shot: the run.
+        plane: the two task dimensions.
+        steps: the moments.
+
+    Returns:
+        True if the scale is its own.
+    """
+    tasks = np.concatenate([shot.curriculum.probed_at(step).reshape(-1, 2) for step in steps])
+    low, high = np.array([[axis.low, axis.high] for axis in plane]).T
+    least, most = (tasks.min(axis=0), tasks.max(axis=0)) if len(tasks) else (low, high)
+    own = bool((most - least < SMALL * (high - low)).all())
+    if own:
+        margin = np.maximum(0.1 * (most - least), 0.01 * (high - low))
+        low, high = np.maximum(least - margin, low), np.minimum(most + margin, high)
+    for axes in panels:
+        axes.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]))
+        if own:
+            axes.spines[:].set_color(look(shot.teacher).colour)
+    return own
 
 
 def checked_steps(shots: Sequence[Shot], steps: Sequence[int] | None) -> list[int]:
@@ -125,7 +160,16 @@ def draw_state(axes: Axes, shot: Shot, step: int, scores: ScalarMappable | None)
     if update is not None:
         _draw_boxes(axes, boxes_of(update), colour, scores)
         _draw_gaussians(axes, gaussians_of(update), colour)
-    axes.scatter(probes[:, 0], probes[:, 1], s=8, color=INK, alpha=0.8, linewidth=0.35, edgecolor="white")
+    axes.scatter(
+        probes[:, 0],
+        probes[:, 1],
+        s=8,
+        color=INK,
+        alpha=0.8,
+        linewidth=0.35,
+        edgecolor="white",
+        clip_on=False,
+    )
 
 
 def _draw_boxes(

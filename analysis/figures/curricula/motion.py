@@ -17,7 +17,14 @@ from PIL import Image
 
 from analysis.data.curricula import Curriculum, moments
 from analysis.data.task_axes import Axis
-from analysis.figures.curricula.film_strips import Shot, checked_steps, draw_state, moment_name, score_scale
+from analysis.figures.curricula.film_strips import (
+    Shot,
+    checked_steps,
+    draw_state,
+    moment_name,
+    score_scale,
+    to_scale,
+)
 from analysis.figures.elements.task_planes import label_plane
 from analysis.figures.style import styled
 
@@ -121,19 +128,18 @@ def _images(shots: Sequence[Shot], plane: tuple[Axis, Axis], steps: Sequence[int
         figsize=(0.5 + 1.9 * max(columns, 1.2), 0.75 + 2.0 * lines), layout="constrained", dpi=MOVING_DPI
     )
     canvas = FigureCanvasAgg(figure)
-    grid: list[Axes] = (
-        figure.subplots(lines, columns, sharex=True, sharey=True, squeeze=False).ravel().tolist()
-    )
+    grid: list[Axes] = figure.subplots(lines, columns, squeeze=False).ravel().tolist()
     for spare in grid[len(shots) :]:
         spare.remove()
+    label_plane(figure, grid[0], plane)
     scales = [score_scale(shot.curriculum, steps) for shot in shots]
     for step in steps:
         for axes, shot, scores in zip(grid, shots, scales, strict=False):
             for artist in (*axes.collections, *axes.patches, *axes.texts):
                 artist.remove()
             draw_state(axes, shot, step, scores)
+            to_scale([axes], shot, plane, steps)
             axes.set_title(shot.name)
-        label_plane(figure, grid[0], plane)
         figure.suptitle(moment_name(step), fontsize=9)
         canvas.draw()  # type: ignore[no-untyped-call]
         figure.set_layout_engine("none")  # panels stay where the first frame has them

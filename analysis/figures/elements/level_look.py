@@ -24,7 +24,7 @@ _DASHES: dict[str, str | tuple[int, tuple[int, ...]]] = {
 _PALE = {KnowledgeLevel.NONE.value: 1.0, KnowledgeLevel.LOW.value: 0.6, KnowledgeLevel.HIGH.value: 0.0}
 
 
-def line_order(line: Line) -> tuple[tuple[bool, str], tuple[int, str]]:
+def line_order(line: Line) -> tuple[tuple[bool, bool, str], tuple[int, str]]:
     """Sorts lines by teacher, then by level."""
     return teacher_order(line[0]), order("expert_knowledge", line[1])
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import base64
 import html
+import re
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import Any, TypeAlias
@@ -25,6 +26,9 @@ END = "end"
 """Frame of a chart that shows the ends of runs; other frames are named by their step."""
 
 FONT = "system-ui, -apple-system, 'Segoe UI', Roboto, 'Helvetica Neue', Arial, sans-serif"
+
+_ADDRESS = re.compile(r"""(["'`])https?://(?!www\.w3\.org/)[^"'`]*\1""")
+"""A string of a program that is nothing but an address, other than that of a namespace of XML."""
 
 _SYMBOLS = {
     "o": "circle",
@@ -107,8 +111,8 @@ class Chart:
 
 
 def plotly_library() -> str:
-    """Returns plotly.js, as it may stand in a script element."""
-    return str(get_plotlyjs()).replace("</script", "<\\/script")
+    """Returns plotly.js, as it may stand in a script element, without addresses to send to or load from."""
+    return _ADDRESS.sub(r"\1\1", str(get_plotlyjs())).replace("</script", "<\\/script")
 
 
 def drawing_of(
@@ -129,6 +133,7 @@ def drawing_of(
         "plot_bgcolor": "rgba(0,0,0,0)",
         "margin": {"l": 54, "r": 14, "t": 34, "b": 46},
         "hoverlabel": {"font": {"family": FONT, "size": 12}},
+        "modebar": {"bgcolor": "rgba(0,0,0,0)", "color": MUTED, "activecolor": INK},
         "uirevision": "kept",  # a reader's zoom outlives a change of step
         "showlegend": False,
     }

@@ -11,7 +11,7 @@ import pandas as pd
 
 from analysis.formatting import number
 from analysis.looks import look
-from analysis.names import teacher_order
+from analysis.names import mark_of, teacher_order
 from analysis.pages.charts.chart import (
     END,
     Chart,
@@ -132,6 +132,7 @@ def _trace(anchor: str, teacher: str, name: str, end: Mapping[str, Any], first: 
         mode="markers",
         name=name,
         legendgroup=teacher,
+        legendrank=999 if mark_of(teacher) else 1000,  # a reader's own is first, whatever it lacks
         showlegend=first,
         marker=marker(teacher, size=8),
         meta={"teacher": teacher, "comparison": anchor},

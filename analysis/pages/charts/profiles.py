@@ -22,9 +22,12 @@ from analysis.pages.charts.chart import (
 
 HEIGHT = 330
 
+FEWEST = 5
+"""Runs under which the band of a line fills the panel, and is left out."""
+
 
 def profile_chart(name: str, table: pd.DataFrame, quantity: str, title: str, caption: str) -> Chart:
-    """Returns a chart with a line and a band for each teacher.
+    """Returns a chart with a line for each teacher, and a band where it has at least `FEWEST` runs.
 
     Args:
         name: of the chart.
@@ -54,17 +57,18 @@ def _traces(teacher: str, name: str, rows: pd.DataFrame) -> Iterator[Trace]:
     thresholds = rows["threshold"].to_numpy(np.float32)
     share, low, high = (100 * rows[column].to_numpy(np.float32) for column in ("share", "low", "high"))
     whose = {"name": name, "legendgroup": teacher, "meta": {"teacher": teacher}}
-    yield scatter(
-        x=np.concatenate([thresholds, thresholds[::-1]]),
-        y=np.concatenate([high, low[::-1]]),
-        mode="lines",
-        fill="toself",
-        fillcolor=transparent(look(teacher).colour, 0.1),
-        line={"width": 0},
-        hoverinfo="skip",
-        showlegend=False,
-        **whose,
-    )
+    if rows["n"].min() >= FEWEST:
+        yield scatter(
+            x=np.concatenate([thresholds, thresholds[::-1]]),
+            y=np.concatenate([high, low[::-1]]),
+            mode="lines",
+            fill="toself",
+            fillcolor=transparent(look(teacher).colour, 0.1),
+            line={"width": 0},
+            hoverinfo="skip",
+            showlegend=False,
+            **whose,
+        )
     yield scatter(
         x=thresholds,
         y=share,

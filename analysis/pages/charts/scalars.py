@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -65,7 +66,7 @@ def scalar_charts(prefix: str, curricula: Mapping[str, Curriculum], caption: str
                 "xaxis": axis(
                     "Environment steps", rangemode="tozero", hoverformat=",d", showgrid=False, nticks=4
                 ),
-                "yaxis": axis(),
+                "yaxis": axis(**_whole(values)),
                 "margin": {"l": 40, "r": 12, "t": 52, "b": 42},
                 "meta": {"marks_step": True},
             }
@@ -76,6 +77,12 @@ def scalar_charts(prefix: str, curricula: Mapping[str, Curriculum], caption: str
 def hidden_scalars(curricula: Mapping[str, Curriculum]) -> int:
     """Returns how many scalars are not drawn."""
     return sum(max(0, len(scalars_of(each)) - MOST_PER_TEACHER) for each in curricula.values())
+
+
+def _whole(values: pd.Series) -> dict[str, Any]:
+    """Returns what keeps ticks between two whole numbers from an axis of nothing but whole numbers."""
+    few = values.max() - values.min() < 5  # of more, plotly's own ticks are whole
+    return {"dtick": 1} if few and (values % 1 == 0).all() else {}
 
 
 def _traces(teacher: str, values: pd.Series) -> list[Trace]:

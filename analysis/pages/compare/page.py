@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Collection, Iterator, Sequence
 from datetime import UTC, datetime
 from pathlib import Path
@@ -14,6 +15,7 @@ from analysis.claims.sources import decided, root_verdicts
 from analysis.comparisons.overall import headlines
 from analysis.comparisons.pairwise import pairwise
 from analysis.comparisons.pairwise_statistics import pairwise_from_statistics
+from analysis.comparisons.planning import plans_against_random
 from analysis.comparisons.ranks import ranks
 from analysis.comparisons.sides import (
     PLACE,
@@ -21,6 +23,7 @@ from analysis.comparisons.sides import (
     baseline_side,
     beside,
     duels,
+    incomparable,
     missing,
     named_jointly,
     new_teachers,
@@ -33,14 +36,15 @@ from analysis.data.published import PAPER
 from analysis.figures.picture import Picture
 from analysis.figures.radars.chart import radar
 from analysis.formatting import listed, plus_minus
+from analysis.looks import shown_together
 from analysis.measures.pooling import COMPARED, SETTINGS, pooled
 from analysis.measures.student_pools import by_students
 from analysis.measures.tested import MEASURE, QUANTITIES
 from analysis.measures.variants import parts_of
-from analysis.names import label, teacher_order
+from analysis.names import label, own_first, teacher_order
 from analysis.pages.compare.places import Place, places, places_chart
 from analysis.pages.controls import Controls, controls
-from analysis.pages.leading import leading
+from analysis.pages.leading import SHOWN, leading
 from analysis.pages.overall import overall_section
 from analysis.pages.page import page, page_folder, write_page
 from analysis.statistics import SIGNIFICANCE
@@ -62,8 +66,10 @@ def write_comparison(
     Args:
         sources: results of one's own, finished or not: one root or several.
         baselines: names of released baselines, folders or addresses of results.
-        output: folder to write to; ``compare`` in the first of `sources` if that is a folder.
-        tell: is called with the rank of each new teacher over all challenges, in words.
+        output: folder for pages, each in a folder named by its baselines; ``compare`` in the first of
+            `sources` if that is a folder.
+        tell: is called with what the page says first: what cannot be compared, ranks over all challenges,
+            and what would tell a teacher from Random.
         measure: of `tested.MEASURES`, that teachers are ranked by and tested on.
 
     Raises:
@@ -72,7 +78,7 @@ def write_comparison(
     """
     if not baselines:
         raise ValueError(f"compare with what? Name a baseline, as in --baseline {PAPER}")
-    folder = page_folder(places_of(sources)[0], output, "compare", "page")
+    folder = page_folder(places_of(sources)[0], output, "compare", "page") / _folder_name(baselines)
     text, pictures = _render(read(sources), baselines, tell, measure)
     return write_page(folder, text, {f"{picture.name}.png": picture.png for picture in pictures})
 
@@ -83,43 +89,53 @@ def _render(
     """Returns the page, and the figures on it."""
     mine, others, split = named_jointly(side_of(frames, "yours"), [baseline_side(name) for name in baselines])
     runs, curves = together(mine, others), together(mine, others, along=True)
-    tests = duels(runs, teachers := new_teachers(mine), measure)
-    standings = [rank.describe() for rank in ranks(runs, teachers, measure)]
-    _tell(standings, tell)
+    teachers = new_teachers(mine)
+    standings = [*incomparable(mine, others, runs), *(r.describe() for r in ranks(runs, teachers, measure))]
+    plans = plans_against_random(runs, teachers, _hours(frames, others), measure)
+    _tell([*standings, *plans], tell)
+    tests = duels(runs, teachers, measure)
     shown = leading(pooled(runs, [measure]), f"{measure}_mean", runs["teacher"], COMPARED)
-    tests = pd.concat(_those_shown_first(tests, shown), ignore_index=True)
-    found = list(places(runs, curves, tests, mine, measure))
+    shown |= frozenset(teachers if len(teachers) <= SHOWN else ())
     verdicts, notes = root_verdicts(frames)
-    text = page(
-        "compare.html.j2",
-        mine=mine,
-        teachers=listed(map(label, teachers)),
-        others=others,
-        sentences=[each for part in _those_shown_first(tests, shown) for each in sentences(part)],
-        missing=missing(mine, teachers),
-        places=found,
-        overview=list(places_chart(found, measure)),
-        controls=_controls(found, runs, curves, shown),
-        beside=[(side, _beside_rows(beside(mine, side))) for side in others],
-        pictures=(pictures := list(_radars(runs[runs["teacher"].isin(shown)], others))),
-        tables=list(_tables(runs)),
-        standings=standings,
-        headlines=headlines(runs, measure),
-        overall=overall_section(runs, measure),
-        warnings=list(dict.fromkeys([*frames.notes, *split, *notes])),
-        verdicts=decided(verdicts),
-        quantity=QUANTITIES[measure],
-        significance=SIGNIFICANCE,
-        version=installed_version("tma_ray"),
-        written=datetime.now(UTC),
-    )
+    with shown_together(runs["teacher"]), own_first(teachers):
+        found = list(places(runs, curves, tests, measure))
+        text = page(
+            "compare.html.j2",
+            mine=mine,
+            teachers=listed(map(label, teachers)),
+            others=others,
+            sentences=sentences(tests),
+            missing=missing(mine, teachers),
+            places=found,
+            overview=list(places_chart(found, measure)),
+            controls=_controls(found, runs, curves, shown),
+            beside=[(side, _beside_rows(beside(mine, side))) for side in others],
+            pictures=(pictures := list(_radars(runs[runs["teacher"].isin(shown)], others))),
+            tables=list(_tables(runs)),
+            standings=standings,
+            headlines=headlines(runs, measure, teachers),
+            plans=plans,
+            overall=overall_section(runs, measure),
+            warnings=list(dict.fromkeys([*frames.notes, *split, *notes])),
+            verdicts=decided(verdicts),
+            quantity=QUANTITIES[measure],
+            significance=SIGNIFICANCE,
+            version=installed_version("tma_ray"),
+            written=datetime.now(UTC),
+        )
     return text, pictures
 
 
-def _those_shown_first(tests: pd.DataFrame, shown: Collection[str]) -> list[pd.DataFrame]:
-    """Returns the tests between teachers that the page shows at first, and the others."""
-    both = tests["first"].isin(shown) & tests["second"].isin(shown)
-    return [part for part in (tests[both], tests[~both]) if len(part)] or [tests]
+def _folder_name(baselines: Sequence[str]) -> str:
+    """Returns the name of the folder of a page, so that no page replaces that of other baselines."""
+    return "+".join(re.sub(r"[^\w.-]+", "_", str(name)).strip("_.") or "_" for name in baselines)
+
+
+def _hours(frames: Frames, others: Sequence[Side]) -> pd.Series:
+    """Returns the hours of all runs by id."""
+    known = [frames, *(side.frames for side in others if side.frames is not None)]
+    hours: pd.Series = pd.concat([each.run_hours for each in known])
+    return hours[~hours.index.duplicated()]
 
 
 def _controls(

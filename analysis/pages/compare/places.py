@@ -12,14 +12,13 @@ import pandas as pd
 
 from analysis.comparisons.few_seeds import caveat
 from analysis.comparisons.ranking import places as titles_of
-from analysis.comparisons.sides import Side
 from analysis.formatting import ends, number, p_value, plus_minus
 from analysis.looks import look
 from analysis.measures.evaluations import aggregate
 from analysis.measures.pooling import COMPARED, pooled
 from analysis.measures.tested import MEASURE, QUANTITIES
 from analysis.measures.variants import parts_of
-from analysis.names import label
+from analysis.names import label, mark_of, marked_label
 from analysis.pages.charts import END, Chart, curve_chart, overview_chart, seeds_chart
 
 
@@ -47,7 +46,7 @@ class Place:
 
 
 def places(
-    runs: pd.DataFrame, curves: pd.DataFrame, tests: pd.DataFrame, mine: Side, measure: str = MEASURE
+    runs: pd.DataFrame, curves: pd.DataFrame, tests: pd.DataFrame, measure: str = MEASURE
 ) -> Iterator[Place]:
     """Yields each place with its ranking and charts.
 
@@ -55,7 +54,6 @@ def places(
         runs: of `compare.together`, at their ends.
         curves: of `compare.together`, at every evaluation.
         tests: of `compare.duels`.
-        mine: results of one's own.
         measure: of `tested.MEASURES`; learning curves are always of mastered tasks.
     """
     if runs.empty:
@@ -73,7 +71,7 @@ def places(
             title=_title(rows["title"].iloc[0], place),
             chosen_by={name: str(place[name]) for name in ("environment", "challenge", "expert_knowledge")}
             | {"student": _students(place)},
-            rows=[_ranked(row, here, mine, measure) for _, row in ranked.iterrows()],
+            rows=[_ranked(row, here, measure) for _, row in ranked.iterrows()],
             step_rows=json.dumps(_step_rows(along) if measure == MEASURE else {}).replace("<", "\\u003c"),
             points=points.assign(comparison=anchor),
             charts=tuple(_charts(anchor, points, measure)),
@@ -143,14 +141,14 @@ def _title(challenge: str, place: dict[str, Any]) -> str:
     return f"{challenge}, {_students(place)}, expert knowledge {place['expert_knowledge']}"
 
 
-def _ranked(row: pd.Series, tests: pd.DataFrame, mine: Side, measure: str) -> dict[str, Any]:
+def _ranked(row: pd.Series, tests: pd.DataFrame, measure: str) -> dict[str, Any]:
     against = tests[tests["second"] == row["teacher"]]
     return {
         "name": row["teacher"],
-        "teacher": label(row["teacher"]),
+        "teacher": marked_label(row["teacher"]),
         "colour": look(row["teacher"]).colour,
         "source": row["source"],
-        "own": row["source"] == mine.name,
+        "own": mark_of(row["teacher"]) != "",
         "n": row["n"],
         "mastered": plus_minus(row[f"{measure}_mean"], row[f"{measure}_std"]),
         "missing": row["missing"],

@@ -2,7 +2,7 @@
 // What the reader has chosen, and what follows from it for tables and charts.
 (() => {
   const state = { step: null, hidden: new Set(), out: new Set() };
-  const config = { responsive: true, displaylogo: false, modeBarButtonsToRemove: ["lasso2d", "select2d", "autoScale2d"] };
+  const config = { responsive: true, displaylogo: false, showSendToCloud: false, modeBarButtonsToRemove: ["lasso2d", "select2d", "autoScale2d"] };
   const narrow = 560; // CSS pixels, under which titles of rows take several lines
   const legendLine = 20; // CSS pixels of an entry of a legend
   const dark = matchMedia("(prefers-color-scheme: dark)");
@@ -35,6 +35,12 @@
   }
 
   const shades = { "#22262b": "#e4e7ea", "#6a717b": "#a0a8b2", "#d9dce1": "#363c44", "#e6e8eb": "#2a2f36", white: "#15181c" };
+  const bright = 0.216; // relative luminance (WCAG) whose contrast to the dark page is 4.5
+
+  function luminance(parts) {
+    const [red, green, blue] = parts.map((part) => (part <= 10 ? part / 3294.6 : ((part / 255 + 0.055) / 1.055) ** 2.4));
+    return 0.2126 * red + 0.7152 * green + 0.0722 * blue;
+  }
 
   /** A colour as it is seen on a dark page: greys change places, dark colours get as light as they must. */
   function onDark(colour) {
@@ -42,10 +48,17 @@
     const parts = /^#([0-9a-f]{6})$/i.test(colour) ? [1, 3, 5].map((at) => parseInt(colour.slice(at, at + 2), 16)) : (/^rgba?\(([\d., ]+)\)$/.exec(colour) || [])[1]?.split(",").map(Number);
     if (!parts) return colour;
     const [red, green, blue, opacity = 1] = parts;
-    const light = 0.2126 * (red / 255) ** 2.2 + 0.7152 * (green / 255) ** 2.2 + 0.0722 * (blue / 255) ** 2.2;
-    const share = light < 0.16 ? 1 - (light / 0.16) ** 0.45 : 0; // of white that is mixed in
-    const mixed = [red, green, blue].map((part) => Math.round(part + (255 - part) * 0.62 * share));
+    let mixed = [red, green, blue];
+    for (let white = 0.02; luminance(mixed) < bright; white += 0.02) mixed = [red, green, blue].map((part) => Math.round(part + (255 - part) * white));
     return `rgba(${mixed.join()},${opacity})`;
+  }
+
+  /** The small squares that name teachers by their colour, on the page as it is now. */
+  function paintSwatches() {
+    for (const swatch of all(".swatch")) {
+      swatch.colour = swatch.colour || swatch.style.backgroundColor;
+      swatch.style.backgroundColor = dark.matches && !onPaper ? onDark(swatch.colour) : swatch.colour;
+    }
   }
 
   /** A scale whose high end stands out from a dark page: those that grow darker become pale for more. */
@@ -149,6 +162,7 @@
   }
 
   function refresh() {
+    paintSwatches();
     for (const chart of charts) chart.stale = true;
     for (const chart of charts) if (chart.near) draw(chart);
   }
@@ -244,12 +258,14 @@
     { rootMargin: "800px" },
   );
   for (const chart of charts) observer.observe(chart.element);
+  paintSwatches();
 
   dark.addEventListener("change", refresh);
 
   // Paper shows everything that is chosen, in dark ink, at the width of the paper.
   addEventListener("beforeprint", () => {
     onPaper = true;
+    paintSwatches();
     for (const chart of charts) {
       draw(chart);
       if (chart.figure) Plotly.relayout(chart.plot, { width: Math.min(chart.plot.clientWidth, 660) });

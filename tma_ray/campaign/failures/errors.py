@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-import re
-
 from ray.exceptions import ActorUnschedulableError, RayActorError, RayTaskError
 
+from tma_ray.commands.texts import visible
 from tma_ray.results import StorageError
 from tma_ray.students.players import CohortFullError, LearnerLostError
 
@@ -13,9 +12,7 @@ LOSSES = RayActorError, ActorUnschedulableError, StorageError, LearnerLostError,
 """Errors by which a run counts as lost: of its process or its teacher's, of a storage that took nothing for
 long, of the learner of its cohort."""
 
-_COLOURS = re.compile(r"\x1b\[[0-9;]*m")
-
 
 def plain_traceback(error: RayTaskError) -> str:
     """Returns the traceback of an actor without the colours in which Ray paints it, also into files."""
-    return _COLOURS.sub("", str(error))
+    return visible(str(error))

@@ -10,7 +10,7 @@ def duration(seconds: float) -> str:
 
     Examples:
         >>> duration(42), duration(200), duration(7300), duration(200_000)
-        ('42 s', '3 min 20 s', '2 h 2 min', '2 d 7 h')
+        ('42 s', '3 min 20 s', '2 h 1 min', '2 d 7 h')
     """
     units = [(86_400, "d"), (3_600, "h"), (60, "min"), (1, "s")]
     for (size, name), (smaller, smaller_name) in zip(units, [*units[1:], (0, "")], strict=True):

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from typing import Any
-from uuid import uuid4
 
 import ray
 from ray.exceptions import RayError, RayTaskError
@@ -12,7 +11,6 @@ from ray.util.scheduling_strategies import NodeAffinitySchedulingStrategy
 
 from tma_ray.campaign.cluster.connection import working_nodes
 from tma_ray.results import ObjectStoreError, ResultsRootError, Store
-from tma_ray.results.storage.store import TEMPORARY
 
 
 def check_storage_access(store: Store) -> None:
@@ -25,7 +23,7 @@ def check_storage_access(store: Store) -> None:
     if store.is_object_store:
         _ask_nodes(store, working_nodes(), None)
     elif others := _other_nodes():
-        probe = f"{TEMPORARY}/probe-{uuid4().hex}"
+        probe = store.temporary()
         store.write_bytes(probe, b"seen")
         try:
             _ask_nodes(store, others, probe)

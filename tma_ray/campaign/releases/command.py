@@ -9,7 +9,7 @@ from tma_ray.campaign.costs.estimation import estimate
 from tma_ray.campaign.options import SCHEDULE, chosen_settings
 from tma_ray.campaign.releases.repeating import like_plan
 from tma_ray.campaign.script import run_plan
-from tma_ray.results import Results
+from tma_ray.results import Results, Store, check_usable
 from tma_ray.terminal import terminal
 
 DECIDED = (
@@ -57,6 +57,8 @@ def run_like(place: str, core: Collection[str], options: argparse.Namespace) -> 
         options.challenges or (),
         options.seeds or (),
     )
+    if not options.dry_run:
+        check_usable(Store.open(options.results))
     cost = estimate(plan, chosen_settings(options))
     terminal().print(cost.describe(), highlight=False, soft_wrap=True)
     return run_plan(plan, options.results, options, cost.throughputs)

@@ -114,34 +114,32 @@ def put_world(memory: Memory, world: World, swinging: Integers) -> None:
 def body_in(floats: Floats, integers: Integers) -> StepArrays:
     """Returns the body in a memory."""
     p, j, r, v, g = integers[0], integers[1], integers[2], integers[3], integers[4]
-    motors, left = floats[FLOATS : FLOATS + 3 * j], floats[FLOATS + 3 * j :]
-    rays, left = left[: 2 * r], left[2 * r :]
-    vertices, left = left[: 2 * v], left[2 * v :]
-    bounds, left = left[: 4 * p], left[4 * p :]
-    hinges, grips = left[: 4 * j], left[4 * j : 4 * j + 3 * g]
-    survivable, rest = integers[INTEGERS : INTEGERS + 2], integers[INTEGERS + 2 :]
-    critical, rest = rest[:p], rest[p:]
-    joint_parts, rest = rest[: 2 * j], rest[2 * j :]
-    contact_part, rest = rest[:j], rest[j:]
-    first_vertex, grip_part = rest[: p + 1], rest[p + 1 : p + 1 + g]
+    rays = FLOATS + 3 * j
+    vertices = rays + 2 * r
+    bounds = vertices + 2 * v
+    hinges = bounds + 4 * p
+    critical = INTEGERS + 2
+    joint_parts = critical + p
+    contact_part = joint_parts + 2 * j
+    first_vertex = contact_part + j
     return StepArrays(
         integers[6],
         integers[7],
         integers[8],
-        survivable,
-        critical,
-        joint_parts.reshape(j, 2),
-        contact_part,
-        first_vertex,
-        grip_part,
+        cp.part(integers, INTEGERS, (2,)),
+        cp.part(integers, critical, (p,)),
+        cp.part(integers, joint_parts, (j, 2)),
+        cp.part(integers, contact_part, (j,)),
+        cp.part(integers, first_vertex, (p + 1,)),
+        cp.part(integers, first_vertex + p + 1, (g,)),
         floats[0],
         floats[1],
-        motors.reshape(j, 3),
-        rays.reshape(r, 2),
-        vertices.reshape(v, 2),
-        bounds.reshape(p, 4),
-        hinges.reshape(j, 4),
-        grips.reshape(g, 3),
+        cp.part(floats, FLOATS, (j, 3)),
+        cp.part(floats, rays, (r, 2)),
+        cp.part(floats, vertices, (v, 2)),
+        cp.part(floats, bounds, (p, 4)),
+        cp.part(floats, hinges, (j, 4)),
+        cp.part(floats, hinges + 4 * j, (g, 3)),
     )
 
 
@@ -149,32 +147,29 @@ def body_in(floats: Floats, integers: Integers) -> StepArrays:
 def simulation_in(floats: Floats, integers: Integers) -> Simulation:
     """Returns what changes in a memory."""
     p, j, r, v, g, h = integers[0], integers[1], integers[2], integers[3], integers[4], integers[5]
-    left = floats[FLOATS + 3 * j + 2 * r + 2 * v + 4 * p + 4 * j + 3 * g :]
-    action, left = left[: j + g], left[j + g :]
-    commands, left = left[: 2 * j], left[2 * j :]
-    state, left = left[: 6 * p], left[6 * p :]
-    rotations, left = left[: 2 * p], left[2 * p :]
-    torques, left = left[:j], left[j:]
-    forces, points = left[: 3 * p], left[3 * p : 3 * p + 2 * g]
-    rest = integers[INTEGERS + 2 + p + 3 * j + p + 1 + g :]
-    contacts, rest = rest[: 2 * p], rest[2 * p :]
-    medium, wet, rest = rest[:2], rest[2:3], rest[3:]
-    grips, rest = rest[: 2 * g], rest[2 * g :]
-    many = 1 + p + j + 2 * h
+    action = FLOATS + 3 * j + 2 * r + 2 * v + 4 * p + 4 * j + 3 * g
+    commands = action + j + g
+    state = commands + 2 * j
+    rotations = state + 6 * p
+    torques = rotations + 2 * p
+    forces = torques + j
+    contacts = INTEGERS + 2 + p + 3 * j + p + 1 + g
+    medium = contacts + 2 * p
+    handles, many = medium + 3 + 2 * g, 1 + p + j + 2 * h
     return Simulation(
-        action,
-        commands.reshape(j, 2),
-        state.reshape(p, 6),
-        rotations.reshape(p, 2),
-        torques,
-        forces.reshape(p, 3),
-        points.reshape(g, 2),
-        contacts.reshape(p, 2),
-        medium,
-        wet,
-        grips.reshape(g, 2),
-        rest[:many],
-        rest[many : many + g],
+        cp.part(floats, action, (j + g,)),
+        cp.part(floats, commands, (j, 2)),
+        cp.part(floats, state, (p, 6)),
+        cp.part(floats, rotations, (p, 2)),
+        cp.part(floats, torques, (j,)),
+        cp.part(floats, forces, (p, 3)),
+        cp.part(floats, forces + 3 * p, (g, 2)),
+        cp.part(integers, contacts, (p, 2)),
+        cp.part(integers, medium, (2,)),
+        cp.part(integers, medium + 2, (1,)),
+        cp.part(integers, medium + 3, (g, 2)),
+        cp.part(integers, handles, (many,)),
+        cp.part(integers, handles + many, (g,)),
     )
 
 

@@ -187,28 +187,3 @@ def step_at(
     floats = carray(cp.as_pointer(floats_at), floats_size, np.float64)
     integers = carray(cp.as_pointer(integers_at), integers_size, np.int64)
     return step(floats, integers, observation)
-
-
-@kernel
-def step_worlds(
-    addresses: Integers,
-    actions: NDArray[np.float32],
-    observations: NDArray[np.float32],
-    rewards: Floats,
-    ended: NDArray[np.bool_],
-) -> None:
-    """Runs a step of k worlds of one body.
-
-    Args:
-        addresses: of each memory's floats and integers, with their lengths (k, 4).
-        actions: (k, j + g).
-        observations: written (k, o).
-        rewards: written (k,); NaN as `step` has it.
-        ended: written (k,).
-    """
-    for row in range(len(addresses)):
-        floats_at, floats_size, integers_at, integers_size = addresses[row]
-        floats = carray(cp.as_pointer(floats_at), floats_size, np.float64)
-        integers = carray(cp.as_pointer(integers_at), integers_size, np.int64)
-        simulation_in(floats, integers).action[:] = actions[row]
-        rewards[row], ended[row] = step(floats, integers, observations[row])

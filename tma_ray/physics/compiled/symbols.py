@@ -17,7 +17,9 @@ import pymunk
 from llvmlite import ir
 from numba import types
 from numba.core import cgutils
+from numba.core.imputils import impl_ret_borrowed
 from numba.extending import intrinsic
+from numba.np.arrayobj import populate_array
 from pymunk import _chipmunk
 
 MACHINES = ("x86_64", "amd64", "aarch64", "arm64")
@@ -87,6 +89,32 @@ def _as_pointer(_context: Any, _address: Any) -> Any:
 
 
 as_pointer: Any = _as_pointer  # called with the address alone
+
+
+@intrinsic
+def _part(_context: Any, vector: Any, _at: Any, shape: Any) -> Any:
+    """Returns what begins at an index of a vector in `shape`, (n,) or (n, m), unchecked.
+
+    It is one instruction, where numba's slices and `reshape` check each size and call a function.
+    """
+    kind = types.Array(vector.dtype, shape.count, "C")
+
+    def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        whole = context.make_array(signature.args[0])(context, builder, arguments[0])
+        part = context.make_array(kind)(context, builder)
+        sizes = cgutils.unpack_tuple(builder, arguments[2])  # type: ignore[no-untyped-call]
+        strides = [builder.mul(sizes[-1], whole.itemsize), whole.itemsize][-len(sizes) :]
+        data, owner = (
+            builder.gep(whole.data, [arguments[1]]),
+            {"meminfo": whole.meminfo, "parent": whole.parent},
+        )
+        populate_array(part, data, sizes, strides, whole.itemsize, **owner)  # type: ignore[no-untyped-call]
+        return impl_ret_borrowed(context, builder, kind, part._getvalue())  # type: ignore[no-untyped-call]
+
+    return kind(vector, types.intp, types.UniTuple(types.intp, shape.count)), generate  # type: ignore[no-untyped-call]
+
+
+part: Any = _part  # called with vector, index and shape
 
 
 @intrinsic

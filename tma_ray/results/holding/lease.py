@@ -96,7 +96,9 @@ class Lease:
 
         Raises:
             RootInUseError: another campaign renewed it less than `seconds` ago, or while it was watched.
+            ResultsRootError: the place cannot be a results root.
         """
+        self.store.check_place()
         silent = self._watched()
         with self.store.locked():
             current = self._takeable(silent)

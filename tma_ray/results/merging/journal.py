@@ -3,18 +3,21 @@
 from __future__ import annotations
 
 import json
+import re
 import warnings
 from dataclasses import asdict, dataclass
 from pathlib import PurePosixPath
 from typing import Final
 
 from tma_ray.decoding import DamagedFileError, DamagedFileWarning, decode_json
-from tma_ray.results.layout import check_path
+from tma_ray.results.layout import TABLES, check_path
 from tma_ray.results.reader import Results
 from tma_ray.results.storage.store import Store
 
 JOURNAL: Final = "compacting.json"
 """Lists what a compaction leaves without use: files that it replaces, or its own if it is interrupted."""
+
+_MERGED: Final = re.compile(rf"{TABLES}/[^/]+/[^/]+\.parquet")
 
 
 @dataclass(frozen=True)
@@ -31,7 +34,10 @@ class Journal:
 
     def __post_init__(self) -> None:
         for path in (*self.unless_used, *self.replaced):
-            check_path(path)
+            if not _MERGED.fullmatch(check_path(path)):
+                raise ValueError(
+                    f"path {path!r}: expected a file of a table, as in {TABLES}/runs/NAME.parquet"
+                )
 
     @classmethod
     def load(cls, store: Store) -> Journal:

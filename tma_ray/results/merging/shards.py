@@ -8,10 +8,9 @@ from dataclasses import dataclass
 from typing import Any
 
 from tma_ray.results.holding.lease import Lease
-from tma_ray.results.inputs import INPUTS
 from tma_ray.results.layout import (
+    INPUTS,
     TABLES,
-    ResultsRootError,
     check_root,
     create_root,
     manifest_path,
@@ -25,6 +24,7 @@ from tma_ray.results.reader import Results
 from tma_ray.results.records import RunStatus
 from tma_ray.results.rows import to_arrow
 from tma_ray.results.schema import DATA_TABLES, SCHEMAS, Table
+from tma_ray.results.storage.errors import ResultsRootError
 from tma_ray.results.storage.store import Store
 
 
@@ -96,8 +96,8 @@ def start_from(store: Store, source: Store) -> int:
         RootInUseError: a campaign is running on `store`.
     """
     check_root(source)
+    create_root(store)
     with Lease(store, f"start from {source} (process {os.getpid()} on {socket.gethostname()})") as lease:
-        create_root(store)
         there = {manifest.run.run_id for manifest in Results(store).runs()}
         done = [run for run in Results(source).runs() if run.status is RunStatus.DONE]
         new = [manifest for manifest in done if manifest.run.run_id not in there]

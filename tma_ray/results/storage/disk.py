@@ -11,6 +11,11 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Final
 
+from tma_ray.results.storage.errors import ResultsRootError
+
+CHECKOUT: Final = (".git", "pyproject.toml")
+"""Names of which the top folder of a source checkout has one."""
+
 LOCK_SECONDS: Final = 5.0
 """How long to wait for a lock that another process keeps, which may be frozen, s."""
 
@@ -109,11 +114,30 @@ def links_out(base: str, path: str) -> bool:
         return True
 
 
-def clear_folder(folder: Path, older_than: float) -> None:
-    """Deletes what is in `folder` and older than that, s; younger files may be in the making."""
-    if not folder.exists():
+def refuse_place(folder: Path) -> None:
+    """Refuses a folder that holds more than results.
+
+    Raises:
+        ResultsRootError: it is the root of the file system, the user's home, or the top of a source checkout.
+    """
+    place = Path(os.path.realpath(folder))  # no error of links in a circle
+    if place == Path(place.anchor):
+        problem = "the root of the file system"
+    elif place == Path(os.path.expanduser("~")).resolve():  # noqa: PTH111 - some users have no home
+        problem = "your home folder"
+    elif any((place / name).exists() for name in CHECKOUT):
+        problem = "the top of a source checkout"
+    else:
         return
-    for entry in folder.iterdir():
-        with suppress(FileNotFoundError):  # finished meanwhile
-            if time.time() - entry.stat().st_mtime > older_than:
-                shutil.rmtree(entry) if entry.is_dir() else entry.unlink()
+    raise ResultsRootError(
+        f"{folder} is {problem}: results need a folder of their own, such as {place / 'results'}"
+    )
+
+
+def delete(path: Path) -> None:
+    """Deletes a file, a link but not its target, or as much of a folder as can be; fine if there is none."""
+    if path.is_dir() and not path.is_symlink():
+        shutil.rmtree(path, ignore_errors=True)
+    else:
+        with suppress(FileNotFoundError, NotADirectoryError):
+            path.unlink()

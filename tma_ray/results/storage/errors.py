@@ -35,6 +35,10 @@ _ADVICE: Final = {
 logger = logging.getLogger(__name__)
 
 
+class ResultsRootError(ValueError):
+    """A place that cannot be used as a results root; the message says why and what to do."""
+
+
 class StorageError(OSError):
     """The storage of a results root refuses an operation; the message names the file and a remedy."""
 

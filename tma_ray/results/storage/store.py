@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-import shutil
+import re
+import time
 from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, contextmanager, nullcontext, suppress
 from datetime import datetime
@@ -13,6 +14,7 @@ from uuid import uuid4
 from pyarrow import fs
 
 from tma_ray.commands.arguments import check_kind
+from tma_ray.commands.places import expanded
 from tma_ray.decoding import DamagedFileError
 from tma_ray.results.storage import disk
 from tma_ray.results.storage.addresses import open_address
@@ -29,7 +31,10 @@ from tma_ray.results.storage.object_store import (
 T = TypeVar("T")
 
 TEMPORARY: Final = "tmp"
-"""Folder for files in the making: beside the tables, since their readers' patterns would match it there."""
+"""Folder for temporary files: beside the tables, since their readers' patterns would match it there.
+
+Others may keep files in it: ours have names that `Store.temporary` returns.
+"""
 
 _OBJECT_STORES: Final = ("s3", "gcs", "abfs")
 _SCHEMES: Final = {"gcs": "gs"}
@@ -40,6 +45,7 @@ class Store:
 
     Others see a file whole or not at all: on a disk it is written aside, synced and renamed; an object store
     gets one PUT, or an upload whose end makes it visible. What a returned call has written survives a crash.
+    Nothing is read, written, moved or deleted through a symbolic link that leads out of the root.
 
     A store can be pickled and sent to another process, which opens an object store anew with credentials of
     its own. What a disk refuses, or an object store goes on refusing, is a `StorageError` that names it.
@@ -52,10 +58,10 @@ class Store:
 
     def __init__(self, filesystem: Any, base: str, uri: str | None = None) -> None:
         self.filesystem = filesystem
-        self.base = base.rstrip("/")
         self._uri = uri
         self._local = isinstance(filesystem, fs.LocalFileSystem)
-        self._prefix = f"{self.base}/" if self.base or self._local else ""
+        self.base = base.rstrip("/") or ("/" if self._local else "")
+        self._prefix = f"{self.base.rstrip('/')}/" if self.base else ""
 
     @classmethod
     def open(cls, uri: str | Path) -> Self:
@@ -70,7 +76,7 @@ class Store:
             return cls(*open_bucket(str(uri)))
         if "://" in str(uri):
             return cls(*open_address(str(uri)))
-        return cls(fs.LocalFileSystem(), Path(uri).expanduser().absolute().as_posix())
+        return cls(fs.LocalFileSystem(), expanded(uri).absolute().as_posix())
 
     def __str__(self) -> str:
         if self._local:
@@ -124,10 +130,10 @@ class Store:
 
     def write_bytes(self, path: str, data: bytes) -> None:
         """Writes or replaces a file, atomically and durably."""
-        target = self.full_path(path)
+        target = self._own_path(path)
         with self._explained(path):
             if self._local:
-                disk.write_file(Path(target), self._temporary(), data)
+                disk.write_file(Path(target), self._aside(), data)
                 return
             self._make_parent(target)
             with self.filesystem.open_output_stream(target, compression=None) as stream:
@@ -143,8 +149,9 @@ class Store:
                 return False
             self.write_bytes(path, data)
             return True
+        target = Path(self._own_path(path))
         with self._explained(path):
-            return disk.write_file(Path(self.full_path(path)), self._temporary(), data, exclusive=True)
+            return disk.write_file(target, self._aside(), data, exclusive=True)
 
     @contextmanager
     def locked(self) -> Iterator[None]:
@@ -171,6 +178,17 @@ class Store:
         """Returns when the file at `path` was written, None where the storage does not say."""
         return cast("datetime | None", self._info(path).mtime)
 
+    def entries(self, folder: str = "") -> tuple[str, ...]:
+        """Returns the paths of files, folders and links in `folder`, sorted; none if it does not exist."""
+        full = self.full_path(folder) if folder else self.base
+        with self._explained(folder), suppress(FileNotFoundError, NotADirectoryError):
+            if self._local:  # its file system leaves out links that lead nowhere
+                found = [path.as_posix() for path in Path(full).iterdir()]
+            else:
+                found = [info.path for info in self.filesystem.get_file_info(fs.FileSelector(full))]
+            return tuple(sorted(path.removeprefix(self._prefix) for path in found))
+        return ()
+
     def files(self, folder: str = "") -> tuple[str, ...]:
         """Returns the paths of all files below `folder`, sorted; none if it does not exist."""
         return tuple(self.stamps(folder))
@@ -194,16 +212,34 @@ class Store:
             with explained(str(self)), suppress(FileNotFoundError):  # that is an empty folder
                 self.filesystem.get_file_info(fs.FileSelector(self.base))
 
+    def check_place(self, *folders: str) -> None:
+        """Refuses a folder of this machine that cannot be a results root, and links that lead out of it.
+
+        Args:
+            folders: paths of folders that are written to.
+
+        Raises:
+            ResultsRootError: it is the root of the file system, the user's home, or a source checkout.
+            DamagedFileError: a symbolic link in the path of one of `folders` leads out of the root.
+        """
+        if self._local:
+            with self._explained(""):
+                disk.refuse_place(Path(self.base))
+        for folder in folders:
+            self._refuse_links_out(folder)
+
     def check_access(self) -> None:
         """Tries whether a place other than a disk lets us list, write, read and delete; leaves nothing there.
 
         Raises:
             ObjectStoreError: it does not, or the bucket does not exist.
+            ResultsRootError: as `check_place`.
         """
         if self._local:
+            self.check_place()
             return
         self.check_bucket()
-        probe = f"{TEMPORARY}/{uuid4().hex}"
+        probe = self.temporary()
         try:
             self.write_bytes(probe, b"may we write here?")
             self.read_bytes(probe)
@@ -217,7 +253,7 @@ class Store:
         Raises:
             FileNotFoundError: there is nothing at `source`.
         """
-        old, new = self.full_path(source), self.full_path(destination)
+        old, new = self._own_path(source), self._own_path(destination)
         with self._explained(source):
             self._make_parent(new)
             if self._local:
@@ -230,28 +266,52 @@ class Store:
     def delete(self, path: str) -> None:
         """Deletes a file, or a folder with all it holds; fine if there is none.
 
-        On a disk a folder disappears at once, even while another process writes into it.
+        On a disk a folder disappears at once, even while another process writes into it; of a symbolic link
+        nothing but the link is deleted.
         """
-        full = self.full_path(path)
+        full = self._own_path(path)
         kind = self._info(path).type
         with self._explained(path):
-            if kind == fs.FileType.File:
+            if self._local:
+                here = Path(full)
+                if kind == fs.FileType.Directory and not here.is_symlink():
+                    here = here.replace(self._aside())  # what cannot be deleted is swept later
+                disk.delete(here)
+            elif kind == fs.FileType.File:
                 self.filesystem.delete_file(full)
-            elif kind == fs.FileType.Directory and self._local:
-                aside = self._temporary()
-                Path(full).replace(aside)
-                shutil.rmtree(aside, ignore_errors=True)  # out of sight already; the rest is swept later
             elif kind == fs.FileType.Directory:
                 self.filesystem.delete_dir(full)
 
     def clear_temporaries(self, older_than: float) -> None:
-        """Deletes what killed processes left half made on a disk.
+        """Deletes temporary files that killed processes left on a disk; other files in their folder stay.
 
         Args:
             older_than: age of what goes, s; younger files may be in the making.
         """
         if self._local:
-            disk.clear_folder(Path(self.base, TEMPORARY), older_than)
+            self._refuse_links_out(TEMPORARY)
+            for path in filter(self.is_temporary, self.entries(TEMPORARY)):
+                file = Path(self.full_path(path))
+                with suppress(FileNotFoundError):  # finished meanwhile
+                    if time.time() - file.lstat().st_mtime > older_than:
+                        disk.delete(file)
+
+    def temporary(self) -> str:
+        """Returns a new path for a temporary file, whose folder is made on a disk.
+
+        The name says that the file is ours, and on a disk which root made it, by the inode of its folder.
+
+        Raises:
+            DamagedFileError: the folder is a symbolic link that leads out of the root.
+        """
+        if self._local:
+            self._refuse_links_out(TEMPORARY)
+            disk.make_folder(Path(self.base, TEMPORARY))
+        return f"{TEMPORARY}/{self._mark()}{uuid4().hex}"
+
+    def is_temporary(self, path: str) -> bool:
+        """True if `path` is one that `temporary` may have returned for this root."""
+        return re.fullmatch(f"{TEMPORARY}/{self._mark()}[0-9a-f]{{32}}", path) is not None
 
     def full_path(self, path: str) -> str:
         """Returns `path` as the file system knows it.
@@ -287,10 +347,17 @@ class Store:
             return explained(self.where(path))
         return explained_disk(self.where(path)) if self._local else nullcontext()
 
-    def _temporary(self) -> Path:
-        folder = Path(self.base, TEMPORARY)
-        disk.make_folder(folder)
-        return folder / uuid4().hex
+    def _own_path(self, path: str) -> str:
+        """Returns `path` as the file system knows it, unless a link in its folder leads out of the root."""
+        full = self.full_path(path)
+        self._refuse_links_out(str(PurePosixPath(path).parent))
+        return full
+
+    def _aside(self) -> Path:
+        return Path(self.full_path(self.temporary()))
+
+    def _mark(self) -> str:
+        return f"tma_ray-{Path(self.base).stat().st_ino}-" if self._local else "tma_ray-"
 
     def _make_parent(self, full: str) -> None:
         folder = str(PurePosixPath(full).parent)

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from tma_ray.commands.arguments import check_fields, check_whole
+
 
 @dataclass(frozen=True)
 class CohortSettings:
@@ -22,3 +24,8 @@ class CohortSettings:
     width: int = 48
     compiled: bool | str = False
     threads: int = 1
+
+    def __post_init__(self) -> None:
+        check_fields(self)
+        check_whole("width", self.width, 1)
+        check_whole("threads", self.threads, 1)

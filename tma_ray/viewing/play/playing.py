@@ -13,6 +13,7 @@ from typing import Final
 import numpy as np
 import pygame
 
+from tma_ray.commands.arguments import check_names, check_pair
 from tma_ray.tasks import Task
 from tma_ray.viewing.pictures import Frame, check_picture, write_frames
 from tma_ray.viewing.play.session import Session
@@ -48,8 +49,10 @@ class PlaySettings(RenderSettings):
 
     def __post_init__(self) -> None:
         super().__post_init__()
+        check_names("tasks", self.tasks)
         if self.size is None:
             return
+        check_pair("size", self.size, "width and height, as (640, 480)")
         if any(not least <= pixels <= LARGEST for least, pixels in zip(SMALLEST, self.size, strict=True)):
             smallest, largest = "x".join(map(str, SMALLEST)), f"{LARGEST}x{LARGEST}"
             size = "x".join(map(str, self.size))

@@ -1,0 +1,93 @@
+"""Examples in docstrings are run: sessions, names with settings, and command lines."""
+
+from __future__ import annotations
+
+import ast
+import doctest
+import importlib
+import re
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from tma_ray import cli
+from tma_ray.embodiments import embodiment_names, load_embodiment
+from tma_ray.envs import ENVIRONMENTS
+from tma_ray.part_names import base_name, split_name
+from tma_ray.runs import Cell, Schedule, effective_spec
+from tma_ray.students import STUDENTS, canonical_student
+from tma_ray.teachers import TEACHERS, make_teacher
+
+ROOT = Path(__file__).parents[2]
+
+FILES = sorted(path for package in ("analysis", "tma_ray") for path in (ROOT / package).rglob("*.py"))
+
+NAME = re.compile(r"[`\"']((?:[A-Za-z_]+:)+[a-z_]+=[^`\"',\s]*)[`\"']")
+
+COMMAND = re.compile(r"``tma-ray ([^`]+)``|'tma-ray ([^'{]+)'|^\s*tma-ray (.+)$", re.MULTILINE)
+
+NOBODYS = ("name", "module:Name", "my_teacher")
+"""Names that examples of the grammar give to somebody's own."""
+
+
+def texts() -> Iterator[tuple[str, str]]:
+    """Yields every docstring with its file."""
+    for path in FILES:
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+            if isinstance(node, ast.Expr) and isinstance(node.value, ast.Constant):
+                yield path.relative_to(ROOT).as_posix(), str(node.value.value)
+
+
+NAMES = sorted({(file, name) for file, text in texts() for name in NAME.findall(text)})
+
+COMMANDS = sorted({(file, "".join(found)) for file, text in texts() for found in COMMAND.findall(text)})
+
+
+@pytest.mark.parametrize(
+    "path",
+    [
+        pytest.param(path, marks=[pytest.mark.slow] if "envs" in path.parts else [])  # kernels are compiled
+        for path in FILES
+        if ">>> " in path.read_text(encoding="utf-8")
+    ],
+)
+def test_sessions_give_what_they_show(path: Path) -> None:
+    parts = path.relative_to(ROOT).with_suffix("").parts
+    module = importlib.import_module(".".join(parts[:-1] if parts[-1] == "__init__" else parts))
+    tried = doctest.testmod(module, optionflags=doctest.NORMALIZE_WHITESPACE)
+    assert tried.failed == 0
+    assert tried.attempted > 0
+
+
+@pytest.mark.parametrize(("file", "name"), NAMES)
+def test_names_with_settings_are_taken(file: str, name: str) -> None:
+    base = base_name(name)
+    if base in NOBODYS:
+        assert split_name(name)[1]
+    elif base in TEACHERS.names():
+        make_teacher(name)
+    elif base in embodiment_names():
+        load_embodiment(name)
+    elif base in ENVIRONMENTS.names():
+        effective_spec(Cell(environment=name, embodiment="climbing_chimpanzee"), 0, Schedule())
+    elif base in STUDENTS.names():
+        canonical_student(name)
+    else:
+        effective_spec(Cell(challenge=name), 0, Schedule())
+
+
+@pytest.mark.parametrize(("file", "command"), COMMANDS)
+def test_commands_and_their_options_exist(file: str, command: str) -> None:
+    known = {parser.prog: parser for parser in cli._parser().commands()}
+    words = command.split()
+    verb = next(
+        " ".join(("tma-ray", *words[:end])) for end in (2, 1) if " ".join(("tma-ray", *words[:end])) in known
+    )
+    given = {word.partition("=")[0] for word in words if word.startswith("--")}
+    assert given <= set(known[verb]._option_string_actions)
+
+
+def test_there_are_examples_of_each_kind() -> None:
+    assert len(NAMES) > 10
+    assert len(COMMANDS) > 3

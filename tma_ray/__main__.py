@@ -1,0 +1,11 @@
+"""``python -m tma_ray`` is the command `tma-ray`."""
+
+import sys
+
+if sys.path[0] not in sys.path[1:]:
+    sys.path.append(sys.path.pop(0))  # the current folder, whose modules shall shadow nothing
+
+from tma_ray.cli import main
+
+if __name__ == "__main__":
+    sys.exit(main())
