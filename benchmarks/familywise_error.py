@@ -73,8 +73,8 @@ def welch(values: Floats, weights: Floats) -> tuple[Floats, Floats]:
     """Returns t and p of Welch and Satterthwaite's test of each pair (..., pairs) over cells.
 
     Args:
-        values: of runs (..., cells, teachers, seeds).
-        weights: of the cells (cells,).
+        values: results of runs (..., cells, teachers, seeds).
+        weights: weights of the cells (cells,).
     """
     first, second = np.triu_indices(values.shape[-2], 1)
     n = values.shape[-1]
@@ -128,11 +128,11 @@ def simulated(release: Release, scale: Scale, seeds: int, experiments: int, *, h
     """Returns for each method and family the share of experiments with a false finding, and the true ones.
 
     Args:
-        release: whose residuals are drawn.
-        scale: on which teachers are equal, and tested.
+        release: runs whose residuals are drawn.
+        scale: scale on which teachers are equal, and tested.
         seeds: number of runs in each cell.
         experiments: number of simulated releases.
-        half: every second teacher keeps its means; else all are equal.
+        half: True if every second teacher keeps its means; else all are equal.
     """
     rng = np.random.default_rng([seeds, half])
     values = on_scale(release.values, scale)

@@ -44,7 +44,7 @@ def compared(
         sample: one value a run, indexed by run id.
         reference: the same of the other group.
         seeds: of `seeds_to_pair`.
-        scale: on which the means are tested, of `tested.scale_of`; the difference is that of the values.
+        scale: scale on which the means are tested, of `tested.scale_of`; the difference is of the values.
     """
     if scale is not Scale.PERCENT:
         scaled = compared(scale.of(sample), scale.of(reference), seeds)
