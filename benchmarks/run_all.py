@@ -4,7 +4,7 @@
     python benchmarks/run_all.py --smallest --scripts acting teacher_cost
 
 The learning curves (`learning.py`, `locomotion.py`, `precision.py`) take hours and are campaigns of their
-own; `interval_coverage.py` prints a table of the documentation.
+own; `interval_coverage.py` and `familywise_error.py` print tables of the documentation.
 """
 
 from __future__ import annotations

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -10,16 +11,13 @@ from numpy.typing import NDArray
 
 from analysis.claims.sources import PaperSource, RootSource
 from analysis.data.frames import Frames
-from analysis.statistics import CONFIDENCE, Description
+from analysis.statistics import SIGNIFICANCE, Description, holm, welch_from_statistics
 from tma_ray.benchmark import MATRICES
 from tma_ray.benchmark.statements import Reading
 from tma_ray.tasks import KnowledgeLevel
 
 FEWEST = 3
 """Teachers that a ranking needs."""
-
-DRAWS = 4_000
-"""Of the means of both sides, for an interval."""
 
 
 @dataclass(frozen=True)
@@ -45,19 +43,20 @@ class Agreement:
     high: float
 
 
-def agreements(frames: Frames, seed: int = 0) -> list[Agreement]:
+def agreements(frames: Frames) -> list[Agreement]:
     """Returns tau for each challenge and level that both have, and last its mean over all of them.
 
-    The interval is that of tau when the means of both sides are drawn from their Student's t distributions:
-    of the mean, with the standard error of its runs. It says how far the order depends on the seeds. Noise
-    lowers tau, so the interval is widened where it would leave out tau itself.
+    Tau is a mean over pairs of teachers, of 1 for a pair in the same order on both sides and -1 for one in
+    the reverse. An order is known of pairs that Welch's tests tell apart on both sides, after Holm's
+    correction for all pairs that tau is of; the interval holds all values that the others leave possible.
+    So with probability 0.95 or more it holds the tau of the true means, wherever these are: noise moves tau
+    towards 0, and draws around noisy means, such as a bootstrap's, move it there once more.
 
     Args:
         frames: of a root or release.
-        seed: of the draws.
     """
-    root, paper, rng = RootSource(frames), PaperSource(), np.random.default_rng(seed)
-    found, draws = [], []
+    root, paper = RootSource(frames), PaperSource()
+    found, everywhere = [], []
     for reading in _readings():
         names = sorted(set(root.teachers(reading)) & set(paper.teachers(reading)))
         sides = [[source.sample(_of(name, reading)) for name in names] for source in (root, paper)]
@@ -69,17 +68,55 @@ def agreements(frames: Frames, seed: int = 0) -> list[Agreement]:
         if len(pairs) < FEWEST:
             continue
         ours, papers = [mine for _, mine, _ in pairs], [theirs for *_, theirs in pairs]
-        drawn = taus(_drawn(ours, rng), _drawn(papers, rng))
         tau = float(taus(_means(ours), _means(papers))[0])
+        compared = pairs_in_both(ours, papers)
         teachers = tuple(name for name, *_ in pairs)
         place = (reading.environment, reading.challenge, reading.level)
-        found.append(Agreement(*place, teachers, tau, *_interval(drawn, tau)))
-        draws.append(drawn)
+        found.append(Agreement(*place, teachers, tau, *tau_interval([compared])))
+        everywhere.append(compared)
     if len(found) > 1:
-        together = np.mean(draws, axis=0)
         mean = float(np.mean([each.tau for each in found]))
-        found.append(Agreement("", "", None, (), mean, *_interval(together, mean)))
+        found.append(Agreement("", "", None, (), mean, *tau_interval(everywhere)))
     return found
+
+
+def pairs_in_both(
+    first: Sequence[Description], second: Sequence[Description]
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Returns for each pair of teachers (n,) 1 or -1, same order or reverse, and the p-value of that.
+
+    The order of a pair is known in both where it is in each: p is the larger of the two sides.
+
+    Args:
+        first: samples of teachers on one side.
+        second: samples of the same teachers on the other side.
+    """
+    tests = [
+        [welch_from_statistics(*pair) for pair in itertools.combinations(side, 2)] for side in (first, second)
+    ]
+    signs = np.prod([[np.sign(test.difference) for test in side] for side in tests], axis=0)
+    return signs, np.max([[test.p for test in side] for side in tests], axis=0)
+
+
+def tau_interval(
+    challenges: Sequence[tuple[NDArray[np.float64], NDArray[np.float64]]],
+) -> tuple[float, float]:
+    """Returns the ends of the interval of tau, of its mean for several challenges.
+
+    Args:
+        challenges: results of `pairs_in_both`, one for each challenge.
+    """
+    if any(np.isnan(p).all() for _, p in challenges):
+        return float("nan"), float("nan")
+    known = np.split(
+        holm(np.concatenate([p for _, p in challenges])) < SIGNIFICANCE,
+        np.cumsum([len(p) for _, p in challenges])[:-1],
+    )
+    parts = zip(challenges, known, strict=True)
+    low, high = np.mean(
+        [[np.where(sure, signs, end).mean() for end in (-1, 1)] for (signs, _), sure in parts], axis=0
+    )
+    return float(low), float(high)
 
 
 def taus(first: NDArray[np.float64], second: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -104,20 +141,3 @@ def _of(teacher: str, reading: Reading) -> Reading:
 
 def _means(samples: Sequence[Description]) -> NDArray[np.float64]:
     return np.array([[sample.mean for sample in samples]])
-
-
-def _drawn(samples: Sequence[Description], rng: np.random.Generator) -> NDArray[np.float64]:
-    """Returns draws of the means (DRAWS, teachers); NaN for a teacher with a single run."""
-    columns = [_draw(sample, rng) for sample in samples]
-    return np.stack(columns, axis=1)
-
-
-def _draw(sample: Description, rng: np.random.Generator) -> NDArray[np.float64]:
-    return sample.mean + sample.standard_error * rng.standard_t(max(sample.n - 1, 1), DRAWS)
-
-
-def _interval(drawn: NDArray[np.float64], tau: float) -> tuple[float, float]:
-    if not np.isfinite(drawn).all():
-        return float("nan"), float("nan")
-    low, high = np.quantile(drawn, [(1 - CONFIDENCE) / 2, (1 + CONFIDENCE) / 2])
-    return min(float(low), tau), max(float(high), tau)

@@ -13,7 +13,13 @@ import pandas as pd
 from analysis.formatting import ends, number, p_value
 from analysis.measures.shared_students import Seeds, compared
 from analysis.names import label
-from analysis.statistics import Comparison, Description, mean_interval, welch_from_statistics
+from analysis.statistics import (
+    Comparison,
+    Description,
+    mean_interval,
+    percent_interval,
+    welch_from_statistics,
+)
 from analysis.statistics.verdicts import Standing, contrary, equivalent, greater
 from tma_ray.benchmark.claims import CLAIMS
 from tma_ray.benchmark.experiments import TEACHERS
@@ -224,8 +230,8 @@ def _certain(holds: bool) -> Standing:
 
 def _interval(sample: Description) -> tuple[float, float]:
     """Returns the 95 % interval of a mean of shares, within 0 to 100."""
-    low, high = mean_interval(sample)
-    return max(low, 0.0), min(high, 100.0)
+    _, high = mean_interval(sample)
+    return percent_interval(sample.mean, high - sample.mean)
 
 
 def _of(teacher: str, reading: Reading) -> Reading:

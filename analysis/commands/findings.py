@@ -17,8 +17,9 @@ from tma_ray.results import CHIPMUNK
 
 TAU = (
     "Kendall's tau-b between the order of the teachers' means here and in the paper's tables: 1 is the same "
-    "order, 0 none, -1 the reverse. The 95 % interval is that of tau when the means of both sides are drawn "
-    "from their Student's t distributions, widened to hold tau; an interval with 0 in it decides nothing."
+    "order, 0 none, -1 the reverse. The 95 % interval leaves open the order of each pair of teachers that "
+    "Welch's tests do not tell apart on both sides, after Holm's correction; an interval with 0 in it "
+    "decides nothing."
 )
 
 

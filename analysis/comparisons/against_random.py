@@ -12,6 +12,7 @@ from analysis.data.frames import COMPARISON, GROUP
 from analysis.data.identity import CONDITIONS
 from analysis.data.reference import NO_BASELINE, baseline_rows, baseline_runs, is_baseline
 from analysis.measures.shared_students import compared, seeds_to_pair
+from analysis.measures.tested import scale_of
 from analysis.statistics import Comparison, holm
 
 APART = ("experiment", "expert_knowledge")
@@ -66,7 +67,7 @@ def along_baseline(curves: pd.DataFrame, reference: pd.DataFrame, measure: str) 
         sample = _sample(group, measure)
         comparison = Comparison(int(sample.notna().sum()), 0, math.nan, reason=NO_BASELINE)
         if step in theirs:
-            comparison = compared(sample, theirs[step], seeds)
+            comparison = compared(sample, theirs[step], seeds, scale_of(measure))
         rows.append({"step": step, "teacher": teacher} | vars(comparison))
     table = pd.DataFrame(rows, columns=["step", "teacher", *Comparison.__dataclass_fields__])
     table["holm"] = table.groupby("step")["p"].transform(holm)
@@ -91,7 +92,7 @@ def _compare(
     elif set(mine["step"]) != set(reference["step"]):
         reason = "trained for other numbers of steps"
     seeds = seeds_to_pair(mine, reference)
-    comparison = compared(_sample(mine, measure), _sample(reference, measure), seeds)
+    comparison = compared(_sample(mine, measure), _sample(reference, measure), seeds, scale_of(measure))
     if reason:
         comparison = Comparison(comparison.n, comparison.reference_n, comparison.difference, reason=reason)
     return step, comparison

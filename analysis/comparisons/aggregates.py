@@ -20,7 +20,8 @@ from analysis.measures.shared_students import (
     mean_over_strata,
     seeds_to_pair,
 )
-from analysis.statistics import Comparison, holm
+from analysis.measures.tested import MEASURES, scale_of
+from analysis.statistics import Comparison, holm, percent_interval
 from analysis.statistics.estimates import (
     Estimate,
     interquartile_mean_of,
@@ -71,8 +72,10 @@ def interquartile_means(
         for key, sample in samples.items():
             estimate = interquartile_mean_of(sample, _clusters(sample, seeds))
             missing = "; ".join(sorted(everywhere - set(sample)))
-            row = dict(zip(by, key, strict=True)) | {"measure": measure}
-            rows.append(row | vars(estimate) | {"missing": missing})
+            row = dict(zip(by, key, strict=True)) | {"measure": measure} | vars(estimate)
+            if measure in MEASURES:
+                row |= _within_percent(estimate.value, estimate.high)
+            rows.append(row | {"missing": missing})
     return pd.DataFrame(rows, columns=[*by, "measure", *ESTIMATE, "missing"])
 
 
@@ -117,8 +120,8 @@ def stratified_differences(
 ) -> pd.DataFrame:
     """Returns the difference of each teacher to a reference over all challenges that both have, one row each.
 
-    Challenges have equal weight, and within a challenge its bodies and students. One family: p is adjusted
-    for all teachers that have `within` in common.
+    Challenges have equal weight, and within a challenge its bodies and students. Tested on the scale of
+    `tested.scale_of`. One family: p is adjusted for all teachers that have `within` in common.
 
     Args:
         runs: of `pooling.pool_runs`.
@@ -147,7 +150,7 @@ def stratified_differences(
                 for part in sorted(mine[place])
             ]
             weights = [1 / len(mine[place]) for place in challenges for _ in mine[place]]
-            test = vars(compared_over_strata(pairs, weights, seeds))
+            test = vars(compared_over_strata(pairs, weights, seeds, scale_of(measure)))
             if not others:
                 test |= {"reason": nobody(reference)}
             fewest = min((_runs(side[place]) for side in (mine, others) for place in challenges), default=0)
@@ -163,7 +166,8 @@ def stratified_differences(
 def stratified_means(runs: pd.DataFrame, measure: str, within: Sequence[str] = ACROSS) -> pd.DataFrame:
     """Returns the mean of each teacher over all challenges that it has results of, one row each.
 
-    Weights as in `stratified_differences`.
+    Weights as in `stratified_differences`. Intervals of percentages stay within 0 and 100, and are not
+    symmetric.
 
     Args:
         runs: of `pooling.pool_runs`.
@@ -182,9 +186,16 @@ def stratified_means(runs: pd.DataFrame, measure: str, within: Sequence[str] = A
         weights = [1 / len(strata) for strata in places.values() for _ in strata]
         names = dict(zip([*within, "teacher"], key, strict=True))
         mean = vars(mean_over_strata(samples, weights, seeds)) | {"n": sum(map(len, samples))}
+        if measure in MEASURES:
+            mean |= _within_percent(mean["difference"], mean["high"])
         rows.append(names | {"measure": measure, "challenges": len(places)} | mean)
     columns = [*within, "teacher", "measure", "challenges", *Comparison.__dataclass_fields__]
     return pd.DataFrame(rows, columns=columns)
+
+
+def _within_percent(mean: float, high: float) -> dict[str, float]:
+    """Returns low and high of a mean percentage, of which the upper end of a symmetric interval is known."""
+    return dict(zip(("low", "high"), percent_interval(mean, high - mean), strict=True))
 
 
 def _by_challenge(rows: pd.DataFrame, measure: str) -> dict[Hashable, dict[str, pd.Series]]:

@@ -34,16 +34,6 @@ MASTERED = Measure(
     leads="masters the most test tasks:",
     has="masters",
 )
-TEST_RETURN = Measure(
-    column="evaluation_return",
-    name="Test return",
-    unit="",
-    points="",
-    leads="has the highest test return:",
-    has="has a test return of",
-)
-
-
 METHODS = {
     Method.WELCH: "Welch's t-test",
     Method.PAIRED: "paired t-test",
@@ -61,14 +51,13 @@ def verdict(test: pd.Series | Mapping[str, Any]) -> str:
     return "better" if test["difference"] > 0 else "worse"
 
 
-def compared_by(finals: pd.DataFrame) -> Measure:
-    """Returns what teachers are compared by: mastered tasks, or test returns where nobody masters any.
+def compared_by(finals: pd.DataFrame) -> Measure:  # noqa: ARG001
+    """Returns what teachers are compared by, whatever they master.
 
     Args:
         finals: of `measures.final_evaluations`.
     """
-    means = finals["mastered_percent"]
-    return TEST_RETURN if len(means) and (means == 0).all() else MASTERED
+    return MASTERED
 
 
 def findings(summary: pd.DataFrame, tests: pd.DataFrame) -> list[str]:
@@ -76,17 +65,17 @@ def findings(summary: pd.DataFrame, tests: pd.DataFrame) -> list[str]:
 
     Args:
         summary: rows of `measures.summarise`, of one comparison.
-        tests: rows of `measures.against_baseline` for both measures, of the same comparison.
+        tests: rows of `measures.against_baseline` for several measures, of the same comparison.
     """
     read = summary[summary["n"] > 0]
     if read.empty:
         return ["No run has been evaluated yet."]
-    sentences, measure = [], MASTERED
     if (read["mastered_percent_mean"] == 0).all():
-        sentences.append(
-            "No seed masters any test task, so what follows compares mean returns on the test set."
-        )
-        measure = TEST_RETURN
+        return [
+            "Nothing mastered: no seed masters any test task, so teachers are not compared. Their mean "
+            "returns do not say which of them would master more."
+        ]
+    sentences, measure = [], MASTERED
     tests = tests[tests["measure"] == measure.column].set_index("teacher")
     final = read[~read["provisional"]]
     if len(final):

@@ -70,13 +70,17 @@ def leaderboards(frames: Frames) -> list[Leaderboard]:
     hours, found = frames.run_hours, []
     for key, group in runs[runs[MEASURE].notna()].groupby(ACROSS, dropna=False, sort=True):
         across = dict(zip(ACROSS, key, strict=True))
-        found.append([_board(across, part, hours, total) for part, total in _on_the_same(group)])
+        found.append([_board(across, part, hours, total) for part, total in on_the_same(group)])
     found.sort(key=lambda boards: -sum(entry.rank.n for board in boards for entry in board.entries))
     return [board for boards in found for board in boards]
 
 
-def _on_the_same(runs: pd.DataFrame) -> Iterator[tuple[pd.DataFrame, int]]:
-    """Yields the runs of each set of challenges, the largest first, and how many challenges there are."""
+def on_the_same(runs: pd.DataFrame) -> Iterator[tuple[pd.DataFrame, int]]:
+    """Yields the runs of each set of challenges, the largest first, and how many challenges there are.
+
+    A set is all challenges that some teacher has with all of their bodies and students; its runs are those of
+    all teachers that have these.
+    """
     places = runs.groupby(PLACES, dropna=False, sort=True).ngroup()
     parts = runs.groupby([*PLACES, *PARTS], dropna=False, sort=True).ngroup()
     expected = parts.groupby(places).nunique()

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator
+from collections.abc import Collection, Iterator, Sequence
 from typing import Any
 
 import numpy as np
@@ -11,12 +11,15 @@ import pandas as pd
 from analysis.comparisons.aggregates import (
     ACROSS,
     CHALLENGES,
+    PLACES,
     improvements,
     interquartile_means,
     profiles,
     stratified_differences,
+    stratified_means,
 )
 from analysis.comparisons.few_seeds import in_brief
+from analysis.comparisons.leaderboard import on_the_same
 from analysis.data.reference import BASELINE
 from analysis.formatting import ends, number, p_value
 from analysis.looks import look
@@ -27,6 +30,9 @@ from analysis.statistics import SIGNIFICANCE
 
 THRESHOLDS = (25, 50, 75)
 """Per cent of the test tasks, over which the share of runs is told in tables."""
+
+BLOCK = [*ACROSS, "challenges", "of"]
+"""Columns that the rows of `overall` have in common that are read together."""
 
 STEPS = tuple(range(0, 100, 2))
 """The same of the curves that are performance profiles."""
@@ -71,19 +77,39 @@ def _difference(row: pd.Series) -> str:
 
 
 def overall(runs: pd.DataFrame, measure: str = MEASURE) -> pd.DataFrame:
-    """Returns one row for each teacher at each level and budget, over all its challenges, the best first.
+    """Returns one row for each teacher at each level and budget, on the same challenges, the best first.
+
+    Teachers are set side by side on the same challenges only: apart from those that have results on all,
+    there is a block of rows for each smaller set of challenges that is all that some teacher has, of everyone
+    who has these.
 
     Args:
         runs: of `pooling.pool_runs`.
         measure: column of `runs`, in per cent.
 
     Returns:
-        `ACROSS`, teacher, n, missing (what others have results of and this one has not), and with their 95 %
-        intervals value, low, high: interquartile mean over all runs; value_better, low_better, high_better:
-        probability that a run is better than one of Random on the same challenge (Agarwal et al., 2021);
-        worst: of the worst run, the mean over challenges; over_25 and so on: share of runs over so many per
-        cent.
+        `ACROSS`, challenges (number that the rows of a block are of), of (number that there are), teacher, n,
+        missing (results that others have and this one has not), and with their 95 % intervals mean, low_mean,
+        high_mean: mean over challenges of equal weight; value, low, high: interquartile mean over all runs;
+        value_better, low_better, high_better: probability that a run is better than one of Random on the
+        same challenge (Agarwal et al., 2021); worst: result of the worst run, the mean over challenges;
+        over_25 and so on: share of runs over so many per cent.
     """
+    blocks = [
+        _block(part, measure).assign(challenges=_challenges(part), of=of)
+        for _, group in runs[runs[measure].notna()].groupby(ACROSS, dropna=False, sort=True)
+        for part, of in on_the_same(group)
+    ]
+    table = pd.concat(blocks or [_block(runs, measure).head(0)], ignore_index=True)
+    return table.reindex(columns=list(dict.fromkeys([*BLOCK, "teacher", *table])))
+
+
+def _challenges(runs: pd.DataFrame) -> int:
+    return int(runs.groupby(PLACES, dropna=False).ngroups)
+
+
+def _block(runs: pd.DataFrame, measure: str) -> pd.DataFrame:
+    """Returns the rows of teachers that have results on the same challenges."""
     by = [*ACROSS, "teacher"]
     means = interquartile_means(runs, measure, by=by, strata=CHALLENGES)
     chances = improvements(runs, measure, reference=BASELINE, within=ACROSS, strata=CHALLENGES)
@@ -94,7 +120,10 @@ def overall(runs: pd.DataFrame, measure: str = MEASURE) -> pd.DataFrame:
     shares = profiles(runs, measure, THRESHOLDS, by=by, strata=CHALLENGES)
     wide = shares.pivot_table(index=by, columns="threshold", values="share", dropna=False, observed=True)
     wide = wide.rename(columns={threshold: f"over_{threshold}" for threshold in THRESHOLDS}).reset_index()
-    table = table.merge(worst, on=by, how="left").merge(wide, on=by, how="left")
+    weighted = stratified_means(runs, measure)[[*by, "difference", "low", "high"]]
+    weighted = weighted.set_axis([*by, "mean", "low_mean", "high_mean"], axis=1)
+    for columns in (worst, wide, weighted):
+        table = table.merge(columns, on=by, how="left")
     order = [*[True] * len(ACROSS), False]
     return table[table["n"] > 0].sort_values([*ACROSS, "value"], ascending=order, ignore_index=True)
 
@@ -116,7 +145,7 @@ def overall_rows(runs: pd.DataFrame, measure: str = MEASURE) -> list[dict[str, A
     told = ["steps", *(name for name in varying(runs) if name != "steps")]
     return [
         {
-            "place": ", ".join([f"expert knowledge {row['expert_knowledge']}", *condition_words(row, told)]),
+            "place": place_of(row, told),
             "name": row["teacher"],
             "teacher": marked_label(row["teacher"]),
             "own": mark_of(row["teacher"]) != "",
@@ -145,13 +174,25 @@ def performance_profiles(runs: pd.DataFrame, measure: str = MEASURE) -> Iterator
     if runs.empty:
         return
     told = ["steps", *(name for name in varying(runs) if name != "steps")]
-    table = profiles(runs, measure, STEPS, by=[*ACROSS, "teacher"], strata=CHALLENGES)
-    for _, rows in table[table["n"] > 0].groupby(ACROSS, dropna=False, sort=True):
-        first = rows.iloc[0]
-        yield (
-            ", ".join([f"expert knowledge {first['expert_knowledge']}", *condition_words(first, told)]),
-            rows,
-        )
+    for _, group in runs[runs[measure].notna()].groupby(ACROSS, dropna=False, sort=True):
+        for part, of in on_the_same(group):
+            table = profiles(part, measure, STEPS, by=[*ACROSS, "teacher"], strata=CHALLENGES)
+            row = part.iloc[0].copy()
+            row["challenges"], row["of"] = _challenges(part), of
+            yield place_of(row, told), table
+
+
+def place_of(row: pd.Series, told: Sequence[str]) -> str:
+    """Returns level and conditions of a row of `overall` in words, and its challenges where they are not all.
+
+    Args:
+        row: of `overall`.
+        told: columns of `CONDITIONS` that are said.
+    """
+    words = [f"expert knowledge {row['expert_knowledge']}", *condition_words(row, told)]
+    if row["challenges"] < row["of"]:
+        words.append(f"{row['challenges']} of {row['of']} challenges")
+    return ", ".join(words)
 
 
 def interval(row: pd.Series, suffix: str, digits: int) -> str:
@@ -161,6 +202,4 @@ def interval(row: pd.Series, suffix: str, digits: int) -> str:
         return "\N{EN DASH}"
     if not np.isfinite(low):
         return number(value, digits)
-    if not suffix:  # a share of the test tasks, whatever its distribution
-        low, high = max(low, 0.0), min(high, 100.0)
     return f"{number(value, digits)} [{number(low, digits)}, {number(high, digits)}]"

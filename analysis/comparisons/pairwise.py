@@ -13,7 +13,8 @@ from analysis.data.arguments import check_measure
 from analysis.data.reference import NO_BASELINE, is_baseline
 from analysis.measures.pooling import COMPARED, PARTS
 from analysis.measures.shared_students import Seeds, compared, seeds_to_pair
-from analysis.statistics import Comparison, Method, describe, holm
+from analysis.measures.tested import scale_of
+from analysis.statistics import Comparison, Method, Scale, describe, holm
 from analysis.statistics.power import detectable_difference, detectable_in_pairs
 from tma_ray.benchmark import TEACHERS
 from tma_ray.commands.arguments import check_known, check_names
@@ -36,8 +37,8 @@ def pairwise(
 ) -> pd.DataFrame:
     """Returns the tests between groups of runs, one row a pair.
 
-    Welch's, or paired by seed where seeds share a student. Runs without the measure do not count. Groups are
-    not tested that share a run or that pool other bodies or students.
+    Welch's, or paired by seed where seeds share a student, on the scale of `tested.scale_of`. Runs without
+    the measure do not count. Groups are not tested that share a run or that pool other bodies or students.
 
     Args:
         runs: of `pooling.pool_runs`; with a step column among `within`, the values of
@@ -70,7 +71,7 @@ def pairwise(
         for first, second in pairs_of(list(samples), reference):
             other = samples.get(second) or _sample(group.head(0), measure, parts)
             row = shared | {"first": first, "second": second}
-            row |= _compared(samples[first], other, seeds, detectable=detectable)
+            row |= _compared(samples[first], other, seeds, scale_of(measure), detectable=detectable)
             rows.append(row if second in samples else row | {"reason": nobody(second)})
     table = pd.DataFrame(rows, columns=[*within, *OWN])
     table["holm"] = table.groupby(family, dropna=False)["p"].transform(holm) if len(table) else table["p"]
@@ -113,9 +114,11 @@ def _sample(rows: pd.DataFrame, measure: str, parts: Sequence[str]) -> _Sample:
     return _Sample(values, frozenset(zip(*columns, strict=True)), uncounted)
 
 
-def _compared(first: _Sample, second: _Sample, seeds: Seeds, *, detectable: bool) -> dict[str, object]:
+def _compared(
+    first: _Sample, second: _Sample, seeds: Seeds, scale: Scale, *, detectable: bool
+) -> dict[str, object]:
     """Returns the test of two groups, what it left out, and the difference that it could find."""
-    comparison = compared(first.values, second.values, seeds)
+    comparison = compared(first.values, second.values, seeds, scale)
     if not comparison.reason and first.parts != second.parts:
         sizes = len(first.values), len(second.values)
         comparison = Comparison(*sizes, comparison.difference, reason=OTHER_PARTS)

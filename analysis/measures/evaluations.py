@@ -56,6 +56,30 @@ def evaluation_curves(frames: Frames) -> pd.DataFrame:
     return unfailed(frames.cells).merge(measured, on="run_id")
 
 
+@computed_once
+def ceilings(frames: Frames) -> pd.DataFrame:
+    """Returns how much of each test set any run ever masters, one row each.
+
+    Tasks that no run ever masters are beyond this student and budget: they bound the results of all teachers.
+
+    Returns:
+        environment, test_set, tasks (number), ever (of them mastered at any evaluation of any run), last (of
+        them mastered at the last evaluation of any run), and best_percent, the largest share of them that one
+        run masters at one evaluation, in %.
+    """
+    place = ["environment", "test_set"]
+    runs = unfailed(frames.cells)[["run_id", *place]].drop_duplicates("run_id")
+    rows = frames.evaluations_of(runs["run_id"].tolist())[["run_id", "step", "task_index", "mastered"]]
+    rows = rows.astype({"run_id": object}).merge(runs, on="run_id")
+    rows["last"] = rows["mastered"] & rows["step"].eq(rows.groupby("run_id")["step"].transform("max"))
+    tasks = rows.groupby([*place, "task_index"])[["mastered", "last"]].any().groupby(place)
+    found = tasks.sum().rename(columns={"mastered": "ever"}).assign(tasks=tasks.size())
+    best = rows.groupby([*place, "run_id", "step"])["mastered"].mean().groupby(place).max()
+    return found.assign(best_percent=100 * best).reset_index()[
+        [*place, "tasks", "ever", "last", "best_percent"]
+    ]
+
+
 def aggregate(curves: pd.DataFrame, value: str, by: Sequence[str] = GROUP) -> pd.DataFrame:
     """Returns `by`, step, n, mean, std and standard_error of `value` over the runs of a group."""
     check_measure("curves", curves, value, [*by, "step"])

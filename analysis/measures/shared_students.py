@@ -7,7 +7,7 @@ from typing import Final, TypeAlias
 
 import pandas as pd
 
-from analysis.statistics import Comparison, paired, paired_strata, stratified, welch
+from analysis.statistics import Comparison, Scale, paired, paired_strata, stratified, tested_on, welch
 from analysis.statistics.pairing import seed_means
 from tma_ray.results import SIMULATED
 
@@ -35,23 +35,37 @@ def seeds_to_pair(*tables: pd.DataFrame) -> Seeds:
     return seeds
 
 
-def compared(sample: pd.Series, reference: pd.Series, seeds: Seeds) -> Comparison:
+def compared(
+    sample: pd.Series, reference: pd.Series, seeds: Seeds, scale: Scale = Scale.PERCENT
+) -> Comparison:
     """Compares the means of two samples, by pairs if all of their runs are in `seeds`, else by Welch's test.
 
     Args:
         sample: one value a run, indexed by run id.
-        reference: likewise.
+        reference: the same of the other group.
         seeds: of `seeds_to_pair`.
+        scale: scale on which the means are tested, of `tested.scale_of`; the difference is of the values.
     """
+    if scale is not Scale.PERCENT:
+        scaled = compared(scale.of(sample), scale.of(reference), seeds)
+        return tested_on(scaled, compared(sample, reference, seeds))
     if are_paired([sample, reference], seeds):
         return paired_strata([(sample, reference)], [1.0], seeds)
     return welch(sample, reference)
 
 
 def compared_over_strata(
-    pairs: Sequence[tuple[pd.Series, pd.Series]], weights: Sequence[float], seeds: Seeds
+    pairs: Sequence[tuple[pd.Series, pd.Series]],
+    weights: Sequence[float],
+    seeds: Seeds,
+    scale: Scale = Scale.PERCENT,
 ) -> Comparison:
     """Compares the means of two groups over strata, as `compared` does; arguments as of `stratified`."""
+    if scale is not Scale.PERCENT:
+        scaled = [(scale.of(first), scale.of(second)) for first, second in pairs]
+        return tested_on(
+            compared_over_strata(scaled, weights, seeds), compared_over_strata(pairs, weights, seeds)
+        )
     if are_paired([sample for pair in pairs for sample in pair], seeds):
         return paired_strata(pairs, weights, seeds)
     return stratified(pairs, weights)

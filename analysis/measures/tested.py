@@ -2,14 +2,27 @@
 
 from __future__ import annotations
 
-MEASURE = "mastered_percent"
-"""The paper's: test tasks mastered at the end of training."""
+from analysis.statistics import Scale
 
-MEASURES = {MEASURE: "mastered %", "mastered_area": "area %"}
-"""Measures by column, and their heads in tables: at the end, and on average over training."""
+MEASURE = "mastered_percent"
+"""The paper's: test tasks mastered at the last evaluation."""
+
+MEASURES = {MEASURE: "mastered %", "last_three_percent": "last three %", "mastered_area": "area %"}
+"""Measures by column, and their heads in tables: at the last evaluation, as the mean of the last three, and
+on average over training. All are comparable between runs of any budget."""
 
 QUANTITIES = {
     MEASURE: "Mastered test tasks (%)",
+    "last_three_percent": "Mastered test tasks, last three evaluations (%)",
     "mastered_area": "Mastered test tasks over training (%)",
 }
 """The same as labels of axes."""
+
+
+def scale_of(measure: str) -> Scale:
+    """Returns the scale on which means of a measure are tested.
+
+    The spread of an area grows with its mean, and does not on the arcsine scale; that of single evaluations
+    does not grow, so that they are tested in per cent (`docs/statistics.md`).
+    """
+    return Scale.ARCSINE if measure == "mastered_area" else Scale.PERCENT

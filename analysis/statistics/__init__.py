@@ -3,14 +3,23 @@
 from analysis.statistics.comparisons import (
     Comparison,
     Method,
+    Scale,
     standard_error_of_difference,
     stratified,
+    tested_on,
     welch,
     welch_from_statistics,
 )
 from analysis.statistics.corrections import holm
 from analysis.statistics.pairing import paired, paired_strata
-from analysis.statistics.samples import CONFIDENCE, SIGNIFICANCE, Description, describe, mean_interval
+from analysis.statistics.samples import (
+    CONFIDENCE,
+    SIGNIFICANCE,
+    Description,
+    describe,
+    mean_interval,
+    percent_interval,
+)
 
 __all__ = [
     "CONFIDENCE",
@@ -18,13 +27,16 @@ __all__ = [
     "Comparison",
     "Description",
     "Method",
+    "Scale",
     "describe",
     "holm",
     "mean_interval",
     "paired",
     "paired_strata",
+    "percent_interval",
     "standard_error_of_difference",
     "stratified",
+    "tested_on",
     "welch",
     "welch_from_statistics",
 ]

@@ -7,11 +7,15 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from enum import StrEnum
 
+import numpy as np
 import pandas as pd
 
 from analysis.statistics.permutations import permutation_p
 from analysis.statistics.samples import CONFIDENCE, SIGNIFICANCE, Description, describe, finite
 from tma_ray.commands.arguments import check_kind
+
+ROUNDING = 1e-9
+"""Share by which rounding may take a percentage beyond 0 or 100."""
 
 ALL_EQUAL = "no spread between seeds"
 """Why two samples are not tested whose values are all the same."""
@@ -33,6 +37,33 @@ class Method(StrEnum):
     PERMUTATION = "permutation"
     SIGN_FLIP = "sign flip"
     NONE = ""
+
+
+class Scale(StrEnum):
+    """Scale on which means of percentages are tested.
+
+    Attributes:
+        PERCENT: percentages as they are.
+        ARCSINE: arcsine of the root of a share, on which seeds of a measure that is a mean of many shares
+            scatter alike, whether they master little or much (Bartlett, 1947).
+    """
+
+    PERCENT = "percent"
+    ARCSINE = "arcsine"
+
+    def of(self, percentages: pd.Series) -> pd.Series:
+        """Returns `percentages` on this scale; arcsines are in radians, from 0 to half of pi.
+
+        Raises:
+            ValueError: a value is not a percentage.
+        """
+        if self is Scale.PERCENT:
+            return percentages
+        shares = percentages.astype(float) / 100
+        wrong = shares[(shares < -ROUNDING) | (shares > 1 + ROUNDING)]
+        if len(wrong):
+            raise ValueError(f"{100 * wrong.iloc[0]:g}: expected percentages, in [0, 100], to test arcsines")
+        return pd.Series(np.arcsin(np.sqrt(shares.clip(0.0, 1.0).to_numpy())), index=percentages.index)
 
 
 @dataclass(frozen=True)
@@ -191,6 +222,30 @@ def _obstacle_of_strata(
         return "needs 2 seeds"
     constant = all(sample.std == 0 for pair in samples for sample in pair)
     return ALL_EQUAL if constant and all(first.mean == second.mean for first, second in samples) else ""
+
+
+def tested_on(scaled: Comparison, shown: Comparison) -> Comparison:
+    """Returns a difference in percentages with the test that was made on another scale.
+
+    The interval is that of the percentages, except where it contradicts the test: without a finding it is
+    widened to hold 0, and an end that would hold 0 beside a finding is that of the test's own interval,
+    in proportion to the difference. Where the two scales disagree on who is better, p is 1: the test is
+    of the direction that is shown.
+
+    Args:
+        scaled: the comparison on the other scale.
+        shown: the comparison of the same samples in percentages.
+    """
+    if scaled.reason:
+        return replace(scaled, difference=shown.difference)
+    p = scaled.p if scaled.difference * shown.difference > 0 else 1.0
+    low, high = shown.low, shown.high
+    if not p < SIGNIFICANCE:
+        low, high = min(low, 0.0), max(high, 0.0)
+    elif low <= 0 <= high:
+        ratio = shown.difference / scaled.difference
+        low, high = ratio * scaled.low, ratio * scaled.high
+    return replace(scaled, difference=shown.difference, low=low, high=high, p=p)
 
 
 def t_test(

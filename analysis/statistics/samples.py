@@ -61,6 +61,24 @@ def mean_interval(sample: Description) -> tuple[float, float]:
     return sample.mean - margin, sample.mean + margin
 
 
+def percent_interval(mean: float, margin: float) -> tuple[float, float]:
+    """Returns the 95 % confidence interval of a mean percentage, which stays within 0 and 100.
+
+    It is symmetric in the arcsine of the root of the mean's share, whose standard error follows from that of
+    the mean (delta method). A mean of 0 or 100, where that has none, keeps the symmetric interval, cut there.
+
+    Args:
+        mean: mean of percentages, in [0, 100].
+        margin: half the width of its symmetric interval, in points; NaN where there is none.
+    """
+    if not 0 < mean < 100:
+        return max(mean - margin, 0.0), min(mean + margin, 100.0)
+    angle = math.asin(math.sqrt(mean / 100))
+    spread = margin / 100 / math.sin(2 * angle)
+    ends = max(angle - spread, 0.0), min(angle + spread, math.pi / 2)
+    return 100 * math.sin(ends[0]) ** 2, 100 * math.sin(ends[1]) ** 2
+
+
 def finite(values: ArrayLike) -> NDArray[np.float64]:
     """Returns the finite ones among `values` (n,).
 

@@ -60,6 +60,17 @@ def test_failed_runs_count_nowhere_but_in_the_counts(campaign: SyntheticCampaign
     assert (row["seeds"], row["n"], row["done"], row["failed"]) == (2, 1, 1, 1)
 
 
+def test_the_ceiling_is_of_tasks_that_any_run_ever_masters(campaign: SyntheticCampaign) -> None:
+    campaign.plain_run("random", 0, {0: [0, 0, 0, 0], 500: [300, 300, 0, 0], 1000: [300, 0, 0, 0]})
+    campaign.plain_run("adr", 0, {0: [0, 0, 0, 0], 1000: [300, 0, float("nan"), 300]})
+    (row,) = evaluations.ceilings(load(campaign.root)).to_dict("records")
+    assert row == {
+        "environment": "stump_tracks", "test_set": row["test_set"], "tasks": 4,
+        "ever": 3, "last": 2, "best_percent": 50.0,
+    }  # fmt: skip
+    assert evaluations.ceilings(load(SyntheticCampaign(campaign.root / "empty").root)).empty
+
+
 def test_curves_are_means_with_standard_errors_over_runs(campaign: SyntheticCampaign) -> None:
     for seed, last in enumerate([[300, 0], [300, 300], [0, 0]]):
         campaign.plain_run("random", seed, {0: [0, 0], 1000: last})

@@ -41,6 +41,18 @@ def test_all_pairs_agree_with_scipy_and_are_adjusted_together() -> None:
     np.testing.assert_allclose(tests["detectable"], wanted)
 
 
+def test_an_area_is_tested_on_the_arcsine_scale() -> None:
+    runs = pool(*three_teachers()).assign(mastered_area=lambda table: table["mastered_percent"])
+    tests = pairwise(runs, "mastered_area")
+    angles = {teacher: np.arcsin(np.sqrt(np.array(values) / 100)) for teacher, values in VALUES.items()}
+    pairs = zip(tests["first"], tests["second"], strict=True)
+    expected = [stats.ttest_ind(angles[a], angles[b], equal_var=False).pvalue for a, b in pairs]
+    np.testing.assert_allclose(tests["p"], expected)
+    in_percent = pairwise(runs, "mastered_percent")
+    np.testing.assert_allclose(tests["difference"], in_percent["difference"])
+    assert (tests["p"] != in_percent["p"]).all()
+
+
 def test_a_reference_is_set_against_every_other() -> None:
     tests = pairwise(pool(*three_teachers()), "mastered_percent", reference="random")
     assert list(tests["first"]) == ["adr", "alp_gmm"]

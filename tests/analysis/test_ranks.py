@@ -9,9 +9,11 @@ from scipy import stats
 from synthetic_pools import cell
 
 from analysis.comparisons.aggregates import stratified_means
+from analysis.comparisons.overall import overall, overall_rows, performance_profiles
 from analysis.comparisons.ranks import Rank, ranks
 from analysis.measures.pooling import pool_runs
 from analysis.measures.tested import MEASURE
+from analysis.statistics import percent_interval
 
 CHALLENGES = ("original", "mostly_trivial", "rugged_difficulty")
 
@@ -82,7 +84,7 @@ def test_who_is_not_ranked_costs_no_power() -> None:
     assert whole.better == (), "a second pair of the family takes what was just significant"
 
 
-def test_the_interval_of_the_mean_is_welch_and_satterthwaites() -> None:
+def test_the_interval_of_the_mean_has_welch_and_satterthwaites_error() -> None:
     rng = np.random.default_rng(3)
     values = {
         name: list(rng.normal(50, scale, 5)) for name, scale in zip(CHALLENGES, (1, 5, 20), strict=True)
@@ -92,8 +94,40 @@ def test_the_interval_of_the_mean_is_welch_and_satterthwaites() -> None:
     freedom = parts.sum() ** 2 / (parts**2 / 4).sum()
     margin = stats.t.ppf(0.975, freedom) * np.sqrt(parts.sum())
     mean = np.mean([np.mean(each) for each in values.values()])
-    assert (row["difference"], row["low"], row["high"]) == pytest.approx((mean, mean - margin, mean + margin))
+    assert row["difference"] == pytest.approx(mean)
+    assert (row["low"], row["high"]) == pytest.approx(percent_interval(mean, margin))
     assert (row["challenges"], row["n"]) == (3, 15)
+
+
+def test_all_challenges_are_those_that_everyone_has(runs: pd.DataFrame) -> None:
+    """The results of `part`, which lacks the hardest challenge, are not set beside means over all three."""
+    table = overall(runs)
+    blocks = {key: rows["teacher"].tolist() for key, rows in table.groupby(["challenges", "of"], sort=False)}
+    assert list(blocks) == [(3, 3), (2, 3)]
+    assert sorted(blocks[(3, 3)]) == ["bad", "good", "near", "random"]
+    assert blocks[(2, 3)][0] == "part"
+    assert len(blocks[(2, 3)]) == 5
+    good = table[table["teacher"] == "good"].set_index("challenges")
+    assert good["mean"].to_dict() == pytest.approx({3: 40.0, 2: 35.0})
+    assert set(table["missing"]) == {""}
+    places = [row["place"] for row in overall_rows(runs)]
+    assert sum(place.endswith("2 of 3 challenges") for place in places) == 5
+    assert [len(rows["teacher"].unique()) for _, rows in performance_profiles(runs)] == [4, 5]
+
+
+def test_a_mean_over_challenges_weighs_them_alike_whatever_their_bodies() -> None:
+    cells = pd.DataFrame(
+        cell("riac", seed, value + seed, challenge=challenge, embodiment=body, experiment=challenge)
+        for challenge, body, value in (
+            ("original", "classic_bipedal", 10.0),
+            ("diverse_students", "short_bipedal", 40.0),
+            ("diverse_students", "spider", 60.0),
+        )
+        for seed in range(3)
+    )
+    (row,) = overall(pool_runs(cells, cells[["run_id", MEASURE, "step"]])).to_dict("records")
+    assert (row["challenges"], row["n"]) == (2, 9)
+    assert row["mean"] == pytest.approx((11 + (41 + 61) / 2) / 2)
 
 
 def test_single_runs_leave_every_rank_open() -> None:

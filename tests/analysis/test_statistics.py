@@ -14,6 +14,7 @@ from analysis.statistics import (
     describe,
     holm,
     paired,
+    percent_interval,
     stratified,
     welch,
     welch_from_statistics,
@@ -232,6 +233,28 @@ def test_describe_by_hand() -> None:
     assert result.mean == 5
     assert result.std == pytest.approx(math.sqrt((9 + 1 + 16) / 2))
     assert result.standard_error == pytest.approx(math.sqrt(13 / 3))
+
+
+@given(st.floats(1e-6, 100 - 1e-6), st.floats(0, 300))
+def test_the_interval_of_a_percentage_stays_within_its_bounds(mean: float, margin: float) -> None:
+    low, high = percent_interval(mean, margin)
+    assert 0 <= low <= mean * (1 + 1e-9)
+    assert mean * (1 - 1e-9) <= high <= 100
+    assert percent_interval(100 - mean, margin) == pytest.approx((100 - high, 100 - low), abs=1e-4)
+
+
+def test_the_interval_of_a_percentage_by_hand() -> None:
+    # The share 1/4 is at the angle of 30 degrees, where a point is 1 / (100 sin 60) radians.
+    low, high = percent_interval(25.0, 100 * math.sin(math.pi / 3) * math.pi / 12)
+    assert (low, high) == pytest.approx((100 * math.sin(math.pi / 12) ** 2, 50.0))
+    assert percent_interval(25.0, 0.01) == pytest.approx((24.99, 25.01), abs=1e-5)
+
+
+def test_the_interval_of_a_percentage_at_its_bounds_is_cut() -> None:
+    assert percent_interval(0.0, 3.0) == (0.0, 3.0)
+    assert percent_interval(100.0, 3.0) == (97.0, 100.0)
+    assert np.isnan(percent_interval(10.0, math.nan)).all()
+    assert np.isnan(percent_interval(0.0, math.nan)).all()
 
 
 def test_one_value_has_no_spread() -> None:

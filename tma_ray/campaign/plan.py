@@ -41,6 +41,11 @@ class Plan:
         """Environment steps of all runs together."""
         return sum(spec.schedule.steps for spec in self.runs)
 
+    @property
+    def largest_budget(self) -> int:
+        """Environment steps of its longest run; 0 without runs."""
+        return max((spec.schedule.steps for spec in self.runs), default=0)
+
     def describe(self) -> str:
         """Returns the size of the campaign in one sentence."""
         shared = len(self.cell_rows) - len(self.runs)

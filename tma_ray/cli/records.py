@@ -117,7 +117,7 @@ def plan_record(experiment: Experiment, options: argparse.Namespace) -> dict[str
             "checkpoint_gib": cost.checkpoint_gib,
             "memory_gib": cost.memory_gib,
         },
-        "detectable": _rows(detectable_differences(plan.cell_rows)),
+        "detectable": _rows(detectable_differences(plan.cell_rows, plan.largest_budget)),
     }
 
 

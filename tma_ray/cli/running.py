@@ -215,7 +215,8 @@ def _plan(options: argparse.Namespace) -> int:
     if options.json:
         print_json("plan", plan_record(experiment, options))
         return 0
-    show_detectable_differences(show_plan(experiment, options).cell_rows)
+    plan = show_plan(experiment, options)
+    show_detectable_differences(plan.cell_rows, plan.largest_budget)
     return 0
 
 
