@@ -21,7 +21,12 @@
 #SBATCH --output=tma-ray-%j.log
 set -euo pipefail
 
-export PATH="${TMA_RAY_VENV:-$PWD/.venv}/bin:$PATH"
+venv="${TMA_RAY_VENV:-$PWD/.venv}"
+export PATH="$venv/bin:$PATH"
+command -v ray >/dev/null || {
+    echo "no Ray in $venv: submit from the checkout, or name its virtual environment in TMA_RAY_VENV" >&2
+    exit 2
+}
 export RAY_AUTH_MODE=token RAY_USAGE_STATS_ENABLED=0
 # In the environment, which only its owner can read; a command line is everybody's.
 RAY_AUTH_TOKEN=$(python -c 'import secrets; print(secrets.token_hex(32))')
@@ -35,6 +40,7 @@ nodes=$(scontrol show hostnames "$SLURM_JOB_NODELIST")
 head=${nodes%%$'\n'*}
 address=$(getent ahostsv4 "$head" | awk 'NR == 1 { print $1 }')
 
+# Each with its own --nodes and --ntasks: what a step is not given it inherits from the job.
 step=(srun --overlap --ntasks-per-node=1 "--cpus-per-task=$SLURM_CPUS_PER_TASK")
 each_node=(
     --block "--num-cpus=$SLURM_CPUS_PER_TASK" "--num-gpus=${SLURM_GPUS_ON_NODE:-0}"
@@ -42,24 +48,30 @@ each_node=(
     --min-worker-port=0 --max-worker-port=0 --dashboard-agent-listen-port=0
 )
 
+# Ray lets all users of a node write into its folder, which is therefore inside one of this user alone.
+in_place='mkdir -pm 700 "$0" && [[ -O $0 && ! -L $0 ]] && chmod 700 "$0" && exec "$@"
+    echo "$0 cannot be used: it belongs to another user" >&2; exit 1'
+
 steps=()
 end_ray() {
     kill -TERM "${steps[@]}" 2>/dev/null || true
     wait "${steps[@]}" 2>/dev/null || true
-    "${step[@]}" rm -rf "$place" || true
+    "${step[@]}" "--nodes=$SLURM_JOB_NUM_NODES" "--ntasks=$SLURM_JOB_NUM_NODES" rm -rf "$place" || true
 }
 trap end_ray EXIT
 
-"${step[@]}" --nodes=1 --relative=0 ray start --head "${each_node[@]}" \
+"${step[@]}" --nodes=1 --ntasks=1 --relative=0 bash -c "$in_place" "$place" \
+    ray start --head "${each_node[@]}" \
     "--node-ip-address=$address" "--port=$port" "--ray-client-server-port=$((port + 1))" \
-    --include-dashboard=false "--temp-dir=$place" &
+    --include-dashboard=false "--temp-dir=$place/ray" &
 steps+=($!)
 until (exec 3<>"/dev/tcp/$address/$port") 2>/dev/null; do
     kill -0 "${steps[0]}" || { echo "Ray did not start on $head" >&2; exit 1; }
     sleep 1
 done
 if ((SLURM_JOB_NUM_NODES > 1)); then
-    "${step[@]}" "--nodes=$((SLURM_JOB_NUM_NODES - 1))" --relative=1 \
+    others=$((SLURM_JOB_NUM_NODES - 1))
+    "${step[@]}" "--nodes=$others" "--ntasks=$others" --relative=1 bash -c "$in_place" "$place" \
         ray start "--address=$address:$port" "${each_node[@]}" &
     steps+=($!)
 fi

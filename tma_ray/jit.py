@@ -33,6 +33,32 @@ class _Announcement(event.Listener):
         """Leaves it at that."""
 
 
+class _Count(event.Listener):
+    """Calls a function after each compilation; see `count_compiled`."""
+
+    def __init__(self, show: Callable[[int, int], None]) -> None:
+        self._show = show
+
+    def on_start(self, event: Any) -> None:
+        """Does nothing yet."""
+
+    def on_end(self, event: Any) -> None:  # noqa: ARG002 - as numba asks
+        self._show(sum(bool(each.signatures) for each in _kernels), len(_kernels))
+
+
+_kernels: list[Any] = []
+"""Kernels of the modules that have been imported."""
+
+
+def count_compiled(show: Callable[[int, int], None]) -> None:
+    """Calls `show` after each compilation from now on.
+
+    Args:
+        show: takes the number of kernels that are compiled, and of all in the modules imported so far.
+    """
+    event.register("numba:compile", _Count(show))  # type: ignore[no-untyped-call]
+
+
 if is_command(sys.orig_argv):
     event.register("numba:compile", _Announcement())  # type: ignore[no-untyped-call]
 
@@ -62,6 +88,7 @@ def kernel(function: F, nogil: bool = False) -> F:
         # numba notices changes of the function's own file only, but kernels call others of their package.
         file = Path(function.__code__.co_filename)
         compiled._cache._cache_file._source_stamp = _sources(_package(file))
+        _kernels.append(compiled)
     return cast("F", compiled)
 
 

@@ -1,7 +1,9 @@
-"""A cluster whose first worker comes when runs already wait for it, as an autoscaler's do."""
+"""A cluster whose first worker comes when runs already wait for it, as an autoscaler's do; and its cost."""
 
 from __future__ import annotations
 
+import os
+import pty
 import signal
 import subprocess
 import sys
@@ -45,3 +47,21 @@ def test_runs_wait_for_nodes_only_where_some_will_come(tmp_path: Path) -> None:
             node.wait(timeout=60)
             campaign.kill()
     assert [run.status for run in Results.open(tmp_path / "root").runs()] == [RunStatus.DONE] * 2
+
+
+@pytest.mark.slow
+def test_a_long_campaign_is_refused_on_a_cluster_though_it_has_a_terminal(tmp_path: Path) -> None:
+    """As ``ray submit --tmux`` starts it, where nobody would see a question."""
+    watched, terminal = pty.openpty()
+    with local_head("--num-cpus=7", "--memory=50000000000") as head:
+        command = [sys.executable, "experiments/quickstart.py", "--students", "sac", "--steps", "20M"]
+        refused = subprocess.run(
+            [*command, "--address", head.address, "--results", tmp_path / "root"],
+            cwd=ROOT, env=head.environment, stdin=terminal, stdout=terminal, stderr=subprocess.PIPE,
+            text=True, timeout=100, check=False,
+        )  # fmt: skip
+    shown = os.read(watched, 10_000).decode()
+    assert refused.returncode == 2
+    assert "with 6 runs at once on the cluster's 1 node" in shown
+    assert "pass --yes" in refused.stderr
+    assert not (tmp_path / "root").exists()

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import shutil
 import subprocess
+import sys
 from pathlib import Path
 
 import psutil
@@ -36,3 +37,26 @@ def test_children_of_the_node_manager_may_end_and_the_node_manager_may_not(tmp_p
         node.kill()
         node.wait()
         assert "node manager (raylet)" in str(processes.lost())
+
+
+def test_what_has_closed_its_ports_is_lost_while_its_process_goes_on(tmp_path: Path) -> None:
+    """As the head is after SIGTERM: it neither serves nor ends."""
+    python = tmp_path / "gcs_server"
+    python.symlink_to(sys.executable)
+    processes = OwnProcesses()
+    code = (
+        "import socket, sys; sys.stdin.readline(); server = socket.create_server(('127.0.0.1', 0))\n"
+        "print(flush=True); sys.stdin.readline(); server.close(); print(flush=True); sys.stdin.readline()"
+    )
+    with subprocess.Popen(
+        [python, "-c", code], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
+    ) as head:
+        assert head.stdin is not None and head.stdout is not None  # noqa: PT018
+        assert processes.lost() is None, "it has not begun to serve"
+        for lost in (False, True):
+            head.stdin.write("\n")
+            head.stdin.flush()
+            head.stdout.readline()
+            assert ("head (GCS)" in str(processes.lost())) is lost
+        assert head.poll() is None
+        head.kill()

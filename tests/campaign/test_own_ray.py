@@ -3,7 +3,12 @@
 from __future__ import annotations
 
 import ipaddress
+import os
+import signal
+import stat
 import subprocess
+import sys
+import tempfile
 import time
 from pathlib import Path
 
@@ -51,8 +56,17 @@ def assert_ends_soon_with_nothing_left(
     assert left == []
 
 
+def folders_of_ray(processes: list[psutil.Process]) -> set[Path]:
+    """Returns the folders in which processes keep open files of Ray."""
+    opened = {Path(file.path) for process in processes for file in process.open_files()}
+    return {folder for path in opened for folder in path.parents if folder.name == "ray"}
+
+
+@pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGTERM], ids=["killed", "terminated"])
 @pytest.mark.parametrize("core", ["gcs_server", "raylet"])
-def test_listens_on_loopback_only_and_ends_with_its_core_processes(tmp_path: Path, core: str) -> None:
+def test_is_closed_to_others_and_ends_with_its_core_processes(
+    tmp_path: Path, core: str, number: signal.Signals
+) -> None:
     root = tmp_path / "root"
     driver = start(root, tmp_path / "said.txt")
     try:
@@ -61,8 +75,11 @@ def test_listens_on_loopback_only_and_ends_with_its_core_processes(tmp_path: Pat
         sockets = listening(processes)
         assert {"gcs_server", "raylet"} <= set(sockets.values())
         assert [place for place in sockets if not is_loopback(place[0])] == []
+        (folder,) = {path.parent for path in folders_of_ray(processes)}
+        assert folder.name.startswith("tma_ray-")
+        assert stat.S_IMODE(folder.stat().st_mode) == 0o700
 
-        next(process for process in processes if process.name() == core).kill()
+        next(process for process in processes if process.name() == core).send_signal(number)
         assert_ends_soon_with_nothing_left(driver, processes)
     finally:
         driver.kill()
@@ -75,6 +92,14 @@ def test_listens_on_loopback_only_and_ends_with_its_core_processes(tmp_path: Pat
     assert found.heartbeat.ended
     states = {run.state for cells in found.campaigns.values() for runs in cells.values() for run in runs}
     assert states <= {"interrupted", "waiting"}
+
+
+def test_nothing_of_a_campaign_that_has_ended_is_left(tmp_path: Path) -> None:
+    with tempfile.TemporaryDirectory(prefix="r", dir="/tmp") as place:  # short enough for sockets
+        flags = f"--teachers random --students ppo --seeds 1 --steps 1000 --results {tmp_path / 'root'}"
+        command = [sys.executable, "-m", "tma_ray.cli", "campaign", "--local", *flags.split()]
+        subprocess.run(command, check=True, env={**os.environ, "TMPDIR": place}, timeout=300)
+        assert list(Path(place).glob("tma_ray-*")) == []
 
 
 @pytest.mark.parametrize("core", ["gcs_server", "raylet"])

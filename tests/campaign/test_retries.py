@@ -8,14 +8,15 @@ from typing import Any
 
 import pytest
 import ray
-from ray.exceptions import ActorUnavailableError
+from ray.exceptions import ActorUnavailableError, RayError, RayTaskError
 from small_runs import data_files, rows
 from test_campaign import alone, campaign, execute, idle, settings
 
 from tma_ray.campaign.actors import Report, SeedActor
+from tma_ray.campaign.failures.errors import reason_for_loss
 from tma_ray.campaign.failures.retries import FIRST_PAUSE, LONGEST_PAUSE, Retries
 from tma_ray.campaign.settings import TeacherPlacement
-from tma_ray.results import Committer, Table
+from tma_ray.results import Committer, StorageError, Table
 
 
 class Clock:
@@ -23,6 +24,15 @@ class Clock:
 
     def __call__(self) -> float:
         return self.now
+
+
+def test_the_reason_for_a_loss_is_a_sentence() -> None:
+    full = StorageError("cannot write tables/episodes: no space left; free some space there")
+    colours = "\x1b[36mray::SeedActor.run()\x1b[39m (pid=1)\n  File 'x.py', line 8\n" * 20
+    raised = RayTaskError("run", colours, full, pid=1, ip="127.0.0.1").as_instanceof_cause()
+    assert reason_for_loss(raised) == str(full)
+    died = RayError("The actor died.\n\tclass_name: SeedActor\n\tpid: 15377\nIts worker was killed.")
+    assert reason_for_loss(died) == "The actor died. Its worker was killed."
 
 
 def test_each_loss_doubles_the_pause_and_too_many_give_a_run_up() -> None:

@@ -22,9 +22,21 @@ ROOT = Path(__file__).parents[2]
 SCRIPT = ROOT / "docs" / "slurm.sh"
 
 SRUN = """#!/bin/bash
-while [[ $1 == -* ]]; do shift; done
+nodes=$SLURM_JOB_NUM_NODES tasks=$SLURM_NTASKS
+while [[ $1 == -* ]]; do
+    case "$1" in
+        --nodes=*) nodes=${1#*=} ;;
+        --ntasks=*) tasks=${1#*=} ;;
+    esac
+    shift
+done
+if ((tasks > nodes)); then
+    echo "srun: error: Unable to create step for job: More processors requested than permitted" >&2
+    exit 1
+fi
 exec "$@"
 """
+"""A step inherits the job's tasks, and each node has the cores for one."""
 
 SCONTROL = """#!/bin/bash
 case "$1" in
@@ -68,6 +80,7 @@ def environment(tmp_path: Path) -> Iterator[dict[str, str]]:
             "SLURM_JOB_ID": str(port),
             "SLURM_JOB_NODELIST": "localhost,localhost",
             "SLURM_JOB_NUM_NODES": "2",
+            "SLURM_NTASKS": "2",
             "SLURM_CPUS_PER_TASK": "1",
             "SLURM_MEM_PER_NODE": "4096",
             "REQUEUED": str(tmp_path / "requeued"),
@@ -110,6 +123,28 @@ def test_a_campaign_asked_to_leave_is_queued_again_and_ends_there(
     assert [row["outcome"] for row in attempts] == ["stopped", "done"]
     assert json.loads(attempts[0]["fingerprint"])["device"] == "cpu"
     assert len(Path(environment["REQUEUED"]).read_text().split()) == 1, "what is done is not queued again"
+
+
+def test_without_ray_the_script_says_where_it_looked(environment: dict[str, str], tmp_path: Path) -> None:
+    path = os.pathsep.join([str(tmp_path / "bin"), "/usr/bin", "/bin"])
+    without = {**environment, "TMA_RAY_VENV": str(tmp_path / "none"), "PATH": path}
+    ended = subprocess.run(["bash", SCRIPT], env=without, capture_output=True, text=True, check=False)
+    assert ended.returncode == 2
+    assert f"no Ray in {tmp_path / 'none'}" in ended.stderr
+    assert "TMA_RAY_VENV" in ended.stderr
+
+
+@pytest.mark.parametrize("trap", ["file", "link"])
+def test_a_folder_that_another_user_may_have_put_there_is_not_used(
+    environment: dict[str, str], tmp_path: Path, trap: str
+) -> None:
+    place = Path(environment["SLURM_TMPDIR"]) / f"ray-{environment['SLURM_JOB_ID']}"
+    (tmp_path / "theirs").mkdir()
+    place.symlink_to(tmp_path / "theirs") if trap == "link" else place.touch()
+    ended = subprocess.run(["bash", SCRIPT], env=environment, capture_output=True, text=True, check=False)
+    assert ended.returncode == 1
+    assert f"{place} cannot be used" in ended.stderr
+    assert list((tmp_path / "theirs").iterdir()) == []
 
 
 def of_this_job(environment: dict[str, str]) -> list[str]:

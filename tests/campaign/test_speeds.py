@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import replace
 from datetime import date, timedelta
 from pathlib import Path
@@ -16,6 +18,7 @@ from tma_ray.campaign.costs.estimation import estimate
 from tma_ray.campaign.costs.known import kind_of, measured_speeds, quick_speeds
 from tma_ray.campaign.costs.memory import remember, remembered, speed_key, speeds_file
 from tma_ray.campaign.costs.speed import Source, Throughput
+from tma_ray.campaign.quickstart import QUICKSTART
 from tma_ray.campaign.settings import Settings
 from tma_ray.runs import RunSpec, Schedule
 
@@ -74,6 +77,25 @@ def test_several_processes_measure_one_kind_together(monkeypatch: pytest.MonkeyP
     monkeypatch.setattr(known, "measure_all", lambda specs, *_: {} if not specs else pytest.fail("again"))
     (again,) = measured_speeds({kind_of(spec): spec}, Settings(), 2).values()
     assert (again.training, again.source) == (found.training, Source.REMEMBERED)
+
+
+@pytest.mark.slow  # compiles everything
+def test_the_bar_of_a_first_measurement_moves_with_each_kernel(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    shown: list[tuple[int, int]] = []
+
+    @contextmanager
+    def progress(_: object) -> Iterator[measuring.Show]:
+        yield lambda done, total: shown.append((done, total))
+
+    monkeypatch.setattr(measuring, "_progress", progress)
+    monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path / "cold"))
+    measuring.measure_all({"key": QUICKSTART.plan().runs[0]}, Settings(), 1, {})
+    shares = [done / total for done, total in shown]
+    assert shares == sorted(shares), "the total is known from the first kernel on"
+    assert len(set(shares)) > 20
+    assert shares[-1] == 1.0, "quickstart needs all kernels that count"
 
 
 @pytest.mark.parametrize(

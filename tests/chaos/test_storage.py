@@ -41,6 +41,7 @@ def test_no_space_left_until_the_campaign_gives_up(
     said = (clustered.folder / "driver.txt").read_text()
     assert "free some space there" in said
     assert "Traceback" not in said
+    assert "ray::" not in said, "Ray's own traceback"
     clustered.withdraw(FULL_DISK)
     fault = time.time()
     clustered.finish(clustered.start())

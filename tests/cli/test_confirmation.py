@@ -2,23 +2,33 @@
 
 from __future__ import annotations
 
+import socket
+import subprocess
+import sys
 from dataclasses import replace
 from pathlib import Path
 
 import pytest
 
 from tma_ray.campaign import Campaign, cells_of
-from tma_ray.campaign.costs import confirmation, estimation
+from tma_ray.campaign.cluster import joined
+from tma_ray.campaign.cluster.joined import nodes_to_come
+from tma_ray.campaign.costs import estimation
 from tma_ray.campaign.costs.confirmation import confirm, long_cost
-from tma_ray.campaign.costs.known import KNOWN, shipped_speed
+from tma_ray.campaign.costs.known import KNOWN, quick_speeds, shipped_speed
 from tma_ray.campaign.costs.speed import Throughput
 from tma_ray.campaign.plan import Plan
-from tma_ray.campaign.settings import Settings
+from tma_ray.campaign.settings import GIB, Nodes, Settings
 from tma_ray.cli import main
 from tma_ray.results import Committer, RunWriter
 from tma_ray.runs import Schedule
 
+ROOT = Path(__file__).parents[2]
+
 MEASURED = Throughput("measured", 1_000, 50_000, 100)
+
+
+NODE = {"CPU": 16.0, "memory": 26.0 * GIB}
 
 
 @pytest.fixture(autouse=True)
@@ -26,7 +36,8 @@ def measured(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     """Stands for a measurement of seconds; nothing has been measured here before."""
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
     monkeypatch.setattr(estimation, "measured_speeds", lambda kinds, *_: dict.fromkeys(kinds, MEASURED))
-    monkeypatch.setattr(confirmation, "terminal_question", lambda: None)
+    for stream in (sys.stdin, sys.stdout):
+        monkeypatch.setattr(stream, "isatty", lambda: False)
 
 
 def plan_of(student: str, steps: int, seeds: int = 2) -> Plan:
@@ -47,6 +58,59 @@ def test_a_campaign_without_a_budget_is_refused_with_its_cost(
     assert main(["campaign", "--dry-run", "--results", str(root)]) == 0
     assert "cost: " in capsys.readouterr().out
     assert not root.exists()
+
+
+def test_a_campaign_on_a_cluster_is_refused_at_once_with_the_clusters_cost(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Also at a terminal: that of ``ray submit --tmux`` is watched by nobody."""
+    monkeypatch.setattr("builtins.input", lambda _: pytest.fail("nobody can answer"))
+    for stream in (sys.stdin, sys.stdout):
+        monkeypatch.setattr(stream, "isatty", lambda: True)
+    nodes = Nodes((NODE, NODE), "on the cluster's 2 nodes")
+    monkeypatch.setattr(joined, "cluster_nodes", lambda *_, **__: nodes)
+    with socket.create_server(("127.0.0.1", 0)) as server:
+        address = f"127.0.0.1:{server.getsockname()[1]}"
+        for command in (["campaign"], ["experiment", "full_benchmark"]):
+            assert main([*command, "--address", address, "--results", str(tmp_path / "root")]) == 2
+            refusal = capsys.readouterr().err
+            assert "runs at once on the cluster's 2 nodes" in refusal
+            assert "pass --yes" in refusal
+
+
+def test_a_cluster_may_grow_to_the_nodes_of_its_file() -> None:
+    """Read from the autoscaler's command line: cluster.yaml has 20 nodes without GPUs and 4 with one."""
+    flags = ("--gcs-address=10.1.2.3:6379", f"--autoscaling-config={ROOT / 'cluster.yaml'}")
+    with subprocess.Popen(
+        [sys.executable, "-c", "print(flush=True); input()", *flags],
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+    ) as monitor:
+        assert monitor.stdout is not None
+        monitor.stdout.readline()
+        try:
+            without = nodes_to_come(["10.1.2.3:6379"], gpus=False)
+            assert Nodes(tuple(without), "").at_once(Settings().resources) == 320
+            some = [node for node in nodes_to_come(["10.1.2.3:6379"], gpus=True) if node.get("GPU")]
+            assert len(some) == 4
+            assert nodes_to_come(["10.9.9.9:6379"], gpus=False) == []
+        finally:
+            monitor.kill()
+
+
+def test_the_time_on_a_cluster_is_that_of_all_its_nodes() -> None:
+    plan, nodes = plan_of("sac", 20_000_000, seeds=64), Nodes((NODE, NODE), "on the cluster's 2 nodes")
+    here, there = (long_cost(plan, "nowhere", Settings(), nodes=each) for each in (None, nodes))
+    assert here is not None
+    assert there is not None
+    assert there.hours == here.hours
+    assert there.wall_hours == pytest.approx(there.hours / 32)
+    shared = Settings(device="cuda")
+    gpus = Nodes(({**NODE, "GPU": 2.0}, {**NODE, "GPU": 1.0}, NODE), "on the cluster's 3 nodes")
+    cost = estimation.estimate(plan_of("ppo", 20_000_000, seeds=144), shared, None, quick_speeds, gpus)
+    assert "3 cohorts of 48 runs on 3 GPUs and 48 cores on the cluster's 3 nodes" in cost.summary()
+    cost = estimation.estimate(plan_of("ppo", 20_000_000, seeds=60), shared, None, quick_speeds, gpus)
+    assert "2 cohorts" in cost.summary(), "no run is left for a third"
 
 
 def test_only_what_takes_over_an_hour_has_to_be_confirmed(tmp_path: Path) -> None:

@@ -16,6 +16,7 @@ from tma_ray.campaign.options import (
     add_choice_options,
     add_execution_options,
     add_results_option,
+    chosen_nodes,
     chosen_settings,
     replace_schedule,
 )
@@ -42,7 +43,7 @@ def execute_experiment(experiment: Experiment, options: argparse.Namespace) -> i
     plan = experiment_plan(experiment, options)
     if not options.dry_run:
         check_usable(Store.open(options.results))
-    cost = estimate(plan, chosen_settings(options))
+    cost = estimate(plan, chosen_settings(options), nodes=chosen_nodes(options))
     terminal().print(cost.describe(), highlight=False, soft_wrap=True)
     return run_plan(plan, options.results, options, cost.throughputs)
 

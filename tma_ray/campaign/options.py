@@ -20,7 +20,8 @@ from tma_ray.campaign.option_values import (
 )
 from tma_ray.campaign.placing.options import add_placing_options, placed
 from tma_ray.campaign.plan import CampaignSpec
-from tma_ray.campaign.settings import Settings
+from tma_ray.campaign.preflight.address import check_address
+from tma_ray.campaign.settings import Nodes, Settings
 from tma_ray.commands.quantities import COUNT, SECONDS
 from tma_ray.commands.texts import named
 from tma_ray.part_names import join_name
@@ -47,7 +48,10 @@ SCHEDULE = {
 }
 """Options of the schedule, and what they set."""
 
-YES = "start without asking what comes to over an hour on this machine"
+YES = (
+    "start what takes over an hour on this machine; without it that is asked at a terminal, and refused "
+    "elsewhere or with --address"
+)
 
 
 def add_options(parser: argparse.ArgumentParser, campaign: CampaignSpec) -> None:
@@ -245,6 +249,23 @@ def chosen_settings(options: argparse.Namespace) -> Settings:
 def chosen_address(options: argparse.Namespace) -> str | None:
     """Returns the cluster's address, None for a Ray on this machine."""
     return None if options.local else options.address or os.environ.get("RAY_ADDRESS") or None
+
+
+def chosen_nodes(options: argparse.Namespace) -> Nodes | None:
+    """Returns the nodes of the cluster that would execute a campaign; None for this machine, and a dry run.
+
+    Raises:
+        ValueError: an address that cannot be a cluster's.
+        ConnectionError: no cluster answers there, or it has another token.
+    """
+    address = chosen_address(options)
+    if address is None or options.dry_run:
+        return None
+    from tma_ray.campaign.cluster.joined import cluster_nodes
+
+    check_address(address)
+    gpus = chosen_settings(options).device != "cpu"
+    return cluster_nodes(address, gpus=gpus, autoscaling=options.autoscaling)
 
 
 def environment_name(name: str, options: argparse.Namespace) -> str:

@@ -13,7 +13,7 @@ from rich.table import Table
 from tma_ray.benchmark import Experiment
 from tma_ray.campaign.costs.estimation import estimate
 from tma_ray.campaign.experiments import experiment_plan
-from tma_ray.campaign.options import chosen_settings
+from tma_ray.campaign.options import chosen_nodes, chosen_settings
 from tma_ray.campaign.plan import Plan
 from tma_ray.terminal import terminal
 
@@ -72,7 +72,9 @@ def show_plan(experiment: Experiment, options: argparse.Namespace, console: Cons
     console = terminal(console)
     console.print(f"{experiment.title}, tier {options.tier}\n", highlight=False)
     console.print(_table(planned_experiments(plan)))
-    console.print(estimate(plan, chosen_settings(options)).describe(), highlight=False, soft_wrap=True)
+    nodes = chosen_nodes(options) if options.address else None
+    cost = estimate(plan, chosen_settings(options), nodes=nodes)
+    console.print(cost.describe(), highlight=False, soft_wrap=True)
     return plan
 
 

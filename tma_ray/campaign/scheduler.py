@@ -16,7 +16,7 @@ from ray.exceptions import ActorUnavailableError, RayActorError, RayTaskError
 from tma_ray.campaign.actors import Report, SeedActor
 from tma_ray.campaign.cluster.errors import HeadLostError
 from tma_ray.campaign.cluster.head import Head
-from tma_ray.campaign.failures.errors import LOSSES, plain_traceback
+from tma_ray.campaign.failures.errors import LOSSES, plain_traceback, reason_for_loss
 from tma_ray.campaign.failures.outages import RetryingCommitter
 from tma_ray.campaign.failures.retries import Retries
 from tma_ray.campaign.failures.silence import Silence
@@ -228,12 +228,13 @@ class Scheduler:
         self._silence.end(running.spec.run_id)
         self._record(running, AttemptOutcome.LOST)
         run_id, node = running.spec.run_id, running.report.node if running.report else ""
+        reason = reason_for_loss(error)
         if self._places.excuses(run_id):
             self._waiting.append(running.spec)
         elif self._retries.add_loss(running.spec, node):
-            logger.warning("run %s was lost and resumes from its checkpoint: %s", run_id, error)
+            logger.warning("run %s was lost and resumes from its checkpoint: %s", run_id, reason)
         else:
-            message = f"it was lost {self._retries.losses(run_id)} times, last: {error}"
+            message = f"it was lost {self._retries.losses(run_id)} times, last: {reason}"
             self._committer.call(Committer.fail, running.spec.record(), running.number, message)
             self._failed += 1
 

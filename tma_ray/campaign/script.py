@@ -14,9 +14,14 @@ from tma_ray.campaign.costs.known import Kind
 from tma_ray.campaign.costs.speed import Throughput
 from tma_ray.campaign.failures.outages import OutageError
 from tma_ray.campaign.monitor.progress import Snapshot
-from tma_ray.campaign.options import add_options, chosen_address, chosen_campaign, chosen_settings
+from tma_ray.campaign.options import (
+    add_options,
+    chosen_address,
+    chosen_campaign,
+    chosen_nodes,
+    chosen_settings,
+)
 from tma_ray.campaign.plan import CampaignSpec, Plan
-from tma_ray.campaign.preflight.address import check_address
 from tma_ray.command_line import CommandParser
 from tma_ray.commands.exits import FAILED, RAY_LOST, exit_code
 from tma_ray.commands.interrupts import INTERRUPTED
@@ -50,7 +55,8 @@ def run_plan(
 ) -> int:
     """Prints the size of `plan` and runs it as the options for execution say.
 
-    What takes over an hour on this machine is started after a confirmation only.
+    What takes over an hour on this machine is started after a confirmation only, which a campaign on a
+    cluster needs beforehand (``--yes``).
 
     Args:
         plan: what to run.
@@ -71,19 +77,18 @@ def run_plan(
     console, settings, address = terminal(), chosen_settings(options), chosen_address(options)
     if options.dry_run:
         check_usable(Store.open(results))
-    if address is not None and not options.dry_run:
-        check_address(address)
+    nodes = chosen_nodes(options)
     console.print(plan.describe(), highlight=False, soft_wrap=True)
     if options.start_from and not options.dry_run:
         store, source = Store.open(results), Store.open(options.start_from)
         console.print(f"{counted(start_from(store, source), 'run')} copied from {source}", highlight=False)
-    cost = long_cost(plan, results, settings, known)
+    cost = long_cost(plan, results, settings, known, nodes)
     if cost is not None and known is None:
         console.print(f"cost: {cost.summary()}", highlight=False, soft_wrap=True)
     if options.dry_run:
         return 0
     if cost is not None:
-        confirm(plan.name, cost, yes=options.yes, ask=terminal_question())
+        confirm(plan.name, cost, yes=options.yes, ask=terminal_question(address))
     try:
         ended = execute_plan(plan, results, settings, address)
     except KeyboardInterrupt:  # the second one: runs go on from the checkpoints they had

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import os
+import sys
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from enum import StrEnum
+from typing import Final
 
 from tma_ray.commands.arguments import check_fields
 from tma_ray.commands.quantities import CORES, GPUS, LOSSES, MEMORY, SECONDS, WIDTH
@@ -12,6 +15,9 @@ from tma_ray.runs.placement import Placement, check_device
 from tma_ray.students.players import CohortSettings
 
 GIB = 2**30
+
+PLENTY: Final = float(sys.maxsize)
+"""Memory that suffices for everything, in bytes."""
 
 AUTOSCALING_QUEUE = 64
 """Runs that wait on an autoscaling cluster: with one only, nodes would come one after the other."""
@@ -62,6 +68,29 @@ class Resources:
         """Returns how many runs a node with these resources holds at once."""
         needed = {"CPU": self.cpus, "GPU": self.gpus, "memory": self.memory_gib * GIB}
         return min(int(node.get(name, 0.0) / amount) for name, amount in needed.items() if amount > 0)
+
+
+@dataclass(frozen=True)
+class Nodes:
+    """Nodes that a cost is estimated for.
+
+    Attributes:
+        resources: amounts of each node by Ray's names: "CPU", "GPU" and "memory", the last in bytes.
+        place: name of them all, for messages.
+    """
+
+    resources: tuple[Mapping[str, float], ...]
+    place: str
+
+    def at_once(self, each: Resources) -> int:
+        """Returns how many runs they hold at once, one at least."""
+        return max(1, sum(each.fit_into(node) for node in self.resources))
+
+
+def this_machine() -> Nodes:
+    """Returns this machine with its cores, one GPU, and as much memory as needed."""
+    own = {"CPU": float(os.cpu_count() or 1), "GPU": 1.0, "memory": PLENTY}
+    return Nodes((own,), "as on this machine")
 
 
 PLAYER = Resources(cpus=0.25, memory_gib=0.5)

@@ -97,11 +97,12 @@ def plan_record(experiment: Experiment, options: argparse.Namespace) -> dict[str
     from analysis.comparisons.planning import detectable_differences
     from tma_ray.campaign.costs.estimation import estimate
     from tma_ray.campaign.experiments import experiment_plan
-    from tma_ray.campaign.options import chosen_settings
+    from tma_ray.campaign.options import chosen_nodes, chosen_settings
     from tma_ray.campaign.planning import planned_experiments
 
     plan = experiment_plan(experiment, options)
-    cost = estimate(plan, chosen_settings(options))
+    nodes = chosen_nodes(options) if options.address else None
+    cost = estimate(plan, chosen_settings(options), nodes=nodes)
     return {
         "experiment": experiment.name,
         "tier": options.tier,

@@ -118,8 +118,9 @@ class BodyEnvironment(gymnasium.Env[Observation, NDArray[np.float32]]):
         super().reset(seed=seed)
         task = self._chosen_task(options or {})
         push = self.np_random.uniform(-PUSH, PUSH)
+        engine = self._engine  # before the world compiles anything: all kernels are known from then on
         self._terrain = self.build(task, self.np_random)
-        observation = self._engine.reset(self._terrain, push)
+        observation = engine.reset(self._terrain, push)
         self._observation = observation
         self._episodic_return, self._steps, self._running = 0.0, 0, True
         if self.render_mode == "human":

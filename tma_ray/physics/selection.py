@@ -98,9 +98,9 @@ def _try_compiled() -> None:
 
     body = load_embodiment("classic_bipedal")
     rules = Rules("stump_tracks", LidarLayout.DOWN, observes_medium=True)
+    fast, oracle = (_engine_class(name)(body, rules) for name in ("compiled", "pymunk"))
     terrain = stump_tracks(np.array([1.0, 0.5], dtype=np.float32), np.random.default_rng(0))
     actions = np.random.default_rng(1).uniform(-1.0, 1.0, (TRIAL_STEPS, body.action_size))
-    fast, oracle = (_engine_class(name)(body, rules) for name in ("compiled", "pymunk"))
     same = fast.reset(terrain, 3.0).tobytes() == oracle.reset(terrain, 3.0).tobytes()
     for action in actions:
         (seen, *outcome), (expected, *expected_outcome) = fast.step(action), oracle.step(action)

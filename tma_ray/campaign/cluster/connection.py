@@ -58,6 +58,8 @@ def connect(address: str | None, plugins: Sequence[PluginSource] = ()) -> Connec
         return _existing()
     _own.clear()
     os.environ.setdefault("RAY_USAGE_STATS_ENABLED", "0")
+    # Ray would print the traceback of every run that a campaign no longer waits for.
+    os.environ.setdefault("RAY_IGNORE_UNHANDLED_ERRORS", "1")
     options: dict[str, Any] = {"log_to_driver": False, "logging_level": logging.ERROR}
     with runtime_environment(plugins) as environment:
         options["runtime_env"] = environment

@@ -1,4 +1,4 @@
-"""The head of a cluster that a campaign has joined."""
+"""The head of a cluster that a campaign joins, and the nodes of it."""
 
 from __future__ import annotations
 
@@ -8,13 +8,23 @@ import os
 import socket
 import threading
 import time
+from collections.abc import Collection
+from pathlib import Path
 from typing import Any, Final
 
+import psutil
 import ray
+import yaml
+from ray._private import services
 from ray._private.state import state
+from ray._raylet import GcsClient  # type: ignore[attr-defined]  # compiled
+from ray.exceptions import RayError
 
 from tma_ray.campaign.cluster.errors import HeadLostError
 from tma_ray.campaign.cluster.head import living_nodes
+from tma_ray.campaign.preflight.address import connection_advice
+from tma_ray.campaign.settings import PLENTY, Nodes
+from tma_ray.commands.texts import counted
 
 WATCH_SECONDS: Final = 2.0
 """Time between two looks at a cluster's head, and the longest that it has to accept a connection, s."""
@@ -33,6 +43,12 @@ NOTEWORTHY_SECONDS: Final = 10.0
 
 LOG_SECONDS: Final = 60.0
 """Time between two messages about a head that does not answer, s."""
+
+ANSWER_SECONDS: Final = 10
+"""How long a head has to list its nodes, s."""
+
+ALIVE: Final = 0
+"""State of a node in the head's list that is there."""
 
 logger = logging.getLogger(__name__)
 
@@ -109,3 +125,55 @@ def patience_of_ray() -> float:
     return float(
         settings.get(PATIENCE_SETTING) or os.environ.get(f"RAY_{PATIENCE_SETTING}") or DEFAULT_PATIENCE
     )
+
+
+def cluster_nodes(address: str, *, gpus: bool, autoscaling: bool) -> Nodes:
+    """Returns the nodes of a cluster, without joining it.
+
+    Args:
+        address: "host:port" of its head, or "auto".
+        gpus: True if runs use GPUs.
+        autoscaling: True for the nodes to which it may grow, where this machine is its head and knows them.
+
+    Raises:
+        ConnectionError: no cluster answers at `address`, or it has another token.
+    """
+    try:
+        head = services.canonicalize_bootstrap_address_or_die(address)
+        found = GcsClient(address=head).get_all_node_info(timeout=ANSWER_SECONDS).values()
+    except (ConnectionError, RayError) as error:
+        raise ConnectionError(connection_advice(address, str(error))) from error
+    today = [dict(node.resources_total) for node in found if node.state == ALIVE]
+    today = [node for node in today if node.get("CPU")]
+    to_come = nodes_to_come((address, head), gpus=gpus) if autoscaling else []
+    if to_come:
+        return Nodes(tuple(to_come), f"on the {counted(len(to_come), 'node')} to which the cluster may grow")
+    more = ", to which it may add more" if autoscaling else ""
+    return Nodes(tuple(today), f"on the cluster's {counted(len(today), 'node')}{more}")
+
+
+def nodes_to_come(heads: Collection[str], *, gpus: bool) -> list[dict[str, float]]:
+    """Returns the nodes to which a cluster may grow whose autoscaler runs on this machine, the largest first.
+
+    Args:
+        heads: addresses of its head.
+        gpus: True if runs use GPUs: for others the autoscaler starts no nodes with some.
+
+    Returns:
+        The resources of each node; none where no such autoscaler is found.
+    """
+    for process in psutil.process_iter(["cmdline"]):
+        flags = dict(part.split("=", 1) for part in process.info["cmdline"] or () if "=" in part)
+        if flags.get("--gcs-address") in heads and "--autoscaling-config" in flags:
+            config = yaml.safe_load(Path(flags["--autoscaling-config"]).expanduser().read_text())
+            break
+    else:
+        return []
+    most = config["max_workers"]
+    nodes = [
+        {"memory": PLENTY, **kind["resources"]}
+        for kind in config["available_node_types"].values()
+        if kind["resources"].get("CPU") and (gpus or not kind["resources"].get("GPU"))
+        for _ in range(kind.get("max_workers", most))
+    ]
+    return sorted(nodes, key=lambda node: -node["CPU"])[:most]

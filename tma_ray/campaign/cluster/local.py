@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import atexit
+import fcntl
 import os
 import secrets
-import stat
+import shutil
+import sys
 import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
@@ -27,7 +30,18 @@ CORE: Final = {"gcs_server": "head (GCS)", "raylet": "node manager (raylet)"}
 """Processes without which a Ray cannot go on, by what the system calls them, with their names in messages."""
 
 END_SECONDS: Final = 3.0
-"""How long killed processes are waited for, s."""
+"""How long processes that end are waited for, s."""
+
+MARK: Final = "made-by-tma_ray"
+"""Name of the file in a folder of ours; nothing is removed without it."""
+
+PREFIX: Final = "tma_ray-"
+"""Beginning of the names of these folders."""
+
+LONGEST_PLACE: Final = (103 if sys.platform == "darwin" else 107) - len(
+    f"/{PREFIX}12345678/ray/session_2026-01-01_00-00-00_123456_1234567/sockets/plasma_store"
+)
+"""Longest path of the folder that holds ours, in bytes: systems bound the paths of sockets."""
 
 
 class OwnProcesses:
@@ -37,6 +51,7 @@ class OwnProcesses:
         self._others = set(psutil.Process().children())
         self._started: set[psutil.Process] = set()
         self._core: dict[psutil.Process, str] = {}
+        self._serving: set[psutil.Process] = set()
 
     def look(self) -> None:
         """Takes note of what has been started.
@@ -54,7 +69,7 @@ class OwnProcesses:
     def lost(self, patience: float = 0.0) -> str | None:  # noqa: ARG002  # processes are seen at once
         """Returns which core processes are gone, however short the silence; see `Watched`."""
         self.look()
-        gone = [name for process, name in self._core.items() if not _lives(process)]
+        gone = [name for process, name in self._core.items() if not self._serves(process)]
         if not gone:
             return None
         return (
@@ -73,8 +88,20 @@ class OwnProcesses:
                 process.kill()
 
     def wait(self) -> None:
-        """Waits a moment for killed processes."""
+        """Waits a moment for processes that end."""
         psutil.wait_procs(self._started, timeout=END_SECONDS)
+
+    def _serves(self, process: psutil.Process) -> bool:
+        """Returns False if a process has ended or closed its ports: after SIGTERM a head does, and hangs."""
+        try:
+            if not process.is_running() or process.status() == psutil.STATUS_ZOMBIE:
+                return False
+            listens = any(each.status == psutil.CONN_LISTEN for each in process.net_connections("tcp"))
+        except psutil.NoSuchProcess:
+            return False
+        if listens:
+            self._serving.add(process)
+        return listens or process not in self._serving
 
 
 class LocalHead:
@@ -94,6 +121,10 @@ class LocalHead:
         # Ray asks for a token even here, and would write one into the user's home.
         os.environ.setdefault("RAY_AUTH_TOKEN", _own_token())
         self._processes, self._left = OwnProcesses(), False
+        self._address, folder = "", private_folder()
+        if folder is not None:
+            options = {**options, "_temp_dir": str(folder / "ray")}
+            atexit.register(self._clean, folder)
         try:
             with _loopback():
                 ray.init(
@@ -101,7 +132,6 @@ class LocalHead:
                     include_dashboard=False,
                     object_store_memory=OBJECT_STORE_BYTES,
                     _system_config={"enable_metrics_collection": False},
-                    _temp_dir=private_folder(),
                     **options,
                 )
         except Exception as error:
@@ -141,6 +171,14 @@ class LocalHead:
     def close(self) -> None:
         """Does nothing: it is watched without a thread."""
 
+    def _clean(self, folder: Path) -> None:
+        """Ends this Ray and removes its folder, when the interpreter ends: before Ray would end it itself."""
+        if self.is_connected():
+            ray.shutdown()
+        self._processes.wait()
+        with suppress(OSError):  # the next Ray of this user removes what is left
+            _remove(folder)
+
 
 @cache
 def _own_token() -> str:
@@ -148,19 +186,47 @@ def _own_token() -> str:
     return secrets.token_hex(32)
 
 
-def private_folder() -> str | None:
-    """Returns where Ray's files go: logs, and sockets whose paths must be short; None leaves it to Ray.
+def private_folder() -> Path | None:
+    """Returns a new folder of this user alone in which Ray's can be; None leaves the choice to Ray.
 
-    Ray lets all users of the machine write into its own choice.
+    Ray lets all users of the machine write into its own folder, whose path must be short because of sockets.
+    This process holds a lock on the folder as long as it lives; folders of ours without one are removed.
     """
-    if "RAY_TMPDIR" in os.environ or not hasattr(os, "getuid"):
+    if "RAY_TMPDIR" in os.environ:
         return None
-    folder = Path(tempfile.gettempdir(), f"tma_ray-{os.getuid()}")
-    with suppress(FileExistsError):
-        folder.mkdir(mode=0o700)
-    found = folder.lstat()
-    ours = stat.S_ISDIR(found.st_mode) and found.st_uid == os.getuid() and not found.st_mode & 0o077
-    return str(folder) if ours else tempfile.mkdtemp(prefix=f"{folder.name}-")
+    place = Path(tempfile.gettempdir())
+    if len(os.fsencode(place)) > LONGEST_PLACE:
+        place = Path("/tmp")  # noqa: S108  # a new folder is made there
+    for folder in place.glob(f"{PREFIX}*"):
+        with suppress(OSError):
+            _remove_abandoned(folder)
+    folder = Path(tempfile.mkdtemp(prefix=PREFIX, dir=place))
+    fcntl.flock(os.open(folder, os.O_RDONLY), fcntl.LOCK_EX)
+    (folder / MARK).touch()
+    return folder
+
+
+def _remove_abandoned(folder: Path) -> None:
+    """Removes a folder of `private_folder` whose process has ended.
+
+    Raises:
+        OSError: it is somebody else's, is in use, or holds what neither we nor Ray have put there.
+    """
+    descriptor = os.open(folder, os.O_RDONLY | os.O_DIRECTORY | os.O_NOFOLLOW)
+    try:
+        fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        if os.fstat(descriptor).st_uid == os.getuid() and (folder / MARK).is_file():
+            _remove(folder)
+    finally:
+        os.close(descriptor)
+
+
+def _remove(folder: Path) -> None:
+    """Removes a folder of ours, its mark last, so that another try finds what was left."""
+    if (folder / "ray").exists():
+        shutil.rmtree(folder / "ray")
+    (folder / MARK).unlink()
+    folder.rmdir()
 
 
 @contextmanager
@@ -176,10 +242,3 @@ def _loopback() -> Iterator[None]:
         yield
     finally:
         ray_constants.ENABLE_RAY_CLUSTER = before
-
-
-def _lives(process: psutil.Process) -> bool:
-    try:
-        return bool(process.is_running() and process.status() != psutil.STATUS_ZOMBIE)
-    except psutil.NoSuchProcess:
-        return False

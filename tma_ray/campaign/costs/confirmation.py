@@ -10,7 +10,7 @@ from tma_ray.campaign.costs.estimation import Cost, estimate
 from tma_ray.campaign.costs.known import Kind, quick_speeds
 from tma_ray.campaign.costs.speed import Throughput
 from tma_ray.campaign.plan import Plan
-from tma_ray.campaign.settings import Settings
+from tma_ray.campaign.settings import Nodes, Settings
 from tma_ray.results import Results, ResultsRootError, RunStatus, Store, check_usable
 from tma_ray.runs.spec import RunSpec
 
@@ -23,7 +23,11 @@ SLOWEST = Throughput("any", training=20, playing=2_000, transition_bytes=0, lear
 
 
 def long_cost(
-    plan: Plan, results: str, settings: Settings, known: Mapping[Kind, Throughput] | None = None
+    plan: Plan,
+    results: str,
+    settings: Settings,
+    known: Mapping[Kind, Throughput] | None = None,
+    nodes: Nodes | None = None,
 ) -> Cost | None:
     """Returns the cost of what is not done of `plan`, None if that takes up to an hour on this machine.
 
@@ -32,6 +36,7 @@ def long_cost(
         results: results root, which may have some of the runs.
         settings: how it is executed.
         known: speeds that have been measured.
+        nodes: nodes that the returned cost is for; None: this machine.
 
     Raises:
         ResultsRootError: the root belongs to something else or to another version.
@@ -41,8 +46,11 @@ def long_cost(
     runs = _unfinished(plan, results)
     if not runs:
         return None
-    cost = estimate(replace(plan, runs=runs), settings, known, quick_speeds)
-    return cost if _hours(cost) > LONGEST_HOURS else None
+    left = replace(plan, runs=runs)
+    cost = estimate(left, settings, known, quick_speeds)
+    if _hours(cost) <= LONGEST_HOURS:
+        return None
+    return estimate(left, settings, cost.throughputs, nodes=nodes) if nodes else cost
 
 
 def confirm(name: str, cost: Cost, *, yes: bool, ask: Callable[[str], str] | None = None) -> None:
@@ -52,7 +60,7 @@ def confirm(name: str, cost: Cost, *, yes: bool, ask: Callable[[str], str] | Non
         name: what is started, for messages.
         cost: what it costs.
         yes: it shall, without a question.
-        ask: puts a question to the user and returns the answer; None where nobody can be asked.
+        ask: puts a question to the user and returns the answer; None where nobody may be there to answer.
 
     Raises:
         ValueError: it shall not, or nobody can be asked.
@@ -66,9 +74,13 @@ def confirm(name: str, cost: Cost, *, yes: bool, ask: Callable[[str], str] | Non
         raise ValueError(f"not started; {remedy}")
 
 
-def terminal_question() -> Callable[[str], str] | None:
-    """Returns how to ask at a terminal, None without one."""
-    return input if sys.stdin.isatty() and sys.stdout.isatty() else None
+def terminal_question(address: str | None = None) -> Callable[[str], str] | None:
+    """Returns how to ask at a terminal, None without one.
+
+    A campaign with the address of a cluster asks nobody: ``ray submit --tmux`` gives it a terminal that
+    nobody watches.
+    """
+    return input if address is None and sys.stdin.isatty() and sys.stdout.isatty() else None
 
 
 def _slowest(examples: Mapping[Kind, RunSpec], *_: object) -> Mapping[Kind, Throughput]:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import os
 from collections import Counter
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
@@ -12,7 +11,7 @@ from tma_ray.campaign.costs.known import Kind, kind_of, measured_speeds
 from tma_ray.campaign.costs.sharing import Sharing
 from tma_ray.campaign.costs.speed import Source, Throughput
 from tma_ray.campaign.plan import Plan
-from tma_ray.campaign.settings import GIB, Resources, Settings
+from tma_ray.campaign.settings import GIB, Nodes, Resources, Settings, this_machine
 from tma_ray.runs.spec import RunSpec
 
 TEST_STEPS = 1_000
@@ -58,7 +57,8 @@ class Cost:
         throughputs: of each kind of run.
         hours: of all runs, one after the other.
         resources: of each run.
-        at_once: runs that this machine's cores, and one GPU if they use any, hold at once.
+        nodes: nodes that execute it.
+        at_once: runs that these hold at once.
         disk_gib: of all results, GiB.
         checkpoint_gib: of the checkpoints of the largest runs under way at once, GiB.
         memory_gib: of the largest runs under way at once, GiB.
@@ -68,6 +68,7 @@ class Cost:
     throughputs: Mapping[Kind, Throughput]
     hours: float
     resources: Resources
+    nodes: Nodes
     at_once: int
     disk_gib: float
     checkpoint_gib: float
@@ -76,7 +77,7 @@ class Cost:
 
     @property
     def wall_hours(self) -> float:
-        """Time on this machine, h."""
+        """Time on these nodes, h."""
         return self.sharing.hours if self.sharing else self.hours / self.at_once
 
     @property
@@ -97,17 +98,19 @@ class Cost:
         if self.resources.gpus:
             spent += f" and {_amount(self.hours * self.resources.gpus)} GPU-hours"
         at_once = f"{self.at_once} {'run' if self.at_once == 1 else 'runs'} at once"
-        return f"{spent}, {_time(self.hours / self.at_once)} with {at_once} as on this machine"
+        return f"{spent}, {_time(self.hours / self.at_once)} with {at_once} {self.nodes.place}"
 
     def _shared_summary(self, sharing: Sharing) -> str:
         spent = f"{_amount(self.core_hours)} core-hours"
         if sharing.gpus:
             spent = f"{_amount(self.gpu_hours)} GPU-hours and {spent}"
         one = sharing.learners == 1
-        where = f"one GPU and {os.cpu_count()} cores" if sharing.gpus else f"{os.cpu_count()} cores"
+        cores = f"{sum(node.get('CPU', 0) for node in self.nodes.resources):g} cores"
+        gpus = "one GPU" if one else f"{sharing.learners} GPUs"
         return (
             f"{spent}, {_time(sharing.hours)} with {'a cohort' if one else f'{sharing.learners} cohorts'} of "
-            f"{sharing.width} runs on {where}, {sharing.bound}"
+            f"{sharing.width} runs on {f'{gpus} and {cores}' if sharing.gpus else cores} {self.nodes.place}, "
+            f"{sharing.bound}"
         )
 
     def describe(self) -> str:
@@ -126,7 +129,8 @@ class Cost:
         for each in self.throughputs.values():
             fed = f" (a full learner {each.learner:,.0f})" if each.learner else ""
             origins[each.source].append(f"{each.label} {each.training:,.0f}{fed}")
-        each_of = "a player on a core" if self.sharing else f"{self.at_once} at once, in steps/s of each"
+        here = min(self.at_once, this_machine().at_once(self.resources))
+        each_of = "a player on a core" if self.sharing else f"{here} at once, in steps/s of each"
         return "\n".join(
             "\n    ".join((f"  {ORIGINS[source]}, {each_of}:", *speeds))
             for source, speeds in sorted(origins.items())
@@ -138,10 +142,12 @@ def estimate(
     settings: Settings,
     known: Mapping[Kind, Throughput] | None = None,
     find_speeds: SpeedFinder | None = None,
+    nodes: Nodes | None = None,
 ) -> Cost:
     """Returns what `plan` costs at the speeds of this machine.
 
-    Speeds are those of as many runs at once as fit; teachers are left out, who cost milliseconds an episode.
+    Speeds are those of as many runs at once as fit here; teachers are left out, who cost milliseconds an
+    episode.
 
     Args:
         plan: what is to run.
@@ -149,18 +155,20 @@ def estimate(
         known: throughputs of kinds of runs, as of another `Cost`.
         find_speeds: finds those of kinds that are not in `known`; by default they are measured, within
             seconds, unless that was done before.
+        nodes: nodes that execute it; None: this machine.
     """
+    nodes = nodes or this_machine()
     counts: Counter[Kind] = Counter()
     examples: dict[Kind, RunSpec] = {}
     for spec in plan.runs:
         key = (*kind_of(spec), spec.schedule, len(spec.test_set))
         counts[key] += 1
         examples.setdefault(key, spec)
-    at_once = min(len(plan.runs), settings.width or _at_once(settings.resources))
+    at_once = min(len(plan.runs), settings.width or nodes.at_once(settings.resources))
     throughputs = dict(known or {})
     kinds = {kind_of(spec): spec for spec in examples.values()}
     missing = {kind: spec for kind, spec in kinds.items() if kind not in throughputs}
-    measured_at_once = 1 if settings.width else at_once
+    measured_at_once = 1 if settings.width else min(at_once, this_machine().at_once(settings.resources))
     throughputs |= (find_speeds or measured_speeds)(missing, settings, measured_at_once)
     buffers = [_buffer_bytes(throughputs[kind_of(spec)], spec) for spec in examples.values()]
     hours = sum(counts[key] * _hours(throughputs[kind_of(spec)], spec) for key, spec in examples.items())
@@ -172,11 +180,12 @@ def estimate(
         throughputs=throughputs,
         hours=hours,
         resources=settings.each,
+        nodes=nodes,
         at_once=at_once,
         disk_gib=sum(counts[key] * _result_bytes(spec) for key, spec in examples.items()) / GIB,
         checkpoint_gib=at_once * (NETWORK_BYTES + BUFFER_SHARE * max(buffers)) / GIB,
         memory_gib=at_once * (process + max(buffers)) / GIB,
-        sharing=Sharing.of(settings, learning, hours) if settings.width else None,
+        sharing=Sharing.of(settings, nodes, len(plan.runs), learning, hours) if settings.width else None,
     )
 
 
@@ -205,12 +214,6 @@ def _result_bytes(spec: RunSpec) -> float:
 def _buffer_bytes(throughput: Throughput, spec: RunSpec) -> float:
     size = spec.student_hyperparameters.get("buffer_size", 0)
     return float(throughput.transition_bytes * min(size, spec.schedule.steps))
-
-
-def _at_once(resources: Resources) -> int:
-    by_cores = (os.cpu_count() or 1) / resources.cpus
-    by_gpu = 1 / resources.gpus if resources.gpus else math.inf
-    return max(1, int(min(by_cores, by_gpu)))
 
 
 def _amount(hours: float) -> str:

@@ -12,7 +12,7 @@ import tempfile
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from typing import IO, Any
+from typing import IO
 
 from rich.progress import Progress
 
@@ -27,8 +27,8 @@ from tma_ray.terminal import terminal
 POLL_SECONDS = 0.2
 """Between two looks at the time, s."""
 
-Done = Callable[[], None]
-"""Called when another kind has been measured."""
+Show = Callable[[int, int], None]
+"""Takes how much is done, of how much: kernels to be compiled, in each process, and kinds to be measured."""
 
 
 def measure_all(
@@ -50,15 +50,16 @@ def measure_all(
     if not specs:
         return {}
     found: dict[str, list[Throughput]] = {key: [] for key in specs}
-    with _workers(_orders(specs, settings, at_once)) as workers, _progress(specs) as tick:
+    with _workers(_orders(specs, settings, at_once)) as workers, _progress(specs) as show:
         began = time.monotonic()
         while missing := {key for key, each in found.items() if not each}:
             if all(time.monotonic() - began > patience.get(key, float("inf")) for key in missing):
                 break
             for key, throughput in _results(workers, specs):
-                if not found[key]:
-                    tick()
                 found[key].append(throughput)
+            counts = [selected.data.kernels for selected in workers.get_map().values()]
+            compiled, kernels = map(sum, zip(*counts, strict=True))
+            show(compiled + sum(map(bool, found.values())), kernels + len(found))
     return {key: _mean(each) for key, each in found.items() if each}
 
 
@@ -73,9 +74,10 @@ def _orders(specs: Mapping[str, RunSpec], settings: Settings, at_once: int) -> l
 
 
 class _Worker:
-    """A process of `worker`, its unread output and its errors."""
+    """A process of `worker`, its unread output, its errors, and its kernels: those compiled, and all."""
 
     def __init__(self, order: Order) -> None:
+        self.kernels, self.unread = (0, 0), b""
         self.errors = tempfile.TemporaryFile()  # noqa: SIM115  (closed with the process)
         threads = {"OMP_NUM_THREADS": str(order.settings.each.threads)} if order.settings.width else {}
         self.process = subprocess.Popen(
@@ -121,16 +123,20 @@ def _workers(orders: Sequence[Order]) -> Iterator[selectors.BaseSelector]:
 def _results(
     selector: selectors.BaseSelector, specs: Mapping[str, RunSpec]
 ) -> Iterator[tuple[str, Throughput]]:
-    """Yields what processes have measured since the last call."""
+    """Yields what processes have measured since the last call, and takes note of what they have compiled."""
     for event, _ in selector.select(POLL_SECONDS):
         worker: _Worker = event.data
-        line = _output(worker).readline()
-        if not line:
+        data = os.read(event.fd, 2**16)
+        if not data:
             labels = ", ".join(map(label_of, specs.values()))
             raise ValueError(f"cannot measure the speed of {labels}: {worker.last_error()}")
-        record: dict[str, Any] = json.loads(line)
-        values = record["throughput"]
-        yield record["key"], Throughput(**{**values, "source": Source(values["source"])})
+        *lines, worker.unread = (worker.unread + data).split(b"\n")
+        for record in map(json.loads, lines):
+            if "kernels" in record:
+                worker.kernels = record["compiled"], record["kernels"]
+            else:
+                values = record["throughput"]
+                yield record["key"], Throughput(**{**values, "source": Source(values["source"])})
 
 
 def _output(worker: _Worker) -> IO[bytes]:
@@ -139,17 +145,17 @@ def _output(worker: _Worker) -> IO[bytes]:
 
 
 @contextmanager
-def _progress(specs: Mapping[str, RunSpec]) -> Iterator[Done]:
-    """Shows on the error stream how many kinds have been measured: a bar, or a line without a terminal."""
+def _progress(specs: Mapping[str, RunSpec]) -> Iterator[Show]:
+    """Shows on the error stream how much is done: a bar, or a line without a terminal."""
     number = counted(len(specs), "kind of run", "kinds of runs")
     console, text = terminal(stderr=True), f"measuring the speed of {number}"
     if not console.is_terminal:
         console.print(f"{text}, some seconds", highlight=False)
-        yield lambda: None
+        yield lambda *_: None
         return
     with Progress(console=console, transient=True) as progress:
         task = progress.add_task(text, total=len(specs))
-        yield lambda: progress.advance(task)
+        yield lambda done, total: progress.update(task, completed=done, total=total)
 
 
 def _mean(each: Sequence[Throughput]) -> Throughput:

@@ -2,21 +2,22 @@
 
 from __future__ import annotations
 
-import os
+import math
 from dataclasses import dataclass
 
-from tma_ray.campaign.settings import Settings
+from tma_ray.campaign.settings import Nodes, Settings
 
 
 @dataclass(frozen=True)
 class Sharing:
-    """Use of one machine by cohorts.
+    """Use of nodes by cohorts.
 
     Attributes:
         width: slots of each.
-        learners: cohorts that this machine holds: one with one GPU, or as many as there are cores for.
+        learners: cohorts that the nodes hold and the runs need: one with each GPU, or as many as there are
+            cores for.
         gpus: of each learner.
-        cores: of this machine that are left for players.
+        cores: number of cores that are left for players beside them.
         learner_hours: of all runs, one learner with full slots for all.
         player_hours: of all runs, one core for all.
     """
@@ -29,27 +30,35 @@ class Sharing:
     player_hours: float
 
     @classmethod
-    def of(cls, settings: Settings, learner_hours: float, player_hours: float) -> Sharing:
-        """Returns the use of this machine."""
-        cores, gpus = float(os.cpu_count() or 1), float(settings.device != "cpu")
-        full = 1 + settings.width * settings.player.cpus
-        learners = 1 if gpus else max(1, int(cores / full))
-        left = max(settings.player.cpus, cores - learners)
-        return cls(settings.width, learners, gpus, left, learner_hours, player_hours)
+    def of(
+        cls, settings: Settings, nodes: Nodes, runs: int, learner_hours: float, player_hours: float
+    ) -> Sharing:
+        """Returns the use that so many runs make of `nodes`."""
+        gpus, player = float(settings.device != "cpu"), settings.player.cpus
+        learners, left = 0, 0.0
+        for node in nodes.resources:
+            cores = node.get("CPU", 0.0)
+            full = max(1, int(cores / (1 + settings.width * player)))
+            here = int(node.get("GPU", 0.0)) if gpus else full
+            if here and cores:
+                learners, left = learners + here, left + max(player, cores - here)
+        used = min(max(1, learners), math.ceil(runs / settings.width))
+        cores = max(player, left * used / max(1, learners))
+        return cls(settings.width, used, gpus, cores, learner_hours, player_hours)
 
     @property
     def hours(self) -> float:
-        """Time on this machine, h."""
+        """Time on these nodes, h."""
         return max(self.learner_hours / self.learners, self.player_hours / self.cores)
 
     @property
     def core_hours(self) -> float:
-        """Time of its cores, learners' included, h."""
+        """Time of their cores, learners' included, h."""
         return self.player_hours + self.hours * self.learners
 
     @property
     def gpu_hours(self) -> float:
-        """Time of its GPU, h."""
+        """Time of their GPUs, h."""
         return self.hours * self.learners * self.gpus
 
     @property

@@ -1,7 +1,7 @@
 """A process that measures speeds: ``python -m tma_ray.campaign.costs.worker``, fed a pickled `Order`.
 
-It prints a line of JSON for each kind of run and then goes on with the last, so that the machine stays as
-busy as in a campaign while other workers measure. It ends when it is ended.
+It prints a line of JSON after each compilation and for each kind of run, and then goes on with the last, so
+that the machine stays as busy as in a campaign while other workers measure. It ends when it is ended.
 """
 
 from __future__ import annotations
@@ -16,6 +16,7 @@ from typing import Any
 from tma_ray.campaign.costs.cohort_speed import measure_cohort
 from tma_ray.campaign.costs.speed import Throughput, measure
 from tma_ray.campaign.settings import Settings
+from tma_ray.jit import count_compiled
 from tma_ray.runs.inputs import provide
 from tma_ray.runs.plugins import REGISTRIES, import_plugins
 from tma_ray.runs.spec import RunSpec
@@ -43,13 +44,19 @@ def work(order: Order) -> None:
     sys.path[:] = list(dict.fromkeys((*sys.path, *order.search_path)))
     provide(order.files)
     specs = [(key, RunSpec.from_dict(content)) for key, content in order.specs]
+    count_compiled(lambda compiled, kernels: _send({"compiled": compiled, "kernels": kernels}))
     for key, spec in specs:
         import_plugins(spec, *REGISTRIES)
         throughput = asdict(measure_either(spec, order.settings))
-        sys.stdout.write(json.dumps({"key": key, "throughput": throughput}) + "\n")
-        sys.stdout.flush()
+        _send({"key": key, "throughput": throughput})
     while True:
         measure_either(specs[-1][1], order.settings)
+
+
+def _send(record: dict[str, Any]) -> None:
+    """Writes a line for `measuring`."""
+    sys.stdout.write(json.dumps(record) + "\n")
+    sys.stdout.flush()
 
 
 def measure_either(spec: RunSpec, settings: Settings) -> Throughput:

@@ -14,6 +14,7 @@ import ray
 from ray.exceptions import ActorUnavailableError, RayError
 
 from tma_ray.campaign.cluster.head import Head
+from tma_ray.campaign.failures.errors import reason_for_loss
 from tma_ray.campaign.placing.kinds import Kind
 from tma_ray.campaign.placing.learner import LearnerActor
 from tma_ray.campaign.placing.places import Place
@@ -225,7 +226,7 @@ class Cohorts:
             "too little memory for a cohort of %d runs (%s): from now on cohorts have %d slots; the %d runs "
             "resume from their checkpoints, soundly, but not bit for bit as with the other width",
             cohort.width,
-            getattr(error, "cause", error),
+            reason_for_loss(error),
             width,
             len(cohort.runs),
         )
@@ -254,5 +255,5 @@ def _warn(cohort: _Cohort, error: Exception) -> None:
     logger.warning(
         "the learner of a cohort was lost, and %d runs resume from their checkpoints: %s",
         len(cohort.runs),
-        error,
+        reason_for_loss(error),
     )

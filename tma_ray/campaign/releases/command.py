@@ -6,7 +6,7 @@ import argparse
 from collections.abc import Collection
 
 from tma_ray.campaign.costs.estimation import estimate
-from tma_ray.campaign.options import SCHEDULE, chosen_settings
+from tma_ray.campaign.options import SCHEDULE, chosen_nodes, chosen_settings
 from tma_ray.campaign.releases.repeating import like_plan
 from tma_ray.campaign.script import run_plan
 from tma_ray.results import Results, Store, check_usable
@@ -59,6 +59,6 @@ def run_like(place: str, core: Collection[str], options: argparse.Namespace) -> 
     )
     if not options.dry_run:
         check_usable(Store.open(options.results))
-    cost = estimate(plan, chosen_settings(options))
+    cost = estimate(plan, chosen_settings(options), nodes=chosen_nodes(options))
     terminal().print(cost.describe(), highlight=False, soft_wrap=True)
     return run_plan(plan, options.results, options, cost.throughputs)
