@@ -9,7 +9,6 @@ keeps its own spread and skew.
 
 from __future__ import annotations
 
-import argparse
 import itertools
 from collections.abc import Callable
 from typing import NamedTuple
@@ -24,6 +23,7 @@ from analysis.measures.shared_students import compared_over_strata
 from analysis.measures.student_pools import runs_after
 from analysis.measures.tested import MEASURES, scale_of
 from analysis.statistics import SIGNIFICANCE, Scale, holm
+from tma_ray.command_line import Parser
 
 SIZES = (3, 5, 10)
 PERMUTATIONS = 299
@@ -176,7 +176,7 @@ def coverage(release: Release, scale: Scale, seeds: int, experiments: int) -> fl
 
 def main() -> None:
     """Prints the pairs that each test decides, its false findings, and the coverage of intervals."""
-    parser = argparse.ArgumentParser(description=__doc__)
+    parser = Parser(description=__doc__)
     parser.add_argument("--experiments", type=int, default=1_000, help="simulated for each row (%(default)s)")
     parser.add_argument("--release", default="lite-1", help="release whose runs are taken (%(default)s)")
     given = parser.parse_args()

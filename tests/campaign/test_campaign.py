@@ -186,7 +186,8 @@ def test_impossible_resources_are_refused_before_anything_starts(
 
 
 def test_a_second_campaign_on_the_same_root_is_refused(tmp_path: Path) -> None:
-    with Lease(Store.open(tmp_path), "the first one"), pytest.raises(RootInUseError, match="the first one"):
+    store = Committer.open(tmp_path).store
+    with Lease(store, "the first one"), pytest.raises(RootInUseError, match="the first one"):
         execute(campaign(corridor("random")), tmp_path)
 
 

@@ -79,9 +79,11 @@ def understood(words: Sequence[str]) -> None:
     """
     words = [word for word in words if not re.fullmatch(r"[A-Z_]+=\S*", word)]
     program, *arguments = words
+    if words[:3] == ["python", "-m", "tma_ray"]:
+        program, arguments = "tma-ray", arguments[2:]
     if program == "tma-ray":
-        if len(arguments) == 1:  # names a command
-            assert any(prog == f"tma-ray {arguments[0]}" for prog in _names()), arguments
+        if len(arguments) < 2:  # names a command
+            assert any(prog == " ".join(["tma-ray", *arguments]) for prog in _names()), arguments
         else:
             cli._parser().parse_args(arguments)
     elif program == "python":

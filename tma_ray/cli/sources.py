@@ -31,8 +31,8 @@ def add_measure(parser: Any) -> None:
         "--measure",
         choices=("mastered_percent", "last_three_percent", "mastered_area"),
         default="mastered_percent",
-        help="what teachers are ranked by and tested on: test tasks mastered at the last evaluation, at the "
-        "last three on average, or over training (area under the curve)",
+        help="quantity that teachers are ranked by and tested on: test tasks mastered at the last "
+        "evaluation, at the last three on average, or over training (area under the curve)",
     )
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -10,7 +11,7 @@ import numpy as np
 
 from tma_ray.commands.arguments import check_kind
 from tma_ray.commands.quantities import PROCESSES
-from tma_ray.hyperparameters import differing, identifying
+from tma_ray.hyperparameters import differing, identifying, plain
 from tma_ray.part_names import base_name, join_name, split_name
 from tma_ray.registry import Registry, UnknownNameError
 from tma_ray.students.base import Policy, Student
@@ -118,7 +119,8 @@ def make_student(
 
 def default_hyperparameters(name: str) -> dict[str, Any]:
     """Returns all hyper-parameters of the student called `name` at their defaults, fit for JSON."""
-    return identifying(check_hyperparameters(name))
+    values = check_hyperparameters(name)
+    return {field.name: plain(getattr(values, field.name)) for field in dataclasses.fields(values)}
 
 
 def check_hyperparameters(name: str, given: Mapping[str, Any] | None = None) -> Any:
