@@ -184,6 +184,7 @@ def _export(arguments: list[str]) -> int:
 
 
 def _names() -> Iterator[str]:
+    yield cli._parser().prog
     for action in cli._parser()._actions:
         if hasattr(action.choices, "values"):
             yield from (parser.prog for parser in action.choices.values())
