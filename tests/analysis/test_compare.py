@@ -109,9 +109,8 @@ def test_what_cannot_be_compared_at_all_is_said_with_the_reason(
 
 
 def test_no_page_replaces_that_of_other_baselines(roots: tuple[Path, Path], tmp_path: Path) -> None:
-    places = ([str(roots[1])], ["paper-2021"], ["paper-2021", str(roots[1])])
-    pages = {write_comparison(roots[0], baselines, tmp_path) for baselines in places}
-    assert len(pages) == 3
+    pages = {write_comparison(roots[0], [baseline], tmp_path) for baseline in (str(roots[1]), "paper-2021")}
+    assert len(pages) == 2
     assert tmp_path / "paper-2021" / "index.html" in pages
     assert all(page.is_file() and tmp_path in page.parents for page in pages)
 
