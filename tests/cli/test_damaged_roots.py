@@ -11,9 +11,9 @@ import socket
 import sys
 from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
+from typing import Any
 
 import pytest
-from _pytest.mark import ParameterSet
 
 from tma_ray.cli import main
 
@@ -52,7 +52,7 @@ COMMANDS = {
 """Exit code on a damaged root, and what follows the root."""
 
 
-def cases(first: Iterable[str], second: Iterable[str], fast: tuple[str, str]) -> list[ParameterSet]:
+def cases(first: Iterable[str], second: Iterable[str], fast: tuple[str, str]) -> list[Any]:
     """Returns all pairs, of which those without any of `fast` are slow: a row and a column say most."""
     return [
         pytest.param(*pair, marks=() if set(pair) & set(fast) else pytest.mark.slow)
