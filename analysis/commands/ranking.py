@@ -17,7 +17,7 @@ from analysis.data.reference import NO_BASELINE, is_baseline
 from analysis.formatting import ends, number, p_value, plus_minus
 from analysis.measures.conditions import varying
 from analysis.measures.student_pools import runs_after
-from analysis.measures.tested import MEASURE, MEASURES
+from analysis.measures.tested import MEASURE, MEASURES, how_tested
 from analysis.names import label, mark_of, own_first
 from tma_ray.terminal import terminal
 
@@ -26,6 +26,8 @@ WIDTHS = {"teacher": 14, "": 12, "worst": 5, "runs": 4, "beside Random, 95 %": 2
 
 OVERALL = {"teacher": 14, "runs": 4, "mean, %": 19, "beats Random": 17, "worst": 5}
 """Columns of the table over all challenges."""
+
+FAMILIES = "all teachers against Random, on each challenge and over challenges apart"
 
 
 def show_ranking(
@@ -58,6 +60,8 @@ def show_ranking(
         for note in (*_notes(table), *frames.told, *frames.left_out):
             console.print(note, style="dim", highlight=False, markup=False)
         _show_overall(console, runs, measure)
+    if table["p"].notna().any():
+        console.print(how_tested(measure, FAMILIES), style="dim", highlight=False, markup=False)
     for sentence in [*headlines(runs, measure), *sentences(table)]:
         console.print(sentence, highlight=False, markup=False)
 

@@ -98,7 +98,7 @@ def overall(runs: pd.DataFrame, measure: str = MEASURE) -> pd.DataFrame:
         for _, group in runs[runs[measure].notna()].groupby(ACROSS, dropna=False, sort=True)
         for block, (part, of) in enumerate(on_the_same(group))
     ]
-    table = pd.concat(blocks or [_block(runs, measure).head(0)], ignore_index=True)
+    table = pd.concat(blocks, ignore_index=True) if blocks else pd.DataFrame()
     return table.reindex(columns=list(dict.fromkeys([*BLOCK, "teacher", *table])))
 
 

@@ -89,6 +89,18 @@ def test_teachers_are_set_side_by_side_on_the_challenges_that_all_have(tmp_path:
     assert [block.startswith(", 2 of 3 challenges") for block in blocks] == [False, True, True]
 
 
+@pytest.mark.parametrize(
+    ("measure", "scale"), [("mastered_percent", "in per cent"), ("mastered_area", "arcsine")]
+)
+def test_the_scale_of_the_tests_and_their_family_are_said(tmp_path: Path, measure: str, scale: str) -> None:
+    write(tmp_path, "riac", [7, 8, 7, 8], "mostly_trivial")
+    assert "Tested" not in shown(tmp_path, measure=measure)
+    write(tmp_path, "random", [2, 3, 2, 3], "mostly_trivial")
+    (line,) = (line for line in shown(tmp_path, measure=measure).splitlines() if line.startswith("Tested"))
+    assert scale in line
+    assert "all teachers against Random" in line
+
+
 def test_few_seeds_are_said_of_random_too(tmp_path: Path) -> None:
     for seed_count, teacher in ((10, "riac"), (3, "random")):
         write(tmp_path, teacher, [4, 5, 6] * 3 + [5] if seed_count == 10 else [2, 3, 4], "mostly_trivial")
