@@ -178,7 +178,7 @@ def _cells(board: Leaderboard, entry: Entry) -> list[str]:
     rank = entry.rank
     open_ranks = f" [{rank.best} to {rank.worst}]" if rank.best < rank.worst else ""
     known = (entry.results.get(title) for title in board.challenges)
-    results = [estimate(*each) if each else "" for each in known]
+    results = [estimate(*each, 0) if each else "" for each in known]
     return [
         f"{rank.rank}{open_ranks}",
         label(rank.teacher),

@@ -107,7 +107,7 @@ def test_the_same_is_shown_in_the_terminal_and_on_the_site(
     (board,) = leaderboards(load(released))
     low, high = board.entries[0].results[board.challenges[0]][1:]
     assert f"[{low:.0f},{high:.0f}]" in text
-    assert f"[{low:.1f}, {high:.1f}]".replace(" ", "\N{NO-BREAK SPACE}") in page
+    assert f"[{low:.0f}, {high:.0f}]".replace(" ", "\N{NO-BREAK SPACE}") in page
     assert "±" not in text + page
     for shown in (text, page, (released / "README.md").read_text()):
         assert "Ceiling: of the 100 tasks" in " ".join(shown.split())
