@@ -87,11 +87,10 @@ def overall(runs: pd.DataFrame, measure: str = MEASURE) -> pd.DataFrame:
 
     Returns:
         `ACROSS`, block (number of the set of challenges), challenges (number of them), of (number that there
-        are), teacher, n,
-        and with their 95 % intervals mean, low_mean, high_mean: mean over challenges of equal weight; better,
-        low_better, high_better: probability that a run is better than one of Random on the same challenge
-        (Agarwal et al., 2021); worst: result of the worst run, the mean over challenges; over_25 and so on:
-        share of runs over so many per cent.
+        are), teacher, n, and with their 95 % intervals mean, low_mean, high_mean: mean over challenges of
+        equal weight; better, low_better, high_better: probability that a run is better than one of Random on
+        the same challenge (Agarwal et al., 2021); worst: result of the worst run, the mean over challenges;
+        over_25 and so on: share of runs over so many per cent.
     """
     blocks = [
         _block(part, measure).assign(block=block, challenges=_challenges(part), of=of)

@@ -32,7 +32,7 @@ def how_tested(measure: str, family: str) -> str:
     """Returns the scale of the tests of a measure and the family of their correction, in a sentence.
 
     Args:
-        measure: of `MEASURES`.
+        measure: column, of `MEASURES`.
         family: tests that are corrected together, in words.
     """
     scale = "on the arcsine scale" if scale_of(measure) is Scale.ARCSINE else "in per cent"
