@@ -30,6 +30,13 @@ def ends(low: float, high: float, digits: int = 1) -> str:
     return f"[{number(low, digits)}, {number(high, digits)}]"
 
 
+def estimate(value: float, low: float, high: float, digits: int = 1) -> str:
+    """Returns ``2.0 [1.0, 2.5]``, the value alone where runs have no spread for an interval."""
+    if not math.isfinite(low):
+        return number(value, digits)
+    return f"{number(value, digits)} {ends(low, high, digits)}"
+
+
 def p_value(p: float) -> str:
     """Returns ``p = 0.012`` or ``p < 0.001``."""
     return "p\N{NO-BREAK SPACE}< 0.001" if p < 0.001 else f"p = {p:.3f}"

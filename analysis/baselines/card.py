@@ -15,7 +15,13 @@ from analysis.tables.table import Table
 CARD_FILE = "README.md"
 
 
-def card(manifest: BaselineManifest, made: str, citation: str = "", tables: Sequence[Table] = ()) -> str:
+def card(
+    manifest: BaselineManifest,
+    made: str,
+    citation: str = "",
+    tables: Sequence[Table] = (),
+    ceilings: Sequence[str] = (),
+) -> str:
     """Returns the card of a baseline.
 
     Args:
@@ -23,6 +29,7 @@ def card(manifest: BaselineManifest, made: str, citation: str = "", tables: Sequ
         made: how it came to be, in words.
         citation: what others should cite; empty for the name, version and date of the baseline itself.
         tables: its results.
+        ceilings: bounds of these, a sentence each.
     """
     from jinja2 import Environment, PackageLoader, StrictUndefined  # reading a baseline does without
 
@@ -41,6 +48,7 @@ def card(manifest: BaselineManifest, made: str, citation: str = "", tables: Sequ
         planned=", ".join(f"{_safe(name)} {count:,}" for name, count in sorted(manifest.planned.items())),
         made=made,
         citation=cited,
+        ceilings=ceilings,
         tables="\n".join(render(table, TableFormat.MARKDOWN) for table in tables),
     )
     return re.sub(r"\n{3,}", "\n\n", text.rstrip()) + "\n"

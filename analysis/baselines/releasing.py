@@ -26,6 +26,7 @@ from analysis.baselines.manifest import (
 from analysis.baselines.provenance import made_on
 from analysis.baselines.verification import verify
 from analysis.data.frames import STATUSES, Frames, load
+from analysis.measures.evaluations import ceilings_in_words
 from analysis.tables.paper_tables import result_tables
 from analysis.tables.results import table_results
 from analysis.tables.table import Table
@@ -136,7 +137,7 @@ def describe(
         check_known("campaign", campaign, set(released.cells["campaign"]), "the release has")
     manifest = _manifest(released, name, licence, missing, copy, store)
     manifest = replace(manifest, core=about.core, gaps=about.gaps, planned=dict(planned))
-    text = card(manifest, _made(released), tables=_tables(released))
+    text = card(manifest, _made(released), tables=_tables(released), ceilings=ceilings_in_words(released))
     (place / CARD_FILE).write_text(text, encoding="utf-8")
     files = tuple(BaselineFile.of(store, path) for path in store.files())
     (place / BASELINE_FILE).write_bytes(replace(manifest, files=files).to_bytes())

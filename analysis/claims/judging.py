@@ -16,8 +16,7 @@ from analysis.names import label
 from analysis.statistics import (
     Comparison,
     Description,
-    mean_interval,
-    percent_interval,
+    mean_percent_interval,
     welch_from_statistics,
 )
 from analysis.statistics.verdicts import Standing, contrary, equivalent, greater
@@ -139,7 +138,7 @@ def _(statement: Bounded, source: Source) -> Finding:
         best = float(sample.values.max())
         evidence = f"{_name(statement.reading)}: best seed {number(best)} %, n = {sample.description.n}"
         return Finding(statement, _certain(statement.least <= best <= statement.most), evidence)
-    low, high = _interval(sample.description)
+    low, high = mean_percent_interval(sample.description)
     standing = Standing.UNDECIDED
     if statement.least <= low and high <= statement.most:
         standing = Standing.SUPPORTED
@@ -226,12 +225,6 @@ def _missing(statement: Statement, reading: Reading) -> Finding:
 
 def _certain(holds: bool) -> Standing:
     return Standing.SUPPORTED if holds else Standing.REFUTED
-
-
-def _interval(sample: Description) -> tuple[float, float]:
-    """Returns the 95 % interval of a mean of shares, within 0 to 100."""
-    _, high = mean_interval(sample)
-    return percent_interval(sample.mean, high - sample.mean)
 
 
 def _of(teacher: str, reading: Reading) -> Reading:

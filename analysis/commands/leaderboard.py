@@ -13,19 +13,20 @@ from analysis.baselines.catalogue import Baseline
 from analysis.baselines.sources import read
 from analysis.comparisons.few_seeds import caveat
 from analysis.comparisons.leaderboard import Entry, Leaderboard, leaderboards
-from analysis.formatting import number, plus_minus
-from analysis.measures.tested import MEASURE, QUANTITIES
+from analysis.formatting import estimate, number
+from analysis.measures.evaluations import ceilings_in_words
+from analysis.measures.tested import MEASURE, QUANTITIES, how_tested
 from analysis.names import label, short_labels
 from tma_ray.terminal import terminal
 
 EXPLANATION = (
-    f"{QUANTITIES[MEASURE]}, mean ± half the width of its 95 % interval over seeds. Ranks are by the mean "
+    f"{QUANTITIES[MEASURE]}: mean over seeds and [its 95 % interval]. Ranks are by the mean "
     "over the challenges of a table, which weigh the same. In brackets are the ranks that tests over these "
     "challenges leave open: 1 [1 to 8] of ten teachers is the highest mean, found better than two others and "
-    "not told from the other seven. Tests are corrected by Holm's method for all pairs of teachers of a "
-    "table: Welch's, and paired by seed where seeds share a simulated student. A teacher without results on "
-    "all challenges is ranked on those that it has, in a table of its own. Hours are wall-clock hours of a "
-    "run beside others on the same machine; the card of a release says which."
+    "not told from the other seven. Tests are Welch's, and paired by seed where seeds share a simulated "
+    f"student. {how_tested(MEASURE, 'all pairs of teachers of a table')} A teacher without results on all "
+    "challenges is ranked on those that it has, in a table of its own. Hours are the median wall-clock hours "
+    "of a run beside others on the same machine; the card of a release says which."
 )
 
 NO_BREAK = "\N{NO-BREAK SPACE}"
@@ -55,7 +56,10 @@ def show_leaderboards(names: Sequence[str], console: Console | None = None) -> N
     console.print(f"{EXPLANATION}\n", style="dim", highlight=False)
     for name, place, partial in _places(names):
         console.print(f"{name}{f' (partial: {partial})' if partial else ''}", style="bold", highlight=False)
-        boards = leaderboards(read(place))
+        frames = read(place)
+        for sentence in ceilings_in_words(frames):
+            console.print(sentence, style="dim", highlight=False)
+        boards = leaderboards(frames)
         if not boards:
             console.print("No run has been evaluated here.")
         for board in boards:
@@ -71,7 +75,8 @@ def markdown(names: Sequence[str] = ()) -> str:
     for name, place, partial in _places(names):
         parts.append(f"## {name}")
         parts += [f"*This release is not complete: {partial}.*"] if partial else []
-        for board in leaderboards(read(place)):
+        parts += ceilings_in_words(frames := read(place))
+        for board in leaderboards(frames):
             parts.append(f"### {board.title[0].upper()}{board.title[1:]}")
             parts += [_rank_chart(board), _markdown_table(board)]
             parts += [text] if (text := _caveat(board)) else []
@@ -162,24 +167,22 @@ def _challenges(board: Leaderboard) -> Table:
         table.add_column(_short_title(title), justify="right", max_width=CHALLENGE_WIDTH, overflow="fold")
     for entry in board.entries:
         numbers = (entry.results.get(title) for title in board.challenges)
-        table.add_row(label(entry.rank.teacher), *(_short(each) if each else "" for each in numbers))
+        table.add_row(
+            label(entry.rank.teacher),
+            *(estimate(*each, 0).replace(", ", ",") if each else "" for each in numbers),
+        )
     return table
-
-
-def _short(result: tuple[float, float]) -> str:
-    return plus_minus(*result, 0).replace(" ", "")
 
 
 def _cells(board: Leaderboard, entry: Entry) -> list[str]:
     rank = entry.rank
     open_ranks = f" [{rank.best} to {rank.worst}]" if rank.best < rank.worst else ""
-    interval = f"{number(rank.mean)} [{number(rank.low)}, {number(rank.high)}]"
     known = (entry.results.get(title) for title in board.challenges)
-    results = [plus_minus(*each) if each else "" for each in known]
+    results = [estimate(*each, 0) if each else "" for each in known]
     return [
         f"{rank.rank}{open_ranks}",
         label(rank.teacher),
-        interval,
+        estimate(rank.mean, rank.low, rank.high),
         *results,
         str(rank.n),
         *([number(entry.hours, 2)] if board.timed else []),

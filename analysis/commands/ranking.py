@@ -11,22 +11,23 @@ from rich.console import Console, JustifyMethod
 from rich.table import Table
 
 from analysis.baselines.sources import Sources, own_teachers, read
-from analysis.comparisons.aggregates import ACROSS
-from analysis.comparisons.overall import THRESHOLDS, headlines, interval, overall
+from analysis.comparisons.overall import BLOCK, THRESHOLDS, headlines, interval, overall, place_of
 from analysis.comparisons.ranking import places, ranked, sentences
 from analysis.data.reference import NO_BASELINE, is_baseline
 from analysis.formatting import ends, number, p_value, plus_minus
-from analysis.measures.conditions import condition_words, varying
+from analysis.measures.conditions import varying
 from analysis.measures.student_pools import runs_after
-from analysis.measures.tested import MEASURE, MEASURES
+from analysis.measures.tested import MEASURE, MEASURES, how_tested
 from analysis.names import label, mark_of, own_first
 from tma_ray.terminal import terminal
 
 WIDTHS = {"teacher": 14, "": 12, "worst": 5, "runs": 4, "beside Random, 95 %": 23, "Holm p": 7}
 """Columns that are shown, and their widths in characters; the measure is named when it is known."""
 
-OVERALL = {"teacher": 14, "runs": 4, "interquartile mean": 19, "beats Random": 17, "worst": 5}
+OVERALL = {"teacher": 14, "runs": 4, "mean, %": 19, "beats Random": 17, "worst": 5}
 """Columns of the table over all challenges."""
+
+FAMILIES = "all teachers against Random, on each challenge and over challenges apart"
 
 
 def show_ranking(
@@ -59,24 +60,25 @@ def show_ranking(
         for note in (*_notes(table), *frames.told, *frames.left_out):
             console.print(note, style="dim", highlight=False, markup=False)
         _show_overall(console, runs, measure)
+    if table["p"].notna().any():
+        console.print(how_tested(measure, FAMILIES), style="dim", highlight=False, markup=False)
     for sentence in [*headlines(runs, measure), *sentences(table)]:
         console.print(sentence, highlight=False, markup=False)
 
 
 def _show_overall(console: Console, runs: pd.DataFrame, measure: str) -> None:
-    """Prints estimates over all challenges, level by level and budget by budget."""
+    """Prints estimates over the challenges that teachers share, level by level and budget by budget."""
     over = "/".join(map(str, THRESHOLDS))
     table = overall(runs, measure)
     told = ["steps", *(name for name in varying(table) if name != "steps")]
-    for _, rows in table.groupby(ACROSS, dropna=False, sort=True):
-        first = rows.iloc[0]
-        where = ", ".join([f"expert knowledge {first['expert_knowledge']}", *condition_words(first, told)])
-        console.print(f"All challenges, {where}", style="bold", highlight=False, markup=False)
+    for _, rows in table.groupby(BLOCK, dropna=False, sort=False):
+        where = f"Over challenges: {place_of(rows.iloc[0], told)}"
+        console.print(where, style="bold", highlight=False, markup=False)
         shown = _table({**OVERALL, f">{over} %": 11})
         for _, row in rows.iterrows():
-            better = "" if is_baseline(row["teacher"]) else interval(row, "_better", 2)
+            better = "" if is_baseline(row["teacher"]) else interval(row, "better", 2)
             shares = "/".join(number(100 * row[f"over_{threshold}"], 0) for threshold in THRESHOLDS)
-            cells = [str(row["n"]), interval(row, "", 1), better, number(row["worst"]), shares]
+            cells = [str(row["n"]), interval(row, "mean", 1), better, number(row["worst"]), shares]
             _add(shown, row["teacher"], cells)
         console.print(shown)
 

@@ -16,10 +16,9 @@ from analysis.statistics import SIGNIFICANCE, Method
 
 
 class Measure(NamedTuple):
-    """How a measure is talked about: its column, name, unit, unit of differences, and verbs."""
+    """How a measure is talked about: its column, unit, unit of differences, and verbs."""
 
     column: str
-    name: str
     unit: str
     points: str
     leads: str
@@ -28,7 +27,6 @@ class Measure(NamedTuple):
 
 MASTERED = Measure(
     column="mastered_percent",
-    name="Mastered",
     unit="\N{NO-BREAK SPACE}%",
     points=" points",
     leads="masters the most test tasks:",
@@ -49,15 +47,6 @@ def verdict(test: pd.Series | Mapping[str, Any]) -> str:
     if not test["holm"] < SIGNIFICANCE:
         return "not distinguishable"
     return "better" if test["difference"] > 0 else "worse"
-
-
-def compared_by(finals: pd.DataFrame) -> Measure:  # noqa: ARG001
-    """Returns what teachers are compared by, whatever they master.
-
-    Args:
-        finals: of `measures.final_evaluations`.
-    """
-    return MASTERED
 
 
 def findings(summary: pd.DataFrame, tests: pd.DataFrame) -> list[str]:

@@ -25,12 +25,13 @@ class Entry:
 
     Attributes:
         rank: over all of its challenges, with the ranks that the tests leave open.
-        results: mastered test tasks in per cent, mean and 95 % margin, by the title of the challenge.
-        hours: of wall-clock time of a run, all its attempts together; NaN if unknown.
+        results: mastered test tasks in per cent by the title of the challenge: mean, and both ends of its
+            95 % interval; these NaN where runs have no spread.
+        hours: median wall-clock time of a run, all its attempts together; NaN if unknown.
     """
 
     rank: Rank
-    results: dict[str, tuple[float, float]]
+    results: dict[str, tuple[float, float, float]]
     hours: float
 
 
@@ -95,18 +96,18 @@ def on_the_same(runs: pd.DataFrame) -> Iterator[tuple[pd.DataFrame, int]]:
 
 def _board(across: dict[str, Any], runs: pd.DataFrame, hours: pd.Series, total: int) -> Leaderboard:
     """Returns the leaderboard of runs on some of `total` challenges."""
-    results: dict[str, dict[str, tuple[float, float]]] = {}
+    results: dict[str, dict[str, tuple[float, float, float]]] = {}
     titles: dict[str, None] = {}
     for row in stratified_means(runs, MEASURE, [*ACROSS, *PLACES]).to_dict("records"):
         place, challenge = str(row["environment"]), str(row["challenge"])
         title = challenge_title(place, challenge, f"{place} {challenge}")
         titles.setdefault(title)
-        result = float(row["difference"]), float(row["high"] - row["low"]) / 2
+        result = float(row["difference"]), float(row["low"]), float(row["high"])
         results.setdefault(str(row["teacher"]), {})[title] = result
     spent = runs.assign(hours=runs["run_id"].map(hours)).drop_duplicates(["teacher", "run_id"])
-    mean_hours = spent.groupby("teacher")["hours"].mean()
+    usual = spent.groupby("teacher")["hours"].median()  # a few stalled runs would decide a mean
     placed = sorted(ranks(runs), key=lambda rank: (rank.rank, rank.teacher))
-    entries = tuple(Entry(rank, results[rank.teacher], float(mean_hours[rank.teacher])) for rank in placed)
+    entries = tuple(Entry(rank, results[rank.teacher], float(usual[rank.teacher])) for rank in placed)
     version = across["physics_version"]
     engine = f"{across['engine']} {version:g}" if version else across["engine"]
     title = f"expert knowledge {across['expert_knowledge']}, {amount(across['steps'])} steps, {engine}"

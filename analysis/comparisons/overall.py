@@ -1,11 +1,10 @@
-"""Results over all challenges at once: differences, interquartile means, improvements, profiles."""
+"""Results over all challenges at once: differences, means, improvements, profiles."""
 
 from __future__ import annotations
 
 from collections.abc import Collection, Iterator, Sequence
 from typing import Any
 
-import numpy as np
 import pandas as pd
 
 from analysis.comparisons.aggregates import (
@@ -13,7 +12,6 @@ from analysis.comparisons.aggregates import (
     CHALLENGES,
     PLACES,
     improvements,
-    interquartile_means,
     profiles,
     stratified_differences,
     stratified_means,
@@ -21,7 +19,7 @@ from analysis.comparisons.aggregates import (
 from analysis.comparisons.few_seeds import in_brief
 from analysis.comparisons.leaderboard import on_the_same
 from analysis.data.reference import BASELINE
-from analysis.formatting import ends, number, p_value
+from analysis.formatting import ends, estimate, number, p_value
 from analysis.looks import look
 from analysis.measures.conditions import CONDITIONS, condition_words, varying
 from analysis.measures.tested import MEASURE
@@ -31,7 +29,7 @@ from analysis.statistics import SIGNIFICANCE
 THRESHOLDS = (25, 50, 75)
 """Per cent of the test tasks, over which the share of runs is told in tables."""
 
-BLOCK = [*ACROSS, "challenges", "of"]
+BLOCK = [*ACROSS, "block", "challenges", "of"]
 """Columns that the rows of `overall` have in common that are read together."""
 
 STEPS = tuple(range(0, 100, 2))
@@ -88,19 +86,18 @@ def overall(runs: pd.DataFrame, measure: str = MEASURE) -> pd.DataFrame:
         measure: column of `runs`, in per cent.
 
     Returns:
-        `ACROSS`, challenges (number that the rows of a block are of), of (number that there are), teacher, n,
-        missing (results that others have and this one has not), and with their 95 % intervals mean, low_mean,
-        high_mean: mean over challenges of equal weight; value, low, high: interquartile mean over all runs;
-        value_better, low_better, high_better: probability that a run is better than one of Random on the
-        same challenge (Agarwal et al., 2021); worst: result of the worst run, the mean over challenges;
+        `ACROSS`, block (number of the set of challenges), challenges (number of them), of (number that there
+        are), teacher, n, and with their 95 % intervals mean, low_mean, high_mean: mean over challenges of
+        equal weight; better, low_better, high_better: probability that a run is better than one of Random on
+        the same challenge (Agarwal et al., 2021); worst: result of the worst run, the mean over challenges;
         over_25 and so on: share of runs over so many per cent.
     """
     blocks = [
-        _block(part, measure).assign(challenges=_challenges(part), of=of)
+        _block(part, measure).assign(block=block, challenges=_challenges(part), of=of)
         for _, group in runs[runs[measure].notna()].groupby(ACROSS, dropna=False, sort=True)
-        for part, of in on_the_same(group)
+        for block, (part, of) in enumerate(on_the_same(group))
     ]
-    table = pd.concat(blocks or [_block(runs, measure).head(0)], ignore_index=True)
+    table = pd.concat(blocks, ignore_index=True) if blocks else pd.DataFrame()
     return table.reindex(columns=list(dict.fromkeys([*BLOCK, "teacher", *table])))
 
 
@@ -111,21 +108,20 @@ def _challenges(runs: pd.DataFrame) -> int:
 def _block(runs: pd.DataFrame, measure: str) -> pd.DataFrame:
     """Returns the rows of teachers that have results on the same challenges."""
     by = [*ACROSS, "teacher"]
-    means = interquartile_means(runs, measure, by=by, strata=CHALLENGES)
+    table = stratified_means(runs, measure)[[*by, "n", "difference", "low", "high"]]
+    table = table.set_axis([*by, "n", "mean", "low_mean", "high_mean"], axis=1)
     chances = improvements(runs, measure, reference=BASELINE, within=ACROSS, strata=CHALLENGES)
-    chances = chances.rename(columns={"first": "teacher"}).drop(columns=["measure", "second"])
-    table = means.merge(chances, on=by, how="left", suffixes=("", "_better"))
+    chances = chances.rename(columns={"first": "teacher"})[[*by, "value", "low", "high"]]
+    chances = chances.set_axis([*by, "better", "low_better", "high_better"], axis=1)
     lowest = runs.groupby([*by, *CHALLENGES], dropna=False)[measure].min()
     worst = lowest.groupby(by, dropna=False).mean().rename("worst").reset_index()
     shares = profiles(runs, measure, THRESHOLDS, by=by, strata=CHALLENGES)
     wide = shares.pivot_table(index=by, columns="threshold", values="share", dropna=False, observed=True)
     wide = wide.rename(columns={threshold: f"over_{threshold}" for threshold in THRESHOLDS}).reset_index()
-    weighted = stratified_means(runs, measure)[[*by, "difference", "low", "high"]]
-    weighted = weighted.set_axis([*by, "mean", "low_mean", "high_mean"], axis=1)
-    for columns in (worst, wide, weighted):
+    for columns in (chances, worst, wide):
         table = table.merge(columns, on=by, how="left")
     order = [*[True] * len(ACROSS), False]
-    return table[table["n"] > 0].sort_values([*ACROSS, "value"], ascending=order, ignore_index=True)
+    return table.sort_values([*ACROSS, "mean"], ascending=order, ignore_index=True)
 
 
 def overall_rows(runs: pd.DataFrame, measure: str = MEASURE) -> list[dict[str, Any]]:
@@ -137,7 +133,7 @@ def overall_rows(runs: pd.DataFrame, measure: str = MEASURE) -> list[dict[str, A
 
     Returns:
         place, name (of the teacher), teacher (its label), own (True if it is the reader's), colour, n, mean
-        and better (with intervals), worst, over (shares of runs over `THRESHOLDS`), missing.
+        and better (with intervals), worst, over (shares of runs over `THRESHOLDS`).
     """
     if runs.empty:
         return []
@@ -151,11 +147,10 @@ def overall_rows(runs: pd.DataFrame, measure: str = MEASURE) -> list[dict[str, A
             "own": mark_of(row["teacher"]) != "",
             "colour": look(row["teacher"]).colour,
             "n": row["n"],
-            "mean": interval(row, "", 1),
-            "better": interval(row, "_better", 2),
+            "mean": interval(row, "mean", 1),
+            "better": interval(row, "better", 2),
             "worst": number(row["worst"]),
             "over": " / ".join(number(100 * row[f"over_{threshold}"], 0) for threshold in THRESHOLDS),
-            "missing": row["missing"],
         }
         for _, row in table.iterrows()
     ]
@@ -195,11 +190,6 @@ def place_of(row: pd.Series, told: Sequence[str]) -> str:
     return ", ".join(words)
 
 
-def interval(row: pd.Series, suffix: str, digits: int) -> str:
-    """Returns an estimate of `overall` with its interval, as text."""
-    value, low, high = (row[f"{name}{suffix}"] for name in ("value", "low", "high"))
-    if not np.isfinite(value):
-        return "\N{EN DASH}"
-    if not np.isfinite(low):
-        return number(value, digits)
-    return f"{number(value, digits)} [{number(low, digits)}, {number(high, digits)}]"
+def interval(row: pd.Series, name: str, digits: int) -> str:
+    """Returns the estimate `name` of a row of `overall` with its interval, as text."""
+    return estimate(row[name], row[f"low_{name}"], row[f"high_{name}"], digits)

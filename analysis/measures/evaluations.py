@@ -11,6 +11,7 @@ import pandas as pd
 from analysis.data.arguments import check_columns, check_measure
 from analysis.data.frames import GROUP, STATUSES, Frames, computed_once, unfailed
 from analysis.data.identity import CONDITIONS
+from analysis.formatting import number
 from analysis.measures.training import training_quarters
 from analysis.statistics import describe
 
@@ -77,6 +78,16 @@ def ceilings(frames: Frames) -> pd.DataFrame:
     best = rows.groupby([*place, "run_id", "step"])["mastered"].mean().groupby(place).max()
     return found.assign(best_percent=100 * best).reset_index()[
         [*place, "tasks", "ever", "last", "best_percent"]
+    ]
+
+
+def ceilings_in_words(frames: Frames) -> list[str]:
+    """Returns a sentence for each row of `ceilings`."""
+    return [
+        f"Ceiling: of the {row['tasks']} tasks of test set {row['test_set']} {row['ever']} are mastered by "
+        f"any run at any evaluation, {row['last']} at the last one; the best evaluation of a run masters "
+        f"{number(row['best_percent'])} %."
+        for row in ceilings(frames).to_dict("records")
     ]
 
 

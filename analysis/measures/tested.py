@@ -26,3 +26,17 @@ def scale_of(measure: str) -> Scale:
     does not grow, so that they are tested in per cent (`docs/statistics.md`).
     """
     return Scale.ARCSINE if measure == "mastered_area" else Scale.PERCENT
+
+
+def how_tested(measure: str, family: str) -> str:
+    """Returns the scale of the tests of a measure and the family of their correction, in a sentence.
+
+    Args:
+        measure: column, of `MEASURES`.
+        family: tests that are corrected together, in words.
+    """
+    scale = "on the arcsine scale" if scale_of(measure) is Scale.ARCSINE else "in per cent"
+    return (
+        f"Tested {scale}; Holm's correction covers {family}, so that a verdict can change when a teacher is "
+        f"added."
+    )

@@ -18,6 +18,7 @@ from analysis.statistics.samples import (
     Description,
     describe,
     mean_interval,
+    mean_percent_interval,
     percent_interval,
 )
 
@@ -31,6 +32,7 @@ __all__ = [
     "describe",
     "holm",
     "mean_interval",
+    "mean_percent_interval",
     "paired",
     "paired_strata",
     "percent_interval",

@@ -79,6 +79,12 @@ def percent_interval(mean: float, margin: float) -> tuple[float, float]:
     return 100 * math.sin(ends[0]) ** 2, 100 * math.sin(ends[1]) ** 2
 
 
+def mean_percent_interval(sample: Description) -> tuple[float, float]:
+    """Returns the 95 % confidence interval of the mean of percentages, by Student's t, within 0 and 100."""
+    _, high = mean_interval(sample)
+    return percent_interval(sample.mean, high - sample.mean)
+
+
 def finite(values: ArrayLike) -> NDArray[np.float64]:
     """Returns the finite ones among `values` (n,).
 

@@ -25,6 +25,7 @@ from analysis.pages.charts import (
     training_task_charts,
 )
 from analysis.pages.charts.mastery import COLOURS
+from analysis.statistics import percent_interval
 
 PLANE = (Axis("Stump height", 0.0, 3.0), Axis("Obstacle spacing (m)", 0.0, 6.0))
 CUBE = (Axis("a", 0.0, 1.0), Axis("constant", 2.0, 2.0), Axis("b", -1.0, 1.0), Axis("c", 0.0, 10.0))
@@ -69,8 +70,25 @@ def test_seeds_and_their_mean_are_those_of_the_step() -> None:
         found = [trace for trace in shown(chart, step) if trace["meta"]["teacher"] == "alp_gmm"]
         assert found[0]["x"] == dots
         assert found[1]["x"] == [mean]
-    reach = found[1]["error_x"]["array"][0]
-    assert reach == pytest.approx(4.302653 * 10 / np.sqrt(3), abs=0.01)  # Student's t of 2 degrees
+
+
+@pytest.mark.parametrize("kind", ["seeds", "overview"])
+@pytest.mark.parametrize(("teacher", "values"), [("random", (0.0, 2.0, 30.0)), ("adr", (70.0, 98.0, 100.0))])
+def test_no_interval_of_a_percentage_ends_outside_0_and_100(
+    kind: str, teacher: str, values: tuple[float, ...]
+) -> None:
+    rows = {"teacher": teacher, "seed": [1, 2, 3], "step": END, "value": values, "comparison": "one"}
+    table, words = pd.DataFrame(rows), ("Mastered (%)", "title", "caption")
+    if kind == "seeds":
+        chart = seeds_chart("seeds", table, *words)
+    else:
+        chart = overview_chart(table, {"one": "First"}, *words)
+    trace = shown(chart, END)[-1]
+    (mean,), reach = trace["x"], trace["error_x"]
+    margin = 4.302653 * np.std(values, ddof=1) / np.sqrt(3)  # Student's t of 2 degrees of freedom
+    ends = mean - reach["arrayminus"][0], mean + reach["array"][0]
+    assert ends == pytest.approx(percent_interval(np.mean(values), margin), abs=0.02)
+    assert -0.01 < ends[0] < mean < ends[1] < 100.01
 
 
 def test_an_overview_has_a_trace_for_each_comparison_and_teacher() -> None:

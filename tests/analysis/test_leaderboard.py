@@ -19,7 +19,7 @@ from analysis.claims.agreement import agreements, pairs_in_both, tau_interval, t
 from analysis.commands.findings import findings
 from analysis.commands.leaderboard import markdown, show_leaderboards
 from analysis.comparisons.leaderboard import leaderboards
-from analysis.data.frames import load
+from analysis.data.frames import Frames, load
 from analysis.names import label
 from analysis.statistics import Description, describe, percent_interval, welch_from_statistics
 from tma_ray.benchmark import paper_results
@@ -76,9 +76,8 @@ def test_a_leaderboard_has_ranks_results_and_cost(released: Path) -> None:
     for entry in board.entries:
         assert set(entry.results) == set(board.challenges)
         assert entry.hours == pytest.approx(1.0)
-        for mean, margin in entry.results.values():
-            low, high = percent_interval(mean, stats.t.ppf(0.975, 2) / np.sqrt(3))
-            assert margin == pytest.approx((high - low) / 2)
+        for mean, *ends in entry.results.values():
+            assert ends == pytest.approx(percent_interval(mean, stats.t.ppf(0.975, 2) / np.sqrt(3)))
 
 
 def test_teachers_are_ranked_on_the_same_challenges_only(tmp_path: Path) -> None:
@@ -105,6 +104,15 @@ def test_the_same_is_shown_in_the_terminal_and_on_the_site(
     text = console.export_text()
     assert max(map(len, text.splitlines())) <= 80
     page = markdown([str(released)])
+    (board,) = leaderboards(load(released))
+    low, high = board.entries[0].results[board.challenges[0]][1:]
+    assert f"[{low:.0f},{high:.0f}]" in text
+    assert f"[{low:.0f}, {high:.0f}]".replace(" ", "\N{NO-BREAK SPACE}") in page
+    assert "±" not in text + page
+    for shown in (text, page, (released / "README.md").read_text()):
+        assert "Ceiling: of the 100 tasks" in " ".join(shown.split())
+    for shown in (text, page):
+        assert "Tested in per cent; Holm's correction covers all pairs" in " ".join(shown.split())
     for name in ("ALP-GMM", "ADR", "RIAC", "Random"):
         assert name in text
         assert f"| {name} |" in page
@@ -113,11 +121,21 @@ def test_the_same_is_shown_in_the_terminal_and_on_the_site(
     assert "only published results" in capsys.readouterr().err
 
 
+def test_a_stalled_run_leaves_the_hours_of_a_run_as_they_are(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    frames = load(write(tmp_path / "root", {"random": 3, "adr": 3}))
+    hours = frames.run_hours
+    hours[hours.index.str.endswith("adr-0")] = 50.0
+    monkeypatch.setattr(Frames, "run_hours", hours)
+    (board,) = leaderboards(frames)
+    assert [entry.hours for entry in board.entries] == pytest.approx([1.0, 1.0])
+
+
 def test_ranks_are_explained_and_drawn_before_the_first_table(released: Path) -> None:
     page = markdown([str(released)])
     first_table = page.index("| teacher | rank |")
     assert page.index("1 [1 to 8]") < page.index("<svg") < first_table
-    assert page.index("±") < first_table
     (board,) = leaderboards(load(released))
     drawn = ElementTree.fromstring(page[page.index("<svg") : page.index("</svg>") + len("</svg>")])
     rows = drawn.findall("g")

@@ -68,6 +68,39 @@ def test_sentences_count_challenges_after_holms_correction(tmp_path: Path) -> No
     assert three.endswith("after Holm, few seeds.")
 
 
+def test_teachers_are_set_side_by_side_on_the_challenges_that_all_have(tmp_path: Path) -> None:
+    """Two sets of two challenges are two tables, each with a teacher once, the best mean first."""
+    challenges = ("mostly_trivial", "mostly_unfeasible", "rugged_difficulty")
+    for place, challenge in enumerate(challenges):
+        write(tmp_path, "random", [2, 3, 2, 3], challenge)
+        write(tmp_path, "riac", [0, 0, 2, 9], challenge)  # the middle half of its runs is below Random
+        if place != 2:
+            write(tmp_path, "adr", [9, 8, 9, 8], challenge)
+        if place != 0:
+            write(tmp_path, "spdl", [1, 0, 1, 0], challenge)
+    blocks = shown(tmp_path).split("Over challenges: expert knowledge none, 2 million steps")[1:]
+    tables = [[line.split()[:3] for line in block.splitlines()[2:6]] for block in blocks]
+    assert [line[0] for line in tables[0][:2]] == ["RIAC", "Random"]
+    assert [[line[0] for line in table[:3]] for table in tables[1:]] == [
+        ["ADR", "RIAC", "Random"],
+        ["RIAC", "Random", "SPDL"],
+    ]
+    assert tables[1][0][1:] == ["8", "85.0"]
+    assert [block.startswith(", 2 of 3 challenges") for block in blocks] == [False, True, True]
+
+
+@pytest.mark.parametrize(
+    ("measure", "scale"), [("mastered_percent", "in per cent"), ("mastered_area", "arcsine")]
+)
+def test_the_scale_of_the_tests_and_their_family_are_said(tmp_path: Path, measure: str, scale: str) -> None:
+    write(tmp_path, "riac", [7, 8, 7, 8], "mostly_trivial")
+    assert "Tested" not in shown(tmp_path, measure=measure)
+    write(tmp_path, "random", [2, 3, 2, 3], "mostly_trivial")
+    (line,) = (line for line in shown(tmp_path, measure=measure).splitlines() if line.startswith("Tested"))
+    assert scale in line
+    assert "all teachers against Random" in line
+
+
 def test_few_seeds_are_said_of_random_too(tmp_path: Path) -> None:
     for seed_count, teacher in ((10, "riac"), (3, "random")):
         write(tmp_path, teacher, [4, 5, 6] * 3 + [5] if seed_count == 10 else [2, 3, 4], "mostly_trivial")
@@ -82,7 +115,7 @@ def test_estimates_over_all_challenges_and_the_area_under_the_curve(tmp_path: Pa
     runs = runs_after(load(tmp_path))
     table = overall(runs).set_index("teacher")
     assert table.index.tolist() == ["riac", "random"]
-    assert table.loc["riac", ["n", "value", "value_better", "worst"]].tolist() == [8, 80.0, 1.0, 60.0]
+    assert table.loc["riac", ["n", "mean", "better", "worst"]].tolist() == [8, 80.0, 1.0, 60.0]
     assert table.loc["riac", ["over_25", "over_50", "over_75"]].tolist() == [1.0, 1.0, 0.75]
     # nothing until half time, then a straight line to the end
     by_area, at_end = (ranked(runs, measure) for measure in ("mastered_area", "mastered_percent"))

@@ -162,6 +162,11 @@ def test_the_page_says_what_the_tables_hold(full: Page, full_root: Path) -> None
     p = float(tests["alp_gmm"]["holm"])
     assert (f"p = {p:.3f}" if p >= 0.001 else "p\N{NO-BREAK SPACE}< 0.001") in full.text
     assert "only large differences can show" in full.text
+    assert (
+        "Tested in per cent; Holm's correction covers all teachers of a comparison against Random"
+        in full.words
+    )
+    assert re.search(r"Ceiling: of the \d+ tasks of test set \w+ \d+ are mastered by any run", full.words)
 
 
 def test_the_same_root_gives_the_same_figures_and_tables(full_root: Path, tmp_path: Path) -> None:

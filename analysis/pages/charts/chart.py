@@ -169,8 +169,14 @@ def task_axis(dimension: Axis) -> dict[str, Any]:
 
 
 def bounds_of(quantity: str) -> dict[str, Any]:
-    """Returns what an axis may show: per cent end at 0 and 100, though an interval reaches further."""
+    """Returns what an axis may show: per cent end at 0 and 100, with room for marks there."""
     return {"autorangeoptions": {"clipmin": -1, "clipmax": 101}} if "%" in quantity else {}
+
+
+def reaches(mean: float, low: float, high: float) -> dict[str, list[float]]:
+    """Returns the lengths of both sides of an interval around a mean as plotly has them; 0 if NaN."""
+    sides = {"array": high - mean, "arrayminus": mean - low}
+    return {side: [round(length, 2) if length > 0 else 0.0] for side, length in sides.items()}
 
 
 def step_frame(step: object, traces: Mapping[int, Mapping[str, Any]], title: str = "") -> dict[str, Any]:

@@ -22,11 +22,12 @@ from analysis.pages.charts.chart import (
     drawing_of,
     marker,
     named,
+    reaches,
     scatter,
     shown,
     step_frame,
 )
-from analysis.statistics import describe, mean_interval
+from analysis.statistics import describe, mean_percent_interval
 
 SPACING, LEAST = 11, 30
 """Height of a mean and at least of a row, CSS pixels."""
@@ -34,7 +35,7 @@ SPACING, LEAST = 11, 30
 FRAME = 130
 """Height of axis and legend, CSS pixels."""
 
-NOTHING: dict[str, Any] = {"x": [], "y": [], "hovertemplate": "", "error_x": {"array": []}}
+NOTHING: dict[str, Any] = {"x": [], "y": [], "hovertemplate": "", "error_x": {"array": [], "arrayminus": []}}
 """A trace without its mean."""
 
 
@@ -47,7 +48,8 @@ def overview_chart(
     means together then, by ``rows`` (anchors) and ``teachers`` in the meta of the layout.
 
     Args:
-        points: comparison (its anchor), teacher, step (of an evaluation, or `charts.END`) and value of a run.
+        points: comparison (its anchor), teacher, step (of an evaluation, or `charts.END`) and value of a run,
+            in per cent.
         rows: title of each comparison by its anchor, in order.
         quantity: label of the horizontal axis.
         title: what is shown.
@@ -143,13 +145,12 @@ def _patch(name: str, values: pd.Series, place: float) -> dict[str, Any]:
     sample = describe(values)
     if not sample.n:
         return NOTHING
-    low, high = mean_interval(sample)
+    low, high = mean_percent_interval(sample)
     interval = f", 95 % interval {number(low)} to {number(high)}" if math.isfinite(low) else ""
-    reach = round(high - sample.mean, 2) if math.isfinite(low) else 0.0
     text = f"{name}: {number(sample.mean)}{interval}, n = {sample.n}<extra></extra>"
     return {
         "x": [round(sample.mean, 2)],
         "y": [round(place, 3)],
         "hovertemplate": text,
-        "error_x": {"array": [reach]},
+        "error_x": reaches(sample.mean, low, high),
     }

@@ -19,10 +19,11 @@ from analysis.pages.charts.chart import (
     drawing_of,
     marker,
     named,
+    reaches,
     scatter,
     step_frame,
 )
-from analysis.statistics import describe, mean_interval
+from analysis.statistics import describe, mean_percent_interval
 
 ROW = 34
 """Height of a teacher's row, CSS pixels."""
@@ -36,7 +37,7 @@ def seeds_chart(name: str, points: pd.DataFrame, quantity: str, title: str, capt
 
     Args:
         name: of the chart.
-        points: teacher, seed, step (of an evaluation, or `END`) and value.
+        points: teacher, seed, step (of an evaluation, or `END`) and value, in per cent.
         quantity: label of the horizontal axis.
         title: what is shown.
         caption: of how many seeds.
@@ -83,16 +84,12 @@ def _patches(teacher: str, name: str, rows: pd.DataFrame) -> list[dict[str, Any]
     if mine.empty:
         return [dots, {"x": [], "y": [], "hovertemplate": "", "error_x": {"array": [], "arrayminus": []}}]
     sample = describe(mine["value"])
-    low, high = mean_interval(sample)
+    low, high = mean_percent_interval(sample)
     interval = f"<br>95 % interval {number(low)} to {number(high)}" if math.isfinite(low) else ""
     mean = {
         "x": [round(sample.mean, 2)],
         "y": [name],
         "hovertemplate": f"{name}: mean {number(sample.mean)} of {sample.n}{interval}",
-        "error_x": {"array": [_reach(high, sample.mean)], "arrayminus": [_reach(sample.mean, low)]},
+        "error_x": reaches(sample.mean, low, high),
     }
     return [dots, mean]
-
-
-def _reach(high: float, low: float) -> float:
-    return round(high - low, 2) if high > low else 0.0

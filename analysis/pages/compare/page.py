@@ -39,7 +39,7 @@ from analysis.formatting import listed, plus_minus
 from analysis.looks import shown_together
 from analysis.measures.pooling import COMPARED, SETTINGS, pooled
 from analysis.measures.student_pools import by_students
-from analysis.measures.tested import MEASURE, QUANTITIES
+from analysis.measures.tested import MEASURE, QUANTITIES, how_tested
 from analysis.measures.variants import parts_of
 from analysis.names import label, own_first, teacher_order
 from analysis.pages.compare.places import Place, places, places_chart
@@ -119,6 +119,7 @@ def _render(
             warnings=list(dict.fromkeys([*frames.notes, *split, *notes])),
             verdicts=decided(verdicts),
             quantity=QUANTITIES[measure],
+            how_tested=how_tested(measure, "all teachers that one of yours is set against on a challenge"),
             significance=SIGNIFICANCE,
             version=installed_version("tma_ray"),
             written=datetime.now(UTC),

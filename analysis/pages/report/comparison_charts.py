@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import pandas as pd
 
 from analysis.comparisons.examples import in_whose_space, which_runs
-from analysis.comparisons.findings import compared_by
+from analysis.comparisons.findings import MASTERED
 from analysis.comparisons.measured import Measured
 from analysis.data.curricula import Curriculum
 from analysis.data.frames import Frames
@@ -64,7 +64,7 @@ def charts_of(mine: Measured, anchor: str) -> Iterator[Chart]:
             name = f"{anchor}-{value.replace('_', '-')}"
             yield curve_chart(name, curves, quantity, title, curve_caption(value, table))
     if len(mine.finals):
-        column = compared_by(mine.finals).column
+        column = MASTERED.column
         caption = f"Rings are seeds, marks their means with 95 % intervals; {counts(mine.finals)}."
         points = points_of(mine, column)
         yield seeds_chart(f"{anchor}-seeds", points, QUANTITIES[column], "Seed by seed", caption)

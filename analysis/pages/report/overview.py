@@ -7,7 +7,7 @@ from collections.abc import Iterator, Sequence
 import pandas as pd
 
 from analysis.comparisons.few_seeds import caveat
-from analysis.comparisons.findings import compared_by
+from analysis.comparisons.findings import MASTERED
 from analysis.comparisons.measured import Measured
 from analysis.data.frames import GROUP
 from analysis.pages.charts import Chart, overview_chart
@@ -20,8 +20,7 @@ def overview(measured: Measured) -> Iterator[Chart]:
     found = list(titled(measured))
     if len(found) < 2 or measured.finals.empty:
         return
-    column = compared_by(measured.finals).column
-    points = [points_of(mine, column).assign(comparison=anchor) for anchor, _, mine in found]
+    points = [points_of(mine, MASTERED.column).assign(comparison=anchor) for anchor, _, mine in found]
     rows = dict(
         zip((anchor for anchor, *_ in found), distinct([title for _, title, _ in found]), strict=True)
     )
@@ -29,7 +28,7 @@ def overview(measured: Measured) -> Iterator[Chart]:
     few = caveat(measured.finals.groupby(GROUP)["run_id"].nunique().min())
     caption += f" {few}" if few else ""
     yield overview_chart(
-        pd.concat(points, ignore_index=True), rows, QUANTITIES[column], "All comparisons", caption
+        pd.concat(points, ignore_index=True), rows, QUANTITIES[MASTERED.column], "All comparisons", caption
     )
 
 

@@ -8,7 +8,7 @@ from typing import Any
 import pandas as pd
 
 from analysis.comparisons.against_random import along_baseline, reference_of
-from analysis.comparisons.findings import compared_by, verdict
+from analysis.comparisons.findings import MASTERED, verdict
 from analysis.comparisons.measured import Measured
 from analysis.data.reference import is_baseline
 from analysis.formatting import amount, ends, number, p_value, plus_minus
@@ -21,7 +21,7 @@ NONE = {"difference": "", "p": ""}
 
 def end_rows(mine: Measured) -> list[dict[str, Any]]:
     """Returns the rows of the table at the ends of runs, Random first."""
-    tests = mine.tests[mine.tests["measure"] == compared_by(mine.finals).column]
+    tests = mine.tests[mine.tests["measure"] == MASTERED.column]
     rows = []
     for teacher in sorted(mine.summary["teacher"], key=teacher_order):
         group = mine.summary[mine.summary["teacher"] == teacher].iloc[0]
@@ -44,7 +44,7 @@ def step_rows(mine: Measured, everything: Measured) -> dict[str, dict[str, dict[
     if curves.empty:
         return {}
     reference = reference_of(curves, everything.randoms)
-    tests = along_baseline(curves, reference, compared_by(mine.finals).column).set_index(["step", "teacher"])
+    tests = along_baseline(curves, reference, MASTERED.column).set_index(["step", "teacher"])
     tested: dict[Any, Any] = tests.to_dict("index")
     found: dict[str, dict[str, dict[str, str]]] = {}
     key: Any

@@ -10,7 +10,7 @@ from typing import Any
 import pandas as pd
 
 from analysis.comparisons.examples import curricula_of
-from analysis.comparisons.findings import Measure, compared_by, findings
+from analysis.comparisons.findings import findings
 from analysis.comparisons.measured import Measured
 from analysis.data.frames import Frames
 from analysis.figures.curricula.pictures import curriculum_pictures
@@ -31,7 +31,6 @@ class Section:
         title: what is compared.
         chosen_by: its values in the columns of `controls.FILTERS`.
         sentences: what was found.
-        compared_by: measure of the comparison with Random.
         rows: cells of the table, one row per teacher, at the ends of runs.
         step_rows: JSON of what changes of them at every evaluation.
         charts: for all teachers each.
@@ -43,7 +42,6 @@ class Section:
     title: str
     chosen_by: dict[str, str]
     sentences: list[str]
-    compared_by: Measure
     rows: list[dict[str, Any]]
     step_rows: str
     charts: list[Chart]
@@ -69,7 +67,6 @@ def sections(frames: Frames, measured: Measured, shown: Collection[str]) -> Iter
             title=title,
             chosen_by={column: str(first[column]) for column in FILTERS},
             sentences=findings(mine.summary, mine.tests),
-            compared_by=compared_by(mine.finals),
             rows=end_rows(mine),
             step_rows=json.dumps(step_rows(mine, measured)).replace("<", "\\u003c"),
             charts=list(charts_of(mine, anchor)),

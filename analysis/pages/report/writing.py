@@ -8,12 +8,14 @@ from pathlib import Path
 
 from analysis.baselines.sources import Sources, places_of, read
 from analysis.claims.sources import decided, root_verdicts
-from analysis.comparisons.findings import compared_by
+from analysis.comparisons.findings import MASTERED
 from analysis.comparisons.measured import TESTED, Measured, measure
 from analysis.data.frames import COMPARISON, Frames
 from analysis.formatting import number
 from analysis.looks import shown_together
+from analysis.measures.evaluations import ceilings_in_words
 from analysis.measures.student_pools import runs_after
+from analysis.measures.tested import how_tested
 from analysis.pages.controls import controls
 from analysis.pages.leading import leading
 from analysis.pages.overall import overall_section
@@ -50,8 +52,7 @@ def write_report(
     output = report_folder(sources, output)
     frames = read(sources)
     measured = measure(frames)
-    column = compared_by(measured.finals).column
-    shown = leading(measured.finals, column, frames.cells["teacher"], COMPARISON)
+    shown = leading(measured.finals, MASTERED.column, frames.cells["teacher"], COMPARISON)
     with shown_together(frames.cells["teacher"]):
         parts = list(sections(frames, measured, shown))
         tables = downloads(frames, measured)
@@ -105,6 +106,8 @@ def _render(
         downloads=tables,
         mastery=thresholds(cells) or number(MASTERY_RETURN, 0),
         significance=SIGNIFICANCE,
+        ceilings=ceilings_in_words(frames),
+        how_tested=how_tested(MASTERED.column, "all teachers of a comparison against Random"),
         version=installed_version("tma_ray"),
         written=datetime.now(UTC),
     )
