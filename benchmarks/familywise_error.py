@@ -187,7 +187,7 @@ def main() -> None:
         found = by_holm(values, release, rng), by_permutation(values, release, rng, 9_999)
         counts = ((p < SIGNIFICANCE).sum() for p in (*(f.pairs for f in found), *(f.random for f in found)))
         print(f"| {measure} | {scale} | {' | '.join(map(str, counts))} |", flush=True)
-    for measure in ("mastered_area", "last_three_percent"):
+    for measure in ("mastered_area", "last_three"):
         release, scale = released(runs, measure), scale_of(measure)
         for half, seeds in itertools.product((False, True), SIZES):
             shares = simulated(release, scale, seeds, given.experiments, half=half)

@@ -30,7 +30,7 @@ def measure_names(shares: Sequence[float] = SHARES) -> list[str]:
     return [
         "mastered_percent",
         "evaluation_return",
-        "last_three_percent",
+        "last_three",
         "mastered_area",
         *map(steps_to, shares),
         "forgotten_percent",
@@ -67,7 +67,7 @@ def run_measures(
 
         - run_id, steps (at which it is measured), step (of the last evaluation until then);
         - mastered_percent and evaluation_return, of that evaluation;
-        - last_three_percent, the mean of mastered % at the last three of these evaluations, of all if there
+        - last_three, the mean of mastered % at the last three of these evaluations, of all if there
           are fewer; that of the untrained student, at step 0, counts only if it is the last;
         - mastered_area, the mean of mastered % over the budget: area under the curve, by trapezoids,
           through steps; its first and last values hold where no evaluation is;
@@ -193,7 +193,7 @@ def _standing(frames: Frames, at: int | None, reached: pd.Series, share: float =
 
 
 def _of_curves(curves: pd.DataFrame, budgets: pd.Series, shares: Sequence[float]) -> pd.DataFrame:
-    """Returns last_three_percent, mastered_area and `steps_to` of each share, by run_id."""
+    """Returns last_three, mastered_area and `steps_to` of each share, by run_id."""
     found: dict[str, list[float]] = {}
     run_ids, all_steps = curves["run_id"].to_numpy(object), curves["step"].to_numpy(float)
     all_mastered = curves["mastered_percent"].to_numpy(float)
@@ -205,7 +205,7 @@ def _of_curves(curves: pd.DataFrame, budgets: pd.Series, shares: Sequence[float]
         reached = [_first_reaching(steps, mastered, share) for share in shares]
         late = float((mastered[steps > 0] if steps[-1] > 0 else mastered)[-LAST:].mean())
         found[run_id] = [late, _area(steps, mastered, float(budgets[run_id])), *reached]
-    columns = ["last_three_percent", "mastered_area", *map(steps_to, shares)]
+    columns = ["last_three", "mastered_area", *map(steps_to, shares)]
     return pd.DataFrame.from_dict(found, orient="index", columns=columns, dtype=float)
 
 

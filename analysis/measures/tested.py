@@ -7,13 +7,13 @@ from analysis.statistics import Scale
 MEASURE = "mastered_percent"
 """The paper's: test tasks mastered at the last evaluation."""
 
-MEASURES = {MEASURE: "mastered %", "last_three_percent": "last three %", "mastered_area": "area %"}
+MEASURES = {MEASURE: "mastered %", "last_three": "last three %", "mastered_area": "area %"}
 """Measures by column, and their heads in tables: at the last evaluation, as the mean of the last three, and
 on average over training. All are comparable between runs of any budget."""
 
 QUANTITIES = {
     MEASURE: "Mastered test tasks (%)",
-    "last_three_percent": "Mastered test tasks, last three evaluations (%)",
+    "last_three": "Mastered test tasks, last three evaluations (%)",
     "mastered_area": "Mastered test tasks over training (%)",
 }
 """The same as labels of axes."""

@@ -30,7 +30,7 @@ def test_the_measures_of_a_learning_curve_by_hand(campaign: SyntheticCampaign) -
     assert (row["step"], row["mastered_percent"], row["evaluation_return"]) == (1000, 80, 240)
     # Trapezoids: 250 x 20 + 250 x 70 + 500 x 90, over 1000.
     assert row["mastered_area"] == pytest.approx(67.5)
-    assert row["last_three_percent"] == pytest.approx((40 + 100 + 80) / 3)
+    assert row["last_three"] == pytest.approx((40 + 100 + 80) / 3)
     assert (row["steps_to_50_percent"], row["steps_to_90_percent"]) == (250, 500)
     assert row["forgotten_percent"] == 20
     assert row["reason"] == ""
@@ -46,8 +46,8 @@ def test_measured_earlier_a_run_is_one_of_that_budget(campaign: SyntheticCampaig
         0,
     )
     assert row["mastered_area"] == pytest.approx((250 * 20 + 250 * 70) / 500)
-    assert row["last_three_percent"] == 70, "the untrained student is no result of training"
-    assert only(campaign, at=100)["last_three_percent"] == 0
+    assert row["last_three"] == 70, "the untrained student is no result of training"
+    assert only(campaign, at=100)["last_three"] == 0
     # Between evaluations the last one stands.
     row = only(campaign, at=400)
     assert (row["step"], row["mastered_percent"]) == (250, 40)

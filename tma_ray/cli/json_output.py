@@ -25,7 +25,7 @@ KEYS: Mapping[str, Mapping[str, str]] = {
         "roots": "list of all results roots and baselines that were read",
         "warnings": "list of what to know before trusting the rows",
         "share": "share of the budget after which runs were read",
-        "measure": "what teachers are ranked by: mastered_percent, last_three_percent or mastered_area",
+        "measure": "what teachers are ranked by: mastered_percent, last_three or mastered_area",
         "rows": "results, the best of each challenge first, with the columns of analysis.comparisons.ranking",
         "overall": "estimates over all challenges, with the columns of analysis.comparisons.overall.overall",
         "sentences": "the rows in words",

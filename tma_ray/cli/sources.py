@@ -29,7 +29,7 @@ def add_measure(parser: Any) -> None:
     """Adds what teachers are tested on to the options of a command."""
     parser.add_argument(
         "--measure",
-        choices=("mastered_percent", "last_three_percent", "mastered_area"),
+        choices=("mastered_percent", "last_three", "mastered_area"),
         default="mastered_percent",
         help="quantity that teachers are ranked by and tested on: test tasks mastered at the last "
         "evaluation, at the last three on average, or over training (area under the curve)",
