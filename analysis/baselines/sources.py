@@ -45,7 +45,7 @@ def own_teachers(sources: Sources, frames: Frames) -> frozenset[str]:
 
     Args:
         sources: results roots and baselines.
-        frames: of `read`.
+        frames: results of `read`.
     """
     places = places_of(sources)
     roots = [place for place in places if as_baseline(place) is None]

@@ -51,7 +51,7 @@ def interquartile_means(
     """Returns the interquartile mean of each group of runs, with its interval.
 
     Args:
-        runs: of `pooling.pool_runs`; those without the measure do not count, and no run counts twice.
+        runs: rows of `pooling.pool_runs`; those without the measure do not count, and no run counts twice.
         measure: column of `runs`.
         by: columns that a group has in common, teacher among them; ``[*ACROSS, "teacher"]`` over challenges.
         strata: columns that tell the strata of a sample apart; `CHALLENGES` over challenges.
@@ -89,7 +89,7 @@ def improvements(
     """Returns the probability that a run of one teacher beats one of another, one row a pair.
 
     Args:
-        runs: of `pooling.pool_runs`.
+        runs: rows of `pooling.pool_runs`.
         measure: column of `runs`.
         reference: the teacher that all others are set against; None for all pairs.
         within: columns that teachers must have in common to be compared; `ACROSS` over challenges.
@@ -124,7 +124,7 @@ def stratified_differences(
     `tested.scale_of`. One family: p is adjusted for all teachers that have `within` in common.
 
     Args:
-        runs: of `pooling.pool_runs`.
+        runs: rows of `pooling.pool_runs`.
         measure: column of `runs`.
         reference: the teacher that all others are compared with.
         within: columns that teachers must have in common to be compared.
@@ -170,7 +170,7 @@ def stratified_means(runs: pd.DataFrame, measure: str, within: Sequence[str] = A
     symmetric.
 
     Args:
-        runs: of `pooling.pool_runs`.
+        runs: rows of `pooling.pool_runs`.
         measure: column of `runs`.
         within: columns that runs must have in common.
 
@@ -233,7 +233,7 @@ def profiles(
     """Returns the share of runs over each threshold, group by group, with intervals.
 
     Args:
-        runs: of `pooling.pool_runs`.
+        runs: rows of `pooling.pool_runs`.
         measure: column of `runs`.
         thresholds: values of the measure.
         by: columns that a group has in common; ``[*ACROSS, "teacher"]`` over challenges.

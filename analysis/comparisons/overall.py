@@ -45,7 +45,7 @@ def headlines(
     p is under 0.05 after Holm's correction for all teachers at that level.
 
     Args:
-        runs: of `pooling.pool_runs`.
+        runs: rows of `pooling.pool_runs`.
         measure: column of `runs`, in per cent.
         teachers: that are told of; all by default.
     """
@@ -82,7 +82,7 @@ def overall(runs: pd.DataFrame, measure: str = MEASURE) -> pd.DataFrame:
     who has these.
 
     Args:
-        runs: of `pooling.pool_runs`.
+        runs: rows of `pooling.pool_runs`.
         measure: column of `runs`, in per cent.
 
     Returns:
@@ -128,7 +128,7 @@ def overall_rows(runs: pd.DataFrame, measure: str = MEASURE) -> list[dict[str, A
     """Returns the rows of `overall` as text.
 
     Args:
-        runs: of `pooling.pool_runs`.
+        runs: rows of `pooling.pool_runs`.
         measure: column of `runs`, in per cent.
 
     Returns:
@@ -160,7 +160,7 @@ def performance_profiles(runs: pd.DataFrame, measure: str = MEASURE) -> Iterator
     """Yields where (level and budget, in words) and the performance profiles of all teachers there.
 
     Args:
-        runs: of `pooling.pool_runs`.
+        runs: rows of `pooling.pool_runs`.
         measure: column of `runs`, in per cent.
 
     Returns:
@@ -181,7 +181,7 @@ def place_of(row: pd.Series, told: Sequence[str]) -> str:
     """Returns level and conditions of a row of `overall` in words, and its challenges where they are not all.
 
     Args:
-        row: of `overall`.
+        row: a row of `overall`.
         told: columns of `CONDITIONS` that are said.
     """
     words = [f"expert knowledge {row['expert_knowledge']}", *condition_words(row, told)]

@@ -41,7 +41,7 @@ def pairwise(
     the measure do not count. Groups are not tested that share a run or that pool other bodies or students.
 
     Args:
-        runs: of `pooling.pool_runs`; with a step column among `within`, the values of
+        runs: rows of `pooling.pool_runs`; with a step column among `within`, the values of
             `run_measures.evaluations_at`, and so tests along learning curves.
         measure: column of `runs`.
         reference: the group that all others are tested against, such as "random"; None for all pairs.

@@ -86,9 +86,9 @@ def plans_against_random(
     """Returns a sentence on each teacher not told from Random: the runs and hours that would tell them apart.
 
     Args:
-        runs: of `pooling.pool_runs`.
+        runs: rows of `pooling.pool_runs`.
         teachers: that are looked at.
-        hours: of runs, by run id.
+        hours: wall-clock hours of each run, by run id.
         measure: column of `runs`, in per cent.
     """
     table = stratified_differences(runs, measure, BASELINE) if len(runs) else pd.DataFrame()
@@ -104,7 +104,7 @@ def _plan(row: Mapping[Hashable, Any], pair_hours: float) -> str:
     """Returns how many runs find a difference over challenges to Random, and for how many hours.
 
     Args:
-        row: of `stratified_differences`.
+        row: a row of `stratified_differences`.
         pair_hours: median hours of a run of the teacher and of one of Random, together.
     """
     test = Comparison(**{name: row[name] for name in Comparison.__dataclass_fields__})

@@ -97,7 +97,7 @@ def ranks(runs: pd.DataFrame, teachers: Collection[str] | None = None, measure: 
     other has results on all of its challenges. What is not ranked costs no power.
 
     Args:
-        runs: of `pooling.pool_runs`.
+        runs: rows of `pooling.pool_runs`.
         teachers: whose ranks; all by default.
         measure: column of `runs`.
     """

@@ -64,7 +64,7 @@ class Side:
         name: what readers know them by.
         engine: what simulated their worlds.
         table: of `pooling.pooled`, or of `published.paper_frame`.
-        runs: of `pooling.pool_runs`, Random at every level; None where only tables are known.
+        runs: rows of `pooling.pool_runs`, Random at every level; None where only tables are known.
         frames: what they were made of; None where `runs` is.
     """
 
@@ -160,7 +160,7 @@ def duels(runs: pd.DataFrame, teachers: Sequence[str], measure: str = MEASURE) -
     """Returns the test of each of `teachers` against every other one, challenge by challenge.
 
     Args:
-        runs: of `together`.
+        runs: rows of `together`.
         teachers: that are looked at.
         measure: column of `runs`.
 
@@ -223,7 +223,7 @@ def incomparable(mine: Side, baselines: Sequence[Side], runs: pd.DataFrame) -> l
     Args:
         mine: results of one's own.
         baselines: others.
-        runs: of `together`.
+        runs: rows of `together`.
     """
     apart = [
         side

@@ -42,7 +42,7 @@ def by_conditions(runs: pd.DataFrame) -> Iterator[tuple[str, pd.DataFrame]]:
     """Yields the runs of each set of conditions, and a tag for names of files; the most runs first.
 
     Args:
-        runs: of `pooling.pool_runs`; runs that have not begun, of no budget yet, belong to none.
+        runs: rows of `pooling.pool_runs`; runs that have not begun, of no budget yet, belong to none.
     """
     begun = runs[runs["steps"].notna()]
     told = varying(begun)

@@ -55,7 +55,8 @@ class VisibleStream:
     """A stream of text that writes what `visible` leaves of it.
 
     Args:
-        stream: where to; rich writes there itself, since its own colours shall stay (`tma_ray.terminal`).
+        stream: output or error stream; rich writes to it directly, so that its own colours stay
+            (`tma_ray.terminal`).
     """
 
     def __init__(self, stream: Any) -> None:

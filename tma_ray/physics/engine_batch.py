@@ -39,7 +39,7 @@ def batch_engines(engines: Sequence[Engine], threads: int = 1) -> EngineBatch:
     """Returns a batch of `engines`, all made by `make_engine` for one body and reset.
 
     Args:
-        engines: of the worlds.
+        engines: engines of the worlds.
         threads: number of threads that step them; the bits are the same.
 
     Raises:

@@ -26,10 +26,11 @@ MOST_ROWS: Final = {
 MOST_ROW_BYTES: Final = {
     table: 2**20 if table in (Table.RUNS, Table.TEACHER_LOG) else 2**16 for table in Table
 }
-"""Bytes of one row in memory, on average, beyond which likewise; files under 1,000 rows may have as much."""
+"""Bytes of one row in memory, on average, that are at most read; a file under 1,000 rows may have as many as
+if it had 1,000."""
 
 MOST_UNPACKED_BYTES: Final = {Table.RUNS: 2**30, Table.ATTEMPTS: 2**28, Table.CELLS: 2**28}
-"""Bytes of a file in memory beyond which likewise; of other tables half of `MOST_BYTES`."""
+"""Bytes of a file in memory that are at most read; of other tables half of `MOST_BYTES`."""
 
 _REPEATED: Final = {
     Table.EVALUATIONS: ("task_index", "task.list.element"),

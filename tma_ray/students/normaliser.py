@@ -159,7 +159,7 @@ def first_normaliser(hyper: PPOHyperparameters, size: int) -> Normaliser:
     """Returns what a student begins with: new statistics, or those of the file that it starts from.
 
     Args:
-        hyper: of the student.
+        hyper: hyper-parameters of the student.
         size: length of an observation.
 
     Raises:

@@ -24,7 +24,7 @@ def body_panels(
     """Returns a panel over all bodies of a pool, if it has several, and one for each, tested against Random.
 
     Args:
-        runs: of `pooling.pool_runs` with the values of `run_measures.evaluations_at`, of one comparison,
+        runs: rows of `pooling.pool_runs` with the values of `run_measures.evaluations_at`, of one comparison,
             such as Parkour.
         measure: what is drawn.
         name: what that is, with its unit.
@@ -53,7 +53,7 @@ def knowledge_panels(
     """Returns a row of panels for each challenge, one for each measure, at all levels of expert knowledge.
 
     Args:
-        runs: of `pooling.pool_runs` with the `measures` at each step, of the teachers to be shown.
+        runs: rows of `pooling.pool_runs` with the `measures` at each step, of the teachers to be shown.
         measures: columns of `runs`, with what their axes call them.
         reference: the level that the others are tested against; None for no tests.
 

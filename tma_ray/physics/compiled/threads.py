@@ -189,7 +189,7 @@ class WorldThreads:
         """Runs a step of k worlds; from one thread at a time.
 
         Args:
-            addresses: of each memory's floats and integers, with their lengths (k, 4).
+            addresses: addresses of each memory's floats and integers, with their lengths (k, 4).
             actions: (k, j + g).
             observations: written (k, o).
             rewards: written (k,); NaN as `compiled.step.step` has it.

@@ -33,7 +33,7 @@ class RecordedStore(Store):
         """Returns the content of a file.
 
         Args:
-            path: of the file, from the root.
+            path: path of the file, from the root.
             most_bytes: size over which it is refused, as `Store` has it.
 
         Raises:

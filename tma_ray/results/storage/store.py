@@ -113,7 +113,7 @@ class Store:
         """Returns the content of a file.
 
         Args:
-            path: of the file, from the root.
+            path: path of the file, from the root.
             most_bytes: size over which it is refused; by default that of JSON or of any other file.
 
         Raises:

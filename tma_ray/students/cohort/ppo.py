@@ -64,7 +64,7 @@ class StackedPPO(StackedLearner):
 
     Args:
         sizes: lengths o of an observation and a of an action.
-        hyper: of the student.
+        hyper: hyper-parameters of the student.
         width: number of slots k.
         device: where to learn.
         dtype: of parameters, losses and optimisers.

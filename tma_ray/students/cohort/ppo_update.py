@@ -22,7 +22,7 @@ class StackedPPOUpdate:
 
     Args:
         layout: of the network, whose outputs are means and value; the log deviation follows it.
-        hyper: of the student.
+        hyper: hyper-parameters of the student.
         width: number of runs k.
         like: an empty tensor with the device and the type of the parameters.
         compiled: see `compile_if`.

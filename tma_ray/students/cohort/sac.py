@@ -52,7 +52,7 @@ class StackedSAC(StackedLearner):
 
     Args:
         sizes: lengths o of an observation and a of an action.
-        hyper: of the student.
+        hyper: hyper-parameters of the student.
         width: number of slots k.
         capacity: transitions kept per run.
         device: where to learn.

@@ -50,7 +50,7 @@ class StackedSACUpdate:
 
     Args:
         layouts: of the networks.
-        hyper: of the student.
+        hyper: hyper-parameters of the student.
         width: number of runs k.
         like: an empty tensor with the device and the type of the parameters.
         compiled: see `compile_if`.

@@ -64,7 +64,7 @@ def losses(outputs: torch.Tensor, log_std: torch.Tensor, steps: Steps, hyper: PP
         outputs: of the network: means of the actions, and the value (n, a + 1).
         log_std: log deviation of the actions (a,).
         steps: the mini-batch.
-        hyper: of the student.
+        hyper: hyper-parameters of the student.
     """
     advantages, clip = steps.advantages, hyper.clip_range
     centred = advantages - advantages.mean(dim=-1, keepdim=True)

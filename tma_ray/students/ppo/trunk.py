@@ -52,7 +52,7 @@ def separate(trunk: Trunk, means: nn.Linear, value: nn.Linear) -> None:
     are 0.
 
     Args:
-        trunk: of both.
+        trunk: hidden layers of both.
         means: last layer of the first.
         value: last layer of the second.
     """

@@ -80,7 +80,7 @@ def updates_due(hyper: SACHyperparameters, steps: int, episode_steps: int, ended
     """Returns how many updates follow a step.
 
     Args:
-        hyper: of the student.
+        hyper: hyper-parameters of the student.
         steps: of the run, this one included.
         episode_steps: of the episode, likewise.
         ended: an episode ended with the step.
