@@ -30,7 +30,7 @@ from analysis.measures.pooling import pooled
 from analysis.measures.run_measures import evaluations_at, run_measures
 from analysis.measures.student_pools import result_runs, runs_after
 from analysis.measures.training import training_curves
-from analysis.tables.results import table_results
+from analysis.tables.paper_tables import table_results
 from tma_ray.later_imports import import_later
 
 if TYPE_CHECKING:

@@ -172,7 +172,7 @@ def measure(root: Path) -> dict[str, Any]:
     """Loads `root` and makes every table in this process; returns sizes, seconds and peak memory."""
     from analysis.commands.tables import tables_of
     from analysis.data.frames import load
-    from analysis.tables.rendering import TableFormat, render
+    from analysis.tables.table import TableFormat, render
 
     start = time.perf_counter()
     frames = load(root)

@@ -9,8 +9,7 @@ from typing import Any
 from analysis.baselines.manifest import BaselineKind, BaselineManifest
 from analysis.formatting import amount
 from analysis.names import label, teacher_order
-from analysis.tables.rendering import TableFormat, render
-from analysis.tables.table import Table
+from analysis.tables.table import Table, TableFormat, render
 
 CARD_FILE = "README.md"
 

@@ -27,8 +27,7 @@ from analysis.baselines.provenance import made_on
 from analysis.baselines.verification import verify
 from analysis.data.frames import STATUSES, Frames, load
 from analysis.measures.evaluations import ceilings_in_words
-from analysis.tables.paper_tables import result_tables
-from analysis.tables.results import table_results
+from analysis.tables.paper_tables import result_tables, table_results
 from analysis.tables.table import Table
 from tma_ray.commands.arguments import check_known
 from tma_ray.commands.installed import installed_version

@@ -9,7 +9,7 @@ from pathlib import Path
 from analysis.baselines.sources import Sources
 from analysis.commands.figures import write_figures
 from analysis.commands.tables import write_tables
-from analysis.tables.rendering import TableFormat
+from analysis.tables.table import TableFormat
 
 PREAMBLE = r"""\documentclass{article}
 \usepackage[utf8]{inputenc}

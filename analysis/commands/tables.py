@@ -9,10 +9,14 @@ from pathlib import Path
 from analysis.baselines.sources import Sources, published, read
 from analysis.data.frames import Frames
 from analysis.measures.searches import search_results
-from analysis.tables.paper_tables import hyperparameters, knowledge_needs, result_tables
-from analysis.tables.rendering import ENDINGS, TableFormat, render
-from analysis.tables.results import published_table_results, table_results
-from analysis.tables.table import Table
+from analysis.tables.paper_tables import (
+    hyperparameters,
+    knowledge_needs,
+    published_table_results,
+    result_tables,
+    table_results,
+)
+from analysis.tables.table import ENDINGS, Table, TableFormat, render
 
 
 @dataclass(frozen=True)

@@ -1,15 +1,17 @@
 """Figures: one function each, data in, matplotlib figure out. `analysis.figures.style.save` writes them."""
 
-from analysis.figures.bars.drawing import Whisker, bars_with_pairs
-from analysis.figures.curricula.film_strips import Shot, film_strip
-from analysis.figures.curricula.motion import animation, projected
-from analysis.figures.curves.pairs import pairwise_curves
-from analysis.figures.curves.panels import body_panels, knowledge_panels
-from analysis.figures.curves.stars import CurvePanel, curves_with_stars
-from analysis.figures.elements.axes import share_step_label, step_axis
-from analysis.figures.mastery import mastery_map
-from analysis.figures.radars.chart import radar
-from analysis.figures.seeds import final_bars, learning_curve
+from analysis.figures.bars import Whisker, bars_with_pairs
+from analysis.figures.curricula import Shot, animation, film_strip, projected
+from analysis.figures.curves import (
+    CurvePanel,
+    body_panels,
+    curves_with_stars,
+    knowledge_panels,
+    pairwise_curves,
+)
+from analysis.figures.elements import share_step_label, step_axis
+from analysis.figures.radars import radar
+from analysis.figures.seeds import final_bars, learning_curve, mastery_map
 
 __all__ = [
     "CurvePanel",

@@ -33,8 +33,8 @@ from analysis.figures import (
     pairwise_curves,
     projected,
 )
-from analysis.figures.curricula.strip import curriculum_strip
-from analysis.figures.radars.chart import radar
+from analysis.figures.curricula import curriculum_strip
+from analysis.figures.radars import radar
 from analysis.measures.conditions import by_conditions
 from analysis.measures.evaluations import mastered_tasks
 from analysis.measures.pooling import COMPARED, pooled

@@ -5,6 +5,7 @@ from __future__ import annotations
 import functools
 import io
 from collections.abc import Callable
+from dataclasses import dataclass
 from enum import StrEnum
 from pathlib import Path
 from typing import Any, ParamSpec, TypeVar
@@ -122,3 +123,32 @@ def _file(figure: Figure, ending: str, dpi: int) -> bytes:
     metadata = {"png": {"Software": None}, "pdf": {"CreationDate": None}, "svg": {"Date": None}}[ending]
     figure.savefig(buffer, format=ending, dpi=dpi, facecolor="white", metadata=metadata)
     return buffer.getvalue()
+
+
+@dataclass(frozen=True)
+class Picture:
+    """A figure of the report.
+
+    Attributes:
+        name: file name without its ending.
+        png: the file.
+        title: what it is, in a few words.
+        caption: what is shown, of how many seeds.
+        width: its natural width on the page, CSS pixels.
+    """
+
+    name: str
+    png: bytes
+    title: str
+    caption: str
+    width: int
+
+    @classmethod
+    def of(cls, name: str, figure: Figure, title: str, caption: str) -> Picture:
+        """Returns `figure` as a picture."""
+        return cls(name, png(figure), title, caption, width=round(figure.get_figwidth() * 100))
+
+    @property
+    def wide(self) -> bool:
+        """Whether it needs the full width of the page."""
+        return self.width > 600

@@ -1,17 +1,28 @@
-"""Pages made of templates: self-contained, with one look."""
+"""Parts that pages share: templates, controls, the teachers shown first, the section over all challenges."""
 
 from __future__ import annotations
 
 import base64
-from collections.abc import Mapping
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from functools import cache
 from itertools import chain
 from pathlib import Path
 from typing import Any
 
+import pandas as pd
 from jinja2 import Environment, PackageLoader, StrictUndefined
 
-from analysis.pages.charts import plotly_library
+from analysis.comparisons.few_seeds import caveat
+from analysis.comparisons.overall import THRESHOLDS, overall_rows, performance_profiles
+from analysis.data.reference import is_baseline
+from analysis.formatting import amount
+from analysis.looks import look
+from analysis.measures.pooling import COMPARED
+from analysis.measures.tested import MEASURE, QUANTITIES
+from analysis.names import challenge_title, marked_label, teacher_order
+from analysis.pages.charts import Chart, plotly_library, profile_chart
+from analysis.pages.charts.curves import FEWEST
 from tma_ray.commands.texts import visible
 
 
@@ -74,3 +85,192 @@ def write_page(folder: Path, text: str, beside: Mapping[str, bytes]) -> Path:
 
 def _data_uri(content: bytes, kind: str) -> str:
     return f"data:{kind};base64,{base64.b64encode(content).decode()}"
+
+
+FILTERS = {
+    "engine": "Engine",
+    "experiment": "Experiment",
+    "environment": "Environment",
+    "challenge": "Challenge",
+    "expert_knowledge": "Expert knowledge",
+    "embodiment": "Body",
+    "student": "Student",
+}
+"""Columns by which comparisons may be chosen, and what readers call them."""
+
+
+@dataclass(frozen=True)
+class Choice:
+    """One of several: its value in the data, its name, and whether a page shows it at first."""
+
+    value: str
+    name: str
+    colour: str = ""
+    shown: bool = True
+
+
+@dataclass(frozen=True)
+class Filter:
+    """A column by which comparisons may be chosen, and what there is of it."""
+
+    column: str
+    name: str
+    choices: tuple[Choice, ...]
+
+
+@dataclass(frozen=True)
+class Controls:
+    """What a reader may choose.
+
+    Attributes:
+        teachers: that may be left out.
+        filters: with more than one choice each.
+        steps: of evaluations, ascending, as value and name.
+    """
+
+    teachers: tuple[Choice, ...]
+    filters: tuple[Filter, ...]
+    steps: tuple[Choice, ...]
+
+    @property
+    def hidden(self) -> int:
+        """How many teachers the page does not show at first."""
+        return sum(not teacher.shown for teacher in self.teachers)
+
+    @property
+    def any(self) -> bool:
+        """Whether there is anything to choose."""
+        return len(self.teachers) > 1 or bool(self.filters) or len(self.steps) > 1
+
+
+def controls(
+    comparisons: pd.DataFrame, teachers: Iterable[str], steps: Iterable[int], shown: Collection[str]
+) -> Controls:
+    """Returns what a reader may choose.
+
+    Args:
+        comparisons: one row each, with some of the columns of `FILTERS`.
+        teachers: that the page has.
+        steps: at which students were evaluated.
+        shown: teachers that it shows at first.
+    """
+    named = tuple(
+        Choice(teacher, marked_label(teacher), look(teacher).colour, teacher in shown)
+        for teacher in sorted(set(map(str, teachers)), key=teacher_order)
+    )
+    filters = [_filter(comparisons, column) for column in FILTERS if column in comparisons]
+    return Controls(
+        teachers=named,
+        filters=tuple(each for each in filters if len(each.choices) > 1 and not _repeats(comparisons, each)),
+        steps=tuple(Choice(str(step), f"{amount(step)} steps") for step in sorted(set(map(int, steps)))),
+    )
+
+
+def _repeats(comparisons: pd.DataFrame, found: Filter) -> bool:
+    """Tells whether experiments are just the challenges by other names."""
+    return found.column == "experiment" and bool(
+        (comparisons["experiment"] == comparisons["challenge"]).all()
+    )
+
+
+def _filter(comparisons: pd.DataFrame, column: str) -> Filter:
+    values = list(dict.fromkeys(map(str, comparisons[column])))
+    environments = list(comparisons["environment"]) if "environment" in comparisons else []
+    choices = [Choice(value, _name(column, value, environments)) for value in values]
+    return Filter(column, FILTERS[column], tuple(choices))
+
+
+def _name(column: str, value: str, environments: Sequence[str]) -> str:
+    if column == "challenge":
+        for environment in dict.fromkeys(environments):
+            if title := challenge_title(environment, value, ""):
+                return title
+    if column == "engine":
+        return value
+    if column == "student":
+        return value.upper()
+    words = value.replace("_", " ") if value else "none"
+    return words[:1].upper() + words[1:] if column != "experiment" else words
+
+
+MANY = 12
+"""Up to so many teachers are all shown at first."""
+
+SHOWN = 8
+"""Of more teachers so many are shown at first, beside Random."""
+
+
+def leading(
+    results: pd.DataFrame, measure: str, teachers: Iterable[object], within: Sequence[str] = ()
+) -> frozenset[str]:
+    """Returns the teachers that a page shows at first: all, or of many Random and the best.
+
+    The best are those with the highest mean of a measure over the challenges that each has results of, and
+    the best one of each comparison that would otherwise be empty.
+
+    Args:
+        results: a row for each teacher and challenge, with the columns teacher and `measure`.
+        measure: column of `results`; NaN where there is nothing.
+        teachers: of the page, also those without results yet.
+        within: columns that the teachers of a comparison have in common.
+    """
+    everyone = frozenset(map(str, teachers))
+    if len(everyone) <= MANY:
+        return everyone
+    means = results.groupby("teacher")[measure].mean().sort_values(ascending=False, kind="stable")
+    others = [str(teacher) for teacher in means.index if not is_baseline(str(teacher))]
+    shown = {*others[:SHOWN], *(str(each) for each in means.index if is_baseline(str(each)))}
+    if within:
+        best = results.dropna(subset=[measure]).sort_values(measure, ascending=False, kind="stable")
+        for _, rows in best.groupby(list(within), dropna=False, sort=True):
+            if shown.isdisjoint(rows["teacher"]):
+                shown.add(str(rows["teacher"].iloc[0]))
+    return frozenset(shown)
+
+
+CAPTION = (
+    "Share of runs that master more of the test tasks than the horizontal axis says; bands are exact 95 % "
+    f"intervals, threshold by threshold, of {FEWEST} runs and more; all challenges together."
+)
+
+
+@dataclass(frozen=True, eq=False)
+class Overall:
+    """What the section shows.
+
+    Attributes:
+        rows: of `overall_rows`.
+        over: the thresholds of its last column, as text.
+        charts: performance profiles, one for each level and budget.
+        quantity: that is aggregated, as charts call it.
+        caveat: where a teacher has few runs of a challenge; else empty.
+    """
+
+    rows: list[dict[str, Any]]
+    over: str
+    charts: list[Chart]
+    quantity: str
+    caveat: str
+
+
+def overall_section(runs: pd.DataFrame, measure: str = MEASURE) -> Overall:
+    """Returns the section on all runs that count as results, of `pooling.pool_runs`."""
+    over = " / ".join(map(str, THRESHOLDS))
+    return Overall(
+        overall_rows(runs, measure),
+        over,
+        list(_charts(runs, measure)),
+        QUANTITIES[measure],
+        _caveat(runs, measure),
+    )
+
+
+def _caveat(runs: pd.DataFrame, measure: str) -> str:
+    counted = runs[runs[measure].notna()]
+    return caveat(counted.groupby([*COMPARED, "teacher"], dropna=False)["run_id"].nunique().min())
+
+
+def _charts(runs: pd.DataFrame, measure: str) -> Iterator[Chart]:
+    for count, (where, table) in enumerate(performance_profiles(runs, measure), start=1):
+        title = f"Performance profiles, {where}"
+        yield profile_chart(f"profiles-{count}", table, QUANTITIES[measure], title, CAPTION)

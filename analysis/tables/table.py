@@ -1,10 +1,16 @@
-"""Tables of results before they are text: cells with numbers or words, which are best, what is missing."""
+"""Tables of results: cells with numbers or words, and their text as Markdown, LaTeX and CSV."""
 
 from __future__ import annotations
 
+import csv
+import io
 import math
-from collections.abc import Iterable, Mapping
+import re
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
+from enum import StrEnum
+
+from analysis.formatting import number
 
 
 @dataclass(frozen=True)
@@ -107,3 +113,159 @@ def _letters(place: int) -> str:
     """Returns a, b, ... z, aa, ab, ... for 0, 1, ..."""
     rest, letter = divmod(place, 26)
     return (_letters(rest - 1) if rest else "") + chr(ord("a") + letter)
+
+
+DASH = "\N{EN DASH}"
+
+
+class TableFormat(StrEnum):
+    """What a table can be written as."""
+
+    MARKDOWN = "markdown"
+    LATEX = "latex"
+    CSV = "csv"
+
+
+ENDINGS = {TableFormat.MARKDOWN: "md", TableFormat.LATEX: "tex", TableFormat.CSV: "csv"}
+
+CSV_COLUMNS = ["table", "row", "column", "n", "mean", "std", "best", "words", "missing", "doubt"]
+
+
+def render(table: Table, kind: TableFormat) -> str:
+    """Returns `table` as text that ends with a line break.
+
+    Markdown and LaTeX (which needs the package booktabs) have the best cells in bold, a dash where a number
+    is missing, notes below, and numbers of runs: once if they are all the same, else with each column or
+    cell. CSV has a line for each cell, with its numbers as they are.
+    """
+    if kind is TableFormat.CSV:
+        return _csv(table)
+    return _markdown(table) if kind is TableFormat.MARKDOWN else _latex(table)
+
+
+@dataclass(frozen=True)
+class _Marks:
+    """How a format writes what is not plain text."""
+
+    escape: Callable[[str], str]
+    bold: Callable[[str], str]
+    note: Callable[[str], str]
+    plus_minus: str
+
+
+_MARKDOWN = _Marks(
+    escape=lambda text: re.sub(r"([\\`*_|<>\[\]#$~])", r"\\\1", " ".join(text.split())),
+    bold="**{}**".format,
+    note="<sup>{}</sup>".format,
+    plus_minus=" \N{PLUS-MINUS SIGN} ",
+)
+
+_LATEX_SPECIAL = {character: rf"\{character}" for character in "&%$#_{}"} | {
+    "\\": r"\textbackslash{}",
+    "~": r"\textasciitilde{}",
+    "^": r"\textasciicircum{}",
+    "<": r"\textless{}",
+    ">": r"\textgreater{}",
+    "\N{PLUS-MINUS SIGN}": r"$\pm$",
+    "\N{EN DASH}": "--",
+    "\N{MINUS SIGN}": "$-$",
+}
+
+_LATEX = _Marks(
+    escape=lambda text: "".join(_LATEX_SPECIAL.get(each, each) for each in " ".join(text.split())),
+    bold=r"\textbf{{{}}}".format,
+    note=r"\textsuperscript{{{}}}".format,
+    plus_minus=r" $\pm$ ",
+)
+
+
+def _markdown(table: Table) -> str:
+    lines = [f"### {_MARKDOWN.escape(table.title)}", ""]
+    grid = list(_grid(table, _MARKDOWN))
+    rule = ["---", *("---:" if _is_numeric(table, column) else "---" for column in table.columns)]
+    lines += [f"| {' | '.join(cells)} |" for cells in (grid[0], rule, *grid[1:])]
+    for text in _below(table, _MARKDOWN):
+        lines += ["", text]
+    return "\n".join(lines) + "\n"
+
+
+def _latex(table: Table) -> str:
+    alignment = "l" + "".join("r" if _is_numeric(table, column) else "l" for column in table.columns)
+    head, *body = (f"{' & '.join(cells)} \\\\" for cells in _grid(table, _LATEX))
+    lines = [
+        r"\begin{table}",
+        r"\centering",
+        rf"\caption{{{_LATEX.escape(table.title)}.}}",
+        rf"\label{{tab:{table.name.replace('_', '-')}}}",
+        rf"\begin{{tabular}}{{{alignment}}}",
+        *(r"\toprule", head, r"\midrule", *body, r"\bottomrule"),
+        r"\end{tabular}",
+    ]
+    lines += [rf"\par\smallskip\footnotesize {text}" for text in _below(table, _LATEX)]
+    return "\n".join([*lines, r"\end{table}"]) + "\n"
+
+
+def _csv(table: Table) -> str:
+    text = io.StringIO()
+    writer = csv.writer(text, lineterminator="\n")
+    writer.writerow(CSV_COLUMNS)
+    for row in table.rows:
+        for column in table.columns:
+            cell = table.cell(row, column)
+            numbers = ["" if math.isnan(value) else repr(float(value)) for value in (cell.mean, cell.std)]
+            counted = cell.n if cell.has_number else ""
+            best = "yes" if cell.best else ""
+            words = [cell.words, cell.missing, cell.doubt]
+            writer.writerow([table.name, row, column, counted, *numbers, best, *words])
+    return text.getvalue()
+
+
+def _grid(table: Table, marks: _Marks) -> Iterator[list[str]]:
+    """Yields the labels of the columns, then the cells of each row, all as text of the format."""
+    counts = {column: _counts(table, column) for column in table.columns}
+    same_everywhere = len(set().union(*counts.values())) < 2
+    labels = [marks.escape(table.head)]
+    for column, title in table.columns.items():
+        with_count = len(counts[column]) == 1 and not same_everywhere
+        labels.append(marks.escape(title) + (f" (n = {min(counts[column])})" if with_count else ""))
+    yield labels
+    notes = table.notes()
+    for row, title in table.rows.items():
+        cells = [marks.escape(title)]
+        for column in table.columns:
+            text = _text(table.cell(row, column), marks, with_count=len(counts[column]) > 1)
+            found = ",".join(notes[note] for note in table.cell(row, column).notes)
+            cells.append(text + (marks.note(found) if found else ""))
+        yield cells
+
+
+def _text(cell: Cell, marks: _Marks, *, with_count: bool) -> str:
+    if not cell.has_number:
+        return marks.escape(cell.words or DASH)
+    text = marks.escape(number(cell.mean, cell.digits))
+    if math.isfinite(cell.std):
+        text += marks.plus_minus + number(cell.std)
+    text = marks.bold(text) if cell.best else text
+    return f"{text} (n = {cell.n})" if with_count else text
+
+
+def _below(table: Table, marks: _Marks) -> Iterator[str]:
+    """Yields the lines under a table: numbers of runs, remarks, notes."""
+    counts: set[int] = set().union(*(_counts(table, column) for column in table.columns))
+    remarks = [f"{min(counts)} run{'s' if min(counts) > 1 else ''} each."] if len(counts) == 1 else []
+    if any(cell.best for column in table.columns for cell in table.column_cells(column)):
+        remarks.append("Bold: the highest mean of its column.")
+    if remarks or table.remarks:
+        yield marks.escape(" ".join([*table.remarks, *remarks]))
+    for text, letter in table.notes().items():
+        yield f"{marks.note(letter)} {marks.escape(text)}"
+
+
+def _counts(table: Table, column: str) -> set[int]:
+    return {cell.n for cell in table.column_cells(column) if cell.has_number}
+
+
+def _is_numeric(table: Table, column: str) -> bool:
+    return any(cell.has_number for cell in table.column_cells(column)) and not any(
+        cell.words for cell in table.column_cells(column)
+    )

@@ -18,8 +18,7 @@ from analysis.baselines import find_baseline
 from analysis.data.curricula import curricula_of_runs
 from analysis.data.frames import Frames
 from analysis.data.task_axes import task_axes
-from analysis.figures.curricula.film_strips import REPORT_WIDTH, Shot, film_strip
-from analysis.figures.curricula.motion import MOST_SHOTS, animation
+from analysis.figures.curricula import MOST_SHOTS, REPORT_WIDTH, Shot, animation, film_strip
 from analysis.names import label, teacher_order
 from tma_ray.command_line import Parser
 

@@ -15,7 +15,7 @@ from synthetic_curves import SKILL
 
 from analysis.comparisons.pairwise_statistics import pairwise_from_statistics
 from analysis.figures import Whisker, bars_with_pairs
-from analysis.figures.bars.compact_letters import compact_letter_display, lanes
+from analysis.figures.bars import compact_letter_display, lanes
 from analysis.figures.style import png
 
 

@@ -24,7 +24,7 @@ from analysis.pages.charts import (
     seeds_chart,
     training_task_charts,
 )
-from analysis.pages.charts.mastery import COLOURS
+from analysis.pages.charts.tasks import COLOURS
 from analysis.statistics import percent_interval
 
 PLANE = (Axis("Stump height", 0.0, 3.0), Axis("Obstacle spacing (m)", 0.0, 6.0))

@@ -22,7 +22,7 @@ from analysis.comparisons.sides import (
     together,
 )
 from analysis.data.frames import load
-from analysis.pages.compare.page import write_comparison
+from analysis.pages.compare import write_comparison
 from tma_ray.cli import main
 
 CHALLENGES = ("mostly_unfeasible", "mostly_trivial", "rugged_difficulty")

@@ -13,13 +13,19 @@ from matplotlib.patches import Ellipse, Rectangle
 from synthetic_logs import KINDS, STEPS, axes, curriculum
 
 from analysis.data.curricula import MOMENTS, PANELS, RETURNS, Curriculum, moments
-from analysis.figures.curricula.dimensions import QUANTILES, dimension_bands
-from analysis.figures.curricula.film_strips import REPORT_WIDTH, Shot, ellipse, film_strip
-from analysis.figures.curricula.strip import curriculum_strip
+from analysis.figures.curricula import (
+    QUANTILES,
+    REPORT_WIDTH,
+    Shot,
+    curriculum_strip,
+    dimension_bands,
+    ellipse,
+    film_strip,
+)
 from analysis.figures.style import png
 from analysis.looks import look
 from analysis.names import teacher_order
-from analysis.pages.charts.scalars import BINS, MOST_PER_TEACHER, hidden_scalars, scalar_charts, scalars_of
+from analysis.pages.charts.curves import BINS, MOST_PER_TEACHER, hidden_scalars, scalar_charts, scalars_of
 
 pytestmark = pytest.mark.slow
 

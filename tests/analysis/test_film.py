@@ -13,7 +13,7 @@ from synthetic_logs import STEPS, axes, curriculum
 
 from analysis.data.curricula import MOMENTS
 from analysis.figures import Shot, animation, film_strip, projected
-from analysis.figures.curricula.motion import MOST_FRAMES, MOST_SHOTS
+from analysis.figures.curricula import MOST_FRAMES, MOST_SHOTS
 from analysis.figures.style import png
 
 PLANE = axes(2)

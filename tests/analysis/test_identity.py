@@ -21,7 +21,7 @@ from analysis.data.frames import COMPARISON, load
 from analysis.data.identity import NAMED, identity, named_apart
 from analysis.measures.evaluations import final_evaluations
 from analysis.pages.report import write_report
-from analysis.tables.results import table_results
+from analysis.tables.paper_tables import table_results
 from tma_ray.benchmark import MATRICES
 from tma_ray.runs import Cell, Schedule, effective_spec
 from tma_ray.tasks import KnowledgeLevel

@@ -10,8 +10,8 @@ import pytest
 from synthetic_results import SyntheticCampaign
 
 from analysis.formatting import listed
-from analysis.pages.compare.page import write_comparison
-from analysis.pages.leading import leading
+from analysis.pages.compare import write_comparison
+from analysis.pages.page import leading
 from analysis.pages.report import write_report
 
 TEACHERS = ("random", *(f"teacher_{number:02d}" for number in range(13)))

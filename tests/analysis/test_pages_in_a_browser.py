@@ -13,7 +13,7 @@ import pytest
 from playwright.sync_api import Browser, FloatRect, Page, expect, sync_playwright
 from synthetic_results import SyntheticCampaign
 
-from analysis.pages.compare.page import write_comparison
+from analysis.pages.compare import write_comparison
 from analysis.pages.report import write_report
 
 DESK, PHONE = {"width": 1280, "height": 900}, {"width": 390, "height": 844}

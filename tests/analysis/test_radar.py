@@ -17,7 +17,7 @@ from synthetic_pools import cell, pool
 from analysis.comparisons.pairwise import pairwise
 from analysis.comparisons.pairwise_statistics import pairwise_from_statistics
 from analysis.data.published import paper_frame
-from analysis.figures.radars.chart import radar
+from analysis.figures.radars import radar
 from analysis.figures.style import png
 from analysis.looks import look
 from analysis.measures.pooling import pooled, reuse_random

@@ -12,8 +12,8 @@ from analysis import load
 from analysis.commands.latex import write_latex
 from analysis.comparisons.measured import measure
 from analysis.pages.report import write_report
-from analysis.pages.report.overview import distinct
-from analysis.pages.report.videos import Video, wanted_videos
+from analysis.pages.sections import distinct
+from analysis.pages.videos import Video, wanted_videos
 
 
 @pytest.fixture

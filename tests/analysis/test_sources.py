@@ -16,7 +16,7 @@ from analysis.comparisons.measured import measure
 from analysis.comparisons.ranking import ranking
 from analysis.comparisons.sides import baseline_side, duels, side_of, together
 from analysis.data.frames import load
-from analysis.tables.results import table_results
+from analysis.tables.paper_tables import table_results
 from tma_ray.cli import main
 
 STEPS = 1000

@@ -17,10 +17,16 @@ from synthetic_results import SyntheticCampaign
 from analysis.commands.tables import write_tables
 from analysis.data.frames import load
 from analysis.measures.pooling import pooled, reuse_random
-from analysis.tables.paper_tables import hyperparameters, knowledge_needs, result_tables
-from analysis.tables.rendering import DASH, TableFormat, render
-from analysis.tables.results import TableResults, published_table_results, results_of, table_results
-from analysis.tables.table import Cell, Table, with_best
+from analysis.tables.paper_tables import (
+    TableResults,
+    hyperparameters,
+    knowledge_needs,
+    published_table_results,
+    result_tables,
+    results_of,
+    table_results,
+)
+from analysis.tables.table import DASH, Cell, Table, TableFormat, render, with_best
 from tma_ray.benchmark import TEACHER_GRIDS, paper_results
 
 STEPS = 1_000

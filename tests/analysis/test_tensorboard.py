@@ -17,7 +17,7 @@ from tensorboardX.proto.event_pb2 import Event, SessionLog
 from tensorboardX.record_writer import masked_crc32c
 
 from analysis.tracking import points
-from analysis.tracking.folder import EventFolder
+from analysis.tracking.event_folder import EventFolder
 from tma_ray.cli import main
 from tma_ray.results import Results, RunWriter, Table
 

@@ -18,7 +18,7 @@ from analysis.data.frames import GROUP, Frames
 from analysis.measures.evaluations import evaluation_curves, final_evaluations
 from analysis.measures.pooling import POOLED, pooled
 from analysis.measures.student_pools import runs_after
-from analysis.tables.results import table_results
+from analysis.tables.paper_tables import table_results
 from tma_ray.importing import import_results
 from tma_ray.results import CHIPMUNK, Committer, RunRecord, RunWriter, Store, Table
 from tma_ray.runs import RunSpec

@@ -14,8 +14,7 @@ from analysis.data.evaluations import evaluation_measures
 from analysis.data.frames import Frames
 from analysis.measures.pooling import pooled
 from analysis.measures.student_pools import runs_after
-from analysis.tables.paper_tables import result_tables
-from analysis.tables.results import table_results
+from analysis.tables.paper_tables import result_tables, table_results
 from tma_ray.importing import ImportRefusedError, ImportSummary, import_results
 from tma_ray.importing.names import CRITERIA, TEACHERS
 from tma_ray.results import DATA_TABLES, Results, Table

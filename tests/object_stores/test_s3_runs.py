@@ -8,7 +8,7 @@ import pytest
 from s3_proxy import Proxy
 from small_runs import data_files, run, short_run
 
-from analysis.tracking.folder import EventFolder
+from analysis.tracking.event_folder import EventFolder
 from tma_ray.results import CHECKPOINTS, Lease, Results, RootInUseError, Store, Table
 from tma_ray.results.storage import object_store
 from tma_ray.runs import Placement, RunSpec

@@ -245,7 +245,7 @@ def _search(options: argparse.Namespace) -> int:
 
 
 def _tensorboard(options: argparse.Namespace) -> int:
-    from analysis.tracking.folder import EventFolder
+    from analysis.tracking.event_folder import EventFolder
 
     with closing(EventFolder(options.root, options.folder)) as events:
         return _track(events, f"; to look at them: tensorboard --logdir {options.folder}", options.watch)

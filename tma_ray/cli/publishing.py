@@ -234,7 +234,7 @@ def _figures(options: argparse.Namespace) -> int:
 
 
 def _compare(options: argparse.Namespace) -> int:
-    from analysis.pages.compare.page import write_comparison
+    from analysis.pages.compare import write_comparison
 
     print(write_comparison(options.roots, options.baselines, options.output, print, options.measure))
     return 0

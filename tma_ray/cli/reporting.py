@@ -15,7 +15,7 @@ from tma_ray.commands.places import expanded, folder
 from tma_ray.commands.texts import named
 
 if TYPE_CHECKING:
-    from analysis.pages.report.videos import Video, WantedVideo
+    from analysis.pages.videos import Video, WantedVideo
 
 RELOAD_SECONDS, LOOK_SECONDS = 30, 10.0
 """Time after which the open page of a report that is watched reads itself again, and between two looks, s."""
@@ -74,8 +74,7 @@ def _add_report(parser: CommandParser) -> None:
 
 
 def _report(options: argparse.Namespace) -> int:
-    from analysis.pages.report import write_report
-    from analysis.pages.report.writing import report_folder
+    from analysis.pages.report import report_folder, write_report
 
     sources = chosen_sources(options)
     folder = report_folder(sources, options.output)
@@ -116,7 +115,7 @@ def _videos(sources: Sequence[str], folder: Path) -> Iterator[Video]:
     """Renders what the report wants to show; what cannot be rendered is named and left out."""
     from analysis.baselines.sources import read
     from analysis.comparisons.measured import measure
-    from analysis.pages.report.videos import wanted_videos
+    from analysis.pages.videos import wanted_videos
 
     frames = read(sources)
     for wanted in wanted_videos(frames, measure(frames)):
@@ -130,7 +129,7 @@ def _videos(sources: Sequence[str], folder: Path) -> Iterator[Video]:
 def _video(root: str, wanted: WantedVideo, folder: Path) -> Video:
     from importlib.util import find_spec
 
-    from analysis.pages.report.videos import Video
+    from analysis.pages.videos import Video
     from tma_ray.runs.saved_policies import find_policy
     from tma_ray.runs.streams import evaluation_seeds
     from tma_ray.viewing.rendering import EpisodeSettings, render

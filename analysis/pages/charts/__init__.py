@@ -1,12 +1,9 @@
 """Interactive charts of pages, drawn by plotly in the reader's browser; `analysis.figures` are for paper."""
 
 from analysis.pages.charts.chart import END, Chart, plotly_library
-from analysis.pages.charts.curricula import probed_task_charts, training_task_charts
-from analysis.pages.charts.curves import curve_chart
-from analysis.pages.charts.mastery import mastery_charts
-from analysis.pages.charts.overview import overview_chart
-from analysis.pages.charts.profiles import profile_chart
-from analysis.pages.charts.seeds import seeds_chart
+from analysis.pages.charts.curves import curve_chart, profile_chart
+from analysis.pages.charts.seeds import overview_chart, seeds_chart
+from analysis.pages.charts.tasks import mastery_charts, probed_task_charts, training_task_charts
 
 __all__ = [
     "END",

@@ -13,7 +13,7 @@ from analysis.comparisons.measured import Measured
 from analysis.data.frames import Frames
 from analysis.formatting import number
 from analysis.names import label, teacher_order
-from analysis.pages.report.sections import titled
+from analysis.pages.sections import titled
 
 KINDS = {".mp4": "video/mp4", ".gif": "image/gif"}
 """Files that a page can embed."""

@@ -1,10 +1,13 @@
-"""Bars of results, with what Welch's test says of every pair of teachers."""
+"""Bars of results, with the pairs of teachers that differ significantly."""
 
 from __future__ import annotations
 
+import functools
 import itertools
+import string
 import textwrap
-from collections.abc import Sequence
+from collections.abc import Collection, Iterable, Sequence
+from dataclasses import dataclass
 from enum import StrEnum
 from typing import Any
 
@@ -15,14 +18,131 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
 from analysis.data.reference import is_baseline
-from analysis.figures.bars.compact_letters import lanes
-from analysis.figures.bars.panels import BarPanel, bar_panels
-from analysis.figures.elements.axes import LEAST_PERCENT
-from analysis.figures.elements.checks import require, require_unique
-from analysis.figures.elements.task_planes import remark
+from analysis.figures.elements import LEAST_PERCENT, remark, require, require_unique, significant
 from analysis.figures.style import ONE_COLUMN, TWO_COLUMNS, styled
 from analysis.looks import INK, MUTED, look
-from analysis.names import label, short_labels, teacher_order
+from analysis.names import label, order, short_labels, teacher_order, title
+
+Pair = tuple[str, str]
+
+
+def compact_letter_display(names: Sequence[str], different: Iterable[Pair]) -> dict[str, list[int]]:
+    """Returns the compact letter display: letters of each name, from 0; two share one exactly if alike.
+
+    Alike are those that do not differ. Piepho's insert-and-absorb algorithm (Journal of Computational and
+    Graphical Statistics 13, 2004) asks for no order among names, and so is exact for tests with unequal
+    variances, which are not transitive. Letters are numbered by the first of `names` that has them.
+
+    Args:
+        names: what was compared.
+        different: pairs that differ significantly.
+    """
+    groups = [frozenset(names)] if names else []
+    for first, second in different:
+        split = []
+        for group in groups:
+            if first in group and second in group:
+                split += [group - {first}, group - {second}]
+            else:
+                split.append(group)
+        groups = _absorbed(split)
+    groups.sort(key=lambda group: [names.index(name) for name in names if name in group])
+    return {name: [letter for letter, group in enumerate(groups) if name in group] for name in names}
+
+
+def _absorbed(groups: Sequence[frozenset[str]]) -> list[frozenset[str]]:
+    """Returns `groups` without those that lie within another."""
+    distinct = list(dict.fromkeys(groups))
+    return [group for group in distinct if not any(group < other for other in distinct)]
+
+
+def lanes(spans: Collection[tuple[int, int]]) -> dict[tuple[int, int], int]:
+    """Returns for each span of whole numbers a lane, from 0, so that spans in a lane only touch.
+
+    Short spans come first, so that long brackets lie outside.
+    """
+    found: dict[tuple[int, int], int] = {}
+    for low, high in sorted(spans, key=lambda span: (span[1] - span[0], span)):
+        taken = {lane for (start, end), lane in found.items() if start < high and low < end}
+        found[low, high] = min(set(range(len(spans))) - taken)
+    return found
+
+
+COLUMNS = 3
+"""Panels side by side where there is a single column of them."""
+
+
+@dataclass(frozen=True, eq=False)
+class BarPanel:
+    """One panel.
+
+    Attributes:
+        titles: of its row and its column of panels.
+        rows: by teacher: mean, whisker and doubt; missing where results are.
+        different: pairs that differ significantly.
+        untested: pairs without a test.
+    """
+
+    titles: tuple[str, str]
+    rows: pd.DataFrame
+    different: list[Pair]
+    untested: list[Pair]
+
+    def letters(self) -> dict[str, str]:
+        """Returns the letters of each teacher, with a blank for each it has not; "?" of one never tested."""
+        names = list(self.rows.index)
+        never = [name for name in names if self._never_tested(name)]
+        numbers = compact_letter_display([name for name in names if name not in never], self.different)
+        count = max((number + 1 for own in numbers.values() for number in own), default=0)
+        return dict.fromkeys(never, "?") | {
+            name: "".join(string.ascii_letters[number] if number in own else " " for number in range(count))
+            for name, own in numbers.items()
+        }
+
+    def _never_tested(self, name: str) -> bool:
+        return sum(name in pair for pair in self.untested) >= len(self.rows) - 1
+
+
+def bar_panels(table: pd.DataFrame, tests: pd.DataFrame, by: tuple[str, str]) -> list[list[BarPanel | None]]:
+    """Returns rows of panels, all of one length; None for what is left over of the last row.
+
+    Args:
+        table: `by`, teacher, mean, whisker and doubt.
+        tests: `by`, first, second and p.
+        by: columns that make rows and columns; rows are wrapped if there is a single column.
+    """
+    rows, columns = (sorted(table[column].unique(), key=functools.partial(order, column)) for column in by)
+    panels = [[_panel(table, tests, by, (row, column)) for column in columns] for row in rows]
+    if len(columns) > 1:
+        return [list(line) for line in panels]
+    found: list[BarPanel | None] = [panel for (panel,) in panels]
+    found += [None] * (-len(found) % COLUMNS if len(found) > COLUMNS else 0)
+    return [found[start : start + COLUMNS] for start in range(0, len(found), COLUMNS)]
+
+
+def _panel(
+    table: pd.DataFrame, tests: pd.DataFrame, by: tuple[str, str], place: tuple[object, object]
+) -> BarPanel:
+    rows = _at(table, by, place).set_index("teacher")[["mean", "whisker", "doubt"]]
+    here = _at(tests, by, place)
+    here = here[here["first"].isin(rows.index) & here["second"].isin(rows.index)]
+    tested = {frozenset(pair) for pair in _pairs(here[here["p"].notna()])}
+    untested = [
+        pair for pair in itertools.combinations(sorted(rows.index), 2) if frozenset(pair) not in tested
+    ]
+    titles = title(by[0], place[0]), title(by[1], place[1])
+    return BarPanel(titles, rows, _pairs(significant(here)), untested)
+
+
+def _at(frame: pd.DataFrame, by: tuple[str, str], place: tuple[object, object]) -> pd.DataFrame:
+    """Returns the rows of one panel; element by element, since pools are tuples in some tables."""
+    here = [values == place for values in frame[list(by)].itertuples(index=False, name=None)]
+    return frame[np.array(here, dtype=bool)]
+
+
+def _pairs(tests: pd.DataFrame) -> list[Pair]:
+    return list(tests[["first", "second"]].itertuples(index=False, name=None))
+
 
 MOST_BRACKETS = 12
 """With more significant pairs in a panel than this, letters take the place of brackets."""

@@ -1,1 +1,0 @@
-"""Bars of results, with every significant difference between two teachers."""

@@ -1,1 +1,0 @@
-"""Elements that several figures have in common."""

@@ -1,1 +1,0 @@
-"""Radar charts: results on all challenges as ratios of Random."""

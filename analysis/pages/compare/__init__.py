@@ -1,1 +1,0 @@
-"""The page that sets one's own results beside released ones."""

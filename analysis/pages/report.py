@@ -1,0 +1,244 @@
+"""The report of a results root: one interactive page that needs nothing but itself, with its tables."""
+
+from __future__ import annotations
+
+import gzip
+from collections.abc import Collection, Sequence
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any
+
+import pandas as pd
+
+from analysis.baselines.sources import Sources, places_of, read
+from analysis.claims.sources import decided, root_verdicts
+from analysis.comparisons.findings import MASTERED
+from analysis.comparisons.measured import TESTED, Measured, measure
+from analysis.data.frames import COMPARISON, GROUP, STATUSES, Frames
+from analysis.data.specs import parsed
+from analysis.formatting import amount, duration, number
+from analysis.looks import shown_together
+from analysis.measures.evaluations import aggregate, ceilings_in_words, mastered_tasks
+from analysis.measures.run_measures import run_measures
+from analysis.measures.student_pools import runs_after
+from analysis.measures.tested import how_tested
+from analysis.names import label, teacher_order
+from analysis.pages.page import controls, leading, overall_section, page, page_folder, write_page
+from analysis.pages.sections import Section, overview, sections, threshold, thresholds
+from analysis.pages.videos import Video, by_comparison
+from analysis.statistics import SIGNIFICANCE
+from tma_ray.commands.installed import installed_version
+from tma_ray.tasks import MASTERY_RETURN
+
+
+def counts_of(cells: pd.DataFrame) -> dict[str, int]:
+    """Returns how many runs there are, in all and in each state."""
+    runs = cells.drop_duplicates("run_id")["status"].value_counts()
+    return {"runs": int(runs.sum())} | {status: int(runs.get(status, 0)) for status in STATUSES}
+
+
+def what_ran(cells: pd.DataFrame) -> str:
+    """Returns what was run: ``Random and ALP-GMM, 4 seeds each, 20 million steps``."""
+    teachers = [label(teacher) for teacher in sorted(cells["teacher"].unique(), key=teacher_order)]
+    named = " and ".join(teachers) if len(teachers) < 3 else f"{len(teachers)} teachers"
+    parts = [named]
+    seeds, steps = cells.groupby(GROUP)["run_id"].nunique().unique(), cells["steps"].dropna().unique()
+    if len(seeds) == 1:
+        parts.append(f"{seeds[0]} seed{'s' if seeds[0] > 1 else ''} each")
+    if len(steps) == 1:
+        parts.append(f"{amount(steps[0])} steps")
+    return ", ".join(part for part in parts if part)
+
+
+def unfinished(frames: Frames) -> dict[str, list[dict[str, Any]]]:
+    """Returns the failed and the running runs: which, how far, and why they failed."""
+    reached = frames.evaluations.groupby("run_id", observed=True)["step"].max().rename("reached")
+    runs = frames.cells.drop_duplicates("run_id").merge(
+        reached.rename_axis("run_id").reset_index().astype({"run_id": object}), how="left", on="run_id"
+    )
+    found: dict[str, list[dict[str, Any]]] = {}
+    for status in ("failed", "running"):
+        rows = runs[runs["status"] == status].sort_values([*GROUP, "seed"])
+        found[status] = [_described(row) for _, row in rows.iterrows()]
+    return found
+
+
+def _described(run: pd.Series) -> dict[str, Any]:
+    lines = run["error"].strip().splitlines()
+    return {
+        "run_id": run["run_id"],
+        "teacher": label(run["teacher"]),
+        "setting": f"{run['environment']}, {run['challenge']}, {run['student']}, {run['expert_knowledge']}",
+        "seed": run["seed"],
+        "reached": "not evaluated yet"
+        if pd.isna(run["reached"])
+        else f"evaluated at {amount(run['reached'])}",
+        "steps": amount(run["steps"]),
+        "reason": lines[-1] if lines else "no message",
+        "error": run["error"].strip(),
+    }
+
+
+def machines(attempts: pd.DataFrame) -> list[dict[str, Any]]:
+    """Returns what the runs were computed with, versions included, one entry per distinct fingerprint."""
+    found = []
+    for fingerprint, rows in attempts.astype({"fingerprint": object, "host": object}).groupby("fingerprint"):
+        content = parsed(fingerprint) or {"fingerprint": fingerprint}
+        found.append(
+            {
+                "hosts": sorted(rows["host"].unique()),
+                "attempts": len(rows),
+                "time": duration(rows["wall_seconds"].sum()),
+                "speed": number(rows["env_steps_per_second"].median(), 0),
+                "content": content,
+            }
+        )
+    return found
+
+
+def settings(cells: pd.DataFrame) -> list[dict[str, str]]:
+    """Returns the settings that runs were made with, one entry for each that differs."""
+    columns = ["engine", "environment", "physics_version", "test_set", "mastery_threshold", "steps"]
+    found = []
+    for _, rows in cells.dropna(subset=["steps"]).groupby(columns, dropna=False, sort=True):
+        engine, environment, physics, test_set, mastery, steps = rows.iloc[0][columns]
+        bodies = sorted({str(body) for body in rows["embodiment"] if body})
+        found.append(
+            {
+                "Environment": str(environment).replace("_", " "),
+                "Bodies": ", ".join(body.replace("_", " ") for body in bodies) or "\N{EN DASH}",
+                "Physics": f"{engine}, version {physics:g}" if physics > 0 else str(engine),
+                "Test set": str(test_set),
+                "Mastered over": threshold(mastery),
+                "Steps": amount(steps),
+                "Runs": str(rows["run_id"].nunique()),
+            }
+        )
+    return found
+
+
+@dataclass(frozen=True)
+class Download:
+    """A CSV file of the report: its name, what a row of it is, and its content."""
+
+    name: str
+    row: str
+    content: bytes
+
+    @property
+    def compressed(self) -> bytes:
+        """The content as gzip has it, always the same: what the page holds is a quarter as large."""
+        return gzip.compress(self.content, mtime=0)
+
+
+def downloads(frames: Frames, measured: Measured) -> list[Download]:
+    """Returns the tables of a report, in order."""
+    curves = [
+        aggregate(table, value).assign(measure=value)
+        for table, value in (
+            (measured.evaluations, "mastered_percent"),
+            (measured.evaluations, "evaluation_return"),
+            (measured.training, "training_return"),
+        )
+    ]
+    tasks = mastered_tasks(frames, measured.finals).merge(
+        frames.test_tasks.assign(
+            task=frames.test_tasks["task"].map(lambda task: " ".join(f"{x:g}" for x in task))
+        )
+    )
+    tables = {
+        "summary": ("one teacher in one comparison", measured.summary),
+        "seeds": ("one run at its final evaluation", measured.finals),
+        "tests": ("one test against Random, with Holm's adjustment of p", measured.tests),
+        "learning_curves": ("one measure of one teacher at one step", pd.concat(curves, ignore_index=True)),
+        "mastered_tasks": ("one test task and the share of seeds that master it", tasks),
+        "measures": ("one run: area under its curve, steps to a share, forgetting", run_measures(frames)),
+        "runs": ("one run of one cell and its state", frames.cells.drop(columns="spec")),
+    }
+    return [
+        Download(f"{name}.csv", row, table.to_csv(index=False, lineterminator="\n").encode())
+        for name, (row, table) in tables.items()
+    ]
+
+
+def write_report(
+    sources: Sources, output: Path | None = None, videos: Sequence[Video] = (), reload: int = 0
+) -> Path:
+    """Writes the report of a root, finished or not, with its tables.
+
+    Args:
+        sources: results roots and baselines with runs: folders, addresses, names.
+        output: folder to write to; ``report`` in the first of `sources` if that is a folder.
+        videos: to embed, of `videos.wanted_videos`.
+        reload: time after which an open page reads itself again, s; 0 for never.
+
+    Returns:
+        The page, ``index.html`` in `output`; beside it figures (PNG) and tables (CSV).
+
+    Raises:
+        ResultsRootError: one of `sources` is not a results root.
+        ValueError: an object store and no `output`.
+    """
+    output = report_folder(sources, output)
+    frames = read(sources)
+    measured = measure(frames)
+    shown = leading(measured.finals, MASTERED.column, frames.cells["teacher"], COMPARISON)
+    with shown_together(frames.cells["teacher"]):
+        parts = list(sections(frames, measured, shown))
+        tables = downloads(frames, measured)
+        text = _render(frames, measured, parts, tables, videos, shown, reload)
+    pictures = {f"{picture.name}.png": picture.png for part in parts for picture in part.pictures}
+    return write_page(output, text, pictures | {table.name: table.content for table in tables})
+
+
+def report_folder(sources: Sources, output: Path | None) -> Path:
+    """Returns the folder that a report of `sources` is written to.
+
+    Raises:
+        ValueError: an object store and no `output`.
+    """
+    return page_folder(places_of(sources)[0], output, "report", "report")
+
+
+def _render(
+    frames: Frames,
+    measured: Measured,
+    parts: list[Section],
+    tables: list[Download],
+    videos: Sequence[Video],
+    shown: Collection[str],
+    reload: int,
+) -> str:
+    cells = frames.cells
+    verdicts, notes = root_verdicts(frames)
+    return page(
+        "report.html.j2",
+        reload=reload,
+        campaigns=sorted(name for name in cells["campaign"].unique() if name),
+        ran=what_ran(cells),
+        counts=counts_of(cells),
+        warnings=[*frames.notes, *notes],
+        controls=controls(
+            cells[COMPARISON].drop_duplicates().sort_values(COMPARISON),
+            cells["teacher"],
+            measured.evaluations["step"].unique(),
+            shown,
+        ),
+        overview=list(overview(measured)),
+        sections=parts,
+        overall=overall_section(runs_after(frames)),
+        videos=by_comparison(videos),
+        tests=int((measured.tests["p"].notna() & (measured.tests["measure"] == TESTED[0])).sum()),
+        verdicts=decided(verdicts),
+        unfinished=unfinished(frames),
+        settings=settings(cells),
+        machines=machines(frames.machine_times),
+        downloads=tables,
+        mastery=thresholds(cells) or number(MASTERY_RETURN, 0),
+        significance=SIGNIFICANCE,
+        ceilings=ceilings_in_words(frames),
+        how_tested=how_tested(MASTERED.column, "all teachers of a comparison against Random"),
+        version=installed_version("tma_ray"),
+        written=datetime.now(UTC),
+    )

@@ -1,0 +1,362 @@
+"""Sections of a report: sentences, a table, charts and figures of each comparison."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Collection, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import pandas as pd
+
+from analysis.comparisons.against_random import along_baseline, reference_of
+from analysis.comparisons.examples import curricula_of, in_whose_space, which_runs
+from analysis.comparisons.few_seeds import caveat
+from analysis.comparisons.findings import MASTERED, findings, verdict
+from analysis.comparisons.measured import Measured
+from analysis.data.curricula import Curriculum
+from analysis.data.frames import GROUP, Frames
+from analysis.data.reference import is_baseline
+from analysis.data.task_axes import task_axes
+from analysis.figures.curricula import curriculum_pictures
+from analysis.figures.style import Picture
+from analysis.formatting import amount, ends, listed, number, p_value, plus_minus
+from analysis.looks import look
+from analysis.measures.evaluations import aggregate, mastered_tasks
+from analysis.measures.training import RECENT
+from analysis.names import challenge_title, label, teacher_order
+from analysis.pages.charts import (
+    END,
+    Chart,
+    curve_chart,
+    mastery_charts,
+    overview_chart,
+    probed_task_charts,
+    seeds_chart,
+    training_task_charts,
+)
+from analysis.pages.charts.curves import hidden_scalars, scalar_charts
+from analysis.pages.charts.tasks import EPISODES
+from analysis.pages.page import FILTERS
+from analysis.statistics import describe
+
+
+def curve_caption(value: str, table: pd.DataFrame) -> str:
+    """Returns the caption of learning curves of `value`, a column of `table`."""
+    text = f"Lines are means over seeds, bands ± one standard error of the mean; {counts(table)}."
+    if (table["status"] == "running").any():
+        text += " Where some runs have yet to arrive, n is smaller."
+    if value == "training_return":
+        if table["smoothed"].any():
+            text += f" A run counts with the mean of its latest {RECENT} episodes."
+        text += " Each teacher chooses its own training tasks: a low return may mean hard tasks."
+    return text
+
+
+def counts(rows: pd.DataFrame) -> str:
+    """Returns how many runs stand behind each teacher: ``n = 4 seeds``, or one number per teacher."""
+    counts = rows.groupby("teacher")["run_id"].nunique()
+    usual = int(counts.mode().iloc[-1])
+    text = f"n = {usual} seed{'s' if usual > 1 else ''}" + (" per teacher" if len(counts) > 1 else "")
+    others = [name for name in sorted(counts.index, key=teacher_order) if counts[name] != usual]
+    return ", but ".join(
+        [text, *([listed(f"{counts[name]} of {label(name)}" for name in others)] if others else [])]
+    )
+
+
+def thresholds(cells: pd.DataFrame) -> str:
+    """Returns the episodic return over which tasks are mastered, or all of them: ``230``."""
+    found = sorted(cells["mastery_threshold"].dropna().unique())
+    return " or ".join(map(threshold, found))
+
+
+def threshold(value: float) -> str:
+    """Returns one such return, without decimals where it has none."""
+    return number(value, 0 if value == round(value) else 2)
+
+
+CURVES = (
+    ("mastered_percent", "Mastered test tasks (%)", "Mastered test tasks over training"),
+    ("evaluation_return", "Mean return on the test set", "Return on the test set"),
+    ("training_return", "Mean return of training episodes", "Return in training"),
+)
+"""Column, label of the axis and title of each learning curve."""
+
+QUANTITIES = {column: quantity for column, quantity, _ in CURVES}
+
+
+MOST_ACROSS = 4
+"""Charts of a panel side by side."""
+
+
+@dataclass(frozen=True, eq=False)
+class Panel:
+    """Charts that stand together, one for each teacher, under one caption."""
+
+    title: str
+    caption: str
+    charts: tuple[Chart, ...]
+
+    @property
+    def across(self) -> int:
+        """Charts that the panel has side by side where there is room."""
+        return min(len(self.charts), MOST_ACROSS)
+
+
+def charts_of(mine: Measured, anchor: str) -> Iterator[Chart]:
+    """Yields learning curves, and every seed at any step."""
+    for value, quantity, title in CURVES:
+        table = mine.training if value == "training_return" else mine.evaluations
+        if len(table):
+            curves = aggregate(table, value)
+            name = f"{anchor}-{value.replace('_', '-')}"
+            yield curve_chart(name, curves, quantity, title, curve_caption(value, table))
+    if len(mine.finals):
+        column = MASTERED.column
+        caption = f"Rings are seeds, marks their means with 95 % intervals; {counts(mine.finals)}."
+        points = points_of(mine, column)
+        yield seeds_chart(f"{anchor}-seeds", points, QUANTITIES[column], "Seed by seed", caption)
+
+
+def points_of(mine: Measured, column: str) -> pd.DataFrame:
+    """Returns teacher, seed, step (or `END`) and value of every run, at every evaluation and at its end."""
+    columns = ["teacher", "seed", "step", column]
+    along = mine.evaluations[columns].astype({"step": object})
+    ends = mine.finals[columns].assign(step=END)
+    return pd.concat([along, ends], ignore_index=True).rename(columns={column: "value"})
+
+
+def panels_of(
+    frames: Frames, mine: Measured, curricula: Mapping[str, Curriculum], anchor: str
+) -> Iterator[Panel]:
+    """Yields which test tasks are mastered, and what teachers would teach, at any step."""
+    if mine.finals.empty:
+        return
+    axes = task_axes(mine.cells)
+    along = _shares(frames, mine)
+    for test_set, shares in along.groupby("test_set"):
+        tasks = frames.test_tasks[frames.test_tasks["test_set"] == test_set]
+        caption = (
+            f"Share of seeds whose return on the task is over {thresholds(mine.cells)}, from faint for none "
+            f"to strong for all, of the {len(tasks)} tasks of test set {test_set}; beside each name the "
+            f"mean over tasks; {counts(mine.finals)}."
+        )
+        charts = tuple(mastery_charts(f"{anchor}-mastery-{test_set}", shares, tasks, axes, caption))
+        yield Panel("Which test tasks are mastered", caption, charts)
+    yield from _curricula(mine, curricula, anchor)
+
+
+def _curricula(mine: Measured, curricula: Mapping[str, Curriculum], anchor: str) -> Iterator[Panel]:
+    axes, which = task_axes(mine.cells), which_runs(curricula)
+    training_tasks = (
+        f"{which}. Dots are training episodes of the latest fifth of it, at most {EPISODES}, coloured by "
+        f"return, from dark violet for falling at once to yellow for mastered."
+    )
+    probed_tasks = (
+        f"{which}. Dots are tasks probed without exploration; outlines are the teacher's latest Gaussians, "
+        f"at two standard deviations, and its boxes.{in_whose_space(curricula)}"
+    )
+    for title, name, charts_for, caption in (
+        ("Training tasks", "training-tasks", training_task_charts, training_tasks),
+        ("Probed tasks", "probed-tasks", probed_task_charts, probed_tasks),
+    ):
+        charts = tuple(charts_for(f"{anchor}-{name}", curricula, axes, caption))
+        if charts:
+            yield Panel(title, caption, charts)
+    logs = f"{which}: what teachers log at their updates; bands show the range where points are dense."
+    hidden = hidden_scalars(curricula)
+    logs += f" {hidden} more are in the table teacher_log." if hidden else ""
+    charts = tuple(scalar_charts(f"{anchor}-teacher-log", curricula, logs))
+    if charts:
+        yield Panel("Teachers' logs", logs, charts)
+
+
+def _shares(frames: Frames, mine: Measured) -> pd.DataFrame:
+    """Returns teacher, step (or `END`), test_set, task_index, n and share of seeds that master the task."""
+    runs = mine.evaluations[["run_id", "step", "teacher"]].drop_duplicates()
+    rows = frames.evaluations_of(runs["run_id"].unique())
+    rows = rows.astype({"run_id": object, "test_set": object}).merge(runs, on=["run_id", "step"])
+    grouped = rows.groupby(["teacher", "step", "test_set", "task_index"], sort=True)["mastered"]
+    along = grouped.agg(n="count", share="mean").reset_index().astype({"step": object})
+    ends = mastered_tasks(frames, mine.finals).assign(step=END)
+    return pd.concat([along, ends[along.columns]], ignore_index=True)
+
+
+NONE = {"difference": "", "p": ""}
+
+
+def end_rows(mine: Measured) -> list[dict[str, Any]]:
+    """Returns the rows of the table at the ends of runs, Random first."""
+    tests = mine.tests[mine.tests["measure"] == MASTERED.column]
+    rows = []
+    for teacher in sorted(mine.summary["teacher"], key=teacher_order):
+        group = mine.summary[mine.summary["teacher"] == teacher].iloc[0]
+        test = tests[tests["teacher"] == teacher]
+        against = _against_random(test.iloc[0]) if len(test) else NONE
+        untested = "baseline" if is_baseline(teacher) else "not evaluated yet"
+        worst = mine.finals.loc[mine.finals["teacher"] == teacher, "mastered_percent"].min()
+        rows.append({"verdict": untested, "worst": number(worst)} | _end_row(teacher, group) | against)
+    return rows
+
+
+def step_rows(mine: Measured, everything: Measured) -> dict[str, dict[str, dict[str, str]]]:
+    """Returns what changes of the rows at every evaluation, as text by step, teacher and column.
+
+    Args:
+        mine: what was measured of the comparison.
+        everything: of the root, where Random may have run at another level or in another experiment.
+    """
+    curves = mine.evaluations
+    if curves.empty:
+        return {}
+    reference = reference_of(curves, everything.randoms)
+    tests = along_baseline(curves, reference, MASTERED.column).set_index(["step", "teacher"])
+    tested: dict[Any, Any] = tests.to_dict("index")
+    found: dict[str, dict[str, dict[str, str]]] = {}
+    key: Any
+    for key, rows in curves.groupby(["step", "teacher"], sort=True):
+        step, teacher = int(key[0]), str(key[1])
+        row = _step_row(step, rows) | ({"verdict": "baseline"} if is_baseline(teacher) else {})
+        test = tested.get((step, teacher))
+        found.setdefault(str(step), {})[teacher] = row | (_against_random(test) if test else NONE)
+    return found
+
+
+def _end_row(teacher: str, group: pd.Series) -> dict[str, Any]:
+    return {
+        "name": teacher,
+        "teacher": label(teacher),
+        "colour": look(teacher).colour,
+        "seeds": f"{group['n']}" if group["n"] == group["seeds"] else f"{group['n']} of {group['seeds']}",
+        "step": (amount(group["step"]) if group["n"] else "\N{EN DASH}") + "*" * bool(group["provisional"]),
+        "mastered": plus_minus(group["mastered_percent_mean"], group["mastered_percent_std"]),
+        "evaluation": plus_minus(group["evaluation_return_mean"], group["evaluation_return_std"]),
+        "training": f"{number(group['first_quarter_mean'])} → {number(group['last_quarter_mean'])}",
+        "provisional": group["provisional"],
+    }
+
+
+def _step_row(step: int, rows: pd.DataFrame) -> dict[str, str]:
+    mastered, returns = (describe(rows[column]) for column in ("mastered_percent", "evaluation_return"))
+    return {
+        "seeds": str(rows["run_id"].nunique()),
+        "step": amount(step),
+        "mastered": plus_minus(mastered.mean, mastered.std),
+        "worst": number(rows["mastered_percent"].min()),
+        "evaluation": plus_minus(returns.mean, returns.std),
+        "training": "",
+        "verdict": "",
+    }
+
+
+def _against_random(test: Mapping[str, Any]) -> dict[str, str]:
+    difference = number(test["difference"])
+    if test["reason"]:
+        return {"verdict": verdict(test), "difference": difference, "p": ""}
+    return {
+        "verdict": verdict(test),
+        "difference": f"{difference} {ends(test['low'], test['high'])}",
+        "p": p_value(test["holm"]).removeprefix("p").removeprefix(" = ").strip(),
+    }
+
+
+@dataclass(frozen=True, eq=False)
+class Section:
+    """One comparison.
+
+    Attributes:
+        anchor: identifier on the page.
+        title: what is compared.
+        chosen_by: its values in the columns of `controls.FILTERS`.
+        sentences: what was found.
+        rows: cells of the table, one row per teacher, at the ends of runs.
+        step_rows: JSON of what changes of them at every evaluation.
+        charts: for all teachers each.
+        panels: charts for one teacher each.
+        pictures: figures that stay as they are.
+    """
+
+    anchor: str
+    title: str
+    chosen_by: dict[str, str]
+    sentences: list[str]
+    rows: list[dict[str, Any]]
+    step_rows: str
+    charts: list[Chart]
+    panels: list[Panel]
+    pictures: list[Picture]
+
+
+def sections(frames: Frames, measured: Measured, shown: Collection[str]) -> Iterator[Section]:
+    """Yields a section for each comparison of the root, in a fixed order.
+
+    Args:
+        frames: of the root.
+        measured: of the root.
+        shown: teachers that figures have, which cannot be chosen on the page as charts can.
+    """
+    for anchor, title, mine in titled(measured):
+        curricula = curricula_of(frames, mine)  # read once, for charts and figures
+        leading = {teacher: each for teacher, each in curricula.items() if teacher in shown}
+        pictures = curriculum_pictures(mine, leading)
+        first = mine.cells.iloc[0]
+        yield Section(
+            anchor=anchor,
+            title=title,
+            chosen_by={column: str(first[column]) for column in FILTERS},
+            sentences=findings(mine.summary, mine.tests),
+            rows=end_rows(mine),
+            step_rows=json.dumps(step_rows(mine, measured)).replace("<", "\\u003c"),
+            charts=list(charts_of(mine, anchor)),
+            panels=list(panels_of(frames, mine, curricula, anchor)),
+            pictures=[replace(picture, name=f"{anchor}-{picture.name}") for picture in pictures],
+        )
+
+
+def titled(measured: Measured) -> Iterator[tuple[str, str, Measured]]:
+    """Yields the anchor, title and part of each comparison of the root, in a fixed order."""
+    several = {name: measured.cells[name].nunique() > 1 for name in ("experiment", "engine")}
+    for count, mine in enumerate(measured.comparisons, start=1):
+        yield f"comparison-{count}", _title(mine.cells.iloc[0], several), mine
+
+
+def _title(comparison: pd.Series, several: dict[str, bool]) -> str:
+    """Returns what a comparison is about."""
+    name = comparison["challenge"]
+    challenge = challenge_title(comparison["environment"], name, name)
+    parts = [
+        comparison["environment"].replace("_", " ").capitalize(),
+        challenge[:1].lower() + challenge[1:],
+        comparison["embodiment"].replace("_", " "),
+        comparison["student"].upper(),
+        f"expert knowledge {comparison['expert_knowledge']}",
+    ]
+    if several["engine"]:
+        parts.append(comparison["engine"])
+    if several["experiment"] and comparison["experiment"] != comparison["challenge"]:
+        parts.insert(0, comparison["experiment"])
+    return ", ".join(part for part in parts if part)
+
+
+def overview(measured: Measured) -> Iterator[Chart]:
+    """Yields the chart of a root with several comparisons, if any run was evaluated."""
+    found = list(titled(measured))
+    if len(found) < 2 or measured.finals.empty:
+        return
+    points = [points_of(mine, MASTERED.column).assign(comparison=anchor) for anchor, _, mine in found]
+    rows = dict(
+        zip((anchor for anchor, *_ in found), distinct([title for _, title, _ in found]), strict=True)
+    )
+    caption = "Marks are means over seeds, lines their 95 % intervals. Choose above what is shown and when."
+    few = caveat(measured.finals.groupby(GROUP)["run_id"].nunique().min())
+    caption += f" {few}" if few else ""
+    yield overview_chart(
+        pd.concat(points, ignore_index=True), rows, QUANTITIES[MASTERED.column], "All comparisons", caption
+    )
+
+
+def distinct(titles: Sequence[str]) -> list[str]:
+    """Returns titles without the parts, between commas, that all of them share."""
+    parts = [title.split(", ") for title in titles]
+    shared = set.intersection(*map(set, parts)) if parts else set()
+    return [", ".join(part for part in each if part not in shared) or ", ".join(each) for each in parts]
