@@ -8,7 +8,7 @@ Where to begin::
     frames.cells, frames.evaluations  # pandas frames
     runs = analysis.runs_after(frames)  # a row a run, with all that is measured of it
     analysis.pooled(runs)  # a row a teacher
-    analysis.comparisons.pairwise(runs, "mastered_percent")  # tests between all pairs
+    analysis.comparisons.frame(runs, "mastered_percent")  # tests between all pairs
 
 ``docs/analysis.md`` has the columns and more of this. What is listed here is for everyday work. What needs
 matplotlib, scipy or jinja2, as `analysis.figures` does, is imported when it is first asked for.
@@ -19,17 +19,20 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from analysis.comparisons.pairwise import pairwise
-from analysis.comparisons.pairwise_statistics import pairwise_from_statistics
+from analysis.comparisons.frame import pairwise, pairwise_from_statistics
+from analysis.data.curricula import task_axes
 from analysis.data.frames import Frames
-from analysis.data.published import paper_frame
-from analysis.data.task_axes import task_axes
+from analysis.data.reference import paper_frame
 from analysis.measures.curriculum_measures import curriculum_curves, curriculum_measures
-from analysis.measures.evaluations import aggregate, evaluation_curves, final_evaluations, mastered_tasks
-from analysis.measures.pooling import pooled
+from analysis.measures.evaluations import (
+    aggregate,
+    evaluation_curves,
+    final_evaluations,
+    mastered_tasks,
+    training_curves,
+)
+from analysis.measures.pooling import pooled, result_runs, runs_after
 from analysis.measures.run_measures import evaluations_at, run_measures
-from analysis.measures.student_pools import result_runs, runs_after
-from analysis.measures.training import training_curves
 from analysis.tables.paper_tables import table_results
 from tma_ray.later_imports import import_later
 
@@ -96,6 +99,6 @@ def load(root: str | Path) -> Frames:
         ResultsRootError: nothing of that name or at that place.
         BaselineError: a damaged baseline, or one of published means, without runs.
     """
-    from analysis.baselines.sources import read_one  # takes longer to import
+    from analysis.baselines.catalogue import read_one  # takes longer to import
 
     return read_one(root)

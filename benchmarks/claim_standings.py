@@ -12,11 +12,10 @@ from collections.abc import Callable
 import numpy as np
 import pandas as pd
 
-from analysis.baselines.sources import read
-from analysis.claims.judging import judge
-from analysis.claims.sources import PaperSource, RootSource
+from analysis.baselines.catalogue import read
+from analysis.claims.judging import PaperSource, RootSource, judge
 from analysis.statistics import Comparison, stratified
-from analysis.statistics.verdicts import Standing, equivalent, greater
+from analysis.statistics.samples import Standing, equivalent, greater
 from tma_ray.command_line import Parser
 
 DIFFERENCES = (0.0, 2.0, 10.0, 20.0)

@@ -19,9 +19,8 @@ from numpy.typing import NDArray
 from scipy import special
 
 from analysis.baselines.catalogue import find_baseline
-from analysis.measures.shared_students import compared_over_strata
-from analysis.measures.student_pools import runs_after
-from analysis.measures.tested import MEASURES, scale_of
+from analysis.measures.pooling import runs_after
+from analysis.measures.tested import MEASURES, compared_over_strata, scale_of
 from analysis.statistics import SIGNIFICANCE, Scale, holm
 from tma_ray.command_line import Parser
 

@@ -24,7 +24,7 @@ import pandas as pd
 from pools import describe, execute, parser
 
 import analysis
-from analysis.data.evaluations import evaluation_measures
+from analysis.data.tables import evaluation_measures
 from analysis.statistics.estimates import Estimate, signal_to_noise
 from tma_ray.campaign.matrices import joined_plan
 from tma_ray.campaign.plan import CampaignSpec, Plan

@@ -1,11 +1,18 @@
 """Results to compare with: what others published, and packed campaigns of tma_ray, with checksums."""
 
-from analysis.baselines.catalogue import Baseline, as_baseline, baselines, find_baseline
-from analysis.baselines.growing import add_to_release
-from analysis.baselines.manifest import About, BaselineError, BaselineFile, BaselineKind, BaselineManifest
-from analysis.baselines.publishing import check_address, publish
-from analysis.baselines.releasing import release
-from analysis.baselines.verification import Verification, verify
+from analysis.baselines.catalogue import (
+    About,
+    Baseline,
+    BaselineError,
+    BaselineFile,
+    BaselineKind,
+    BaselineManifest,
+    as_baseline,
+    baselines,
+    find_baseline,
+)
+from analysis.baselines.releasing import add_to_release, release
+from analysis.baselines.verification import Verification, check_address, publish, verify
 
 __all__ = [
     "About",

@@ -1,22 +1,31 @@
-"""Verification of baselines, every file and nothing else: against accidents, not malice."""
+"""Verification of baselines, their completeness, and publication at an address."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
 from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
 from typing import Final
 
 import pyarrow as pa
 
-from analysis.baselines.catalogue import Baseline, find_baseline
-from analysis.baselines.manifest import BASELINE_FILE, FOREIGN_FILES, BaselineKind
+from analysis.baselines.catalogue import (
+    BASELINE_FILE,
+    FOREIGN_FILES,
+    Baseline,
+    BaselineError,
+    BaselineKind,
+    BaselineManifest,
+    find_baseline,
+)
+from analysis.data.frames import Frames
 from tma_ray.results import (
     INPUTS,
     Damage,
     DamagedFileError,
     ObjectStoreError,
     ResultsRootError,
+    RunStatus,
     Store,
     damage_reason,
     read_checked,
@@ -109,3 +118,128 @@ def _damaged_runs(store: Store, baseline: Baseline) -> Iterator[Damage]:
     counted = baseline.manifest.holds.get("runs")
     if found.runs != counted:
         yield Damage(BASELINE_FILE, f"{found.runs} of its {counted} runs can be read")
+
+
+MOST_BYTES = 15_000_000
+"""Size up to which releases ship with the package."""
+
+FEWEST_SEEDS = 3
+"""Seeds that every cell needs."""
+
+COMBINATION = [
+    "campaign",
+    "experiment",
+    "environment",
+    "challenge",
+    "embodiment",
+    "student",
+    "expert_knowledge",
+]
+"""Columns of cells that teachers have in common to be compared."""
+
+
+def lacking(baseline: Baseline) -> list[str]:
+    """Returns what a release lacks to be complete, in words; empty if nothing.
+
+    Complete is a release of whole campaigns under a licence: every planned run is done, in each campaign the
+    teachers of a combination of challenge, body, student and level have the same seeds, of which there are at
+    least 3; all runs are of one version of the benchmark; no attempt names a machine; it has at most 15 MB.
+
+    Raises:
+        BaselineError: it has no runs, being published means and deviations.
+    """
+    if baseline.manifest.kind is not BaselineKind.RUNS:
+        return ["it has no runs, only published results"]
+    return [*_of_manifest(baseline), *_of_runs(baseline.frames())]
+
+
+def _of_manifest(baseline: Baseline) -> Iterator[str]:
+    manifest = baseline.manifest
+    if manifest.partial:
+        yield f"runs are missing: {manifest.partial}"
+    if not manifest.licence:
+        yield "it has no licence: release it with --licence"
+    size = sum(file.size for file in manifest.files)
+    if size > MOST_BYTES:
+        yield f"it has {size:,} bytes, more than {MOST_BYTES:,}: release it with --lean"
+    versions = manifest.benchmark_versions
+    if len(versions) != 1 or 0 in versions:
+        found = ", ".join(map(str, versions)) or "none"
+        yield f"its runs are of these versions of the benchmark: {found}; expected one"
+
+
+def _of_runs(frames: Frames) -> Iterator[str]:
+    unfinished = [run.run.run_id for run in frames.results.runs() if run.status is not RunStatus.DONE]
+    if unfinished:
+        yield f"{len(unfinished)} runs are not done, as {unfinished[0]}"
+    if len(frames.attempts) and (frames.attempts["host"].astype(str) != "").any():
+        yield "its attempts name machines: release it with --lean"
+    for key, rows in frames.cells.groupby(COMBINATION, sort=True):
+        place = " ".join(str(value) for value in key[2:])
+        seeds = {str(teacher): frozenset(own["seed"]) for teacher, own in rows.groupby("teacher")}
+        everywhere = frozenset().union(*seeds.values())
+        for teacher, own in seeds.items():
+            if own != everywhere:
+                absent = ", ".join(map(str, sorted(everywhere - own)))
+                yield f"{place}: {teacher} lacks the seeds {absent}, which others have"
+        if len(everywhere) < FEWEST_SEEDS:
+            yield f"{place}: {len(everywhere)} seeds, fewer than {FEWEST_SEEDS}"
+
+
+def publish(folder: str | Path, address: str) -> str:
+    """Copies a release from a disk to an address, then reads all of it back and compares the checksums.
+
+    Its ``baseline.json`` comes last: what has none is not a release. An upload that was interrupted is
+    continued by the same call.
+
+    Args:
+        folder: of the release.
+        address: of the release, such as ``s3://bucket/mine-1.0`` or ``hf://datasets/me/mine-1.0``.
+
+    Returns:
+        The address.
+
+    Raises:
+        BaselineError: the folder is not a release, or a damaged one, or `check_address` refuses the address.
+        ObjectStoreError: as `check_address` says, or the upload fails.
+    """
+    _refuse_damage(folder, "pack it again")
+    source, target = Store.open(folder), Store.open(address)
+    paths = [file.path for file in BaselineManifest.load(source).files]
+    check_address(address, paths)
+    for path in (*paths, BASELINE_FILE):
+        target.write_bytes(path, source.read_bytes(path))
+    _refuse_damage(address, "delete what is there, and publish it again")
+    return address
+
+
+def check_address(address: str, paths: Collection[str] | None = None) -> None:
+    """Tries whether a release can be published at an address; leaves nothing there.
+
+    Args:
+        address: of the release.
+        paths: its files, which may lie there already, after an interruption; None if they are not known yet.
+
+    Raises:
+        BaselineError: it is a folder of this machine, a release lies there, or other files do.
+        ObjectStoreError: nothing answers there, or nothing can be written.
+    """
+    if "://" not in address:
+        raise BaselineError(f"{address} is not an address: expected one such as s3://bucket/mine-1.0")
+    target = Store.open(address)
+    target.check_access()
+    if target.holds(BASELINE_FILE):
+        raise BaselineError(
+            f"{address} exists: a release is never overwritten; choose another name or address"
+        )
+    others = set(target.files()) - set(paths) - FOREIGN_FILES if paths is not None else ()
+    if others:
+        raise BaselineError(
+            f"{address} holds {len(others)} files of something else, such as {min(others)}: choose another"
+        )
+
+
+def _refuse_damage(place: str | Path, remedy: str) -> None:
+    problems = verify(place).problems
+    if problems:
+        raise BaselineError(f"{place} is not as it was packed: {problems[0]}; {remedy}")

@@ -9,11 +9,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from analysis.claims.sources import PaperSource, RootSource
+from analysis.claims.judging import PaperSource, RootSource
 from analysis.data.frames import Frames
 from analysis.statistics import SIGNIFICANCE, Description, holm, welch_from_statistics
 from tma_ray.benchmark import MATRICES
-from tma_ray.benchmark.statements import Reading
+from tma_ray.benchmark.claims import Reading
 from tma_ray.tasks import KnowledgeLevel
 
 FEWEST = 3

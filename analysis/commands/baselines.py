@@ -7,8 +7,7 @@ from pathlib import Path
 from rich.console import Console
 from rich.table import Table
 
-from analysis.baselines.catalogue import SHIPPED, Baseline, baselines
-from analysis.baselines.manifest import BaselineManifest
+from analysis.baselines.catalogue import SHIPPED, Baseline, BaselineManifest, baselines
 from analysis.baselines.verification import verify
 from tma_ray.terminal import terminal
 

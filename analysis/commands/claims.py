@@ -7,10 +7,9 @@ from collections.abc import Sequence
 from rich.console import Console
 from rich.text import Text
 
-from analysis.baselines.sources import Sources, read
-from analysis.claims.judging import Verdict
-from analysis.claims.sources import root_verdicts
-from analysis.statistics.verdicts import Standing
+from analysis.baselines.catalogue import Sources, read
+from analysis.claims.judging import Verdict, root_verdicts
+from analysis.statistics.samples import Standing
 from tma_ray.terminal import terminal
 
 STYLES = {

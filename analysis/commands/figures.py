@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from pathlib import Path
 
-from analysis.baselines.sources import Sources, published, read
+from analysis.baselines.catalogue import Sources, published, read
 from analysis.comparisons.measured import measure
 from analysis.figures.paper_figures import Drawing, drawings, published_drawings
 from analysis.figures.style import Vector, save

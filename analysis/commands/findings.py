@@ -8,11 +8,10 @@ from collections.abc import Iterable, Sequence
 from analysis.baselines import BaselineKind, baselines, find_baseline
 from analysis.baselines.catalogue import Baseline
 from analysis.claims.agreement import Agreement, agreements
-from analysis.claims.judging import Verdict
-from analysis.claims.sources import root_verdicts
+from analysis.claims.judging import Verdict, root_verdicts
 from analysis.formatting import amount, number
 from analysis.names import challenge_title
-from analysis.statistics.verdicts import MARGIN, Standing
+from analysis.statistics.samples import MARGIN, Standing
 from tma_ray.results import CHIPMUNK
 
 TAU = (

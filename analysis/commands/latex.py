@@ -6,7 +6,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
 
-from analysis.baselines.sources import Sources
+from analysis.baselines.catalogue import Sources
 from analysis.commands.figures import write_figures
 from analysis.commands.tables import write_tables
 from analysis.tables.table import TableFormat

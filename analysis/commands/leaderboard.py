@@ -9,10 +9,9 @@ from rich.console import Console
 from rich.table import Table
 
 from analysis.baselines import BaselineError, BaselineKind, as_baseline, baselines
-from analysis.baselines.catalogue import Baseline
-from analysis.baselines.sources import read
-from analysis.comparisons.few_seeds import caveat
-from analysis.comparisons.leaderboard import Entry, Leaderboard, leaderboards
+from analysis.baselines.catalogue import Baseline, read
+from analysis.comparisons.boards import Entry, Leaderboard, leaderboards
+from analysis.comparisons.sentences import caveat
 from analysis.formatting import estimate, number
 from analysis.measures.evaluations import ceilings_in_words
 from analysis.measures.tested import MEASURE, QUANTITIES, how_tested

@@ -10,13 +10,12 @@ import pandas as pd
 from rich.console import Console, JustifyMethod
 from rich.table import Table
 
-from analysis.baselines.sources import Sources, own_teachers, read
-from analysis.comparisons.overall import BLOCK, THRESHOLDS, headlines, interval, overall, place_of
-from analysis.comparisons.ranking import places, ranked, sentences
+from analysis.baselines.catalogue import Sources, own_teachers, read
+from analysis.comparisons.boards import BLOCK, THRESHOLDS, headlines, interval, overall, place_of
+from analysis.comparisons.sentences import places, ranked, sentences
 from analysis.data.reference import NO_BASELINE, is_baseline
 from analysis.formatting import ends, number, p_value, plus_minus
-from analysis.measures.conditions import varying
-from analysis.measures.student_pools import runs_after
+from analysis.measures.pooling import runs_after, varying
 from analysis.measures.tested import MEASURE, MEASURES, how_tested
 from analysis.names import label, mark_of, own_first
 from tma_ray.terminal import terminal

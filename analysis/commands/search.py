@@ -9,10 +9,9 @@ import pandas as pd
 from rich.console import Console
 from rich.table import Table
 
-from analysis.baselines.sources import Sources, read
+from analysis.baselines.catalogue import Sources, read
 from analysis.formatting import p_value, plus_minus
-from analysis.measures.evaluations import final_evaluations
-from analysis.measures.searches import search_results
+from analysis.measures.evaluations import final_evaluations, search_results
 from analysis.names import label
 from analysis.statistics import welch
 from tma_ray.terminal import terminal

@@ -6,9 +6,9 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
-from analysis.baselines.sources import Sources, published, read
+from analysis.baselines.catalogue import Sources, published, read
 from analysis.data.frames import Frames
-from analysis.measures.searches import search_results
+from analysis.measures.evaluations import search_results
 from analysis.tables.paper_tables import (
     hyperparameters,
     knowledge_needs,

@@ -8,19 +8,19 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from analysis.comparisons.pairwise import nobody, pairs_of
-from analysis.data.arguments import check_measure
-from analysis.measures.conditions import CONDITIONS
-from analysis.measures.pooling import COMPARED, PARTS, POOLED
-from analysis.measures.shared_students import (
+from analysis.comparisons.frame import nobody, pairs_of
+from analysis.data.tables import check_measure
+from analysis.measures.pooling import COMPARED, CONDITIONS, PARTS, POOLED
+from analysis.measures.tested import (
+    MEASURES,
     Seeds,
     are_paired,
     compared_over_strata,
     in_common,
     mean_over_strata,
+    scale_of,
     seeds_to_pair,
 )
-from analysis.measures.tested import MEASURES, scale_of
 from analysis.statistics import Comparison, holm, percent_interval
 from analysis.statistics.estimates import (
     Estimate,

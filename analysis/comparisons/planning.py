@@ -14,8 +14,7 @@ from analysis.baselines.catalogue import find_baseline
 from analysis.comparisons.aggregates import stratified_differences
 from analysis.data.reference import BASELINE
 from analysis.formatting import number
-from analysis.measures.pooling import pooled
-from analysis.measures.student_pools import runs_after
+from analysis.measures.pooling import pooled, runs_after
 from analysis.measures.tested import MEASURE
 from analysis.names import label
 from analysis.statistics import SIGNIFICANCE, Comparison, Description, Method

@@ -10,21 +10,25 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from analysis.baselines.catalogue import as_baseline
-from analysis.baselines.sources import published, read
-from analysis.comparisons.few_seeds import in_brief
-from analysis.comparisons.pairwise import pairwise
-from analysis.data.frames import Frames
+from analysis.baselines.catalogue import as_baseline, published, read
+from analysis.comparisons.frame import pairwise
+from analysis.comparisons.sentences import in_brief
+from analysis.data.frames import Frames, joined
 from analysis.data.identity import NAMED, named_apart
-from analysis.data.joining import joined
 from analysis.data.reference import is_baseline
 from analysis.formatting import amount, listed
-from analysis.measures.conditions import CONDITIONS, condition_words, varying
-from analysis.measures.pooling import COMPARED, POOLED, pooled
+from analysis.measures.pooling import (
+    COMPARED,
+    CONDITIONS,
+    POOLED,
+    condition_words,
+    parts_of,
+    pooled,
+    result_runs,
+    varying,
+)
 from analysis.measures.run_measures import evaluations_at, run_measures
-from analysis.measures.student_pools import result_runs
 from analysis.measures.tested import MEASURE
-from analysis.measures.variants import parts_of
 from analysis.names import label
 from analysis.statistics import SIGNIFICANCE, holm
 from tma_ray.benchmark import MATRICES, TEACHERS

@@ -4,13 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
 from analysis.data.frames import Frames
+from analysis.data.identity import parsed
+from analysis.data.tables import check_columns
 from tma_ray.commands.arguments import check_kind
 from tma_ray.results import Table
 from tma_ray.tasks import MASTERY_RETURN
@@ -145,3 +147,25 @@ def curricula_of_runs(frames: Frames, runs: Sequence[pd.Series]) -> list[Curricu
         )
         for run in runs
     ]
+
+
+class Axis(NamedTuple):
+    """One dimension of the task space: how it is called, with its unit, and its bounds."""
+
+    name: str
+    low: float
+    high: float
+
+
+def task_axes(cells: pd.DataFrame) -> tuple[Axis, ...]:
+    """Returns the dimensions that teachers choose from in the runs of `cells`; none where it is unknown."""
+    check_columns("cells", cells, ["spec"])
+    for spec in cells["spec"].dropna():
+        return tuple(_axis(dimension) for dimension in parsed(spec).get("task_space", []))
+    return ()
+
+
+def _axis(dimension: dict[str, Any]) -> Axis:
+    name = str(dimension["name"]).replace("_", " ").capitalize()
+    unit = f" ({dimension['unit']})" if dimension.get("unit") else ""
+    return Axis(name + unit, float(dimension["low"]), float(dimension["high"]))

@@ -22,10 +22,17 @@ from matplotlib.patches import Ellipse, Rectangle
 from numpy.typing import NDArray
 from PIL import Image
 
-from analysis.comparisons.examples import in_whose_space, which_runs
-from analysis.comparisons.measured import Measured
-from analysis.data.curricula import PANELS, Curriculum, boxes_of, gaussians_of, moments, return_range
-from analysis.data.task_axes import Axis, task_axes
+from analysis.comparisons.measured import Measured, in_whose_space, which_runs
+from analysis.data.curricula import (
+    PANELS,
+    Axis,
+    Curriculum,
+    boxes_of,
+    gaussians_of,
+    moments,
+    return_range,
+    task_axes,
+)
 from analysis.figures.elements import frame, label_plane, remark, share_step_label, step_axis
 from analysis.figures.style import TWO_COLUMNS, Picture, styled
 from analysis.formatting import amount

@@ -15,7 +15,7 @@ from matplotlib.layout_engine import ConstrainedLayoutEngine
 from matplotlib.lines import Line2D
 from matplotlib.transforms import ScaledTranslation
 
-from analysis.comparisons.pairwise import pairwise
+from analysis.comparisons.frame import pairwise
 from analysis.data.reference import BASELINE, is_baseline
 from analysis.figures.elements import (
     LEAST_PERCENT,
@@ -37,8 +37,7 @@ from analysis.figures.elements import (
 from analysis.figures.style import ONE_COLUMN, TWO_COLUMNS, styled
 from analysis.formatting import amount
 from analysis.looks import INK, MUTED, look
-from analysis.measures.pooling import COMPARED, pooled
-from analysis.measures.variants import PLUS
+from analysis.measures.pooling import COMPARED, PLUS, pooled
 from analysis.names import label, order, short_labels, teacher_order, title
 from tma_ray.tasks import KnowledgeLevel
 

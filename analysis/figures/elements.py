@@ -14,7 +14,7 @@ from matplotlib.legend import Legend
 from matplotlib.lines import Line2D
 from matplotlib.ticker import FuncFormatter, MaxNLocator
 
-from analysis.data.task_axes import Axis
+from analysis.data.curricula import Axis
 from analysis.looks import INK, MUTED, Look, look
 from analysis.names import order, short_labels, teacher_order, title
 from analysis.statistics import SIGNIFICANCE

@@ -12,14 +12,11 @@ from functools import partial
 import pandas as pd
 from matplotlib.figure import Figure
 
-from analysis.comparisons.examples import curricula_of, examples_of
-from analysis.comparisons.measured import Measured
-from analysis.comparisons.pairwise import pairwise
-from analysis.comparisons.pairwise_statistics import pairwise_from_statistics
-from analysis.data.curricula import curriculum_of
+from analysis.comparisons.frame import pairwise, pairwise_from_statistics
+from analysis.comparisons.measured import Measured, curricula_of, examples_of
+from analysis.data.curricula import Axis, curriculum_of, task_axes
 from analysis.data.frames import COMPARISON, Frames
 from analysis.data.reference import BASELINE, is_baseline
-from analysis.data.task_axes import Axis, task_axes
 from analysis.figures import (
     CurvePanel,
     Shot,
@@ -35,12 +32,9 @@ from analysis.figures import (
 )
 from analysis.figures.curricula import curriculum_strip
 from analysis.figures.radars import radar
-from analysis.measures.conditions import by_conditions
 from analysis.measures.evaluations import mastered_tasks
-from analysis.measures.pooling import COMPARED, pooled
+from analysis.measures.pooling import COMPARED, PLUS, by_conditions, pooled, result_runs
 from analysis.measures.run_measures import evaluations_at, run_measures, training_returns_at
-from analysis.measures.student_pools import result_runs
-from analysis.measures.variants import PLUS
 from analysis.names import short_labels, title
 
 MEASURE = "mastered_percent"

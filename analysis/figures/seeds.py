@@ -9,7 +9,7 @@ from matplotlib.cm import ScalarMappable
 from matplotlib.figure import Figure
 from matplotlib.ticker import PercentFormatter
 
-from analysis.data.task_axes import Axis
+from analysis.data.curricula import Axis
 from analysis.figures.elements import LEAST_PERCENT, draw_line, percent_axis, step_axis
 from analysis.figures.style import styled
 from analysis.formatting import amount

@@ -10,7 +10,7 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from analysis.data.frames import Frames
-from analysis.data.specs import parsed
+from analysis.data.identity import parsed
 from tma_ray.commands.arguments import check_kind, check_names
 from tma_ray.commands.quantities import STEP
 from tma_ray.tasks import Dimension, Task, TaskSpace

@@ -1,22 +1,133 @@
-"""Pools of runs that make up one result: all seeds of a teacher, over a challenge's bodies and students."""
+"""Pools of runs that make up one result, and the conditions that keep results apart."""
 
 from __future__ import annotations
 
 import itertools
+import re
 from collections import Counter
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import replace
+from functools import cache
 
 import pandas as pd
 
-from analysis.data.arguments import check_measure
-from analysis.data.frames import STATUSES
+from analysis.data.frames import STATUSES, Frames, computed_once
+from analysis.data.identity import of_searches
 from analysis.data.reference import baseline_runs
-from analysis.data.texts import with_plain_texts
-from analysis.measures.run_measures import NOT_FINITE
-from analysis.measures.variants import PLUS, shipped_together, variants
+from analysis.data.tables import check_measure, with_plain_texts
+from analysis.formatting import amount
+from analysis.measures.run_measures import NOT_FINITE, run_measures
 from analysis.statistics import describe
-from tma_ray.benchmark import MATRICES, Matrix
+from tma_ray.benchmark import MATRICES, Matrix, challenges_of
 from tma_ray.commands.arguments import check_names
+from tma_ray.part_names import base_name, split_name
+from tma_ray.results import BOX2D, BOX2D_TEST_SET, CHIPMUNK, SIMULATED
+
+CONDITIONS = ["steps", "engine", "physics_version", "mastery_threshold", "variant"]
+"""Columns of pools that results must have in common to be counted, drawn or aggregated together."""
+
+NOT_BEGUN = "not begun"
+
+
+def varying(table: pd.DataFrame, columns: Sequence[str] = CONDITIONS) -> list[str]:
+    """Returns those of `columns` that have several values in `table`."""
+    return [column for column in columns if table[column].nunique(dropna=False) > 1]
+
+
+def condition_words(row: pd.Series, columns: Sequence[str] = CONDITIONS) -> list[str]:
+    """Returns the conditions of a result in words, those in `columns`; nothing of the paper's own variant."""
+    said = []
+    for column in columns:
+        value = row[column]
+        if column in {"variant", "engine"}:
+            said += [str(value)] if value else []
+        elif pd.isna(value):
+            said.append(NOT_BEGUN)
+        elif column == "steps":
+            said.append(f"{amount(value)} steps")
+        elif column == "mastery_threshold":
+            said.append(f"mastered over {value:g}")
+        else:
+            said.append(f"{column.replace('_', ' ')} {value:g}")
+    return list(dict.fromkeys(said))
+
+
+def by_conditions(runs: pd.DataFrame) -> Iterator[tuple[str, pd.DataFrame]]:
+    """Yields the runs of each set of conditions, and a tag for names of files; the most runs first.
+
+    Args:
+        runs: rows of `pooling.pool_runs`; runs that have not begun, of no budget yet, belong to none.
+    """
+    begun = runs[runs["steps"].notna()]
+    told = varying(begun)
+    groups = [rows for _, rows in begun.groupby(CONDITIONS, dropna=False, sort=True)]
+    for rows in sorted(groups, key=lambda rows: -rows["run_id"].nunique()):
+        first = rows.iloc[0]
+        words = [str(int(first[c])) if c == "steps" else "".join(condition_words(first, [c])) for c in told]
+        yield "-".join(_plain(word) for word in words if word), rows
+
+
+def _plain(text: str) -> str:
+    return re.sub(r"[^0-9A-Za-z]+", "-", text.lower()).strip("-")
+
+
+PLUS = " + "
+
+BIPEDAL, RELEASED_BIPEDAL = "classic_bipedal", "old_classic_bipedal"
+"""The bipedal of the paper, and the body that the original release ran in its place."""
+
+USUAL_STUDENT = "sac"
+"""The student of challenges that the benchmark does not have."""
+
+
+def parts_of(pool: str) -> list[tuple[str, str]]:
+    """Returns body and student of each part of a pool, as its label names them."""
+    return [(body, student) for body, _, student in (part.rpartition("/") for part in pool.split(PLUS))]
+
+
+def shipped_together(environments: Iterable[str]) -> dict[tuple[str, str, str], tuple[str, ...]]:
+    """Returns by engine, environment and challenge the test sets that count as one, one per type of body."""
+    return {
+        (engine, environment, name): tuple(
+            sorted(f"{before}{each}" for each in {challenge.test_set, *challenge.other_test_sets.values()})
+        )
+        for engine, before in ((CHIPMUNK, ""), (BOX2D, BOX2D_TEST_SET))
+        for environment in environments
+        for name, challenge in challenges_of(environment).items()
+    }
+
+
+def variants(rows: pd.DataFrame) -> list[str]:
+    """Returns how the pool of each row differs from the paper's, in words; empty where it does not.
+
+    Results of one variant have one pool a challenge, so that aggregates over challenges count each once.
+
+    Args:
+        rows: with engine, environment, challenge, pool and test_sets, as in `pooling.pool_runs`.
+    """
+    columns = ["engine", "environment", "challenge", "pool", "test_sets"]
+    return [_variant(*key) for key in rows[columns].itertuples(index=False, name=None)]
+
+
+@cache
+def _variant(engine: str, environment: str, challenge: str, pool: str, test_sets: object) -> str:
+    place = base_name(environment), base_name(challenge)
+    settings = split_name(environment)[1] | split_name(challenge)[1]
+    bodies = {BIPEDAL if engine == BOX2D and body == RELEASED_BIPEDAL else body for body, _ in parts_of(pool)}
+    students = {student for _, student in parts_of(pool)}
+    alike = [matrix for matrix in MATRICES if (matrix.environment, matrix.challenge) == place]
+    words = [f"{key}={value}" for key, value in settings.items()]
+    if engine == SIMULATED:  # whose body, student and test tasks are all of its own
+        return "; ".join([*words, "simulated students"])
+    if bodies != {body for matrix in alike for body in matrix.embodiments} and alike:
+        words.append(", ".join(sorted(bodies)))
+    if students != ({student for matrix in alike for student in matrix.students} or {USUAL_STUDENT}):
+        words.append(", ".join(sorted(students)))
+    shipped = shipped_together([place[0]]).get((engine, *place), ())
+    if alike and isinstance(test_sets, str) and test_sets != PLUS.join(shipped):
+        words.append(f"test set {test_sets}")
+    return "; ".join(words)
+
 
 SETTINGS = ["steps", "test_sets", "engine", "physics_version", "mastery_threshold"]
 """What runs must have in common besides, for their numbers to mean the same."""
@@ -221,3 +332,94 @@ def _expected(rows: pd.DataFrame, by: Sequence[str]) -> set[str]:
             name = end.format(rows[column].iloc[0])
             expected = {label for label in expected if f"{label}/".startswith(name) or label.endswith(name)}
     return expected
+
+
+RELEASED_MATRICES = tuple(
+    replace(
+        matrix,
+        embodiments=tuple(RELEASED_BIPEDAL if body == BIPEDAL else body for body in matrix.embodiments),
+    )
+    for matrix in MATRICES
+)
+"""The paper's matrices with the bodies that the original release ran."""
+
+
+def runs_after(frames: Frames, share: float = 1.0, *, training: bool = True) -> pd.DataFrame:
+    """Returns `result_runs` after a share of the budget of each run; 1 for the ends of runs.
+
+    Args:
+        frames: what was run.
+        share: of each run's own budget.
+        training: of `run_measures`.
+    """
+    return _runs_after(frames, share, training)
+
+
+@computed_once
+def _runs_after(frames: Frames, share: float, training: bool) -> pd.DataFrame:
+    return result_runs(frames, run_measures(frames, share=share, training=training))
+
+
+def result_runs(frames: Frames, values: pd.DataFrame) -> pd.DataFrame:
+    """Returns all runs that count as results, in the pools they belong to, with Random at every level.
+
+    Where only students run that the paper does not have there, such as PPO everywhere, these are the pool.
+    One rule for all readers.
+
+    Args:
+        frames: what was run.
+        values: measures by run_id, as from `run_measures` or `evaluations_at`.
+
+    Returns:
+        Of `pooling.pool_runs`.
+    """
+    return with_values(_members(frames), values)
+
+
+@computed_once
+def _members(frames: Frames) -> pd.DataFrame:
+    """Returns which runs are results of which pools: the same whatever is measured of them, and when."""
+    groups = by_students(without_searches(frames.cells))
+    parts = [pool_members(chosen, matrices) for _, matrices, chosen in groups]
+    members = pd.concat(parts, ignore_index=True).drop_duplicates([*POOLED, "run_id"])
+    return reuse_random(members.reset_index(drop=True))
+
+
+def without_searches(cells: pd.DataFrame) -> pd.DataFrame:
+    """Returns `cells` without points of searches for hyper-parameters."""
+    return cells[~of_searches(cells["experiment"])]
+
+
+def by_students(cells: pd.DataFrame) -> Iterator[tuple[str, tuple[Matrix, ...], pd.DataFrame]]:
+    """Yields the paper's students together, then each other one alone, with the matrices to pool by.
+
+    Results of the original release, whose bipedal is another one, stand apart from others in the same root.
+    """
+    imported = (cells["engine"] == BOX2D).to_numpy(bool)
+    if not (imported & (cells["embodiment"] == RELEASED_BIPEDAL).to_numpy(bool)).any():
+        yield from _by_students(cells, MATRICES)
+        return
+    if not imported.all():
+        yield from _by_students(cells[~imported], MATRICES)
+    for name, matrices, chosen in _by_students(cells[imported], RELEASED_MATRICES):
+        apart = "" if imported.all() else _file_name(BOX2D)
+        yield "-".join(tag for tag in (name, apart) if tag), matrices, chosen
+
+
+def _by_students(
+    cells: pd.DataFrame, matrices: tuple[Matrix, ...]
+) -> Iterator[tuple[str, tuple[Matrix, ...], pd.DataFrame]]:
+    theirs = {(m.environment, m.challenge): m.students for m in MATRICES}
+    places = zip(cells["environment"], cells["challenge"], cells["student"], strict=True)
+    other = {
+        student for *place, student in places if student not in theirs.get((place[0], place[1]), (student,))
+    }
+    if not set(cells["student"]) or set(cells["student"]) - other:
+        yield "", matrices, cells
+    for student in sorted(other):
+        alone = tuple(replace(matrix, students=(student,)) for matrix in matrices)
+        yield _file_name(student), alone, cells[cells["student"] == student]
+
+
+def _file_name(text: str) -> str:
+    return "".join(character if character.isalnum() else "-" for character in text.lower()).strip("-")

@@ -9,7 +9,7 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from analysis.data.frames import Frames, computed_once
-from analysis.measures.training import training_curves
+from analysis.measures.evaluations import training_curves
 from tma_ray.commands.arguments import check_names
 from tma_ray.commands.quantities import SHARE, STEP
 

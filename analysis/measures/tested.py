@@ -1,8 +1,15 @@
-"""Measures that teachers are ranked by and tested on, in per cent of the test tasks."""
+"""Measures that teachers are compared by, and their tests: scale, and pairs of runs that share a student."""
 
 from __future__ import annotations
 
-from analysis.statistics import Scale
+from collections.abc import Hashable, Mapping, Sequence
+from typing import Final, TypeAlias
+
+import pandas as pd
+
+from analysis.statistics import Comparison, Scale, paired, paired_strata, stratified, tested_on, welch
+from analysis.statistics.tests import seed_means
+from tma_ray.results import SIMULATED
 
 MEASURE = "mastered_percent"
 """The paper's: test tasks mastered at the last evaluation."""
@@ -40,3 +47,92 @@ def how_tested(measure: str, family: str) -> str:
         f"Tested {scale}; Holm's correction covers {family}, so that a verdict can change when a teacher is "
         f"added."
     )
+
+
+SHARED: Final = frozenset({SIMULATED})
+"""Engines on which all runs of a seed, on every challenge, train a student with the same pace of learning.
+
+There the rule of `statistics.pairing.pairing_helps` asks for pairs; on all others it does not
+(`docs/statistics.md`).
+"""
+
+Seeds: TypeAlias = Mapping[Hashable, Hashable]
+"""Seeds of runs by id, of those that are paired; runs that it lacks are independent of all others."""
+
+
+def seeds_to_pair(*tables: pd.DataFrame) -> Seeds:
+    """Returns the seeds of the runs that are to be paired by them.
+
+    Args:
+        tables: with engine, seed and run_id.
+    """
+    seeds: dict[Hashable, Hashable] = {}
+    for table in tables:
+        rows = table[table["engine"].isin(SHARED)]
+        seeds |= dict(zip(rows["run_id"].astype(object), rows["seed"], strict=True))
+    return seeds
+
+
+def compared(
+    sample: pd.Series, reference: pd.Series, seeds: Seeds, scale: Scale = Scale.PERCENT
+) -> Comparison:
+    """Compares the means of two samples, by pairs if all of their runs are in `seeds`, else by Welch's test.
+
+    Args:
+        sample: one value a run, indexed by run id.
+        reference: the same of the other group.
+        seeds: of `seeds_to_pair`.
+        scale: scale on which the means are tested, of `tested.scale_of`; the difference is of the values.
+    """
+    if scale is not Scale.PERCENT:
+        scaled = compared(scale.of(sample), scale.of(reference), seeds)
+        return tested_on(scaled, compared(sample, reference, seeds))
+    if are_paired([sample, reference], seeds):
+        return paired_strata([(sample, reference)], [1.0], seeds)
+    return welch(sample, reference)
+
+
+def compared_over_strata(
+    pairs: Sequence[tuple[pd.Series, pd.Series]],
+    weights: Sequence[float],
+    seeds: Seeds,
+    scale: Scale = Scale.PERCENT,
+) -> Comparison:
+    """Compares the means of two groups over strata, as `compared` does; arguments as of `stratified`."""
+    if scale is not Scale.PERCENT:
+        scaled = [(scale.of(first), scale.of(second)) for first, second in pairs]
+        return tested_on(
+            compared_over_strata(scaled, weights, seeds), compared_over_strata(pairs, weights, seeds)
+        )
+    if are_paired([sample for pair in pairs for sample in pair], seeds):
+        return paired_strata(pairs, weights, seeds)
+    return stratified(pairs, weights)
+
+
+def mean_over_strata(samples: Sequence[pd.Series], weights: Sequence[float], seeds: Seeds) -> Comparison:
+    """Returns the weighted mean of the strata's means, and its interval, as the difference from 0.
+
+    Args:
+        samples: of each stratum, one value a run, indexed by run id.
+        weights: of the strata; they need not add up to 1.
+        seeds: of `seeds_to_pair`; where they are paired, the mean is that of seeds that all strata have.
+    """
+    if are_paired(samples, seeds):
+        means = seed_means(samples, weights, seeds)
+        return paired(means, 0.0 * means)
+    zero = pd.Series([0.0, 0.0], index=["first zero", "second zero"])
+    return stratified([(sample, zero) for sample in samples], weights)
+
+
+def in_common(first: pd.Series, second: pd.Series, seeds: Seeds) -> tuple[pd.Series, pd.Series]:
+    """Returns the values of both samples whose seeds both have, if they are paired; else all of them."""
+    if not are_paired([first, second], seeds):
+        return first, second
+    mine, theirs = (sample.index.map(seeds) for sample in (first, second))
+    return first[mine.isin(theirs)], second[theirs.isin(mine)]
+
+
+def are_paired(samples: Sequence[pd.Series], seeds: Seeds) -> bool:
+    """Tells whether all runs of some samples, at least one, are among `seeds`."""
+    runs = [run for sample in samples for run in sample.index] if seeds else []
+    return bool(runs) and all(run in seeds for run in runs)

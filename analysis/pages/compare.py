@@ -13,15 +13,13 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from analysis.baselines.sources import Sources, places_of, read
-from analysis.claims.sources import decided, root_verdicts
-from analysis.comparisons.few_seeds import caveat
-from analysis.comparisons.overall import headlines
-from analysis.comparisons.pairwise import pairwise
-from analysis.comparisons.pairwise_statistics import pairwise_from_statistics
+from analysis.baselines.catalogue import Sources, places_of, read
+from analysis.claims.judging import decided, root_verdicts
+from analysis.comparisons.boards import headlines, ranks
+from analysis.comparisons.frame import pairwise, pairwise_from_statistics
 from analysis.comparisons.planning import plans_against_random
-from analysis.comparisons.ranking import places as titles_of
-from analysis.comparisons.ranks import ranks
+from analysis.comparisons.sentences import caveat
+from analysis.comparisons.sentences import places as titles_of
 from analysis.comparisons.sides import (
     PLACE,
     Side,
@@ -37,16 +35,14 @@ from analysis.comparisons.sides import (
     together,
 )
 from analysis.data.frames import Frames
-from analysis.data.published import PAPER
+from analysis.data.reference import PAPER
 from analysis.figures.radars import radar
 from analysis.figures.style import Picture
 from analysis.formatting import ends, listed, number, p_value, plus_minus
 from analysis.looks import look, shown_together
 from analysis.measures.evaluations import aggregate
-from analysis.measures.pooling import COMPARED, SETTINGS, pooled
-from analysis.measures.student_pools import by_students
+from analysis.measures.pooling import COMPARED, SETTINGS, by_students, parts_of, pooled
 from analysis.measures.tested import MEASURE, QUANTITIES, how_tested
-from analysis.measures.variants import parts_of
 from analysis.names import label, mark_of, marked_label, own_first, teacher_order
 from analysis.pages.charts import END, Chart, curve_chart, overview_chart, seeds_chart
 from analysis.pages.page import (

@@ -13,8 +13,8 @@ from typing import Any
 import pandas as pd
 from jinja2 import Environment, PackageLoader, StrictUndefined
 
-from analysis.comparisons.few_seeds import caveat
-from analysis.comparisons.overall import THRESHOLDS, overall_rows, performance_profiles
+from analysis.comparisons.boards import THRESHOLDS, overall_rows, performance_profiles
+from analysis.comparisons.sentences import caveat
 from analysis.data.reference import is_baseline
 from analysis.formatting import amount
 from analysis.looks import look

@@ -11,17 +11,17 @@ from typing import Any
 
 import pandas as pd
 
-from analysis.baselines.sources import Sources, places_of, read
-from analysis.claims.sources import decided, root_verdicts
-from analysis.comparisons.findings import MASTERED
+from analysis.baselines.catalogue import Sources, places_of, read
+from analysis.claims.judging import decided, root_verdicts
 from analysis.comparisons.measured import TESTED, Measured, measure
+from analysis.comparisons.sentences import MASTERED
 from analysis.data.frames import COMPARISON, GROUP, STATUSES, Frames
-from analysis.data.specs import parsed
+from analysis.data.identity import parsed
 from analysis.formatting import amount, duration, number
 from analysis.looks import shown_together
 from analysis.measures.evaluations import aggregate, ceilings_in_words, mastered_tasks
+from analysis.measures.pooling import runs_after
 from analysis.measures.run_measures import run_measures
-from analysis.measures.student_pools import runs_after
 from analysis.measures.tested import how_tested
 from analysis.names import label, teacher_order
 from analysis.pages.page import controls, leading, overall_section, page, page_folder, write_page

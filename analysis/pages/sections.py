@@ -9,21 +9,17 @@ from typing import Any
 
 import pandas as pd
 
-from analysis.comparisons.against_random import along_baseline, reference_of
-from analysis.comparisons.examples import curricula_of, in_whose_space, which_runs
-from analysis.comparisons.few_seeds import caveat
-from analysis.comparisons.findings import MASTERED, findings, verdict
-from analysis.comparisons.measured import Measured
-from analysis.data.curricula import Curriculum
+from analysis.comparisons.frame import along_baseline, reference_of
+from analysis.comparisons.measured import Measured, curricula_of, in_whose_space, which_runs
+from analysis.comparisons.sentences import MASTERED, caveat, findings, verdict
+from analysis.data.curricula import Curriculum, task_axes
 from analysis.data.frames import GROUP, Frames
 from analysis.data.reference import is_baseline
-from analysis.data.task_axes import task_axes
 from analysis.figures.curricula import curriculum_pictures
 from analysis.figures.style import Picture
 from analysis.formatting import amount, ends, listed, number, p_value, plus_minus
 from analysis.looks import look
-from analysis.measures.evaluations import aggregate, mastered_tasks
-from analysis.measures.training import RECENT
+from analysis.measures.evaluations import RECENT, aggregate, mastered_tasks
 from analysis.names import challenge_title, label, teacher_order
 from analysis.pages.charts import (
     END,

@@ -1,25 +1,26 @@
 """Tests, intervals, corrections and power: one function for each question, over arrays and series."""
 
-from analysis.statistics.comparisons import (
-    Comparison,
-    Method,
-    Scale,
-    standard_error_of_difference,
-    stratified,
-    tested_on,
-    welch,
-    welch_from_statistics,
-)
-from analysis.statistics.corrections import holm
-from analysis.statistics.pairing import paired, paired_strata
 from analysis.statistics.samples import (
     CONFIDENCE,
     SIGNIFICANCE,
     Description,
     describe,
+    holm,
     mean_interval,
     mean_percent_interval,
     percent_interval,
+)
+from analysis.statistics.tests import (
+    Comparison,
+    Method,
+    Scale,
+    paired,
+    paired_strata,
+    standard_error_of_difference,
+    stratified,
+    tested_on,
+    welch,
+    welch_from_statistics,
 )
 
 __all__ = [

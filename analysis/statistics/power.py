@@ -9,8 +9,8 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
-from analysis.statistics.comparisons import Comparison, standard_error_of_difference
 from analysis.statistics.samples import CONFIDENCE, SIGNIFICANCE, Description
+from analysis.statistics.tests import Comparison, standard_error_of_difference
 
 POWER = 0.8
 """Probability of finding a difference that is there, by convention (Cohen, 1988)."""

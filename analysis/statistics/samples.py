@@ -1,9 +1,10 @@
-"""Samples of runs: number, mean, standard deviation, and the interval of the mean."""
+"""Samples of runs and intervals of their means, corrections for many tests, and verdicts by a margin."""
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from enum import StrEnum
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -95,3 +96,80 @@ def finite(values: ArrayLike) -> NDArray[np.float64]:
     if array.ndim != 1:
         raise ValueError(f"a sample of shape {array.shape}: expected (n,), one value a run")
     return array[np.isfinite(array)]
+
+
+def holm(p_values: ArrayLike) -> NDArray[np.float64]:
+    """Returns Holm's adjustment of `p_values` (n,) for testing n hypotheses at once; NaN stays NaN.
+
+    Raises:
+        ValueError: a value is outside [0, 1].
+    """
+    values = np.asarray(p_values, dtype=np.float64)
+    wrong = values[(values < 0) | (values > 1)]
+    if wrong.size:
+        raise ValueError(f"p = {wrong[0]:g}: expected values in [0, 1]")
+    adjusted = np.full(values.shape, np.nan)
+    order = np.argsort(values)[: np.isfinite(values).sum()]  # NaN sorts last
+    steps = values[order] * np.arange(order.size, 0, -1)
+    adjusted[order] = np.minimum(np.maximum.accumulate(steps), 1.0)
+    return adjusted
+
+
+MARGIN = 5.0
+"""Points of mastered tasks under which a difference does not matter."""
+
+
+class Standing(StrEnum):
+    """Standing of a statement beside results.
+
+    Attributes:
+        SUPPORTED: the interval leaves no doubt of it.
+        REFUTED: the interval leaves no doubt of its contrary.
+        UNDECIDED: the interval allows for both.
+        NO_DATA: complete results to hold it against are missing.
+    """
+
+    SUPPORTED = "supported"
+    REFUTED = "refuted"
+    UNDECIDED = "undecided"
+    NO_DATA = "no data"
+
+
+CONTRARY = {Standing.SUPPORTED: Standing.REFUTED, Standing.REFUTED: Standing.SUPPORTED}
+
+
+def contrary(standing: Standing) -> Standing:
+    """Returns the standing of a statement's negation."""
+    return CONTRARY.get(standing, standing)
+
+
+def greater(low: float, high: float, margin: float = MARGIN) -> Standing:
+    """Returns the standing of "the difference is over 0", by its interval.
+
+    Supported where the whole interval is over 0; else refuted where it is under `margin`, so that a
+    difference that matters is ruled out. An interval of NaN decides nothing.
+
+    Args:
+        low: lower end of the interval.
+        high: upper end of it.
+        margin: the smallest difference that matters.
+    """
+    if low > 0:
+        return Standing.SUPPORTED
+    return Standing.REFUTED if high < margin else Standing.UNDECIDED
+
+
+def equivalent(low: float, high: float, margin: float = MARGIN) -> Standing:
+    """Returns the standing of "the difference does not matter", by the interval of the difference.
+
+    Supported where the interval is within plus and minus `margin`; else refuted where it leaves out 0. An
+    interval of NaN decides nothing.
+
+    Args:
+        low: lower end of the interval.
+        high: upper end of it.
+        margin: the smallest difference that matters.
+    """
+    if -margin < low and high < margin:
+        return Standing.SUPPORTED
+    return Standing.REFUTED if low > 0 or high < 0 else Standing.UNDECIDED

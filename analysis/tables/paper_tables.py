@@ -9,13 +9,20 @@ from typing import Any
 import pandas as pd
 
 from analysis.data.frames import Frames
-from analysis.data.published import paper_frame
+from analysis.data.reference import paper_frame
 from analysis.formatting import amount
-from analysis.measures.pooling import pool_runs, pooled, reuse_random
+from analysis.measures.evaluations import POINTS
+from analysis.measures.pooling import (
+    PLUS,
+    by_students,
+    parts_of,
+    pool_runs,
+    pooled,
+    reuse_random,
+    shipped_together,
+    without_searches,
+)
 from analysis.measures.run_measures import run_measures
-from analysis.measures.searches import POINTS
-from analysis.measures.student_pools import by_students, without_searches
-from analysis.measures.variants import PLUS, parts_of, shipped_together
 from analysis.names import label, teacher_order
 from analysis.tables.table import Cell, Table, with_best
 from tma_ray.benchmark import (

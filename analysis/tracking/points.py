@@ -9,9 +9,8 @@ from typing import Final, Protocol
 import numpy as np
 import pandas as pd
 
-from analysis.data.evaluations import evaluation_measures
-from analysis.data.specs import mastery_threshold
-from analysis.data.texts import with_plain_texts
+from analysis.data.identity import mastery_threshold
+from analysis.data.tables import evaluation_measures, with_plain_texts
 from tma_ray.results import Manifest, Results, Table
 
 WATCH_SECONDS: Final = 10.0

@@ -15,9 +15,8 @@ import pandas as pd
 from PIL import Image
 
 from analysis.baselines import find_baseline
-from analysis.data.curricula import curricula_of_runs
+from analysis.data.curricula import curricula_of_runs, task_axes
 from analysis.data.frames import Frames
-from analysis.data.task_axes import task_axes
 from analysis.figures.curricula import MOST_SHOTS, REPORT_WIDTH, Shot, animation, film_strip
 from analysis.names import label, teacher_order
 from tma_ray.command_line import Parser

@@ -14,8 +14,8 @@ from pathlib import Path
 
 from analysis.baselines import BaselineFile, BaselineKind, BaselineManifest
 from analysis.baselines.card import CARD_FILE, card, holdings
-from analysis.baselines.manifest import BASELINE_FILE
-from analysis.data.published import PAPER, PAPER_ENGINE, paper_frame
+from analysis.baselines.catalogue import BASELINE_FILE
+from analysis.data.reference import PAPER, PAPER_ENGINE, paper_frame
 from analysis.tables.paper_tables import published_table_results, result_tables
 from tma_ray.command_line import Parser
 from tma_ray.results import PUBLISHED_FILE, SCHEMA_VERSION, Store, write_published

@@ -8,8 +8,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from analysis.data.curricula import Curriculum
-from analysis.data.task_axes import Axis
+from analysis.data.curricula import Axis, Curriculum
 
 STEPS = 20_000_000
 PROBE_EVERY = 250_000

@@ -13,7 +13,7 @@ from analysis.comparisons.aggregates import (
     profiles,
     stratified_differences,
 )
-from analysis.comparisons.overall import headlines
+from analysis.comparisons.boards import headlines
 from analysis.data.reference import NO_BASELINE
 
 BODIES = {"classic_bipedal": [30, 50, 41, 38], "fish": [0, 60, 70, 1], "climbing_chimpanzee": [0, 1, 0, 0]}

@@ -13,7 +13,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from synthetic_curves import SKILL
 
-from analysis.comparisons.pairwise_statistics import pairwise_from_statistics
+from analysis.comparisons.frame import pairwise_from_statistics
 from analysis.figures import Whisker, bars_with_pairs
 from analysis.figures.bars import compact_letter_display, lanes
 from analysis.figures.style import png

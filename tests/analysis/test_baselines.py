@@ -19,7 +19,7 @@ from analysis.baselines.catalogue import PLACES_VARIABLE
 from analysis.commands.baselines import show_baselines, show_verification
 from analysis.commands.tables import write_tables
 from analysis.data.frames import Frames, load
-from analysis.data.published import paper_frame
+from analysis.data.reference import paper_frame
 from tma_ray.results import Lease, Results, ResultsRootError, Store, Table, compact
 
 TEACHERS = ("random", "alp_gmm", "<b>|mine")

@@ -11,8 +11,7 @@ import pandas as pd
 import pytest
 from drawn_charts import figure_of
 
-from analysis.data.curricula import Curriculum
-from analysis.data.task_axes import Axis
+from analysis.data.curricula import Axis, Curriculum
 from analysis.pages.charts import (
     END,
     Chart,

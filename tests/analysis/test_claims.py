@@ -8,16 +8,14 @@ import pytest
 from rich.console import Console
 from synthetic_results import SyntheticCampaign
 
-from analysis.claims.judging import Verdict, judge
-from analysis.claims.sources import PaperSource, RootSource
+from analysis.claims.judging import PaperSource, RootSource, Verdict, judge
 from analysis.commands.claims import show_claims
 from analysis.data.frames import load
 from analysis.formatting import number
 from analysis.pages.report import write_report
-from analysis.statistics.verdicts import Standing
+from analysis.statistics.samples import Standing
 from tma_ray.benchmark import MATRICES, TEACHERS, challenges_of, find_challenge
-from tma_ray.benchmark.claims import CLAIMS
-from tma_ray.benchmark.statements import Bounded, Claim, Compared, Ranked, Reading, Relation, Scaled
+from tma_ray.benchmark.claims import CLAIMS, Bounded, Claim, Compared, Ranked, Reading, Relation, Scaled
 from tma_ray.tasks import KnowledgeLevel
 
 LOW, HIGH = KnowledgeLevel.LOW, KnowledgeLevel.HIGH

@@ -11,18 +11,17 @@ import pytest
 from rich.console import Console
 from synthetic_results import SyntheticCampaign
 
-from analysis.claims.sources import RootSource
+from analysis.claims.judging import RootSource
 from analysis.commands.ranking import show_ranking
+from analysis.comparisons.boards import headlines, overall_rows
 from analysis.comparisons.measured import measure
-from analysis.comparisons.overall import headlines, overall_rows
-from analysis.comparisons.ranking import places, ranking, sentences
+from analysis.comparisons.sentences import places, ranking, sentences
 from analysis.comparisons.sides import duels, side_of, together
 from analysis.comparisons.sides import sentences as duel_sentences
 from analysis.data.frames import Frames, load
 from analysis.figures.paper_figures import drawings
-from analysis.measures.conditions import by_conditions
-from analysis.measures.student_pools import runs_after
-from tma_ray.benchmark.statements import Reading
+from analysis.measures.pooling import by_conditions, runs_after
+from tma_ray.benchmark.claims import Reading
 from tma_ray.tasks import KnowledgeLevel
 
 CHALLENGES = ("mostly_trivial", "mostly_unfeasible")

@@ -12,7 +12,7 @@ from matplotlib.axes import Axes
 from matplotlib.colors import to_hex
 from synthetic_curves import MILLION, curve_runs
 
-from analysis.comparisons.pairwise import pairwise
+from analysis.comparisons.frame import pairwise
 from analysis.figures import CurvePanel, curves_with_stars, pairwise_curves
 from analysis.figures.style import png
 from analysis.looks import look

@@ -5,8 +5,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from analysis.data.curricula import Axis
 from analysis.data.frames import GROUP
-from analysis.data.task_axes import Axis
 from analysis.figures import final_bars, learning_curve, mastery_map
 from analysis.figures.style import png
 from analysis.formatting import amount, duration, number, plus_minus

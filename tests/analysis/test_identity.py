@@ -15,7 +15,7 @@ from rich.console import Console
 from synthetic_results import SyntheticCampaign
 
 from analysis.commands.ranking import show_ranking
-from analysis.comparisons.ranking import ranking
+from analysis.comparisons.sentences import ranking
 from analysis.comparisons.sides import beside, named_jointly, side_of, together
 from analysis.data.frames import COMPARISON, load
 from analysis.data.identity import NAMED, identity, named_apart

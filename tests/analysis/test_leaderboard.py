@@ -14,11 +14,11 @@ from scipy import stats
 from synthetic_results import SyntheticCampaign
 
 from analysis.baselines import BaselineError, add_to_release, find_baseline, release
-from analysis.baselines.completeness import lacking
+from analysis.baselines.verification import lacking
 from analysis.claims.agreement import agreements, pairs_in_both, tau_interval, taus
 from analysis.commands.findings import findings
 from analysis.commands.leaderboard import markdown, show_leaderboards
-from analysis.comparisons.leaderboard import leaderboards
+from analysis.comparisons.boards import leaderboards
 from analysis.data.frames import Frames, load
 from analysis.names import label
 from analysis.statistics import Description, describe, percent_interval, welch_from_statistics

@@ -8,7 +8,7 @@ from synthetic_results import SyntheticCampaign
 from analysis.comparisons.measured import measure
 from analysis.data.frames import load
 from analysis.data.reference import NO_BASELINE
-from analysis.measures import evaluations, training
+from analysis.measures import evaluations
 
 
 @pytest.fixture
@@ -163,13 +163,13 @@ def test_training_returns_of_a_short_run_are_means_of_its_latest_episodes(tmp_pa
     run = campaign.run("random", 0)
     frames = load(tmp_path)
     episodes = frames.episode_returns([run])
-    curve = training.training_curves(frames).set_index("step")["training_return"]
+    curve = evaluations.training_curves(frames).set_index("step")["training_return"]
     assert list(curve.index) == list(range(1_000, 40_001, 1_000))
     assert curve[1_000] == pytest.approx(episodes["episodic_return"][0])
     assert curve[30_000] == pytest.approx(
         episodes[episodes["step"] <= 30_000]["episodic_return"][-20:].mean()
     )
-    quarters = training.training_quarters(frames).iloc[0]
+    quarters = evaluations.training_quarters(frames).iloc[0]
     end = episodes["step"].max()
     assert quarters["first_quarter"] == pytest.approx(
         episodes[episodes["step"] <= end / 4]["episodic_return"].mean()
@@ -182,7 +182,7 @@ def test_training_returns_of_a_short_run_are_means_of_its_latest_episodes(tmp_pa
 def test_the_training_curve_of_a_running_run_ends_with_its_last_episode(tmp_path: Path) -> None:
     campaign = SyntheticCampaign(tmp_path, steps=40_000, evaluation_every=20_000, episode_steps=700, grid=3)
     campaign.run("random", 0, "running", 0.5)
-    assert training.training_curves(load(tmp_path))["step"].max() == 19_000  # the last ended at 19,600
+    assert evaluations.training_curves(load(tmp_path))["step"].max() == 19_000  # the last ended at 19,600
 
 
 def test_training_returns_of_a_long_run_come_from_its_windows(tmp_path: Path) -> None:
@@ -191,7 +191,7 @@ def test_training_returns_of_a_long_run_come_from_its_windows(tmp_path: Path) ->
     )
     run = campaign.run("random", 0)
     frames = load(tmp_path)
-    curve = training.training_curves(frames)
+    curve = evaluations.training_curves(frames)
     assert list(curve["step"]) == list(range(500_000, 5_000_001, 500_000))
     windows = frames.training[frames.training["run_id"] == run]["mean_return"]
     np.testing.assert_array_equal(curve["training_return"], windows)

@@ -9,20 +9,19 @@ import pytest
 from rich.console import Console
 from synthetic_results import SyntheticCampaign
 
-from analysis.claims.sources import RootSource
+from analysis.claims.judging import RootSource
 from analysis.commands.claims import show_claims
 from analysis.commands.figures import write_figures
 from analysis.commands.ranking import show_ranking
 from analysis.commands.tables import write_tables
+from analysis.comparisons.frame import pairwise
 from analysis.comparisons.measured import measure
-from analysis.comparisons.pairwise import pairwise
 from analysis.data.frames import load
 from analysis.measures.evaluations import evaluation_curves, mastered_tasks
-from analysis.measures.pooling import pooled
+from analysis.measures.pooling import pooled, runs_after
 from analysis.measures.run_measures import NOT_FINITE, run_measures
-from analysis.measures.student_pools import runs_after
 from analysis.pages.report import write_report
-from tma_ray.benchmark.statements import Reading
+from tma_ray.benchmark.claims import Reading
 from tma_ray.tasks import KnowledgeLevel
 
 GOOD, STEPS = [300.0, 300.0, 0.0, 0.0], 1000

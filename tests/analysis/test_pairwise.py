@@ -8,7 +8,7 @@ from scipy import stats
 from synthetic_pools import cell, parkour, pool
 from synthetic_results import SyntheticCampaign
 
-from analysis.comparisons.pairwise import OTHER_PARTS, pairwise
+from analysis.comparisons.frame import OTHER_PARTS, pairwise
 from analysis.data.frames import load
 from analysis.data.reference import NO_BASELINE
 from analysis.measures.pooling import COMPARED, pool_runs, reuse_random

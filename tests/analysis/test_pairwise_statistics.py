@@ -7,9 +7,8 @@ import pandas as pd
 import pytest
 from synthetic_pools import cell, pool
 
-from analysis.comparisons.pairwise import pairwise
-from analysis.comparisons.pairwise_statistics import pairwise_from_statistics
-from analysis.data.published import paper_frame
+from analysis.comparisons.frame import pairwise, pairwise_from_statistics
+from analysis.data.reference import paper_frame
 from analysis.measures.pooling import pooled
 
 VALUES = {"adr": [1, 9, 4, 30], "alp_gmm": [40, 44, 39, 52], "random": [20, 25, 18, 11]}

@@ -13,8 +13,7 @@ from synthetic_pools import cell
 from analysis.baselines import find_baseline
 from analysis.commands.planning import show_detectable_differences
 from analysis.comparisons.planning import detectable_differences, plans_against_random
-from analysis.measures.pooling import pool_runs
-from analysis.measures.student_pools import runs_after
+from analysis.measures.pooling import pool_runs, runs_after
 from analysis.measures.tested import MEASURE
 from analysis.statistics import Description
 from analysis.statistics.power import detectable_difference

@@ -14,9 +14,8 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from synthetic_pools import cell, pool
 
-from analysis.comparisons.pairwise import pairwise
-from analysis.comparisons.pairwise_statistics import pairwise_from_statistics
-from analysis.data.published import paper_frame
+from analysis.comparisons.frame import pairwise, pairwise_from_statistics
+from analysis.data.reference import paper_frame
 from analysis.figures.radars import radar
 from analysis.figures.style import png
 from analysis.looks import look

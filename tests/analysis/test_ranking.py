@@ -9,10 +9,10 @@ from rich.console import Console
 from synthetic_results import SyntheticCampaign
 
 from analysis.commands.ranking import show_ranking
-from analysis.comparisons.overall import headlines, overall
-from analysis.comparisons.ranking import ranked, ranking, sentences
+from analysis.comparisons.boards import headlines, overall
+from analysis.comparisons.sentences import ranked, ranking, sentences
 from analysis.data.frames import load
-from analysis.measures.student_pools import runs_after
+from analysis.measures.pooling import runs_after
 
 
 def write(root: Path, teacher: str, mastered: list[int], challenge: str, level: str = "none") -> None:

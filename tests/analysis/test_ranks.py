@@ -9,8 +9,7 @@ from scipy import stats
 from synthetic_pools import cell
 
 from analysis.comparisons.aggregates import stratified_means
-from analysis.comparisons.overall import overall, overall_rows, performance_profiles
-from analysis.comparisons.ranks import Rank, ranks
+from analysis.comparisons.boards import Rank, overall, overall_rows, performance_profiles, ranks
 from analysis.measures.pooling import pool_runs
 from analysis.measures.tested import MEASURE
 from analysis.statistics import percent_interval

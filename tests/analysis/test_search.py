@@ -10,7 +10,7 @@ from synthetic_results import SyntheticCampaign
 
 from analysis.commands.search import show_search
 from analysis.data.frames import load
-from analysis.measures.searches import search_results
+from analysis.measures.evaluations import search_results
 from tma_ray.benchmark import PPO_GRID, TEACHER_GRIDS
 
 

@@ -20,13 +20,13 @@ from analysis.comparisons.aggregates import (
     stratified_differences,
     stratified_means,
 )
-from analysis.comparisons.pairwise import pairwise
-from analysis.comparisons.ranks import ranks
-from analysis.measures.shared_students import compared, compared_over_strata, mean_over_strata, seeds_to_pair
+from analysis.comparisons.boards import ranks
+from analysis.comparisons.frame import pairwise
+from analysis.measures.tested import compared, compared_over_strata, mean_over_strata, seeds_to_pair
 from analysis.statistics import Method, Scale, paired_strata, percent_interval, stratified
 from analysis.statistics.estimates import interquartile_mean_of, performance_profile
-from analysis.statistics.pairing import FEW_PAIRS
 from analysis.statistics.power import detectable_in_pairs
+from analysis.statistics.tests import FEW_PAIRS
 from tma_ray.results import CHIPMUNK, SIMULATED
 
 PLACES = ("original", "mostly_trivial", "rugged_difficulty")

@@ -11,9 +11,9 @@ import pytest
 from synthetic_results import SyntheticCampaign
 
 from analysis.baselines import BaselineError, release
-from analysis.baselines.sources import read
+from analysis.baselines.catalogue import read
 from analysis.comparisons.measured import measure
-from analysis.comparisons.ranking import ranking
+from analysis.comparisons.sentences import ranking
 from analysis.comparisons.sides import baseline_side, duels, side_of, together
 from analysis.data.frames import load
 from analysis.tables.paper_tables import table_results

@@ -19,8 +19,14 @@ from analysis.statistics import (
     welch,
     welch_from_statistics,
 )
-from analysis.statistics.pairing import Correlation, least_correlation, pairing_helps, seed_correlation
-from analysis.statistics.permutations import permutation_p, sign_flip_p
+from analysis.statistics.tests import (
+    Correlation,
+    least_correlation,
+    pairing_helps,
+    permutation_p,
+    seed_correlation,
+    sign_flip_p,
+)
 
 
 def sample(values: Sequence[float], prefix: str) -> pd.Series:

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from analysis.statistics.verdicts import Standing, contrary, equivalent, greater
+from analysis.statistics.samples import Standing, contrary, equivalent, greater
 
 
 @pytest.mark.parametrize(

@@ -14,10 +14,10 @@ import pandas as pd
 import pytest
 
 from analysis.baselines import release, verify
-from analysis.baselines.completeness import lacking
-from analysis.comparisons.leaderboard import leaderboards
+from analysis.baselines.verification import lacking
+from analysis.comparisons.boards import leaderboards
 from analysis.data.frames import load
-from analysis.measures.student_pools import runs_after
+from analysis.measures.pooling import runs_after
 from tma_ray.campaign.releases.simulated import SimulatedRoot, played_runs
 from tma_ray.cli import main
 from tma_ray.results import LEAN, SIMULATED, Results, Store, verify_root

@@ -10,14 +10,12 @@ from release_folders import Release, stumps
 from analysis import load
 from analysis.baselines import Baseline
 from analysis.baselines import release as pack
-from analysis.comparisons.against_random import against_baseline
-from analysis.comparisons.pairwise import pairwise
-from analysis.comparisons.ranking import ranking
+from analysis.comparisons.frame import against_baseline, pairwise
+from analysis.comparisons.sentences import ranking
 from analysis.comparisons.sides import baseline_side, beside, duels, side_of, together
 from analysis.data.frames import GROUP, Frames
 from analysis.measures.evaluations import evaluation_curves, final_evaluations
-from analysis.measures.pooling import POOLED, pooled
-from analysis.measures.student_pools import runs_after
+from analysis.measures.pooling import POOLED, pooled, runs_after
 from analysis.tables.paper_tables import table_results
 from tma_ray.importing import import_results
 from tma_ray.results import CHIPMUNK, Committer, RunRecord, RunWriter, Store, Table

@@ -10,10 +10,9 @@ import pytest
 from release_folders import EPISODE, EPOCH, TESTS, Release, parkour, stumps
 
 from analysis import load
-from analysis.data.evaluations import evaluation_measures
 from analysis.data.frames import Frames
-from analysis.measures.pooling import pooled
-from analysis.measures.student_pools import runs_after
+from analysis.data.tables import evaluation_measures
+from analysis.measures.pooling import pooled, runs_after
 from analysis.tables.paper_tables import result_tables, table_results
 from tma_ray.importing import ImportRefusedError, ImportSummary, import_results
 from tma_ray.importing.names import CRITERIA, TEACHERS

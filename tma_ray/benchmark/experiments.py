@@ -1,12 +1,11 @@
-"""The experiments that have a script: which matrices each consists of, and who runs them."""
+"""The experiments that have a script, the tiers of their size, and the stages of the release ``lite-1``."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
+from enum import StrEnum
 
-from tma_ray.benchmark.grids import TEACHER_GRIDS
-from tma_ray.benchmark.lite_1 import LITE_1_SIZE, LITE_1_STAGES, LITE_1_TEACHERS
 from tma_ray.benchmark.matrices import (
     CASE_STUDIES,
     MATRICES,
@@ -14,11 +13,150 @@ from tma_ray.benchmark.matrices import (
     PARKOUR,
     PPO_SEARCH,
     STUMP_TRACKS_CHALLENGES,
+    TEACHER_GRIDS,
     TEACHER_SEARCH,
     Matrix,
 )
-from tma_ray.benchmark.tiers import SIZES, Size, Tier
 from tma_ray.part_names import nearest
+from tma_ray.tasks import KnowledgeLevel
+
+
+class Tier(StrEnum):
+    """Sizes of an experiment, in rising order."""
+
+    SMOKE = "smoke"
+    """Some minutes, most of them to start processes: does all of it work here?"""
+    LITE = "lite"
+    """A night on a laptop, with PPO: where is my teacher strong, roughly?"""
+    PAPER = "paper"
+    """Everything, as the paper has it."""
+
+
+@dataclass(frozen=True)
+class Size:
+    """Changes of a tier to every experiment; None leaves that as the experiment has it.
+
+    Attributes:
+        students: who learns instead of the experiment's students.
+        teachers: who teaches where neither the experiment nor the user says.
+        levels: how many levels of expert knowledge are kept, from the highest down.
+        seeds: how many are kept of each combination.
+        points: how many are kept of a grid of hyper-parameters.
+        steps: budget of a run, in environment steps.
+        evaluation_interval: between evaluations, in environment steps.
+        probe_interval: between probes of the curriculum, in environment steps.
+        training_window: length of the windows of training statistics, in environment steps.
+    """
+
+    students: tuple[str, ...] | None = None
+    teachers: tuple[str, ...] | None = None
+    levels: int | None = None
+    seeds: int | None = None
+    points: int | None = None
+    steps: int | None = None
+    evaluation_interval: int | None = None
+    probe_interval: int | None = None
+    training_window: int | None = None
+
+    def of(self, matrix: Matrix) -> Matrix:
+        """Returns what is left of `matrix` at this size."""
+        return replace(
+            matrix,
+            students=self.students or matrix.students,
+            levels=matrix.levels[-(self.levels or len(matrix.levels)) :],
+            seeds=matrix.seeds[: self.seeds],
+            steps=self.steps or matrix.steps,
+            most_points=self.points or matrix.most_points,
+        )
+
+
+SIZES: dict[Tier, Size] = {
+    Tier.SMOKE: Size(
+        students=("ppo",),
+        teachers=("random", "alp_gmm"),
+        levels=1,
+        seeds=1,
+        points=2,
+        steps=4_000,
+        evaluation_interval=4_000,
+        probe_interval=2_000,
+        training_window=1_000,
+    ),
+    Tier.LITE: Size(
+        students=("ppo",),
+        seeds=3,
+        points=12,
+        steps=2_000_000,
+        evaluation_interval=250_000,
+        probe_interval=100_000,
+        training_window=100_000,
+    ),
+    Tier.PAPER: Size(),
+}
+"""PPO makes seventy times as many steps a second as SAC, which the paper uses nearly everywhere."""
+
+
+LITE_1_TEACHERS = ("random", *sorted(TEACHER_GRIDS), "goal_gan:preset=release", "spdl:preset=release")
+"""The paper's teachers, and two of them with the values of the original release's launch files, which differ
+from the paper's table in what decides whether they learn."""
+
+LITE_1_STEPS = 2_000_000
+"""Budget of its runs, in environment steps: a tenth of the paper's."""
+
+TEACHERS_OF_TODAY = (
+    "plr",
+    "robust_plr",
+    "accel",
+    "sfl",
+    "currot",
+    "doraemon",
+    "sobol",
+    f"ramp:steps={LITE_1_STEPS // 2}",
+)
+"""Teachers that came after the paper, and two references; the ramp takes half the budget, as by default it
+does of the paper's."""
+
+LITE_1_SIZE = Size(evaluation_interval=250_000, probe_interval=250_000, training_window=100_000)
+"""Intervals of its runs, in environment steps."""
+
+
+def _lite(matrix: Matrix, seeds: int, *levels: KnowledgeLevel) -> Matrix:
+    """Returns `matrix` for PPO and 2 million steps, with its first seeds and some of its levels."""
+    return replace(
+        matrix,
+        students=("ppo",),
+        levels=levels or matrix.levels,
+        seeds=matrix.seeds[:seeds],
+        steps=LITE_1_STEPS,
+    )
+
+
+def _stump_tracks(seeds: int, *levels: KnowledgeLevel) -> tuple[Matrix, ...]:
+    return tuple(_lite(matrix, seeds, *levels) for matrix in (ORIGINAL_SPACE, *STUMP_TRACKS_CHALLENGES))
+
+
+def _today(seeds: int) -> tuple[Matrix, ...]:
+    """Returns the teachers of today on the original space, an unfeasible one and a rugged one."""
+    names = ("original", "mostly_unfeasible", "rugged_difficulty")
+    return tuple(
+        replace(matrix, teachers=TEACHERS_OF_TODAY)
+        for matrix in _stump_tracks(seeds, KnowledgeLevel.HIGH)
+        if matrix.name in names
+    )
+
+
+LITE_1_STAGES: dict[str, tuple[Matrix, ...]] = {
+    "core": _stump_tracks(5, KnowledgeLevel.HIGH),
+    "today": _today(3),
+    "levels": _stump_tracks(3, KnowledgeLevel.NONE, KnowledgeLevel.LOW),
+    "parkour": tuple(_lite(matrix, 3) for matrix in PARKOUR),
+    "seeds": _stump_tracks(10, KnowledgeLevel.HIGH),
+}
+"""In the order in which they are run. The core offers every teacher all knowledge, so that each runs at the
+highest level that it distinguishes: 7 combinations of challenge and body, 70 cells with 10 teachers. The
+teachers of today have 24 cells with 3 seeds. The other levels come with 3 seeds, Parkour with 3 of each body,
+and last the core gets its seeds 5 to 9."""
+
 
 TEACHERS = ("random", *sorted(TEACHER_GRIDS))
 """The teachers that the paper compares."""

@@ -26,8 +26,9 @@ KEYS: Mapping[str, Mapping[str, str]] = {
         "warnings": "list of what to know before trusting the rows",
         "share": "share of the budget after which runs were read",
         "measure": "what teachers are ranked by: mastered_percent, last_three or mastered_area",
-        "rows": "results, the best of each challenge first, with the columns of analysis.comparisons.ranking",
-        "overall": "estimates over all challenges, with the columns of analysis.comparisons.overall.overall",
+        "rows": "results, the best of each challenge first, with the columns of "
+        "analysis.comparisons.sentences.ranking",
+        "overall": "estimates over all challenges, with the columns of analysis.comparisons.boards.overall",
         "sentences": "the rows in words",
     },
     "claims": {

@@ -47,10 +47,10 @@ def any_failed(status: Mapping[str, Any]) -> bool:
 
 def ranking_record(sources: Sequence[str], share: float, measure: str) -> dict[str, Any]:
     """Returns the ranking of one or several roots after a share of the budget."""
-    from analysis.baselines.sources import read
-    from analysis.comparisons.overall import overall
-    from analysis.comparisons.ranking import ranked, sentences
-    from analysis.measures.student_pools import runs_after
+    from analysis.baselines.catalogue import read
+    from analysis.comparisons.boards import overall
+    from analysis.comparisons.sentences import ranked, sentences
+    from analysis.measures.pooling import runs_after
 
     frames = read(sources)
     runs = runs_after(frames, share, training=False)
@@ -67,8 +67,8 @@ def ranking_record(sources: Sequence[str], share: float, measure: str) -> dict[s
 
 def claims_record(sources: Sequence[str]) -> dict[str, Any]:
     """Returns what the results of one or several roots say of each of the paper's claims."""
-    from analysis.baselines.sources import read
-    from analysis.claims.sources import root_verdicts
+    from analysis.baselines.catalogue import read
+    from analysis.claims.judging import root_verdicts
 
     frames = read(sources)
     verdicts, notes = root_verdicts(frames)

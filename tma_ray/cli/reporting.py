@@ -113,7 +113,7 @@ def changes(sources: Sequence[str], seconds: float = LOOK_SECONDS) -> Iterator[N
 
 def _videos(sources: Sequence[str], folder: Path) -> Iterator[Video]:
     """Renders what the report wants to show; what cannot be rendered is named and left out."""
-    from analysis.baselines.sources import read
+    from analysis.baselines.catalogue import read
     from analysis.comparisons.measured import measure
     from analysis.pages.videos import wanted_videos
 

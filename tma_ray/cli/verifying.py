@@ -84,7 +84,7 @@ def _verify(options: argparse.Namespace) -> int:
 
 
 def _lacking(options: argparse.Namespace, baseline: Baseline | None) -> list[str]:
-    from analysis.baselines.completeness import lacking
+    from analysis.baselines.verification import lacking
 
     return lacking(baseline) if options.complete and baseline is not None else []
 

@@ -15,7 +15,7 @@ from plotly.colors import get_colorscale
 from plotly.io.json import to_json_plotly
 from plotly.offline import get_plotlyjs
 
-from analysis.data.task_axes import Axis
+from analysis.data.curricula import Axis
 from analysis.looks import INK, MUTED, RULE, look
 from analysis.names import short_labels
 

@@ -11,8 +11,7 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from analysis.data.curricula import PANELS, Curriculum, boxes_of, gaussians_of, return_range, stack
-from analysis.data.task_axes import Axis
+from analysis.data.curricula import PANELS, Axis, Curriculum, boxes_of, gaussians_of, return_range, stack
 from analysis.looks import INK, RETURN_COLOURS, look
 from analysis.names import short_labels, teacher_order
 from analysis.pages.charts.chart import (

@@ -1,10 +1,60 @@
-"""Measures of evaluations: mastered test tasks and mean return, computed once when a root is read."""
+"""Tables of results: checks of their columns, plain texts, and measures of each evaluation."""
 
 from __future__ import annotations
+
+from collections.abc import Sequence
 
 import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
+
+from tma_ray.commands.arguments import check_kind, check_known, check_names
+
+MADE_BY = "a table, as from analysis.runs_after(frames)"
+
+
+def check_columns(name: str, table: object, columns: Sequence[str]) -> None:
+    """Refuses what is not a table with these columns.
+
+    Args:
+        name: of the argument.
+        table: its value.
+        columns: that it needs.
+
+    Raises:
+        TypeError: it is not a table, or `columns` is one text.
+        ValueError: it lacks a column; the message holds the nearest one.
+    """
+    check_kind(name, table, pd.DataFrame, MADE_BY)
+    check_names("columns", columns)
+    assert isinstance(table, pd.DataFrame)
+    for column in columns:
+        check_known("column", column, table.columns, f"{name} has")
+
+
+def check_measure(name: str, table: object, measure: str, columns: Sequence[str]) -> None:
+    """Refuses what is not a table with `columns` and the numbers of a `measure`.
+
+    Raises:
+        TypeError: as of `check_columns`.
+        ValueError: it lacks a column, or `measure` is none of numbers.
+    """
+    check_columns(name, table, [measure, *columns])
+    assert isinstance(table, pd.DataFrame)
+    values = table[measure].dropna()
+    if len(values) and not pd.api.types.is_numeric_dtype(values.infer_objects()):
+        raise ValueError(f"column {measure!r} is not a measure: {values.iloc[0]!r} is not a number")
+
+
+def with_plain_texts(frame: pd.DataFrame) -> pd.DataFrame:
+    """Returns `frame` with its texts and categories as Python strings, missing ones as they are.
+
+    Names are few and short, and tables are grouped by a dozen of them again and again: pandas takes and
+    groups Arrow's strings several times more slowly than objects, and merging unequal categories is fragile.
+    """
+    texts = frame.select_dtypes(["category", "str"]).columns
+    return frame.astype(dict.fromkeys(texts, object))
+
 
 MEASURES = ("mastered_percent", "evaluation_return")
 
