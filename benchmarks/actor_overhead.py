@@ -22,10 +22,10 @@ import numpy as np
 from rich.console import Console
 
 from tma_ray.campaign import Campaign
-from tma_ray.campaign.actors import RemoteTeacher
-from tma_ray.campaign.cluster.connection import connect
+from tma_ray.campaign.cluster.joined import connect
 from tma_ray.campaign.execution import run_campaign
-from tma_ray.campaign.monitor.progress import ProgressView
+from tma_ray.campaign.executors.actors import RemoteTeacher
+from tma_ray.campaign.progress import ProgressView
 from tma_ray.campaign.settings import Settings, TeacherPlacement
 from tma_ray.command_line import Parser
 from tma_ray.commands.quantities import COUNT

@@ -20,7 +20,7 @@ from typing import Any
 import numpy as np
 import ray
 
-from tma_ray.campaign.cluster.connection import connect
+from tma_ray.campaign.cluster.joined import connect
 from tma_ray.command_line import Parser
 from tma_ray.students import Learner
 from tma_ray.students.cohort.server import LearnerServer

@@ -21,9 +21,9 @@ from tma_ray.benchmark import find_challenge
 from tma_ray.command_line import Parser
 from tma_ray.envs import make_environment
 from tma_ray.runs import Cell, RunSpec, Schedule, effective_spec
+from tma_ray.runs.evaluation import Evaluation
 from tma_ray.runs.inputs import arguments
-from tma_ray.runs.playing.evaluation import Evaluation
-from tma_ray.runs.streams import evaluation_seeds
+from tma_ray.runs.spec import evaluation_seeds
 from tma_ray.students import Student, Transition, make_student
 from tma_ray.students.base import Actions, Observations
 

@@ -11,8 +11,7 @@ from __future__ import annotations
 from pools import describe, execute, parser
 
 from tma_ray.benchmark.experiments import LITE_1_SIZE, LITE_1_STAGES, LITE_1_TEACHERS
-from tma_ray.campaign.matrices import joined_plan, matrix_campaigns
-from tma_ray.campaign.plan import Plan
+from tma_ray.campaign.plan import Plan, joined_plan, matrix_campaigns
 from tma_ray.runs import Schedule
 
 

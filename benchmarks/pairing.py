@@ -22,8 +22,7 @@ from sac_learning import curves
 import analysis
 from analysis.statistics import paired, welch
 from analysis.statistics.tests import least_correlation, pairing_helps, seed_correlation
-from tma_ray.campaign.matrices import joined_plan
-from tma_ray.campaign.plan import CampaignSpec, Plan
+from tma_ray.campaign.plan import CampaignSpec, Plan, joined_plan
 from tma_ray.runs import Cell, Schedule
 
 TEACHERS = ("random", "riac", "alp_gmm")

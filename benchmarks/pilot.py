@@ -26,11 +26,10 @@ from pools import describe, execute, parser
 import analysis
 from analysis.data.tables import evaluation_measures
 from analysis.statistics.estimates import Estimate, signal_to_noise
-from tma_ray.campaign.matrices import joined_plan
-from tma_ray.campaign.plan import CampaignSpec, Plan
+from tma_ray.campaign.plan import CampaignSpec, Plan, joined_plan
 from tma_ray.envs import make_environment
 from tma_ray.runs import Cell, Schedule, effective_spec
-from tma_ray.runs.playing.evaluation import Evaluation
+from tma_ray.runs.evaluation import Evaluation
 from tma_ray.students import check_hyperparameters, make_student
 from tma_ray.students.catalogue import canonical_student
 from tma_ray.tasks import MASTERY_RETURN, KnowledgeLevel, TaskSpace

@@ -10,11 +10,11 @@ from collections.abc import Callable, Sequence
 from contextlib import ExitStack
 from dataclasses import replace
 
+from tma_ray.campaign.executors.processes import PoolReport, cohort, run_in_processes
 from tma_ray.campaign.plan import Plan, lease_holder
 from tma_ray.command_line import Parser
 from tma_ray.results import Committer, Lease
 from tma_ray.runs import Placement
-from tma_ray.runs.pool import PoolReport, cohort, run_in_processes
 from tma_ray.students.players import CohortSettings
 from tma_ray.students.players.link import account
 

@@ -16,8 +16,7 @@ from pathlib import Path
 import pandas as pd
 from pools import describe, execute, parser
 
-from tma_ray.campaign.matrices import joined_plan
-from tma_ray.campaign.plan import CampaignSpec, Plan
+from tma_ray.campaign.plan import CampaignSpec, Plan, joined_plan
 from tma_ray.results import Results, Table
 from tma_ray.runs import Cell, Schedule
 from tma_ray.tasks import MASTERY_RETURN

@@ -23,10 +23,10 @@ import ray
 from rich.console import Console
 
 from tma_ray.campaign import scheduler
-from tma_ray.campaign.actors import SeedActor
-from tma_ray.campaign.cluster.connection import connect
-from tma_ray.campaign.monitor.progress import ProgressView
-from tma_ray.campaign.placing import places
+from tma_ray.campaign.cluster.joined import connect
+from tma_ray.campaign.executors import cohorts
+from tma_ray.campaign.executors.actors import SeedActor
+from tma_ray.campaign.progress import ProgressView
 from tma_ray.campaign.settings import Resources, Settings, TeacherPlacement
 from tma_ray.command_line import Parser
 from tma_ray.results import Committer, PartFile, RunWriter, Store
@@ -119,7 +119,7 @@ def trivial(count: int) -> dict[str, Any]:
         tempfile.TemporaryDirectory() as root,
         mock.patch.object(scheduler, "SeedActor", Substitute),
         mock.patch.object(scheduler, "ray", RayWithoutDeath()),
-        mock.patch.object(places, "capacity", return_value=PLAYERS),
+        mock.patch.object(cohorts, "capacity", return_value=PLAYERS),
     ):
         first = execute(runs, root)
         again = execute(runs, root)

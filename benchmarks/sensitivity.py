@@ -15,8 +15,7 @@ from pools import describe, execute, parser
 from sac_learning import curves
 
 from analysis.statistics import welch
-from tma_ray.campaign.matrices import joined_plan
-from tma_ray.campaign.plan import CampaignSpec, Plan
+from tma_ray.campaign.plan import CampaignSpec, Plan, joined_plan
 from tma_ray.runs import Cell, Schedule
 
 PARTS: dict[str, tuple[Cell, ...]] = {

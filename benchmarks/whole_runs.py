@@ -11,12 +11,12 @@ from dataclasses import dataclass, field
 import numpy as np
 import psutil
 
+from tma_ray.campaign.executors.processes import PoolReport, cohort, run_in_processes
 from tma_ray.campaign.plan import CampaignSpec
 from tma_ray.envs import make_environment
 from tma_ray.results import Committer
 from tma_ray.runs import Cell, Placement, RunSpec, Schedule
 from tma_ray.runs.inputs import arguments
-from tma_ray.runs.pool import PoolReport, cohort, run_in_processes
 from tma_ray.students import Learner, Transition, make_player
 from tma_ray.students.players import CohortSettings
 from tma_ray.students.players.link import account

@@ -83,7 +83,7 @@ STEPS = (
     ),
     Step(
         "actors",
-        "import tma_ray.campaign.actors, tma_ray.campaign.execution",
+        "import tma_ray.campaign.executors.actors, tma_ray.campaign.execution",
         LEARNING | {"pygame", "sklearn"},
     ),
     Step(

@@ -10,7 +10,7 @@ from analysis.commands.leaderboard import NO_BREAK
 from analysis.commands.leaderboard import markdown as leaderboards
 from analysis.commands.simulated import markdown, mastered_table, recovery_table
 from analysis.names import challenge_title, label, teacher_order
-from tma_ray.campaign.releases.simulated import played_runs
+from tma_ray.campaign.simulated import played_runs
 from tma_ray.results import Results
 from tma_ray.tasks import KnowledgeLevel
 from tma_ray.testing import SIMULATED_CHALLENGES

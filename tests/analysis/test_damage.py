@@ -21,8 +21,7 @@ from synthetic_results import SyntheticCampaign
 from analysis import load
 from analysis.baselines import BaselineError, find_baseline, release, verify
 from analysis.commands.ranking import show_ranking
-from tma_ray.campaign.monitor.overview import overview
-from tma_ray.campaign.monitor.status import show
+from tma_ray.campaign.monitor import overview, show_status
 from tma_ray.results import (
     Committer,
     DamagedFileWarning,
@@ -154,7 +153,7 @@ def test_status_and_ranking_go_on(root: Path, runs: Any) -> None:
     assert states.count("waiting") == len(MANIFEST)
     assert states.count("done") == len(records) - len(MANIFEST)
     assert not {r: p for r, p in unnamed(damaged, text).items() if p.startswith("manifests")}
-    show(root, console=Console(file=io.StringIO()))
+    show_status(root, console=Console(file=io.StringIO()))
     frames, text = messages_of(lambda: load(root))
     assert frames.evaluations["run_id"].nunique() == WHOLE
     assert not unnamed(damaged, text)
@@ -227,7 +226,7 @@ def test_no_file_of_the_whole_root_blocks_it(small: Path, tmp_path: Path, name: 
     found, text = messages_of(lambda: Results.open(root))
     assert len(found.runs()) == 2
     assert "root.json is damaged" in text
-    show(root, console=Console(file=io.StringIO()))
+    show_status(root, console=Console(file=io.StringIO()))
     with pytest.raises(NotRunningError, match=r"lease\.json is damaged"):
         ask_to_stop(Store.open(root))
     assert compact(root).runs == 2

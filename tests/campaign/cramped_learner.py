@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from tma_ray.campaign.placing.learner import LearnerActor
+from tma_ray.campaign.executors.actors import LearnerActor
 
 ENOUGH_FOR = 2
 """Slots for which memory suffices."""

@@ -13,10 +13,10 @@ from rich.console import Console
 from small_runs import SCHEDULE, STUDENTS, data_files, rows
 
 from tma_ray.campaign import Campaign
-from tma_ray.campaign.cluster.connection import connect
+from tma_ray.campaign.cluster.joined import connect
 from tma_ray.campaign.execution import run_campaign
-from tma_ray.campaign.monitor.overview import overview
-from tma_ray.campaign.monitor.progress import ProgressView, Snapshot
+from tma_ray.campaign.monitor import overview
+from tma_ray.campaign.progress import ProgressView, Snapshot
 from tma_ray.campaign.scheduler import Scheduler
 from tma_ray.campaign.settings import Resources, Settings, TeacherPlacement
 from tma_ray.results import Committer, Lease, Results, RootInUseError, RunStatus, Store, Table

@@ -15,8 +15,7 @@ from ray.autoscaler._private.util import prepare_config, validate_config
 import tma_ray
 from tma_ray import cli
 from tma_ray.campaign import Campaign, cells_of
-from tma_ray.campaign.placing.kinds import kinds_of
-from tma_ray.campaign.placing.room import learner_resources, room_of
+from tma_ray.campaign.executors.cohorts import kinds_of, learner_resources, room_of
 from tma_ray.campaign.settings import Resources, Settings
 from tma_ray.envs import ENVIRONMENTS
 

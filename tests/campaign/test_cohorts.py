@@ -19,12 +19,17 @@ from small_runs import STUDENTS, data_files, rows
 from test_campaign import campaign, corridor, execute, idle, lingering, quiet, settings
 
 from tma_ray.campaign import scheduler
-from tma_ray.campaign.cluster.connection import connect
-from tma_ray.campaign.placing import learner
-from tma_ray.campaign.placing.cohorts import Cohorts, compilation
-from tma_ray.campaign.placing.kinds import kinds_of
+from tma_ray.campaign.cluster.joined import connect
+from tma_ray.campaign.executors import actors
+from tma_ray.campaign.executors.cohorts import (
+    Cohorts,
+    Room,
+    compilation,
+    kinds_of,
+    learner_resources,
+    room_of,
+)
 from tma_ray.campaign.placing.options import parse_cohort
-from tma_ray.campaign.placing.room import Room, learner_resources, room_of
 from tma_ray.campaign.settings import GIB, PLAYER, Resources, Settings, TeacherPlacement
 from tma_ray.results import Committer, Store, Table
 from tma_ray.runs import Cell, Placement, run_locally
@@ -169,15 +174,15 @@ def wait_for(condition: Callable[[], bool]) -> None:
 
 
 def test_a_learner_that_is_long_at_the_same_updates_counts_as_stuck(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(learner, "TURN_POLL", 0.0)
+    monkeypatch.setattr(actors, "TURN_POLL", 0.0)
     over, started = threading.Event(), time.monotonic()
     thread = threading.Thread(target=over.wait, daemon=True)
     thread.start()
-    turns = iter([None, started, started - learner.LONGEST_TURN])
+    turns = iter([None, started, started - actors.LONGEST_TURN])
     with pytest.raises(TimeoutError, match="at the same updates for 60 minutes: its device hangs"):
-        learner.wait_for_end(thread, lambda: next(turns))
+        actors.wait_for_end(thread, lambda: next(turns))
     over.set()
-    learner.wait_for_end(thread, lambda: None)
+    actors.wait_for_end(thread, lambda: None)
     assert not thread.is_alive()
 
 

@@ -11,7 +11,7 @@ from tma_ray.benchmark import find_experiment
 from tma_ray.campaign import CampaignSpec, Plan, cells_of, joined_plan, matrix_campaigns
 from tma_ray.campaign.costs import estimation
 from tma_ray.campaign.costs.speed import Throughput
-from tma_ray.campaign.releases.repeating import like_plan
+from tma_ray.campaign.repeating import like_plan
 from tma_ray.cli import main
 from tma_ray.results import Committer, Results, RunWriter, Table
 from tma_ray.runs import RunSpec, Schedule

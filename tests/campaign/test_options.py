@@ -10,11 +10,10 @@ import pytest
 from rich.console import Console
 
 from tma_ray.campaign import Campaign, cells_of
-from tma_ray.campaign.monitor.progress import ActiveRun, ProgressView, Snapshot
-from tma_ray.campaign.monitor.wording import duration
+from tma_ray.campaign.cluster.base import check_address
 from tma_ray.campaign.option_values import parse_seeds
 from tma_ray.campaign.options import add_options, chosen_address, chosen_campaign
-from tma_ray.campaign.preflight.address import check_address
+from tma_ray.campaign.progress import ActiveRun, ProgressView, Snapshot, duration
 from tma_ray.campaign.settings import Resources, Settings
 from tma_ray.cli import main
 from tma_ray.command_line import Parser

@@ -8,7 +8,7 @@ from typing import Any
 import pytest
 from small_runs import small_spec
 
-from tma_ray.campaign.failures.outages import OutageError, RetryingCommitter
+from tma_ray.campaign.failures import OutageError, RetryingCommitter
 from tma_ray.results import Committer, RootInUseError, StorageError, Store
 from tma_ray.results.storage import errors as storage_errors
 

@@ -12,9 +12,8 @@ from ray.exceptions import ActorUnavailableError, RayError, RayTaskError
 from small_runs import data_files, rows
 from test_campaign import alone, campaign, execute, idle, settings
 
-from tma_ray.campaign.actors import Report, SeedActor
-from tma_ray.campaign.failures.errors import reason_for_loss
-from tma_ray.campaign.failures.retries import FIRST_PAUSE, LONGEST_PAUSE, Retries
+from tma_ray.campaign.executors.actors import Report, SeedActor, reason_for_loss
+from tma_ray.campaign.failures import FIRST_PAUSE, LONGEST_PAUSE, Retries
 from tma_ray.campaign.settings import TeacherPlacement
 from tma_ray.results import Committer, StorageError, Table
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from tma_ray.campaign.failures.silence import LOG_SECONDS, Silence
+from tma_ray.campaign.failures import LOG_SECONDS, Silence
 
 
 class Clock:

@@ -18,7 +18,7 @@ from analysis.baselines.verification import lacking
 from analysis.comparisons.boards import leaderboards
 from analysis.data.frames import load
 from analysis.measures.pooling import runs_after
-from tma_ray.campaign.releases.simulated import SimulatedRoot, played_runs
+from tma_ray.campaign.simulated import SimulatedRoot, played_runs
 from tma_ray.cli import main
 from tma_ray.results import LEAN, SIMULATED, Results, Store, verify_root
 from tma_ray.tasks import KnowledgeLevel

@@ -18,7 +18,7 @@ from tma_ray.campaign.costs.estimation import estimate
 from tma_ray.campaign.costs.known import kind_of, measured_speeds, quick_speeds
 from tma_ray.campaign.costs.memory import remember, remembered, speed_key, speeds_file
 from tma_ray.campaign.costs.speed import Source, Throughput
-from tma_ray.campaign.quickstart import QUICKSTART
+from tma_ray.campaign.plan import QUICKSTART
 from tma_ray.campaign.settings import Settings
 from tma_ray.runs import RunSpec, Schedule
 

@@ -11,7 +11,7 @@ from tma_ray.commands.exits import RAY_LOST
 
 DRIVER = """
     import time
-    from tma_ray.campaign.cluster.watching import leaving_without_head
+    from tma_ray.campaign.cluster.base import leaving_without_head
 
     class Head:
         def lost(self, patience):

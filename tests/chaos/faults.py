@@ -21,9 +21,9 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 from small_runs import data_files, rows
 
+from tma_ray.campaign.executors.processes import cohort
 from tma_ray.results import Committer, Store, Table
 from tma_ray.runs import Placement, run_locally
-from tma_ray.runs.pool import cohort
 from tma_ray.students.players import CohortSettings
 
 HERE = Path(__file__).parent

@@ -21,7 +21,7 @@ import numpy as np
 
 from tma_ray.results import Store
 from tma_ray.results.storage import disk as storing
-from tma_ray.runs.playing.evaluation import Evaluation
+from tma_ray.runs.evaluation import Evaluation
 from tma_ray.tasks import Episode
 from tma_ray.teachers.alp_gmm import ALPGMM
 

@@ -24,7 +24,7 @@ from mistakes import Mistake, commands, fill, mistakes, valid_rest
 from tma_ray.campaign import execution, single
 from tma_ray.campaign.costs import estimation
 from tma_ray.campaign.costs.speed import Throughput
-from tma_ray.campaign.monitor.progress import Snapshot
+from tma_ray.campaign.progress import Snapshot
 from tma_ray.cli import main
 from tma_ray.command_line import METAVARS
 from tma_ray.commands import quantities

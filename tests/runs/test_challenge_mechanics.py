@@ -13,7 +13,7 @@ from small_runs import data_files, rows, run, small_spec
 from tma_ray.results import RunWriter, Store, Table
 from tma_ray.runs import Cell, InlineTeacher, Placement, RunSpec, Schedule, effective_spec
 from tma_ray.runs.run import Run
-from tma_ray.runs.streams import landscape_of, placement_generator
+from tma_ray.runs.spec import landscape_of, placement_generator
 from tma_ray.tasks import KnowledgeLevel, ShuffledSpace
 
 

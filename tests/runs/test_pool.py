@@ -8,11 +8,11 @@ from pathlib import Path
 import psutil
 import pytest
 
+from tma_ray.campaign.executors.processes import PoolReport, cohort, run_in_processes
 from tma_ray.campaign.plan import CampaignSpec
 from tma_ray.results import AttemptOutcome, Results, Table
 from tma_ray.runs import Cell, Placement, RunSpec, Schedule
 from tma_ray.runs.placement import PLAYER_NICENESS
-from tma_ray.runs.pool import PoolReport, cohort, run_in_processes
 from tma_ray.students.players import CohortSettings
 
 HOPPER = Path(__file__).parents[2] / "examples" / "hopper.toml"

@@ -9,8 +9,8 @@ from small_runs import data_files, rows, run, small_spec, stump_tracks_spec
 
 from tma_ray.envs import make_environment
 from tma_ray.results import Committer, RunStatus, Table
-from tma_ray.runs.playing.evaluation import Evaluation
-from tma_ray.runs.streams import Streams, evaluation_seeds, placement_generator
+from tma_ray.runs.evaluation import Evaluation
+from tma_ray.runs.spec import Streams, evaluation_seeds, placement_generator
 
 
 @pytest.fixture(scope="module")

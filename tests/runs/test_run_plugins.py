@@ -11,12 +11,12 @@ from small_runs import small_spec
 
 from tma_ray.registry import PluginImportError, UnknownNameError
 from tma_ray.runs import InlineTeacher, Plugin, RunSpec
-from tma_ray.runs.plugins import import_plugins, importing_plugins, plugin_sources
+from tma_ray.runs.inputs import import_plugins, importing_plugins, plugin_sources
 from tma_ray.teachers import TEACHERS
 from tma_ray.teachers.random import Random
 
 MODULE = """
-from tma_ray.runs.plugins import importing_plugins
+from tma_ray.runs.inputs import importing_plugins
 from tma_ray.teachers import register_teacher
 from tma_ray.teachers.random import Random
 

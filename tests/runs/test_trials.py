@@ -12,11 +12,10 @@ import numpy as np
 import pytest
 from small_runs import data_files, rows, run, small_spec, stump_tracks_spec
 
+from tma_ray.campaign.executors.processes import cohort
 from tma_ray.results import RunWriter, Store, Table
-from tma_ray.runs import Cell, InlineTeacher, Placement, Reply, RunSpec, Schedule, effective_spec
-from tma_ray.runs.playing import trials
-from tma_ray.runs.playing.trials import Trials
-from tma_ray.runs.pool.cohorts import cohort
+from tma_ray.runs import Cell, InlineTeacher, Placement, Reply, RunSpec, Schedule, effective_spec, evaluation
+from tma_ray.runs.evaluation import Trials
 from tma_ray.runs.run import Run
 from tma_ray.students import STUDENTS, Student
 from tma_ray.students.players import CohortSettings
@@ -124,7 +123,7 @@ def test_an_evaluation_is_one_episode_of_each_task(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, make_spec: Callable[..., RunSpec]
 ) -> None:
     """Three at a time; more of them, then fewer."""
-    monkeypatch.setattr(trials, "WORLDS", 3)
+    monkeypatch.setattr(evaluation, "WORLDS", 3)
     spec = make_spec(tmp_path)
     whole = Run(spec, InlineTeacher(spec), RunWriter(Store.open(tmp_path / "root"), spec.run_id, 0))
     playing, seeds = Trials(spec, np.random.SeedSequence(5)), np.random.default_rng(np.random.SeedSequence(5))

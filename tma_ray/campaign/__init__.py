@@ -11,8 +11,14 @@ from tma_ray.later_imports import import_later
 
 if TYPE_CHECKING:
     from tma_ray.campaign.campaign import Campaign
-    from tma_ray.campaign.matrices import joined_plan, matrix_campaigns, matrix_cells
-    from tma_ray.campaign.plan import CampaignSpec, Plan, cells_of
+    from tma_ray.campaign.plan import (
+        CampaignSpec,
+        Plan,
+        cells_of,
+        joined_plan,
+        matrix_campaigns,
+        matrix_cells,
+    )
 
 __all__ = [
     "Campaign",
@@ -31,8 +37,8 @@ __getattr__, __dir__ = import_later(
         "CampaignSpec": "tma_ray.campaign.plan",
         "Plan": "tma_ray.campaign.plan",
         "cells_of": "tma_ray.campaign.plan",
-        "joined_plan": "tma_ray.campaign.matrices",
-        "matrix_campaigns": "tma_ray.campaign.matrices",
-        "matrix_cells": "tma_ray.campaign.matrices",
+        "joined_plan": "tma_ray.campaign.plan",
+        "matrix_campaigns": "tma_ray.campaign.plan",
+        "matrix_cells": "tma_ray.campaign.plan",
     },
 )

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 from tma_ray.campaign.plan import CampaignSpec
 from tma_ray.campaign.script import main
-from tma_ray.runs.plugins import importing_plugins
+from tma_ray.runs.inputs import importing_plugins
 
 
 @dataclass(frozen=True)

@@ -6,23 +6,19 @@ from collections.abc import Mapping
 from contextlib import ExitStack, closing
 from pathlib import Path
 
-from tma_ray.campaign.cluster.connection import Connection, check_feasible, connect
+from tma_ray.campaign.cluster.base import BEGUN, GRACE_SECONDS, leaving_without_head
+from tma_ray.campaign.cluster.joined import Connection, connect
 from tma_ray.campaign.cluster.local import OwnProcesses
-from tma_ray.campaign.cluster.watching import BEGUN, GRACE_SECONDS, leaving_without_head
-from tma_ray.campaign.failures.stopping import StopSignals
-from tma_ray.campaign.monitor.progress import ProgressView, PublishedProgress, Snapshot, View
-from tma_ray.campaign.placing.kinds import Kind, kinds_of
-from tma_ray.campaign.placing.room import check_room
+from tma_ray.campaign.executors.cohorts import Kind, check_room, kinds_of
+from tma_ray.campaign.failures import StopSignals
 from tma_ray.campaign.plan import CampaignSpec, Plan, lease_holder
-from tma_ray.campaign.preflight.installation import check_installation
-from tma_ray.campaign.preflight.storage_access import check_storage_access
-from tma_ray.campaign.preflight.warming import warm_nodes
+from tma_ray.campaign.preflight import check_feasible, check_installation, check_storage_access, warm_nodes
+from tma_ray.campaign.progress import ProgressView, PublishedProgress, Snapshot, View
 from tma_ray.campaign.scheduler import Scheduler
 from tma_ray.campaign.settings import Settings
 from tma_ray.results import Committer, HeartbeatWriter, Lease, Store, check_usable
-from tma_ray.runs.inputs import keep
+from tma_ray.runs.inputs import importing_plugins, keep, plugin_sources
 from tma_ray.runs.placement import check_available
-from tma_ray.runs.plugins import importing_plugins, plugin_sources
 
 
 def run_campaign(

@@ -6,7 +6,7 @@ import argparse
 import re
 from collections.abc import Sequence
 
-from tma_ray.campaign.preflight.address import host_and_port
+from tma_ray.campaign.cluster.base import host_and_port
 from tma_ray.commands.places import root
 from tma_ray.commands.quantities import COORDINATE, SEED
 from tma_ray.commands.texts import refused

@@ -7,6 +7,7 @@ import os
 from collections.abc import Mapping, Sequence
 from dataclasses import fields, replace
 
+from tma_ray.campaign.cluster.base import check_address
 from tma_ray.campaign.option_values import (
     bodies,
     names,
@@ -20,7 +21,6 @@ from tma_ray.campaign.option_values import (
 )
 from tma_ray.campaign.placing.options import add_placing_options, placed
 from tma_ray.campaign.plan import CampaignSpec
-from tma_ray.campaign.preflight.address import check_address
 from tma_ray.campaign.settings import Nodes, Settings
 from tma_ray.commands.quantities import COUNT, SECONDS
 from tma_ray.commands.texts import named

@@ -13,18 +13,18 @@ from typing import Any
 import ray
 from ray.exceptions import ActorUnavailableError, RayActorError, RayTaskError
 
-from tma_ray.campaign.actors import Report, SeedActor
-from tma_ray.campaign.cluster.errors import HeadLostError
-from tma_ray.campaign.cluster.head import Head
-from tma_ray.campaign.failures.errors import LOSSES, plain_traceback, reason_for_loss
-from tma_ray.campaign.failures.outages import RetryingCommitter
-from tma_ray.campaign.failures.retries import Retries
-from tma_ray.campaign.failures.silence import Silence
-from tma_ray.campaign.monitor.progress import ActiveRun, Snapshot, View
-from tma_ray.campaign.placing.cohorts import Cohorts
-from tma_ray.campaign.placing.kinds import Kind
-from tma_ray.campaign.placing.launching import node_strategy
-from tma_ray.campaign.placing.places import AnyNode, Place, Places
+from tma_ray.campaign.cluster.base import Head
+from tma_ray.campaign.executors.actors import (
+    LOSSES,
+    Report,
+    SeedActor,
+    node_strategy,
+    plain_traceback,
+    reason_for_loss,
+)
+from tma_ray.campaign.executors.cohorts import AnyNode, Cohorts, Kind, Place, Places
+from tma_ray.campaign.failures import HeadLostError, Retries, RetryingCommitter, Silence
+from tma_ray.campaign.progress import ActiveRun, Snapshot, View
 from tma_ray.campaign.settings import Settings
 from tma_ray.results import (
     AttemptOutcome,

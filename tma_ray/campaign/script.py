@@ -8,12 +8,10 @@ from collections.abc import Mapping, Sequence
 
 from rich.console import Console
 
-from tma_ray.campaign.cluster.errors import HeadLostError
 from tma_ray.campaign.costs.confirmation import confirm, long_cost, terminal_question
 from tma_ray.campaign.costs.known import Kind
 from tma_ray.campaign.costs.speed import Throughput
-from tma_ray.campaign.failures.outages import OutageError
-from tma_ray.campaign.monitor.progress import Snapshot
+from tma_ray.campaign.failures import HeadLostError, OutageError
 from tma_ray.campaign.options import (
     add_options,
     chosen_address,
@@ -22,6 +20,7 @@ from tma_ray.campaign.options import (
     chosen_settings,
 )
 from tma_ray.campaign.plan import CampaignSpec, Plan
+from tma_ray.campaign.progress import Snapshot
 from tma_ray.command_line import CommandParser
 from tma_ray.commands.exits import FAILED, RAY_LOST, exit_code
 from tma_ray.commands.interrupts import INTERRUPTED

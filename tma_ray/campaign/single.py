@@ -6,11 +6,11 @@ import argparse
 from dataclasses import fields
 
 from tma_ray.campaign.costs.confirmation import confirm, long_cost, terminal_question
-from tma_ray.campaign.failures.stopping import StopSignals
-from tma_ray.campaign.monitor.progress import ActiveRun, ProgressView, PublishedProgress, Snapshot
+from tma_ray.campaign.failures import StopSignals
 from tma_ray.campaign.option_values import parse_levels
 from tma_ray.campaign.options import environment_name
 from tma_ray.campaign.plan import CampaignSpec, Plan, lease_holder
+from tma_ray.campaign.progress import ActiveRun, ProgressView, PublishedProgress, Snapshot
 from tma_ray.campaign.settings import Resources, Settings
 from tma_ray.commands.interrupts import INTERRUPTED
 from tma_ray.results import AttemptOutcome, Committer, HeartbeatWriter, Lease

@@ -49,7 +49,7 @@ def _add_experiment(parser: CommandParser) -> None:
 
 def _add_quickstart(parser: CommandParser) -> None:
     from tma_ray.campaign.options import add_options
-    from tma_ray.campaign.quickstart import QUICKSTART
+    from tma_ray.campaign.plan import QUICKSTART
 
     add_options(parser, QUICKSTART)
     parser.set_defaults(command=_quickstart)
@@ -77,7 +77,7 @@ def _quickstart(options: argparse.Namespace) -> int:
     from tma_ray.campaign.costs.estimation import estimate
     from tma_ray.campaign.costs.known import patient_speeds
     from tma_ray.campaign.options import chosen_campaign, chosen_nodes, chosen_settings
-    from tma_ray.campaign.quickstart import QUICKSTART
+    from tma_ray.campaign.plan import QUICKSTART
     from tma_ray.campaign.script import execute
     from tma_ray.results import Store, check_usable
 

@@ -203,17 +203,17 @@ def _status(options: argparse.Namespace) -> int:
         record = status_record(options.root)
         print_json("status", record)
         return FAILED if any_failed(record) else 0
-    from tma_ray.campaign.monitor.status import show, watch
+    from tma_ray.campaign.monitor import show_status, watch_status
 
     if options.watch:
-        watch(options.root, options.cells)
-    return FAILED if show(options.root, options.cells) else 0
+        watch_status(options.root, options.cells)
+    return FAILED if show_status(options.root, options.cells) else 0
 
 
 def _logs(options: argparse.Namespace) -> int:
-    from tma_ray.campaign.monitor.history import show
+    from tma_ray.campaign.monitor import show_history
 
-    show(options.run, options.results)
+    show_history(options.run, options.results)
     return 0
 
 

@@ -22,7 +22,7 @@ CELL = ("environment", "challenge", "embodiment", "student", "teacher", "expert_
 
 def status_record(root: str) -> dict[str, Any]:
     """Returns the state of every run of a root, by campaign and cell."""
-    from tma_ray.campaign.monitor.overview import overview
+    from tma_ray.campaign.monitor import overview
 
     now = time.time()
     found = overview(root, now)
@@ -96,9 +96,8 @@ def plan_record(experiment: Experiment, options: argparse.Namespace) -> dict[str
     """Returns the size and the cost of what the options choose of an experiment."""
     from analysis.comparisons.planning import detectable_differences
     from tma_ray.campaign.costs.estimation import estimate
-    from tma_ray.campaign.experiments import experiment_plan
+    from tma_ray.campaign.experiments import experiment_plan, planned_experiments
     from tma_ray.campaign.options import chosen_nodes, chosen_settings
-    from tma_ray.campaign.planning import planned_experiments
 
     plan = experiment_plan(experiment, options)
     nodes = chosen_nodes(options) if options.address else None

@@ -131,7 +131,7 @@ def _video(root: str, wanted: WantedVideo, folder: Path) -> Video:
 
     from analysis.pages.videos import Video
     from tma_ray.runs.saved_policies import find_policy
-    from tma_ray.runs.streams import evaluation_seeds
+    from tma_ray.runs.spec import evaluation_seeds
     from tma_ray.viewing.rendering import EpisodeSettings, render
 
     ending = ".mp4" if find_spec("av") else ".gif"

@@ -189,7 +189,7 @@ def _campaign(options: argparse.Namespace) -> int:
 
 def _campaign_like(options: argparse.Namespace) -> int:
     from analysis.baselines import as_baseline
-    from tma_ray.campaign.releases.command import run_like
+    from tma_ray.campaign.repeating import run_like
 
     baseline = as_baseline(options.like)
     place, core = (baseline.place, baseline.manifest.core) if baseline else (options.like, ())
@@ -207,7 +207,7 @@ def _one_cell(name: str) -> Campaign:
 def _plan(options: argparse.Namespace) -> int:
     from analysis.commands.planning import show_detectable_differences
     from tma_ray.benchmark import find_experiment
-    from tma_ray.campaign.planning import show_plan
+    from tma_ray.campaign.experiments import show_plan
     from tma_ray.results import Store, check_usable
 
     experiment = find_experiment(options.experiment)
@@ -231,6 +231,6 @@ def _stop(options: argparse.Namespace) -> int:
 
 
 def _rerun(options: argparse.Namespace) -> int:
-    from tma_ray.campaign.rerun import rerun
+    from tma_ray.campaign.repeating import rerun
 
     return rerun(options)

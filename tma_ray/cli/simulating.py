@@ -69,7 +69,7 @@ def _simulate(options: argparse.Namespace) -> int:
 
     from analysis.commands import simulated
     from tma_ray.campaign.option_values import parse_levels
-    from tma_ray.campaign.releases.simulated import SimulatedRoot
+    from tma_ray.campaign.simulated import SimulatedRoot
     from tma_ray.tasks import KnowledgeLevel
     from tma_ray.teachers import TEACHERS, canonical_teacher
     from tma_ray.terminal import terminal

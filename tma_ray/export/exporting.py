@@ -21,8 +21,7 @@ from tma_ray.envs import Environment, make_environment
 from tma_ray.export.model_card import CARD_FILE, ExportedFile, OnnxFacts, model_card
 from tma_ray.export.model_facts import history_of
 from tma_ray.export.onnx_file import OPSET, largest_difference, onnx_model, require_onnx
-from tma_ray.runs.inputs import arguments, write_inputs
-from tma_ray.runs.plugins import import_plugins
+from tma_ray.runs.inputs import arguments, import_plugins, write_inputs
 from tma_ray.runs.saved_policies import SavedPolicy, find_policy
 from tma_ray.runs.spec import RunSpec
 from tma_ray.students import Policy, load_policy, policy_layers

@@ -1,9 +1,8 @@
 """One training run, without Ray: student, teacher, environment, evaluation, checkpoints."""
 
-from tma_ray.runs.attempt import Attempt
+from tma_ray.runs.attempt import Attempt, run_locally
 from tma_ray.runs.cell import Cell, effective_spec
 from tma_ray.runs.checkpoints import Checkpoints
-from tma_ray.runs.local import run_locally
 from tma_ray.runs.placement import Placement, Status
 from tma_ray.runs.run import Run
 from tma_ray.runs.spec import Plugin, RunSpec, Schedule

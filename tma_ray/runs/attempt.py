@@ -1,4 +1,4 @@
-"""One attempt at a run: resume, train, commit at checkpoints, finish."""
+"""One attempt at a run: resume, train, commit at checkpoints, finish; its log; runs in this process."""
 
 from __future__ import annotations
 
@@ -7,32 +7,38 @@ import logging
 import platform
 import tempfile
 import time
+import traceback
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from datetime import UTC, datetime
 from pathlib import Path
+from types import TracebackType
+from typing import Self
 
 import numpy as np
 
+from tma_ray.commands.arguments import check_kind
 from tma_ray.results import (
     AttemptOutcome,
     AttemptRecord,
+    Committer,
     PartFile,
     RunWriter,
     StorageError,
     Store,
     accepted_manifest,
+    log_path,
     retry,
     staged_policy,
     write_progress,
 )
 from tma_ray.runs.checkpoints import Checkpoints
-from tma_ray.runs.inputs import fetch
+from tma_ray.runs.inputs import fetch, keep
 from tma_ray.runs.placement import Placement, Status, fingerprint, gpu
 from tma_ray.runs.run import Run
 from tma_ray.runs.spec import RunSpec
-from tma_ray.runs.teaching import TeacherLink
-from tma_ray.students.players import hardware
+from tma_ray.runs.teaching import InlineTeacher, TeacherLink
+from tma_ray.students.players import LearnerLostError, hardware
 
 RECENT_EPISODES = 100
 
@@ -200,3 +206,137 @@ class Attempt:
             for path in sorted(Path(place).iterdir()):
                 self._store.write_bytes(f"{folder}/{path.name}", path.read_bytes())
         self._store.write_bytes(f"{folder}/spec.json", json.dumps(self.spec.to_dict(), indent=1).encode())
+
+
+LOGGER = "tma_ray"
+"""Whose messages, and those below it, are kept: plug-ins may log to ``tma_ray.plugins.…``."""
+
+
+class RunLog(logging.Handler):
+    """Context that keeps this process's messages from INFO on, and publishes them when asked and at its end.
+
+    The file is written whole each time, since object stores cannot append. An exception that leaves the
+    context is its last message. Of a process that is killed, what came after the last publication is lost.
+
+    Args:
+        store: the results root.
+        run_id: of the run.
+        attempt: its number.
+    """
+
+    def __init__(self, store: Store, run_id: str, attempt: int) -> None:
+        super().__init__(logging.INFO)
+        formatter = logging.Formatter("%(asctime)s %(levelname)s %(message)s", "%Y-%m-%d %H:%M:%S")
+        formatter.converter = time.gmtime
+        self.setFormatter(formatter)
+        self._store, self._path = store, log_path(run_id, attempt)
+        self._lines: list[str] = []
+        self._published = 0
+
+    def __enter__(self) -> Self:
+        logger = logging.getLogger(LOGGER)
+        self._level_before = logger.level
+        logger.setLevel(min(logger.getEffectiveLevel(), logging.INFO))
+        logger.addHandler(self)
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        logger = logging.getLogger(LOGGER)
+        if error is not None:
+            self._lines += "".join(traceback.format_exception(error)).rstrip().splitlines()
+        logger.removeHandler(self)
+        logger.setLevel(self._level_before)
+        self.publish()
+
+    def emit(self, record: logging.LogRecord) -> None:
+        """Keeps a message."""
+        self._lines.append(self.format(record))
+
+    def publish(self) -> None:
+        """Writes all messages so far, if there are new ones."""
+        count = len(self._lines)
+        if count > self._published:
+            with suppress(StorageError):  # no run fails for its log; the next publication holds all
+                self._store.write_bytes(self._path, ("\n".join(self._lines) + "\n").encode())
+                self._published = count
+
+
+def run_locally(
+    spec: RunSpec,
+    committer: Committer,
+    placement: Placement | None = None,
+    should_stop: Callable[[], bool] = lambda: False,
+    on_status: Callable[[Status], None] = lambda _: None,
+) -> AttemptOutcome:
+    """Runs `spec` in this process, from its newest checkpoint if there is one.
+
+    Args:
+        spec: what to run; nothing happens if the root holds its results already.
+        committer: of the results root.
+        placement: device, threads, time between checkpoints.
+        should_stop: asked after every episode; a stopped run leaves a checkpoint.
+        on_status: told the run's status after every episode.
+
+    Returns:
+        How the attempt ended.
+
+    Raises:
+        StorageError: the root refused to take what was written for long; the run can be taken up again.
+        LearnerLostError: the learner of its cohort is gone; likewise.
+        Exception: whatever the run's parts raise, after the run is marked as failed.
+    """
+    check_kind("spec", spec, RunSpec, "a RunSpec, as of effective_spec")
+    check_kind("committer", committer, Committer, "a Committer, as Committer.open('results')")
+    if committer.done([spec.run_id]):
+        return AttemptOutcome.DONE
+    return _attempt(spec, committer, placement or Placement(), should_stop, on_status)
+
+
+def _attempt(
+    spec: RunSpec,
+    committer: Committer,
+    placement: Placement,
+    should_stop: Callable[[], bool],
+    on_status: Callable[[Status], None],
+) -> AttemptOutcome:
+    record = spec.record()
+    keep(committer.store, [spec])
+    fetch(committer.store, spec)
+    number = committer.start(record)
+    attempt, outcome = None, AttemptOutcome.FAILED
+    try:
+        with RunLog(committer.store, spec.run_id, number) as log:
+
+            def publish(parts: Sequence[PartFile]) -> None:
+                retry(lambda: committer.publish(record, number, parts), placement.outage_seconds, should_stop)
+                log.publish()
+
+            attempt = Attempt(spec, committer.store, number, InlineTeacher(spec), placement)
+            final = attempt.execute(_reporting(attempt, should_stop, on_status), publish)
+        outcome = AttemptOutcome.STOPPED if final is None else AttemptOutcome.DONE
+        if final is not None:
+            retry(lambda: committer.finish(record, number, final), placement.outage_seconds, should_stop)
+            Checkpoints(committer.store, spec.run_id, number).drop()
+    except (StorageError, LearnerLostError):
+        outcome = AttemptOutcome.LOST
+        raise
+    except Exception:
+        committer.fail(record, number, traceback.format_exc())
+        raise
+    finally:
+        if attempt is not None:
+            committer.record_attempt(attempt.record(outcome))
+            attempt.close()
+    return outcome
+
+
+def _reporting(
+    attempt: Attempt, should_stop: Callable[[], bool], on_status: Callable[[Status], None]
+) -> Callable[[], bool]:
+    def asked() -> bool:
+        on_status(attempt.status())
+        return should_stop()
+
+    return asked

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import pickle
-from dataclasses import asdict
+from dataclasses import asdict, dataclass, field
 from functools import partial
 from pathlib import Path
 
@@ -12,18 +12,38 @@ import numpy as np
 from tma_ray.envs import make_environment
 from tma_ray.part_names import base_name
 from tma_ray.results import RunWriter, Table, teacher_log_row
-from tma_ray.runs.inputs import arguments
+from tma_ray.runs.evaluation import Environment, Evaluation, Recorder, Trials
+from tma_ray.runs.inputs import arguments, import_plugins
 from tma_ray.runs.placement import Placement
-from tma_ray.runs.playing.evaluation import Environment, Evaluation
-from tma_ray.runs.playing.recording import Recorder
-from tma_ray.runs.playing.trials import Trials
-from tma_ray.runs.plugins import import_plugins
-from tma_ray.runs.progress import Progress
-from tma_ray.runs.spec import RunSpec
-from tma_ray.runs.streams import Streams, landscape_of, placement_generator
+from tma_ray.runs.spec import RunSpec, Streams, landscape_of, placement_generator
 from tma_ray.runs.teaching import Reply, TeacherLink
 from tma_ray.students import Student, Transition, make_player, make_student
 from tma_ray.tasks import Answer, Episode, Outcomes, Query, QueryKind, Task, TeacherUpdate
+
+
+@dataclass
+class Progress:
+    """Progress of a run; part of every checkpoint.
+
+    Attributes:
+        step: environment steps played.
+        episodes: training episodes finished.
+        evaluations: evaluations done.
+        window: (episodic return, length, success) of the episodes of the running training window from which
+            the student learned.
+        next_task: what the teacher chose for the next episode.
+        record_next: whether the teacher wants to see the steps of that episode.
+        next_trains: whether the student learns from it.
+    """
+
+    step: int = 0
+    episodes: int = 0
+    evaluations: int = 0
+    window: list[tuple[float, int, bool]] = field(default_factory=list)
+    next_task: Task | None = None
+    record_next: bool = False
+    next_trains: bool = True
+
 
 STUDENT = "student"
 """Folder of a saved run that holds its student."""

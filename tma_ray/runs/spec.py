@@ -1,7 +1,8 @@
-"""The specification of a run: all that determines its result, and only that."""
+"""The specification of a run, all that determines its result and only that, and its random streams."""
 
 from __future__ import annotations
 
+import hashlib
 import json
 import re
 from collections.abc import Mapping
@@ -17,7 +18,7 @@ from tma_ray.commands.quantities import COUNT, SEED
 from tma_ray.decoding import DamagedFileError, decode_json
 from tma_ray.part_names import base_name
 from tma_ray.results import RunRecord, SpecFacts, input_path, spec_digest
-from tma_ray.tasks import Dimension, KnowledgeLevel, Task, TaskSpace, TestSet
+from tma_ray.tasks import Dimension, KnowledgeLevel, ShuffledSpace, Task, TaskSpace, TestSet
 
 ABSENT_IF_EMPTY = ("resets", "cuts", "algorithm_versions", "inputs")
 """Fields that a spec's JSON leaves out where they are empty: runs keep the ids that they had before."""
@@ -274,3 +275,44 @@ def _canonical(content: Mapping[str, Any]) -> str:
         raise ValueError(
             f"every number of a run must be finite: {error}; check its hyper-parameters"
         ) from error
+
+
+@dataclass(frozen=True)
+class Streams:
+    """Independent seeds for the parts of a run; the order of the fields is the order of spawning."""
+
+    teacher: np.random.SeedSequence
+    environment: np.random.SeedSequence
+    student: np.random.SeedSequence
+    trials: np.random.SeedSequence
+
+    @classmethod
+    def of(cls, spec: RunSpec) -> Streams:
+        """Returns the streams of a run, from the hash of its effective spec and its seed."""
+        return cls(*np.random.SeedSequence([spec.entropy, spec.seed]).spawn(4))
+
+
+def placement_generator(spec: RunSpec) -> np.random.Generator:
+    """Returns what places the challenge's random parts: the same for all teachers of one seed."""
+    words = [_hash(f"{spec.environment}/{spec.challenge}/{spec.repeat}"), spec.seed]
+    return np.random.default_rng(np.random.SeedSequence(words))
+
+
+def landscape_of(spec: RunSpec, placement: np.random.Generator) -> ShuffledSpace | None:
+    """Returns where the teacher's tasks lie in the world, None if its space is not shuffled.
+
+    Args:
+        spec: of the run.
+        placement: what `placement_generator` returned; the shuffle is its first draw.
+    """
+    return ShuffledSpace.shuffle(spec.task_space, placement, spec.cuts) if spec.cuts else None
+
+
+def evaluation_seeds(test_set: TestSet) -> list[int]:
+    """Returns the seed of each test task's world: every evaluation of every run meets the same worlds."""
+    sequences = (np.random.SeedSequence([_hash(test_set.digest), index]) for index in range(len(test_set)))
+    return [int(sequence.generate_state(1)[0] >> 1) for sequence in sequences]
+
+
+def _hash(text: str) -> int:
+    return int(hashlib.sha256(text.encode()).hexdigest()[:16], 16)

@@ -9,10 +9,8 @@ from typing import Any, Protocol
 import numpy as np
 
 from tma_ray.part_names import base_name
-from tma_ray.runs.inputs import arguments
-from tma_ray.runs.plugins import import_plugins
-from tma_ray.runs.spec import RunSpec
-from tma_ray.runs.streams import Streams, landscape_of, placement_generator
+from tma_ray.runs.inputs import arguments, import_plugins
+from tma_ray.runs.spec import RunSpec, Streams, landscape_of, placement_generator
 from tma_ray.tasks import Answer, Episode, Query, QueryKind, Task, TeacherUpdate, expert_knowledge
 from tma_ray.teachers import make_teacher
 

@@ -1,4 +1,4 @@
-"""The head of a cluster that a campaign joins, and the nodes of it."""
+"""Connections to Ray, and the head of a cluster that a campaign joins."""
 
 from __future__ import annotations
 
@@ -8,7 +8,8 @@ import os
 import socket
 import threading
 import time
-from collections.abc import Collection
+from collections.abc import Collection, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
 
@@ -18,13 +19,15 @@ import yaml
 from ray._private import services
 from ray._private.state import state
 from ray._raylet import GcsClient  # type: ignore[attr-defined]  # compiled
-from ray.exceptions import RayError
+from ray.exceptions import AuthenticationError, RayError
 
-from tma_ray.campaign.cluster.errors import HeadLostError
-from tma_ray.campaign.cluster.head import living_nodes
-from tma_ray.campaign.preflight.address import connection_advice
+from tma_ray.campaign.cluster.base import Head, check_address, connection_advice, living_nodes
+from tma_ray.campaign.cluster.local import LocalHead
+from tma_ray.campaign.failures import HeadLostError
+from tma_ray.campaign.preflight import runtime_environment
 from tma_ray.campaign.settings import PLENTY, Nodes
 from tma_ray.commands.texts import counted
+from tma_ray.plugin_source import PluginSource
 
 WATCH_SECONDS: Final = 2.0
 """Time between two looks at a cluster's head, and the longest that it has to accept a connection, s."""
@@ -177,3 +180,63 @@ def nodes_to_come(heads: Collection[str], *, gpus: bool) -> list[dict[str, float
         for _ in range(kind.get("max_workers", most))
     ]
     return sorted(nodes, key=lambda node: -node["CPU"])[:most]
+
+
+@dataclass(frozen=True)
+class Connection:
+    """A connection of this process to Ray.
+
+    Attributes:
+        head: of the cluster, watched.
+        shipped: whether the workers get the plug-ins; with an older connection they must have them already.
+        is_own: whether this process has started that Ray, so that its workers run in the same installation.
+    """
+
+    head: Head
+    shipped: bool
+    is_own: bool
+
+
+_own: list[LocalHead] = []
+"""The Ray that this process has started, if any: like Ray's connection, it outlives a campaign."""
+
+
+def connect(address: str | None, plugins: Sequence[PluginSource] = ()) -> Connection:
+    """Joins the cluster at `address`, or starts a Ray on this machine if that is None.
+
+    An existing connection of this process is used as it is; the address is checked all the same.
+
+    Args:
+        address: of a cluster, or "auto".
+        plugins: what to bring to the workers.
+
+    Raises:
+        ConnectionError: no cluster answers at `address`, or it has another token; nothing is started.
+        ValueError: no cluster can be at such an address, or the plug-ins are too large.
+    """
+    if address is not None:
+        check_address(address)
+    if ray.is_initialized():
+        return _existing()
+    _own.clear()
+    os.environ.setdefault("RAY_USAGE_STATS_ENABLED", "0")
+    # Ray would print the traceback of every run that a campaign no longer waits for.
+    os.environ.setdefault("RAY_IGNORE_UNHANDLED_ERRORS", "1")
+    options: dict[str, Any] = {"log_to_driver": False, "logging_level": logging.ERROR}
+    with runtime_environment(plugins) as environment:
+        options["runtime_env"] = environment
+        try:
+            if address is None:
+                _own.append(LocalHead(options))
+                return Connection(_own[0], shipped=True, is_own=True)
+            ray.init(address=address, **options)
+        except (ConnectionError, AuthenticationError) as error:
+            raise ConnectionError(connection_advice(address or "local", str(error))) from error
+    return Connection(JoinedHead(), shipped=True, is_own=False)
+
+
+def _existing() -> Connection:
+    """Returns the connection that this process has already."""
+    if _own and _own[0].is_connected():
+        return Connection(_own[0], shipped=False, is_own=True)
+    return Connection(JoinedHead(), shipped=False, is_own=False)

@@ -20,8 +20,8 @@ import ray
 from ray._private import ray_constants
 from ray.exceptions import AuthenticationError
 
-from tma_ray.campaign.cluster.errors import HeadLostError
-from tma_ray.campaign.cluster.head import living_nodes
+from tma_ray.campaign.cluster.base import living_nodes
+from tma_ray.campaign.failures import HeadLostError
 
 OBJECT_STORE_BYTES: Final = 100_000_000
 """Next to nothing travels through the object store: results go to files."""

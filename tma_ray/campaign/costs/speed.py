@@ -15,8 +15,8 @@ from gymnasium import Space
 from tma_ray.campaign.settings import Settings
 from tma_ray.envs import make_environment
 from tma_ray.part_names import base_name
+from tma_ray.runs.evaluation import Evaluation
 from tma_ray.runs.inputs import arguments
-from tma_ray.runs.playing.evaluation import Evaluation
 from tma_ray.runs.spec import RunSpec
 from tma_ray.students import Student, Transition, make_student
 from tma_ray.tasks import Task

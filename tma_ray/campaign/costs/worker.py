@@ -17,8 +17,7 @@ from tma_ray.campaign.costs.cohort_speed import measure_cohort
 from tma_ray.campaign.costs.speed import Throughput, measure
 from tma_ray.campaign.settings import Settings
 from tma_ray.jit import count_compiled
-from tma_ray.runs.inputs import provide
-from tma_ray.runs.plugins import REGISTRIES, import_plugins
+from tma_ray.runs.inputs import REGISTRIES, import_plugins, provide
 from tma_ray.runs.spec import RunSpec
 
 

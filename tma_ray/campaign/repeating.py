@@ -1,18 +1,24 @@
-"""Campaigns that repeat a release for other teachers: its cells, seeds and settings."""
+"""Repetitions: a release for other teachers, and unfinished runs of a results root."""
 
 from __future__ import annotations
 
+import argparse
 import json
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
+from tma_ray.campaign.costs.estimation import estimate
+from tma_ray.campaign.options import SCHEDULE, chosen_nodes, chosen_settings
 from tma_ray.campaign.plan import Plan, cell_row
+from tma_ray.campaign.script import run_plan
 from tma_ray.commands.texts import counted
 from tma_ray.decoding import DamagedFileError
-from tma_ray.results import SIMULATED, Results, Table
+from tma_ray.results import SIMULATED, Inspector, Results, RunRecord, RunStatus, Store, Table, check_usable
 from tma_ray.runs import Cell, RunSpec, effective_spec
+from tma_ray.runs.inputs import fetch, import_plugins
 from tma_ray.tasks import KnowledgeLevel
+from tma_ray.terminal import terminal
 
 TEACHER_FIELDS = ("teacher", "teacher_hyperparameters", "expert_knowledge", "seed", "repeat")
 """Fields of a spec that another teacher may have otherwise."""
@@ -185,3 +191,113 @@ def _without_teacher(spec: RunSpec) -> dict[str, Any]:
 
 def _short(value: Any) -> str:
     return f"{value!r:.60}"
+
+
+DECIDED = (
+    *(
+        "students",
+        "embodiments",
+        "expert-knowledge",
+        "environment",
+        "space",
+        "environment-options",
+        "test-set",
+    ),
+    *SCHEDULE,
+    "independent-levels",
+)
+"""Options whose values the release has."""
+
+
+def run_like(place: str, core: Collection[str], options: argparse.Namespace) -> int:
+    """Runs what ``--teachers``, ``--challenges`` and ``--seeds`` choose of a release; returns the exit code.
+
+    Args:
+        place: folder or address of the release.
+        core: campaigns of it that are repeated; empty for all.
+        options: parsed options of ``tma-ray campaign``.
+
+    Raises:
+        ValueError: no teacher, an option whose value the release has, or what `like_plan` refuses.
+        ResultsRootError: `place` is not a results root.
+        ConnectionError: no cluster answers.
+        RootInUseError: another campaign is running on the results root.
+    """
+    given = [f"--{name}" for name in DECIDED if getattr(options, name.replace("-", "_"))]
+    if given:
+        raise ValueError(
+            f"--like takes {', '.join(given)} from the release; --teachers, --challenges and --seeds choose"
+        )
+    if not options.teachers:
+        raise ValueError("which teachers? Name them with --teachers, as in --teachers mine:Teacher")
+    plan = like_plan(
+        options.name,
+        Results.open(place),
+        options.teachers,
+        core,
+        options.challenges or (),
+        options.seeds or (),
+    )
+    if not options.dry_run:
+        check_usable(Store.open(options.results))
+    cost = estimate(plan, chosen_settings(options), nodes=chosen_nodes(options))
+    terminal().print(cost.describe(), highlight=False, soft_wrap=True)
+    return run_plan(plan, options.results, options, cost.throughputs)
+
+
+NAME = "rerun"
+"""What a rerun is called where a campaign has its name."""
+
+
+def rerun(options: argparse.Namespace) -> int:
+    """Runs what the flags of ``tma-ray rerun`` name, from their checkpoints if they have some.
+
+    Raises:
+        ValueError: nothing is named, no such run, or a plug-in that was edited since.
+    """
+    return run_plan(rerun_plan(options.root, options.runs, failed=options.failed), options.root, options)
+
+
+def rerun_plan(root: str, names: Sequence[str], *, failed: bool) -> Plan:
+    """Returns the plan of unfinished runs of a root.
+
+    Args:
+        root: folder or URI of a results root.
+        names: ids of runs, or unambiguous beginnings of them.
+        failed: all that failed.
+
+    Raises:
+        ValueError: nothing is named, no such run, one that is done, or a plug-in that was edited since:
+            its runs would be others, of the campaign that it belongs to.
+    """
+    results = Results.open(root)
+    chosen = {manifest.run.run_id: manifest for manifest in map(results.find, names)}
+    if failed:
+        chosen |= {m.run.run_id: m for m in results.runs() if m.status is RunStatus.FAILED}
+    if not chosen:
+        raise ValueError(
+            f"no run of {root} failed" if failed else "pass run IDs or --failed, for all that failed"
+        )
+    whole = [m for m in chosen.values() if m.status is RunStatus.DONE]
+    for manifest, found in Inspector(results.store).inspect_all(whole):
+        if not found.damage:
+            raise ValueError(f"run {manifest.run.run_id} is done: there is nothing to run again")
+    specs = tuple(_spec(manifest.run) for manifest in chosen.values())
+    for spec in specs:
+        fetch(results.store, spec)
+    return Plan(NAME, f"{counted(len(chosen), 'run')} again", specs, ())
+
+
+def _spec(run: RunRecord) -> RunSpec:
+    spec = RunSpec.from_json(run.spec, f"the spec of run {run.run_id}")
+    if spec.run_id != run.run_id:
+        raise ValueError(
+            f"the spec of run {run.run_id} is not its own: its manifest was edited or is damaged"
+        )
+    try:
+        import_plugins(spec, *spec.plugins)
+    except ValueError as error:
+        raise ValueError(
+            f"run {run.run_id}: {error}; with an edited plug-in, start the campaign's own command"
+        ) from error
+    return spec

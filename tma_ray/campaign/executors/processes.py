@@ -5,20 +5,24 @@ from __future__ import annotations
 import multiprocessing
 import os
 import queue
+import secrets
+import tempfile
 import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
+from multiprocessing.context import SpawnProcess
 from multiprocessing.synchronize import Event
 from pathlib import Path
 from typing import Any
 
 from tma_ray.results import AttemptOutcome, Committer, leave_pandas_out
+from tma_ray.runs.attempt import run_locally
 from tma_ray.runs.inputs import keep
-from tma_ray.runs.local import run_locally
 from tma_ray.runs.placement import Placement, Status
 from tma_ray.runs.spec import RunSpec
-from tma_ray.students.players import LearnerLostError
+from tma_ray.students import Learner
+from tma_ray.students.players import CohortSettings, LearnerLostError
 
 REPORT_SECONDS = 2.0
 """Shortest time between two reports of a run, s."""
@@ -166,3 +170,33 @@ class _Reporter:
         if time.monotonic() - self._sent > REPORT_SECONDS:
             self._sent = time.monotonic()
             self._news.put(("step", self._run_id, status.step))
+
+
+@contextmanager
+def cohort(settings: CohortSettings) -> Iterator[Learner]:
+    """Provides a learner in a process of its own, for the placement of runs; ends it with the block."""
+    with tempfile.TemporaryDirectory() as folder:
+        learner = Learner(f"{folder}/learner", secrets.token_bytes(32))
+        process = multiprocessing.get_context("spawn").Process(
+            target=_learn, args=(learner, settings), daemon=True
+        )
+        process.start()
+        _wait_for(learner, process)
+        try:
+            yield learner
+        finally:
+            process.terminate()
+            process.join()
+
+
+def _learn(learner: Learner, settings: CohortSettings) -> None:
+    from tma_ray.students.cohort.server import LearnerServer
+
+    LearnerServer(learner, settings).serve(lambda: False)
+
+
+def _wait_for(learner: Learner, process: SpawnProcess) -> None:
+    while not Path(learner.address).exists():
+        if not process.is_alive():
+            raise RuntimeError(f"the learner ended with exit code {process.exitcode} before it listened")
+        time.sleep(0.05)

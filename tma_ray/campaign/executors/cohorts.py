@@ -1,29 +1,237 @@
-"""Places beside the learners of cohorts, which are started, watched and replaced here."""
+"""Places of runs: on any node, or beside the learner of a cohort."""
 
 from __future__ import annotations
 
 import logging
+import math
 import time
 from collections import Counter, deque
-from collections.abc import Mapping, Sequence
+from collections.abc import Hashable, Iterable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
-from typing import Any
+from typing import Any, NamedTuple, Protocol
 
 import ray
 from ray.exceptions import ActorUnavailableError, RayError
 
-from tma_ray.campaign.cluster.head import Head
-from tma_ray.campaign.failures.errors import reason_for_loss
-from tma_ray.campaign.placing.kinds import Kind
-from tma_ray.campaign.placing.learner import LearnerActor
-from tma_ray.campaign.placing.places import Place
-from tma_ray.campaign.placing.room import learner_resources, room_of
-from tma_ray.campaign.settings import Resources, Settings
+from tma_ray.campaign.cluster.base import Head, capacity, living_nodes, offers
+from tma_ray.campaign.executors.actors import LearnerActor, reason_for_loss
+from tma_ray.campaign.settings import GIB, Resources, Settings
+from tma_ray.envs import make_environment
+from tma_ray.part_names import base_name
 from tma_ray.results import LearnerProgress
+from tma_ray.runs.inputs import arguments, import_plugins
+from tma_ray.runs.placement import Placement
 from tma_ray.runs.spec import RunSpec
 from tma_ray.students import Learner
-from tma_ray.students.players import CohortSettings
+from tma_ray.students.players import COHORT_STUDENTS, CohortSettings
+from tma_ray.students.spaces import checked_spaces
+
+
+class Kind(NamedTuple):
+    """All on which the shapes and the settings of a stacked learner depend.
+
+    Attributes:
+        student: name of its algorithm.
+        observation: length of an observation.
+        action: length of an action.
+        hyperparameters: of the student, as text.
+    """
+
+    student: str
+    observation: int
+    action: int
+    hyperparameters: str
+
+
+def kinds_of(specs: Sequence[RunSpec]) -> dict[str, Kind]:
+    """Returns the kind of each run by its id; makes every environment once.
+
+    Raises:
+        ValueError: a student that cannot learn in a cohort, or spaces that it does not take.
+    """
+    sizes: dict[Hashable, tuple[int, int]] = {}
+    kinds = {}
+    for spec in specs:
+        student = base_name(spec.student)
+        if student not in COHORT_STUDENTS:
+            raise ValueError(
+                f"student {spec.student!r} cannot learn in a cohort, as {' and '.join(COHORT_STUDENTS)} can: "
+                f"add '--cohort off', with '--gpus-per-run' on a GPU"
+            )
+        recipe = spec.environment, repr(sorted(spec.environment_options.items())), *spec.inputs.items()
+        if recipe not in sizes:
+            sizes[recipe] = _sizes(spec)
+        kinds[spec.run_id] = Kind(student, *sizes[recipe], repr(sorted(spec.student_hyperparameters.items())))
+    return kinds
+
+
+def _sizes(spec: RunSpec) -> tuple[int, int]:
+    import_plugins(spec, "environment")
+    environment = make_environment(spec.environment, **arguments(spec, "environment"))
+    observations, actions = checked_spaces(environment.observation_space, environment.action_space)
+    environment.close()
+    return observations.shape[0], actions.shape[0]
+
+
+PROCESS_GIB = {"cpu": 1.0, "cuda": 4.0}
+"""Memory of a learner's process without replay, GiB."""
+
+ROW_BYTES = 4.2
+"""Of a stored transition for each of its numbers, of which observations are stored once."""
+
+
+class Room(NamedTuple):
+    """Room of one node.
+
+    Attributes:
+        learners: that it holds.
+        players: that it holds beside each.
+    """
+
+    learners: int
+    players: int
+
+
+def learner_resources(settings: Settings, specs: Iterable[RunSpec], kinds: Mapping[str, Kind]) -> Resources:
+    """Returns what the learner of a full cohort of `specs` occupies: on a GPU the whole GPU."""
+    replays = [_replay_bytes(spec, kinds[spec.run_id]) for spec in specs]
+    device = settings.device.partition(":")[0]
+    copies = 1 if device == "cuda" else 2  # a checkpoint's, and the learner's own where that is no GPU's
+    replay = copies * settings.width * max(replays, default=0.0) / GIB
+    return Resources(1.0, float(device == "cuda"), PROCESS_GIB[device] + replay)
+
+
+def room_of(node: Mapping[str, float], settings: Settings, learner: Resources) -> Room:
+    """Returns the room of a node with these resources for cohorts: full ones, or fewer players on few cores.
+
+    Args:
+        node: Ray's amount of each resource.
+        settings: of the campaign.
+        learner: resources of each learner.
+    """
+    player = settings.player
+    whole = Resources(
+        learner.cpus + settings.width * player.cpus,
+        memory_gib=learner.memory_gib + settings.width * player.memory_gib,
+    )
+    least = Resources(learner.cpus + player.cpus, learner.gpus, learner.memory_gib + player.memory_gib)
+    learners = least.fit_into(node)
+    if not learner.gpus:
+        learners = min(learners, max(1, whole.fit_into(node)))
+    if not learners:
+        return Room(0, 0)
+    cores = node.get("CPU", 0.0) / learners - learner.cpus
+    memory = node.get("memory", 0.0) / learners / GIB - learner.memory_gib
+    by_memory = memory / player.memory_gib if player.memory_gib else math.inf
+    return Room(learners, int(min(settings.width, cores / player.cpus + 1e-9, by_memory + 1e-9)))
+
+
+def _replay_bytes(spec: RunSpec, kind: Kind) -> float:
+    size = min(int(spec.student_hyperparameters.get("buffer_size", 0)), spec.schedule.steps)
+    return ROW_BYTES * size * (kind.observation + kind.action + 2)
+
+
+def check_room(settings: Settings, specs: Sequence[RunSpec], kinds: Mapping[str, Kind]) -> None:
+    """Refuses cohorts that no node can hold: Ray would let them wait forever.
+
+    Args:
+        settings: of the campaign.
+        specs: its runs.
+        kinds: of `kinds_of` these.
+
+    Raises:
+        ValueError: what a learner and a run need, and what the nodes have.
+    """
+    learner = learner_resources(settings, specs, kinds)
+    nodes = [node["Resources"] for node in living_nodes()]
+    if any(room_of(node, settings, learner).players for node in nodes):
+        return
+    raise ValueError(
+        f"no node can hold the learner of a cohort, of {learner.cpus:g} CPUs, {learner.gpus:g} GPUs and "
+        f"{learner.memory_gib:.1f} GiB, and a run of {settings.player.cpus:g} CPUs and "
+        f"{settings.player.memory_gib:g} GiB beside it: the nodes have {offers(nodes)}; give '--cohort "
+        f"off' or a smaller number, add larger nodes, or give '--autoscaling' if the cluster adds them"
+    )
+
+
+@dataclass(frozen=True)
+class Place:
+    """Place of one run.
+
+    Attributes:
+        placement: settings of its execution.
+        node: Ray's id of the node that it has to be on; empty: Ray chooses.
+    """
+
+    placement: Placement
+    node: str = ""
+
+
+class Places(Protocol):
+    """Places of a campaign's runs."""
+
+    def take(self, waiting: deque[RunSpec]) -> tuple[RunSpec, Place] | None:
+        """Takes out of `waiting` a run that can start now; returns None if none can."""
+        ...
+
+    def leave(self, run_id: str) -> None:
+        """Frees the place of a run that has ended, however it did."""
+        ...
+
+    def excuses(self, run_id: str) -> bool:
+        """Tells, before it leaves, that a run was lost by no fault of its own and is to be repeated."""
+        ...
+
+    def look(self, *, over: bool) -> Sequence[LearnerProgress]:
+        """Looks after the learners of cohorts, and returns how they are; `over`: no run is to come."""
+        ...
+
+    def close(self) -> None:
+        """Ends all learners."""
+        ...
+
+
+class AnyNode:
+    """Places of runs that learn alone: as many as the nodes hold, and some more.
+
+    The more keep a demand in the queue that an autoscaler can see.
+
+    Args:
+        settings: of the campaign.
+        head: of the Ray that this process is connected to.
+    """
+
+    def __init__(self, settings: Settings, head: Head) -> None:
+        self._settings, self._head = settings, head
+        self._taken: set[str] = set()
+
+    def take(self, waiting: deque[RunSpec]) -> tuple[RunSpec, Place] | None:
+        """Returns the first run, if there is room; see `Places`."""
+        if not waiting:
+            return None
+        holds = capacity(self._settings.resources, self._head.nodes()) + self._settings.queued
+        if len(self._taken) >= holds:
+            return None
+        spec = waiting.popleft()
+        self._taken.add(spec.run_id)
+        return spec, Place(self._settings.placement)
+
+    def leave(self, run_id: str) -> None:
+        """Frees a place; see `Places`."""
+        self._taken.discard(run_id)
+
+    def excuses(self, run_id: str) -> bool:  # noqa: ARG002  # of nobody
+        """Returns False: every run has a process of its own."""
+        return False
+
+    def look(self, *, over: bool) -> Sequence[LearnerProgress]:  # noqa: ARG002
+        """Returns an empty sequence: every run is its own learner."""
+        return ()
+
+    def close(self) -> None:
+        """Does nothing: every run is its own learner."""
+
 
 AUTOSCALING_LEARNERS = 4
 """Learners that wait for nodes of an autoscaling cluster."""

@@ -1,0 +1,200 @@
+"""The head of a Ray as a campaign watches it, its address, and its nodes."""
+
+from __future__ import annotations
+
+import os
+import re
+import socket
+import sys
+import threading
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from typing import Any, Final, Protocol
+
+from tma_ray.campaign.settings import GIB, Resources
+from tma_ray.commands.exits import RAY_LOST
+
+
+class Watched(Protocol):
+    """A Ray without which a campaign cannot go on."""
+
+    def lost(self, patience: float) -> str | None:
+        """Returns why the head counts as lost after a silence of `patience`, s; None while it does not."""
+        ...
+
+    def abandon(self) -> None:
+        """Kills what is left of a Ray that this process has started, without any call of Ray."""
+        ...
+
+
+class Head(Watched, Protocol):
+    """The head node of a Ray, with the Global Control Store (GCS) that every process of a cluster needs."""
+
+    def nodes(self) -> list[dict[str, Any]]:
+        """Returns what Ray knows of each living node: "NodeID", "Resources" and more; never waits for it."""
+        ...
+
+    def check(self) -> None:
+        """Looks whether the head is there; cheap enough for every turn of a loop.
+
+        Raises:
+            HeadLostError: it is lost. This process has left Ray then.
+        """
+        ...
+
+    def close(self) -> None:
+        """Ends the watch; this process stays connected to Ray."""
+        ...
+
+
+def living_nodes() -> list[dict[str, Any]]:
+    """Asks Ray for its living nodes; without a head it waits until Ray ends this process."""
+    from ray._private.state import state  # unlike `ray.nodes`, it starts no Ray where there is none
+
+    nodes: list[dict[str, Any]] = state.node_table()  # type: ignore[no-untyped-call]
+    return [node for node in nodes if node["Alive"]]
+
+
+def capacity(resources: Resources, nodes: Sequence[dict[str, Any]]) -> int:
+    """Returns how many runs `nodes` hold at once."""
+    return sum(resources.fit_into(node["Resources"]) for node in nodes)
+
+
+def offers(nodes: Sequence[Mapping[str, float]]) -> str:
+    """Returns the resources of nodes as messages show them."""
+    return "; ".join(
+        f"{has.get('CPU', 0):g} CPUs, {has.get('GPU', 0):g} GPUs, {has.get('memory', 0) / GIB:.1f} GiB"
+        for has in nodes
+    )
+
+
+def working_nodes() -> list[dict[str, Any]]:
+    """Returns the living nodes that may get a run, or all where those are still to come.
+
+    Every run needs some share of a core, which the head node of many clusters does not offer.
+    """
+    nodes = living_nodes()
+    return [node for node in nodes if node["Resources"].get("CPU")] or nodes
+
+
+PROBE_SECONDS = 5.0
+
+_HOST = re.compile(r"[\w.-]+|[0-9a-fA-F:.]*:[0-9a-fA-F:.]+(%\w+)?")
+"""A name, an address of IPv4, or one of IPv6."""
+
+
+def check_address(address: str) -> None:
+    """Refuses an address at which a campaign cannot join a cluster.
+
+    Args:
+        address: "host:port" of a cluster's head, or "auto": RAY_ADDRESS if set, else the Ray that runs
+            on this machine, which is left to Ray to find.
+
+    Raises:
+        ValueError: not such an address.
+        ConnectionError: nothing listens there.
+    """
+    if address == "auto":
+        address = os.environ.get("RAY_ADDRESS") or "auto"
+    place = host_and_port(address)
+    if place is None:
+        return
+    try:
+        socket.create_connection(place, timeout=PROBE_SECONDS).close()
+    except OSError as error:
+        raise ConnectionError(connection_advice(address, f"nothing listens there ({error})")) from error
+
+
+def host_and_port(address: str) -> tuple[str, int] | None:
+    """Returns host and port of a cluster's head, None for "auto".
+
+    Raises:
+        ValueError: not such an address.
+    """
+    if address == "auto":
+        return None
+    if "://" in address:
+        raise ValueError(
+            f"address {address!r} is for Ray's own tools, and no campaign can run through it: its driver "
+            f"belongs on the cluster, where its address is 'auto'; get it there with "
+            f"'ray job submit --address http://127.0.0.1:8265 -- python SCRIPT --address auto'"
+        )
+    host, separator, port = address.rpartition(":")
+    host = host.strip("[]")
+    if not (separator and _HOST.fullmatch(host) and port.isdecimal() and 0 < int(port) < 2**16):
+        raise ValueError(
+            f"address {address!r}: expected 'auto' or the head's 'host:port', as in 10.0.0.5:6379"
+        )
+    return host, int(port)
+
+
+def connection_advice(address: str, reason: str) -> str:
+    """Returns why no cluster was joined at `address`, and what can be done."""
+    return (
+        f"no Ray cluster was joined at {address!r}: {reason}. From one of its nodes use '--address auto'; "
+        f"from elsewhere submit the campaign instead ('ray job submit', 'ray submit'). A cluster that asks "
+        f"for a token needs RAY_AUTH_MODE=token and its own ~/.ray/auth_token (or RAY_AUTH_TOKEN_PATH). "
+        f"'--local' needs no cluster"
+    )
+
+
+PATIENCE_SECONDS: Final = 20.0
+"""Silence of a head after which a campaign that has not begun is given up, s."""
+
+LOOK_SECONDS: Final = 1.0
+"""Time between two looks, s."""
+
+GRACE_SECONDS: Final = 6.0
+"""Time in which a loop that looks after the head itself ends by itself, s."""
+
+NOT_BEGUN: Final = "no run had been started; give the same command again"
+
+BEGUN: Final = "the same command continues where it was"
+
+
+@contextmanager
+def leaving_without_head(
+    head: Watched,
+    name: str,
+    advice: str = NOT_BEGUN,
+    *,
+    grace: float = 0.0,
+    conclude: Callable[[], None] = lambda: None,
+) -> Iterator[None]:
+    """Ends this process with a message and `RAY_LOST` if Ray's head is lost while the block runs.
+
+    A call of Ray waits for a head that is gone until Ray itself ends the process, after 60 s and without a
+    word, and cannot be interrupted.
+
+    Args:
+        head: that is watched.
+        name: of the campaign, for the message.
+        advice: for the message.
+        grace: time that the block has to find out and to end by itself, s.
+        conclude: writes what there is to be said of the end; nothing of Ray may be called.
+    """
+    done = threading.Event()
+
+    def watch() -> None:
+        while not done.wait(LOOK_SECONDS):
+            if head.lost(PATIENCE_SECONDS) is None or done.wait(grace):
+                continue
+            reason = head.lost(PATIENCE_SECONDS)
+            if reason is not None and not done.is_set():
+                _leave(head, f"{name}: {reason}; {advice}\n", conclude)
+
+    threading.Thread(target=watch, name="watch-over-ray-head", daemon=True).start()
+    try:
+        yield
+    finally:
+        done.set()
+
+
+def _leave(head: Watched, message: str, conclude: Callable[[], None]) -> None:
+    try:
+        head.abandon()
+        conclude()
+    finally:
+        sys.stderr.write(message)
+        sys.stderr.flush()
+        os._exit(RAY_LOST)

@@ -1,0 +1,1 @@
+"""The two ways in which attempts at runs are executed: processes of this machine, and Ray actors."""

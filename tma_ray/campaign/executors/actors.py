@@ -1,0 +1,388 @@
+"""Ray actors: one seed actor per run, which owns its teacher actor, and one learner per cohort."""
+
+from __future__ import annotations
+
+import platform
+import secrets
+import threading
+import time
+from collections import deque
+from collections.abc import Callable, Mapping, Sequence
+from concurrent.futures import Future
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Concatenate, NamedTuple, ParamSpec, TypeVar, cast
+
+import psutil
+import ray
+from ray.exceptions import ActorUnschedulableError, RayActorError, RayTaskError
+from ray.util.scheduling_strategies import NodeAffinitySchedulingStrategy, NodeLabelSchedulingStrategy, NotIn
+
+from tma_ray.campaign.preflight import use_shipped
+from tma_ray.campaign.settings import GIB, Resources, TeacherPlacement
+from tma_ray.commands.texts import visible
+from tma_ray.results import (
+    AttemptOutcome,
+    AttemptRecord,
+    LearnerProgress,
+    PartFile,
+    StorageError,
+    Store,
+    leave_pandas_out,
+)
+from tma_ray.runs.inputs import contents, fetch, provide
+from tma_ray.runs.placement import Placement, Status
+from tma_ray.runs.spec import RunSpec
+from tma_ray.runs.teaching import InlineTeacher, TeacherLink
+from tma_ray.students import Learner
+from tma_ray.students.players import CohortFullError, CohortSettings, LearnerLostError
+
+NODE_LABEL = "ray.io/node-id"
+"""Label that Ray gives every node."""
+
+
+def node_strategy(node: str, avoid: Sequence[str] = ()) -> Any:
+    """Returns how Ray chooses the node of an actor.
+
+    Args:
+        node: Ray's id of the only one that will do; empty: any.
+        avoid: nodes that are taken only if the others are full.
+    """
+    if node:
+        return NodeAffinitySchedulingStrategy(node, soft=False)
+    others: Any = NotIn
+    return NodeLabelSchedulingStrategy({}, soft={NODE_LABEL: others(*avoid)}) if avoid else "DEFAULT"
+
+
+def launcher(kind: type, resources: Resources, strategy: Any, concurrent_calls: int) -> Any:
+    """Returns what makes an actor of class `kind` by ``remote``; Ray does not restart it.
+
+    Args:
+        kind: class of the actor.
+        resources: that it occupies.
+        strategy: of `node_strategy`.
+        concurrent_calls: most calls that it answers at once.
+    """
+    remote: Any = ray.remote(kind)
+    return remote.options(
+        num_cpus=resources.cpus,
+        num_gpus=resources.gpus,
+        memory=int(resources.memory_gib * GIB),
+        max_restarts=0,
+        max_concurrency=concurrent_calls,
+        scheduling_strategy=strategy,
+    )
+
+
+Arguments = ParamSpec("Arguments")
+Result = TypeVar("Result")
+
+SEED_CALLS = 4
+"""Of a seed actor at once: the run, another that waits for it, a report and a request."""
+
+
+@dataclass(frozen=True)
+class Report:
+    """Message of a seed actor to the scheduler.
+
+    Attributes:
+        record: of the attempt, as if its process were lost now.
+        status: where the run stands.
+        parts: result files that its newest checkpoint holds; None before the first.
+        node: Ray's id of where it runs.
+    """
+
+    record: AttemptRecord
+    status: Status
+    parts: tuple[PartFile, ...] | None
+    node: str
+
+
+class TeacherActor(InlineTeacher):
+    """A teacher in a process of its own; it imports torch only if its algorithm does."""
+
+    def __init__(self, spec: dict[str, Any], inputs: Mapping[str, bytes]) -> None:
+        use_shipped()
+        provide(inputs)
+        super().__init__(RunSpec.from_dict(spec))
+
+
+def _remote(
+    method: Callable[Concatenate[InlineTeacher, Arguments], Result],
+) -> Callable[Concatenate[RemoteTeacher, Arguments], Result]:
+    """Returns a method of `RemoteTeacher` that calls `method` of its actor: one message each way."""
+
+    def call(self: RemoteTeacher, /, *arguments: Arguments.args, **options: Arguments.kwargs) -> Result:
+        return cast("Result", ray.get(getattr(self.actor, method.__name__).remote(*arguments, **options)))
+
+    call.__doc__ = method.__doc__
+    return call
+
+
+class RemoteTeacher:
+    """The link to a teacher actor on this node; see `TeacherLink`. The actor dies with this process."""
+
+    def __init__(self, spec: RunSpec) -> None:
+        here = node_strategy(ray.get_runtime_context().get_node_id())
+        remote: Any = ray.remote(TeacherActor)
+        options = {"num_cpus": 0, "max_restarts": 0, "scheduling_strategy": here}
+        self.actor = remote.options(**options).remote(spec.to_dict(), contents([spec]))
+
+    exchange = _remote(InlineTeacher.exchange)
+    answer = _remote(InlineTeacher.answer)
+    probe = _remote(InlineTeacher.probe)
+    save = _remote(InlineTeacher.save)
+    load = _remote(InlineTeacher.load)
+
+
+class SeedActor:
+    """One attempt at one run: `run` trains, while `report` and `request_stop` are answered beside it.
+
+    `launch` makes one on the cluster. Restarts are the scheduler's business: an actor that Ray
+    restarts would not know that its attempt no longer counts.
+    """
+
+    def __init__(
+        self,
+        spec: dict[str, Any],
+        store: Store,
+        number: int,
+        placement: Placement,
+        teachers: TeacherPlacement,
+    ) -> None:
+        self._spec = RunSpec.from_dict(spec)
+        self._store = store
+        self._number = number
+        self._placement = placement
+        self._teachers = teachers
+        self._stop = threading.Event()
+        self._attempt: Any = None
+        self._parts: tuple[PartFile, ...] | None = None
+        self._outcome: Future[tuple[PartFile, ...] | None] | None = None
+        self._first_call = threading.Lock()
+
+    @classmethod
+    def launch(cls, resources: Resources, strategy: Any, *arguments: Any) -> Any:
+        """Returns the handle of a new seed actor on a node of `node_strategy`, made with `arguments`."""
+        return launcher(cls, resources, strategy, SEED_CALLS).remote(*arguments)
+
+    def run(self) -> tuple[PartFile, ...] | None:
+        """Executes the attempt; returns the canonical result files, or None after a stop.
+
+        Another call waits for the first one and returns the same: the scheduler calls again if it lost
+        sight of this actor.
+
+        Raises:
+            Exception: whatever teacher, student or environment raise.
+        """
+        with self._first_call:
+            outcome, self._outcome = self._outcome, self._outcome or Future()
+        if outcome is not None:
+            return outcome.result()
+        assert self._outcome is not None
+        try:
+            self._outcome.set_result(self._train())
+        except Exception as error:
+            self._outcome.set_exception(error)
+        return self._outcome.result()
+
+    def _train(self) -> tuple[PartFile, ...] | None:
+        leave_pandas_out()
+        self._placement.give_way()
+        use_shipped()
+        # Imported here, so that a failing import is the run's error and not the actor's death.
+        from tma_ray.runs.attempt import Attempt, RunLog
+
+        inline = self._teachers is TeacherPlacement.INLINE
+        with RunLog(self._store, self._spec.run_id, self._number) as log:
+            fetch(self._store, self._spec)
+            teacher: TeacherLink = InlineTeacher(self._spec) if inline else RemoteTeacher(self._spec)
+            self._attempt = Attempt(self._spec, self._store, self._number, teacher, self._placement)
+
+            def note(parts: Sequence[PartFile]) -> None:
+                self._parts = tuple(parts)
+                log.publish()
+
+            return cast("tuple[PartFile, ...] | None", self._attempt.execute(self._stop.is_set, note))
+
+    def report(self) -> Report | None:
+        """Returns where the run stands; None while it is being set up."""
+        if self._attempt is None:
+            return None
+        return Report(
+            record=self._attempt.record(AttemptOutcome.LOST),
+            status=self._attempt.status(),
+            parts=self._parts,
+            node=ray.get_runtime_context().get_node_id(),
+        )
+
+    def request_stop(self) -> None:
+        """Asks the run for a checkpoint at the next episode end, and to return."""
+        self._stop.set()
+
+
+LOSSES = RayActorError, ActorUnschedulableError, StorageError, LearnerLostError, CohortFullError
+"""Errors by which a run counts as lost: of its process or its teacher's, of a storage that took nothing for
+long, of the learner of its cohort."""
+
+
+def reason_for_loss(error: Exception) -> str:
+    """Returns in one line why a run or a learner was lost, without what Ray adds to the error."""
+    lines = str(getattr(error, "cause", None) or error).splitlines()
+    return " ".join(line for line in lines if not line.startswith("\t"))
+
+
+def plain_traceback(error: RayTaskError) -> str:
+    """Returns the traceback of an actor without the colours in which Ray paints it, also into files."""
+    return visible(str(error))
+
+
+LEARNER_CALLS = 6
+"""Of a learner actor at once: two that wait, also again after it was out of sight, and a report."""
+
+WINDOW_SECONDS = 30.0
+"""Time over which speed and share of work are averaged, s."""
+
+
+LONGEST_TURN = 3600.0
+"""Time after which a learner counts as stuck that is still at the same few updates, s: its GPU may hang. The
+compilation of a first update takes minutes."""
+
+TURN_POLL = 5.0
+"""Time between two looks at whether a learner is stuck, s."""
+
+
+class Opened(NamedTuple):
+    """A learner that listens.
+
+    Attributes:
+        learner: its address on its node.
+        node: Ray's id of that.
+    """
+
+    learner: Learner
+    node: str
+
+
+class LearnerActor:
+    """The learner of a cohort in a process of its own. The driver makes it with `launch`, and kills it.
+
+    Args:
+        settings: of the cohort.
+    """
+
+    def __init__(self, settings: CohortSettings) -> None:
+        self._settings = settings
+        node: Any = ray._private.worker.global_worker.node  # whose folder for sockets has a short path
+        socket = Path(node.get_sockets_dir_path(), f"learner-{secrets.token_hex(4)}")
+        self._learner = Learner(str(socket), secrets.token_bytes(32))
+        self._server: Any = None
+        self._failure: Exception | None = None
+        self._listens = threading.Event()
+        self._thread = threading.Thread(target=self._work, daemon=True)
+        self._samples: deque[tuple[float, float, float]] = deque()
+        self._thread.start()
+
+    @classmethod
+    def launch(cls, settings: CohortSettings, resources: Resources, node: str) -> Any:
+        """Returns the handle of a new learner on a node, by Ray's id; without one, Ray chooses."""
+        return launcher(cls, resources, node_strategy(node), LEARNER_CALLS).remote(settings)
+
+    def open(self) -> Opened:
+        """Returns when players can connect.
+
+        Raises:
+            MemoryError: the device has too little memory.
+            Exception: whatever else torch raises.
+        """
+        while not self._listens.wait(0.1) and self._thread.is_alive():
+            pass
+        if self._failure is not None:
+            raise self._failure
+        return Opened(self._learner, ray.get_runtime_context().get_node_id())
+
+    def serve(self) -> None:
+        """Waits for the end, which comes with a failure only; any number of calls may wait.
+
+        Raises:
+            MemoryError: the device has too little memory. Players stay connected: they do not learn of it
+                before this process is killed.
+            TimeoutError: the work does not go on, and nothing ends it.
+            Exception: whatever else ended the work.
+        """
+        wait_for_end(self._thread, lambda: self._server and self._server.turned_at)
+        if self._failure is not None:
+            raise self._failure
+
+    def report(self) -> LearnerProgress | None:
+        """Returns how the learner is; None before it listens."""
+        if self._server is None:
+            return None
+        updates, busy = self._rates()
+        used, total = self._memory()
+        return LearnerProgress(
+            host=platform.node(),
+            device=self._settings.device,
+            width=self._settings.width,
+            runs=self._server.runs,
+            updates_per_second=updates,
+            busy=busy,
+            memory_gib=used,
+            memory_total_gib=total,
+        )
+
+    def _work(self) -> None:
+        try:
+            # Imported here: torch takes seconds, and its failure is to be told apart from a lost process.
+            from tma_ray.students.cohort.server import LearnerServer
+
+            self._server = LearnerServer(self._learner, self._settings)
+            self._listens.set()
+            self._server.serve(lambda: False)
+        except Exception as error:
+            from torch import OutOfMemoryError  # torch is not in the driver, which takes this for what it is
+
+            short = isinstance(error, (MemoryError, OutOfMemoryError))
+            self._failure = MemoryError(str(error).partition("\n")[0]) if short else error
+
+    def _rates(self) -> tuple[float, float]:
+        """Returns updates of runs per second, and the share of time in which there was work."""
+        account, now = dict(self._server.account), time.monotonic()
+        self._samples.append((now, account["updates of runs"], account["waiting"]))
+        while len(self._samples) > 2 and self._samples[1][0] < now - WINDOW_SECONDS:
+            self._samples.popleft()
+        before, updates, waiting = self._samples[0]
+        seconds = now - before
+        if not seconds:
+            return 0.0, 0.0
+        idle = min(1.0, (account["waiting"] - waiting) / seconds)
+        return (account["updates of runs"] - updates) / seconds, 1 - idle
+
+    def _memory(self) -> tuple[float, float]:
+        """Returns memory in use and all that there is, GiB: the GPU's, or this process's of the machine's."""
+        if self._settings.device == "cpu":
+            return psutil.Process().memory_info().rss / GIB, psutil.virtual_memory().total / GIB
+        import torch
+
+        free, total = torch.cuda.mem_get_info()
+        return (total - free) / GIB, total / GIB
+
+
+def wait_for_end(thread: threading.Thread, turned_at: Callable[[], float | None]) -> None:
+    """Waits for the end of a learner's thread.
+
+    Args:
+        thread: in which it works.
+        turned_at: time of its last look at what players ask, on the monotonic clock, s; None before the
+            first.
+
+    Raises:
+        TimeoutError: it has been at the same updates for longer than `LONGEST_TURN`.
+    """
+    while thread.is_alive():
+        thread.join(TURN_POLL)
+        last = turned_at()
+        if last is not None and time.monotonic() - last > LONGEST_TURN:
+            raise TimeoutError(
+                f"it has been at the same updates for {LONGEST_TURN / 60:.0f} minutes: its device hangs"
+            )

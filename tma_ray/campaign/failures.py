@@ -1,0 +1,229 @@
+"""Answers to failures: retries of lost runs and refused writes, silent runs, requests to stop."""
+
+from __future__ import annotations
+
+import logging
+import math
+import signal
+import threading
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from types import FrameType, TracebackType
+from typing import Any, Concatenate, ParamSpec, Self, TypeVar
+
+from tma_ray.results import Committer, StorageError, Store, retry
+from tma_ray.runs.spec import RunSpec
+
+
+class HeadLostError(RuntimeError):
+    """Ray's head has died, was stopped, or did not answer for as long as Ray waits for it."""
+
+
+Arguments = ParamSpec("Arguments")
+Result = TypeVar("Result")
+
+
+class OutageError(RuntimeError):
+    """The storage of a campaign's results failed for longer than its settings allow."""
+
+
+class RetryingCommitter:
+    """Calls the methods of a `Committer`, and retries those that the storage refuses.
+
+    Before every attempt it checks that the lease on the root is still held: a storage that was unavailable
+    for long may have been given to another campaign meanwhile.
+
+    Args:
+        committer: of the results root.
+        keep_lease: renews the lease; raises if another campaign holds it.
+        seconds: longest time for which one operation is retried, s.
+    """
+
+    def __init__(self, committer: Committer, keep_lease: Callable[[], None], seconds: float) -> None:
+        self._committer = committer
+        self._keep_lease = keep_lease
+        self._seconds = seconds
+
+    @property
+    def store(self) -> Store:
+        """The storage of the results root."""
+        return self._committer.store
+
+    def keep_lease(self) -> None:
+        """Renews the lease, with the retries and errors of `call`."""
+        self._retry(self._keep_lease)
+
+    def call(
+        self,
+        operation: Callable[Concatenate[Committer, Arguments], Result],
+        *arguments: Arguments.args,
+        **options: Arguments.kwargs,
+    ) -> Result:
+        """Returns what an operation of the committer returns, as in ``call(Committer.manifest, run_id)``.
+
+        Raises:
+            RootInUseError: another campaign holds the lease on the root.
+            OutageError: the storage refused every attempt.
+        """
+
+        def attempt() -> Result:
+            self._keep_lease()
+            return operation(self._committer, *arguments, **options)
+
+        return self._retry(attempt)
+
+    def _retry(self, action: Callable[[], Result]) -> Result:
+        try:
+            return retry(action, self._seconds)
+        except StorageError as error:
+            raise OutageError(f"the campaign ends after {self._seconds:.0f} s of retries: {error}") from error
+
+
+FIRST_PAUSE, LONGEST_PAUSE = 1.0, 300.0
+"""Pause after a run's first loss, doubled with every other, and its bound, s."""
+
+
+@dataclass
+class _History:
+    """Losses of a run: how many, and on which nodes."""
+
+    losses: int = 0
+    nodes: list[str] = field(default_factory=list)
+
+
+class Retries:
+    """Runs that wait for another attempt after a loss.
+
+    Each loss of a run doubles the pause before its next attempt, so that what kills every attempt (too little
+    memory, a broken mount) does not occupy the cluster.
+
+    Args:
+        most_losses: how often a run may be lost before it is given up.
+        clock: current time, s.
+    """
+
+    def __init__(self, most_losses: int, clock: Callable[[], float] = time.monotonic) -> None:
+        self._most_losses = most_losses
+        self._clock = clock
+        self._histories: dict[str, _History] = {}
+        self._pausing: list[tuple[float, RunSpec]] = []
+
+    def __len__(self) -> int:
+        return len(self._pausing)
+
+    @property
+    def specs(self) -> list[RunSpec]:
+        """The runs that wait."""
+        return [spec for _, spec in self._pausing]
+
+    def add_loss(self, spec: RunSpec, node: str) -> bool:
+        """Takes in a run that was lost on `node`, empty if unknown; returns False if it is given up."""
+        history = self._histories.setdefault(spec.run_id, _History())
+        history.losses += 1
+        if node and node not in history.nodes:
+            history.nodes.append(node)
+        if history.losses > self._most_losses:
+            return False
+        pause = min(FIRST_PAUSE * 2 ** (history.losses - 1), LONGEST_PAUSE)
+        self._pausing.append((self._clock() + pause, spec))
+        return True
+
+    def due(self) -> list[RunSpec]:
+        """Returns the runs whose pause is over; they wait here no longer."""
+        now = self._clock()
+        due = [spec for at, spec in self._pausing if at <= now]
+        self._pausing = [(at, spec) for at, spec in self._pausing if at > now]
+        return due
+
+    def losses(self, run_id: str) -> int:
+        """Returns how often a run was lost."""
+        return self._histories[run_id].losses if run_id in self._histories else 0
+
+    def nodes_to_avoid(self, run_id: str) -> tuple[str, ...]:
+        """Returns the nodes on which a run was lost."""
+        return tuple(self._histories[run_id].nodes) if run_id in self._histories else ()
+
+
+LOG_SECONDS = 60.0
+"""Time between two messages, s."""
+
+MOST_NAMES = 3
+"""Runs that a message names; the others are counted."""
+
+logger = logging.getLogger(__name__)
+
+
+class Silence:
+    """Runs that do not answer: Ray may lose sight of an actor, or of a node with many, and find it again.
+
+    Args:
+        most_seconds: how long a run may be silent before it counts as lost, s.
+        clock: current time, s.
+    """
+
+    def __init__(self, most_seconds: float, clock: Callable[[], float] = time.monotonic) -> None:
+        self._most_seconds = most_seconds
+        self._clock = clock
+        self._since: dict[str, float] = {}
+        self._logged = -math.inf
+
+    def lasts(self, run_id: str) -> bool:
+        """Takes in that a run did not answer; returns True if it has been silent for too long.
+
+        All runs that are silent at the moment are logged, once a minute.
+        """
+        now = self._clock()
+        since = self._since.setdefault(run_id, now)
+        if now - self._logged >= LOG_SECONDS:
+            self._logged = now
+            names = sorted(self._since)
+            more = f" and {len(names) - MOST_NAMES} more" if len(names) > MOST_NAMES else ""
+            verb = "do not answer and are" if len(names) > 1 else "does not answer and is"
+            logger.warning(
+                "%s%s %s not known to be dead; after %.0f s of silence a run counts as lost",
+                ", ".join(names[:MOST_NAMES]),
+                more,
+                verb,
+                self._most_seconds,
+            )
+        return now - since > self._most_seconds
+
+    def end(self, run_id: str) -> None:
+        """Takes in that a run answers, or is lost."""
+        self._since.pop(run_id, None)
+
+
+class StopSignals:
+    """Context in which the first signal only sets `requested`; a second raises KeyboardInterrupt.
+
+    Enter it after `ray.init`, which installs handlers of its own. Outside of the main thread, where
+    Python cannot handle signals, it changes nothing.
+    """
+
+    SIGNALS = (signal.SIGINT, signal.SIGTERM)
+
+    def __init__(self) -> None:
+        self._requested = threading.Event()
+        self._before: dict[signal.Signals, Any] = {}
+
+    @property
+    def requested(self) -> bool:
+        """True if a stop was asked for."""
+        return self._requested.is_set()
+
+    def __enter__(self) -> Self:
+        if threading.current_thread() is threading.main_thread():
+            self._before = {number: signal.signal(number, self._handle) for number in self.SIGNALS}
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        for number, handler in self._before.items():
+            signal.signal(number, handler)
+
+    def _handle(self, number: int, _frame: FrameType | None) -> None:
+        if self.requested:
+            raise KeyboardInterrupt(f"second signal {signal.Signals(number).name}")
+        self._requested.set()

@@ -1,1 +1,0 @@
-"""Answers to failures: retries, storage outages, requests to stop."""

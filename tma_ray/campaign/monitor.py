@@ -1,0 +1,331 @@
+"""Status of the campaigns and runs of a results root, from any machine that sees it; needs no Ray."""
+
+from __future__ import annotations
+
+import time
+from collections import Counter
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from itertools import chain
+from pathlib import Path
+from typing import Any, Generic, NoReturn, TypeVar
+
+from rich.console import Console, Group, RenderableType
+from rich.live import Live
+from rich.table import Table as Grid
+from rich.text import Text
+
+from tma_ray.campaign.progress import duration, learner_line
+from tma_ray.results import LOGS, TABLES, Heartbeat, Manifest, Results, RunProgress, RunStatus, Store, Table
+from tma_ray.terminal import terminal
+
+T = TypeVar("T")
+
+INTERRUPTED = "interrupted"
+"""A run that has been started and is not done, and whose last attempt or campaign has ended."""
+
+WAITING = "waiting"
+"""A run that a campaign lists and that has not been started."""
+
+
+@dataclass(frozen=True)
+class RunState:
+    """One run of a campaign.
+
+    Attributes:
+        run_id: its id.
+        state: done, running, failed, interrupted or waiting.
+        step: environment steps that are known of: published, or told by the campaign's last heartbeat.
+        steps: its budget; 0 if it was never started.
+        steps_per_second: as the last heartbeat tells; 0 of a run that is not running.
+        error: why it failed.
+    """
+
+    run_id: str
+    state: str
+    step: int
+    steps: int
+    steps_per_second: float = 0.0
+    error: str | None = None
+
+
+@dataclass(frozen=True)
+class Overview:
+    """The campaigns of a results root.
+
+    Attributes:
+        campaigns: runs by campaign and by cell; a cell is named by what it consists of.
+        heartbeat: the root's last; None if no campaign ever gave one.
+    """
+
+    campaigns: Mapping[str, Mapping[tuple[str, ...], list[RunState]]]
+    heartbeat: Heartbeat | None
+
+    @property
+    def failed(self) -> bool:
+        """True if a run has failed."""
+        cells = chain.from_iterable(campaign.values() for campaign in self.campaigns.values())
+        return any(run.state == RunStatus.FAILED for run in chain.from_iterable(cells))
+
+
+def overview(root: str | Path, now: float) -> Overview:
+    """Returns what is known of the runs of a root at `now`, s since 1970."""
+    return Observer(root).look(now)
+
+
+class Observer:
+    """Looks at a root again and again, and reads only what has changed since the last look.
+
+    Args:
+        root: folder or URI of a results root.
+    """
+
+    def __init__(self, root: str | Path) -> None:
+        self._store = Store.open(root)
+        self._results: Results | None = None
+        self._steps: dict[str, tuple[Manifest, int]] = {}
+        self._outcomes = _Kept(self._store, Table.ATTEMPTS, _last_outcomes)
+        self._cells = _Kept(self._store, Table.CELLS, _rows_of_cells)
+
+    def look(self, now: float) -> Overview:
+        """Returns what is known of the runs at `now`, s since 1970.
+
+        Raises:
+            ResultsRootError: the root does not exist, or is one of another version.
+        """
+        self._results = results = Results(self._store, self._results)
+        heartbeat = Heartbeat.load(self._store)
+        running = heartbeat.runs if heartbeat is not None and heartbeat.alive(now) else None
+        steps, outcomes = self._published_steps(results), self._outcomes.of(results)
+        states = {
+            manifest.run.run_id: _state(
+                manifest,
+                steps.get(manifest.run.run_id, 0),
+                outcomes.get(manifest.run.run_id),
+                running,
+            )
+            for manifest in results.runs()
+        }
+        campaigns: dict[str, dict[tuple[str, ...], list[RunState]]] = {}
+        for row in self._cells.of(results):
+            cells = campaigns.setdefault(row["campaign"], {})
+            state = states.get(row["run_id"], RunState(row["run_id"], WAITING, 0, 0))
+            cells.setdefault(_cell(row), []).append(state)
+        return Overview(campaigns, heartbeat)
+
+    def _published_steps(self, results: Results) -> dict[str, int]:
+        """Returns the step of the last published episode of every unfinished run."""
+        unfinished = _unfinished(results)
+        new = [
+            run for run, manifest in unfinished.items() if self._steps.get(run, (None, 0))[0] is not manifest
+        ]
+        if new:
+            rows = results.table(Table.EPISODES, new, ["run_id", "step"])
+            grouped = rows.group_by("run_id").aggregate([("step", "max")]).to_pylist()
+            found = {row["run_id"]: row["step_max"] for row in grouped}
+            self._steps |= {run: (unfinished[run], found.get(run, 0)) for run in new}
+        return {run: self._steps[run][1] for run in unfinished}
+
+
+class _Kept(Generic[T]):
+    """Rows about runs as `read` returned them, until a file of their table or a run's state changes."""
+
+    def __init__(self, store: Store, table: Table, read: Callable[[Results], T]) -> None:
+        self._store, self._folder, self._read = store, f"{TABLES}/{table}", read
+        self._found: tuple[object, T] | None = None
+
+    def of(self, results: Results) -> T:
+        seen = self._store.stamps(self._folder), list(_unfinished(results))
+        if self._found is None or self._found[0] != seen:
+            self._found = seen, self._read(results)
+        return self._found[1]
+
+
+def _state(
+    manifest: Manifest,
+    step: int,
+    outcome: tuple[int, str] | None,
+    running: Mapping[str, RunProgress] | None,
+) -> RunState:
+    """Returns the state of a run; `running` is None where no campaign is."""
+    state, speed = manifest.status.value, 0.0
+    ended = running is None or (outcome is not None and outcome[0] == manifest.attempt)
+    progress = running.get(manifest.run.run_id) if running else None
+    if manifest.status is RunStatus.RUNNING and ended:
+        state = INTERRUPTED
+    elif manifest.status is RunStatus.RUNNING and progress is not None:
+        step, speed = max(step, progress.step), progress.steps_per_second
+    if manifest.status is RunStatus.DONE:
+        step = manifest.run.steps
+    return RunState(manifest.run.run_id, state, step, manifest.run.steps, speed, manifest.error)
+
+
+def _rows_of_cells(results: Results) -> list[dict[str, Any]]:
+    rows: list[dict[str, Any]] = results.table(Table.CELLS).to_pylist()
+    return rows
+
+
+def _last_outcomes(results: Results) -> dict[str, tuple[int, str]]:
+    """Number and outcome of the last recorded attempt at every unfinished run."""
+    last: dict[str, tuple[int, str]] = {}
+    columns = ["run_id", "attempt", "outcome"]
+    for row in results.table(Table.ATTEMPTS, _unfinished(results), columns).to_pylist():
+        last[row["run_id"]] = max(last.get(row["run_id"], (-1, "")), (row["attempt"], row["outcome"]))
+    return last
+
+
+def _unfinished(results: Results) -> dict[str, Manifest]:
+    return {
+        manifest.run.run_id: manifest for manifest in results.runs() if manifest.status is not RunStatus.DONE
+    }
+
+
+def _cell(row: Mapping[str, Any]) -> tuple[str, ...]:
+    names = ("environment", "challenge", "embodiment", "student", "teacher", "expert_knowledge")
+    return tuple(row[name] for name in names)
+
+
+COUNTED = (RunStatus.DONE, RunStatus.RUNNING, INTERRUPTED, RunStatus.FAILED, WAITING)
+MOST_ERRORS, MOST_NAMES = 5, 3
+"""Kinds of errors, and runs of each, that are named; the others are counted."""
+
+MIN_NAME_WIDTH = 32
+"""Of the first column, in characters."""
+
+WATCH_SECONDS = 5.0
+"""Time between two looks of a status that is watched, s."""
+
+
+def show_status(root: str | Path, cells: bool = False, console: Console | None = None) -> bool:
+    """Prints where the campaigns of a root stand, and why runs failed; returns whether any have.
+
+    Args:
+        root: folder or URI of a results root.
+        cells: a line for every cell instead of one for every experiment, which joins its teachers.
+        console: where to.
+    """
+    now = time.time()
+    found = overview(root, now)
+    terminal(console).print(_page(root, found, cells, now), highlight=False)
+    return found.failed
+
+
+def watch_status(root: str | Path, cells: bool = False, console: Console | None = None) -> NoReturn:
+    """Shows it again every few seconds, until Ctrl-C."""
+    observer = Observer(root)
+    with Live(console=terminal(console), auto_refresh=False) as live:
+        while True:
+            now = time.time()
+            live.update(_page(root, observer.look(now), cells, now), refresh=True)
+            time.sleep(WATCH_SECONDS)
+
+
+def _page(root: str | Path, found: Overview, cells: bool, now: float) -> Group:
+    if not found.campaigns:
+        return Group(Text(f"{root} holds no campaign yet."))
+    parts: list[RenderableType] = [Text(_sign_of_life(found.heartbeat, now))]
+    if found.heartbeat is not None and found.heartbeat.alive(now):
+        parts += [Text(learner_line(learner)) for learner in found.heartbeat.learners]
+    for campaign, by_cell in found.campaigns.items():
+        runs = _distinct(chain.from_iterable(by_cell.values()))
+        groups: dict[str, list[RunState]] = {}
+        for cell, members in by_cell.items():
+            name = " · ".join(part for part in (cell if cells else cell[:4]) if part)
+            groups.setdefault(name, []).extend(members)
+        parts += [Text(f"\ncampaign {campaign}: {_headline(runs)}", style="bold"), _grid(groups)]
+        parts += [Text(line) for line in _failures(root, runs)]
+    return Group(*parts)
+
+
+def _sign_of_life(heartbeat: Heartbeat | None, now: float) -> str:
+    if heartbeat is None:
+        return "No campaign has given a sign of life here."
+    age = f"{duration(max(0.0, now - heartbeat.at))} ago"
+    if heartbeat.alive(now):
+        return f"Running: {heartbeat.holder}; last heartbeat {age}."
+    at = datetime.fromtimestamp(heartbeat.at, UTC).strftime("%Y-%m-%d %H:%M UTC")
+    how = "left" if heartbeat.ended else "had its last heartbeat"
+    return f"No campaign is running. The last one, {heartbeat.holder}, {how} {age} ({at})."
+
+
+def _headline(runs: Sequence[RunState]) -> str:
+    """Returns how many runs are done, how fast the others are, and when they will be done."""
+    done = sum(run.state == RunStatus.DONE for run in runs)
+    speed = sum(run.steps_per_second for run in runs)
+    budget = max((run.steps for run in runs), default=0)  # also of those that have not been started
+    left = sum((run.steps or budget) - run.step for run in runs if run.state != RunStatus.FAILED)
+    eta = f", {speed:,.0f} steps/s, about {duration(left / speed)} left" if speed else ""
+    return f"{done}/{len(runs)} runs done{eta}"
+
+
+def _grid(groups: dict[str, list[RunState]]) -> Grid:
+    """Returns a line for every group, with columns for the states that occur."""
+    members = {name: _distinct(runs) for name, runs in groups.items()}
+    counts = {name: Counter(run.state for run in runs) for name, runs in members.items()}
+    states = [state for state in COUNTED if any(count[state] for count in counts.values())]
+    grid = Grid(box=None, pad_edge=False)
+    grid.add_column("environment · challenge · body · student", min_width=MIN_NAME_WIDTH)
+    for name in (*states, "steps", "steps/s"):
+        grid.add_column(str(name), justify="right", no_wrap=True)
+    for name, runs in members.items():
+        speed = sum(run.steps_per_second for run in runs)
+        numbers = [str(counts[name][state] or "") for state in states]
+        grid.add_row(name, *numbers, f"{sum(run.step for run in runs):,}", f"{speed:,.0f}" if speed else "")
+    return grid
+
+
+def _failures(root: str | Path, runs: Sequence[RunState]) -> Iterator[str]:
+    """Yields what went wrong, the most frequent first, and how to see and repeat it."""
+    kinds: dict[str, list[str]] = {}
+    for run in runs:
+        if run.state == RunStatus.FAILED:
+            lines = (run.error or "").strip().splitlines()
+            kinds.setdefault(lines[-1] if lines else "no message", []).append(run.run_id)
+    ordered = sorted(kinds.items(), key=lambda kind: -len(kind[1]))
+    for error, names in ordered[:MOST_ERRORS]:
+        more = f" and {len(names) - MOST_NAMES} more" if len(names) > MOST_NAMES else ""
+        yield f"failed: {error}\n  {', '.join(names[:MOST_NAMES])}{more}"
+    if len(ordered) > MOST_ERRORS:
+        yield f"and {len(ordered) - MOST_ERRORS} other errors"
+    if ordered:
+        yield f"Traceback: tma-ray logs {ordered[0][1][0]} --results {root}"
+        yield f"Once mended: tma-ray rerun {root} --failed"
+
+
+def _distinct(runs: Sequence[RunState] | Iterator[RunState]) -> list[RunState]:
+    """Returns every run once: cells may share them."""
+    return list({run.run_id: run for run in runs}.values())
+
+
+def show_history(run: str, root: str | Path, console: Console | None = None) -> None:
+    """Prints the history of a run, from any machine that sees its results root.
+
+    Args:
+        run: its id, or the beginning of that of no other run.
+        root: folder or URI of a results root.
+        console: where to.
+
+    Raises:
+        ValueError: no such run, or several.
+    """
+    console, results = terminal(console), Results.open(root)
+    manifest = results.find(run)
+    run_id = manifest.run.run_id
+    console.print(Text(f"{run_id}: {manifest.status}", style="bold"))
+    for row in sorted(
+        results.table(Table.ATTEMPTS, [run_id]).to_pylist(), key=lambda attempt: attempt["attempt"]
+    ):
+        console.print(
+            f"attempt {row['attempt']}: {row['outcome']} after {duration(row['wall_seconds'])} "
+            f"on {row['host'] or 'an unknown host'}, from {row['started_at']:%Y-%m-%d %H:%M:%S} UTC on",
+            highlight=False,
+        )
+    logged = False
+    for path in sorted(results.store.files(f"{LOGS}/{run_id}")):
+        console.print(Text(f"\n{path}", style="bold"))
+        text = results.store.read_bytes(path).decode(errors="replace").rstrip()
+        console.print(text, markup=False, highlight=False, soft_wrap=True)
+        logged = True
+    if manifest.error and not logged:
+        console.print(manifest.error.rstrip(), markup=False, highlight=False, soft_wrap=True)

@@ -1,1 +1,0 @@
-"""The progress of campaigns: published by drivers, shown from any machine."""

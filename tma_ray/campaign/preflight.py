@@ -1,0 +1,272 @@
+"""Checks before the first run: resources, installation, storage and plug-ins of every node."""
+
+from __future__ import annotations
+
+import importlib
+import sys
+import tempfile
+from collections import defaultdict
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any
+
+import ray
+from ray.exceptions import RayError, RayTaskError
+from ray.util.scheduling_strategies import NodeAffinitySchedulingStrategy
+
+from tma_ray.campaign.cluster.base import capacity, living_nodes, offers, working_nodes
+from tma_ray.campaign.settings import Resources
+from tma_ray.envs import make_environment
+from tma_ray.plugin_source import PluginSource
+from tma_ray.results import ObjectStoreError, ResultsRootError, Store
+from tma_ray.runs.inputs import REGISTRIES, arguments, contents, import_plugins, provide
+from tma_ray.runs.spec import RunSpec
+
+
+def check_installation() -> None:
+    """Refuses a cluster some of whose nodes have another tma_ray, or none.
+
+    Ray's processes run in the environment in which Ray was started there, also on the driver's own node.
+
+    Raises:
+        ConnectionError: which node, and what it has.
+    """
+    here = version("tma_ray")
+    task: Any = ray.remote(num_cpus=0, max_retries=0)(_finder())
+    asked = {}
+    for node in working_nodes():
+        there = NodeAffinitySchedulingStrategy(node["NodeID"], soft=True)
+        asked[task.options(scheduling_strategy=there).remote()] = node["NodeManagerAddress"]
+    for answer, address in asked.items():
+        try:
+            found = ray.get(answer)
+        except RayError as error:
+            cause = error.cause if isinstance(error, RayTaskError) else error
+            found = f"none that can be imported ({cause})"
+        if found != here:
+            raise ConnectionError(
+                f"the Ray node {address} has another tma_ray than this process: {found}, not {here}. "
+                f"Install tma_ray {here} in the environment in which 'ray start' is called on that node, and "
+                f"start Ray there again"
+            )
+
+
+def _finder() -> Callable[[], str]:
+    """Returns a function that Ray sends whole: one of this module would need tma_ray to be found at all."""
+
+    def installed() -> str:
+        from importlib.metadata import version
+
+        import tma_ray  # noqa: F401
+
+        return version("tma_ray")
+
+    return installed
+
+
+def check_feasible(resources: Resources) -> None:
+    """Refuses runs that no node can hold: Ray would let them wait forever.
+
+    Raises:
+        ValueError: what a run needs, and what the nodes have.
+    """
+    nodes = living_nodes()
+    if capacity(resources, nodes):
+        return
+    have = offers([node["Resources"] for node in nodes])
+    raise ValueError(
+        f"no node can hold a run of {resources.cpus:g} CPUs, {resources.gpus:g} GPUs and "
+        f"{resources.memory_gib:g} GiB: the nodes have {have}; ask for less, add larger nodes, or give "
+        f"'--autoscaling' if the cluster adds them by itself"
+    )
+
+
+def check_storage_access(store: Store) -> None:
+    """Refuses a root that some node cannot use: another machine's folder, a bucket without credentials.
+
+    Raises:
+        ResultsRootError: which node does not see the folder.
+        ObjectStoreError: which node cannot use the bucket, and why: each has credentials of its own.
+    """
+    if store.is_object_store:
+        _ask_nodes(store, working_nodes(), None)
+    elif others := _other_nodes():
+        probe = store.temporary()
+        store.write_bytes(probe, b"seen")
+        try:
+            _ask_nodes(store, others, probe)
+        finally:
+            store.delete(probe)
+
+
+def _other_nodes() -> list[dict[str, Any]]:
+    here = ray.get_runtime_context().get_node_id()
+    return [node for node in working_nodes() if node["NodeID"] != here]
+
+
+def _ask_nodes(store: Store, nodes: Sequence[dict[str, Any]], probe: str | None) -> None:
+    task: Any = ray.remote(num_cpus=0)(can_access)
+    asked = {}
+    for node in nodes:
+        there = NodeAffinitySchedulingStrategy(node["NodeID"], soft=True)
+        answer = task.options(scheduling_strategy=there).remote(store, probe)
+        asked[answer] = f"the Ray node {node['NodeManagerAddress']}"
+    for answer, name in asked.items():
+        try:
+            if not ray.get(answer):
+                raise ResultsRootError(
+                    f"{name} does not see this machine's {store}: choose a folder that all nodes mount, or "
+                    f"s3:// or gs://"
+                )
+        except RayError as error:
+            cause = error.cause if isinstance(error, RayTaskError) else error
+            raise ObjectStoreError(
+                f"{name} cannot use the root: {cause}; every node takes its credentials from its role or "
+                f"from the environment in which Ray was started there"
+            ) from error
+
+
+def can_access(store: Store, probe: str | None) -> bool:
+    """Tells whether this node sees the file `probe` of `store`, or may use the bucket if that is None."""
+    if probe is not None:
+        return store.exists(probe)
+    store.check_access()
+    return True
+
+
+FOLDER = "tma_ray_plugins"
+"""What the shipped files lie in; a worker finds it as a package of that name."""
+
+MOST_BYTES = 20 * 2**20
+"""More than this is refused: code is small, and data of that size belongs on the nodes or in storage."""
+
+
+@contextmanager
+def runtime_environment(sources: Sequence[PluginSource]) -> Iterator[dict[str, Any] | None]:
+    """Lends the block a Ray runtime environment that brings plug-ins to every worker of a job.
+
+    The files are copied first: what is edited while a campaign runs does not reach its workers.
+    Installed packages are not shipped; every node needs them by itself.
+
+    Args:
+        sources: of the plug-ins.
+
+    Returns:
+        What `ray.init` takes, None if there is nothing to ship.
+
+    Raises:
+        ValueError: the files are larger than `MOST_BYTES`.
+    """
+    files = {path: code for each in sources if not each.installed for path, code in each.files.items()}
+    _check_size(files)
+    if not files:
+        yield None
+        return
+    with tempfile.TemporaryDirectory() as place:
+        for path, code in files.items():
+            file = Path(place, FOLDER, path)
+            file.parent.mkdir(parents=True, exist_ok=True)
+            file.write_bytes(code)
+        yield {"py_modules": [str(Path(place, FOLDER))]}
+
+
+def use_shipped() -> None:
+    """Lets imports in this worker find the shipped files first, before what the driver left elsewhere."""
+    try:
+        shipped = importlib.import_module(FOLDER)
+    except ModuleNotFoundError:  # nothing was shipped: all is installed, or Ray was connected before
+        return
+    root = next(iter(shipped.__path__))
+    if root not in sys.path:
+        sys.path.insert(0, root)
+
+
+def _check_size(files: dict[str, bytes]) -> None:
+    total = sum(map(len, files.values()))
+    if total > MOST_BYTES:
+        largest = max(files, key=lambda path: len(files[path]))
+        raise ValueError(
+            f"the plug-ins' files are {total / 2**20:.0f} MiB ({largest}: {len(files[largest]) / 2**20:.0f} "
+            f"MiB), more than the {MOST_BYTES / 2**20:.0f} MiB that are shipped to workers; install them on "
+            f"the nodes, or read large data from a path that all nodes have"
+        )
+
+
+_tried: set[tuple[str, object]] = set()
+"""Nodes and what this process has tried there."""
+
+
+def warm_nodes(specs: Sequence[RunSpec], shipped: bool = True) -> None:
+    """Makes every environment of `specs` once on every node, and imports every plug-in there.
+
+    What is compiled on the way stays in the nodes' caches, so that actors do not all compile at once. On
+    its own node the driver itself tries what needs no plug-in. Nodes that join later compile when they
+    start their first run.
+
+    Args:
+        specs: the runs.
+        shipped: whether this connection to Ray brought the plug-ins to the workers.
+
+    Raises:
+        ValueError: a node cannot import a plug-in, or has another version of it.
+    """
+    here = ray.get_runtime_context().get_node_id()
+    recipes = {
+        (s.environment, *s.environment_options.items(), *s.plugins.items(), *s.inputs.items()): s
+        for s in specs
+    }
+    due = {
+        (node["NodeID"], recipe): spec
+        for node in working_nodes()
+        for recipe, spec in recipes.items()
+        if spec.plugins or node["NodeID"] != here
+    }
+    for recipe, spec in recipes.items():
+        if not spec.plugins and (here, recipe) not in _tried:
+            _try(spec)
+            _tried.add((here, recipe))
+    tasks = defaultdict(list)
+    for (node, recipe), spec in due.items():
+        if (node, recipe) not in _tried:
+            tasks[node].append(spec.to_dict())
+    _try_on(tasks, contents(specs), shipped)
+    _tried.update(due)
+
+
+def _try_on(tasks: Mapping[str, Sequence[dict[str, Any]]], files: Mapping[str, bytes], shipped: bool) -> None:
+    """Tries the specs of each node there, with the files that they read."""
+    # One call a process: it would keep the plug-ins that it has imported. One process a node: starting
+    # takes a process longer than trying.
+    task: Any = ray.remote(max_calls=1, num_cpus=0)(_try_all)
+    started = [
+        task.options(scheduling_strategy=NodeAffinitySchedulingStrategy(node, soft=True)).remote(
+            planned, files
+        )
+        for node, planned in tasks.items()
+    ]
+    try:
+        ray.get(started)
+    except RayError as error:
+        cause = error.cause if isinstance(error, RayTaskError) else error
+        hint = (
+            "" if shipped else "; Ray was connected before, so no plug-in was shipped: ray.shutdown() first"
+        )
+        raise ValueError(
+            f"a plug-in or environment does not work on the workers: {type(cause).__name__}: {cause}{hint}"
+        ) from error
+
+
+def _try_all(specs: Sequence[dict[str, Any]], files: Mapping[str, bytes]) -> None:
+    use_shipped()
+    provide(files)
+    for spec in specs:
+        _try(RunSpec.from_dict(spec))
+
+
+def _try(spec: RunSpec) -> None:
+    import_plugins(spec, *REGISTRIES)
+    environment = make_environment(spec.environment, **arguments(spec, "environment"))
+    environment.reset(seed=0, options={"task": spec.task_space.low})
+    environment.close()

@@ -1,1 +1,0 @@
-"""Checks before the first run: addresses, storage, plug-ins and environments on every node."""

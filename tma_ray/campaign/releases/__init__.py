@@ -1,1 +1,0 @@
-"""Campaigns that repeat what was released, for other teachers."""

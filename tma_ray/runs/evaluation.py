@@ -1,0 +1,213 @@
+"""Episodes without learning: tests, trials that a teacher asks for, and the recording of steps."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from functools import partial
+from typing import Any, Protocol
+
+import gymnasium
+import numpy as np
+from numpy.typing import NDArray
+
+from tma_ray.envs import make_environment
+from tma_ray.envs.lock_step import LockStep, lock_step
+from tma_ray.runs.inputs import arguments
+from tma_ray.runs.spec import RunSpec, evaluation_seeds
+from tma_ray.students import Student, Transition
+from tma_ray.tasks import Outcomes, Task, Trajectory
+
+Environment = gymnasium.Env[Any, Any]
+
+Act = Callable[[NDArray[np.float32]], NDArray[np.float32]]
+"""Actions (n, a) for observations (n, o)."""
+
+
+class GreedyPolicy(Protocol):
+    """Something that acts without exploration."""
+
+    def act_greedily(self, observations: NDArray[np.float32]) -> NDArray[np.float32]:
+        """Returns deterministic actions (n, a) for observations (n, o)."""
+
+
+def played_episodes(
+    worlds: LockStep, seeds: Sequence[int], tasks: Task, act: Act, most_steps: float = math.inf
+) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
+    """Plays one episode of each task, all at the same time.
+
+    Args:
+        worlds: of which the first n are played in.
+        seeds: of the n worlds.
+        tasks: of the worlds (n, d).
+        act: chooses the actions.
+        most_steps: after which playing stops, over all worlds.
+
+    Returns:
+        Episodic returns and lengths (n,) so far; episodes that `most_steps` cut are not over.
+    """
+    running = np.arange(len(tasks))
+    observations, _ = worlds.reset(running, seeds, tasks)
+    episodic_returns = np.zeros(len(running))
+    lengths = np.zeros(len(running), dtype=np.int64)
+    while len(running) and most_steps > 0:
+        outcome = worlds.step(running, act(observations))
+        episodic_returns[running] += outcome.rewards
+        lengths[running] += 1
+        most_steps -= len(running)
+        running, observations = running[~outcome.over], outcome.observations[~outcome.over]
+    return episodic_returns, lengths
+
+
+class Evaluation:
+    """The worlds of a run's test set, built once and reset for every evaluation.
+
+    Each world's randomness depends on the test set and the task's index alone (unlike the original
+    release, whose test worlds differ from one evaluation to the next).
+    """
+
+    def __init__(self, spec: RunSpec, make: Callable[..., Environment] = make_environment) -> None:
+        self.test_set = spec.test_set
+        self._seeds = evaluation_seeds(spec.test_set)
+        options = arguments(spec, "environment")
+        self._environments = [make(spec.environment, **options) for _ in range(len(spec.test_set))]
+        self._worlds = lock_step(self._environments)
+
+    def __call__(self, policy: GreedyPolicy) -> list[dict[str, Any]]:
+        """Plays one episode of every test task.
+
+        Returns:
+            Rows of the table of evaluations, without run and step.
+        """
+        episodic_returns, lengths = played_episodes(
+            self._worlds, self._seeds, self.test_set.tasks, policy.act_greedily
+        )
+        outcomes = zip(episodic_returns, lengths, strict=True)
+        return [self._row(index, *outcome) for index, outcome in enumerate(outcomes)]
+
+    def close(self) -> None:
+        """Closes all worlds."""
+        for environment in self._environments:
+            environment.close()
+
+    def _row(self, index: int, episodic_return: float, length: int) -> dict[str, Any]:
+        return {
+            "test_set": self.test_set.name,
+            "task_index": index,
+            "task": self.test_set.tasks[index],
+            "episodic_return": float(episodic_return),
+            "length": int(length),
+        }
+
+
+WORLDS = 64
+"""Most tasks of an evaluation that are played at the same time."""
+
+
+class Trials:
+    """Plays without learning, with randomness of its own, so that nothing of the student changes.
+
+    An evaluation's worlds and the noise of its actions are new each time. What it gives depends on the state
+    of the student and on what was drawn before; nothing else is kept between two evaluations.
+
+    Args:
+        spec: of the run.
+        seed: source of all randomness.
+    """
+
+    def __init__(
+        self,
+        spec: RunSpec,
+        seed: np.random.SeedSequence,
+        make: Callable[..., Environment] = make_environment,
+    ) -> None:
+        self._spec, self._make = spec, make
+        self._rng = np.random.default_rng(seed)
+        self._environments: list[Environment] = []
+        self._worlds: LockStep | None = None
+
+    @property
+    def state(self) -> dict[str, Any]:
+        """State of the generator; between two episodes it is all that there is."""
+        return dict(self._rng.bit_generator.state)
+
+    @state.setter
+    def state(self, state: dict[str, Any]) -> None:
+        self._rng.bit_generator.state = state
+
+    def act(self, student: Student, observation: NDArray[np.float32]) -> NDArray[np.float32]:
+        """Returns an action (a,) of the exploring policy for `observation` (o,)."""
+        action: NDArray[np.float32] = student.sample_actions(observation[None], self._rng)[0]
+        return action
+
+    def evaluate(self, student: Student, tasks: Task, greedy: bool, budget: int) -> Outcomes | None:
+        """Plays an episode of each task.
+
+        Args:
+            student: who plays.
+            tasks: as the world builds them (n, d).
+            greedy: by the deterministic policy instead of the exploring one.
+            budget: steps left of the run.
+
+        Returns:
+            The outcomes; None if the budget ends before, or with, the last step.
+        """
+        act = student.act_greedily if greedy else partial(student.sample_actions, rng=self._rng)
+        seeds = self._rng.integers(2**31, size=len(tasks)).tolist()
+        parts = []
+        for first in range(0, len(tasks), WORLDS):
+            rows = slice(first, first + WORLDS)
+            parts.append(self._play(seeds[rows], tasks[rows], act, budget))
+            budget -= int(parts[-1][1].sum())
+            if budget <= 0:
+                return None
+        episodic_returns, lengths = (np.concatenate(part) for part in zip(*parts, strict=True))
+        return Outcomes(episodic_returns, episodic_returns > self._spec.mastery_threshold, lengths)
+
+    def close(self) -> None:
+        """Closes all worlds."""
+        for environment in self._environments:
+            environment.close()
+
+    def _play(
+        self, seeds: list[int], tasks: Task, act: Act, budget: int
+    ) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
+        if self._worlds is None or len(tasks) > len(self._environments):
+            self.close()
+            options = arguments(self._spec, "environment")
+            self._environments = [self._make(self._spec.environment, **options) for _ in tasks]
+            self._worlds = lock_step(self._environments)
+        return played_episodes(self._worlds, seeds, tasks, act, budget)
+
+
+class Recorder:
+    """Collects one episode; copies, since an environment may reuse its arrays.
+
+    Args:
+        initial_observation: what `reset` gave (o,).
+        gamma: the student's discount factor.
+    """
+
+    def __init__(self, initial_observation: NDArray[np.float32], gamma: float) -> None:
+        self._gamma = gamma
+        self._observations = [initial_observation.copy()]
+        self._actions: list[NDArray[np.float32]] = []
+        self._rewards: list[float] = []
+        self._terminated = False
+
+    def add(self, step: Transition) -> None:
+        """Appends a step."""
+        self._observations.append(step.next_observation.copy())
+        self._actions.append(step.action.copy())
+        self._rewards.append(step.reward)
+        self._terminated = step.terminated
+
+    def trajectory(self) -> Trajectory:
+        """Returns the steps so far, at least one."""
+        return Trajectory(
+            observations=np.stack(self._observations).astype(np.float32, copy=False),
+            actions=np.stack(self._actions).astype(np.float32, copy=False),
+            rewards=np.array(self._rewards, dtype=np.float64),
+            terminated=self._terminated,
+            gamma=self._gamma,
+        )
