@@ -238,7 +238,6 @@ MISTAKES: Mapping[str, str] = {
     "StudentParameters(regions=0)": "Value: regions = 0: expected",
     'export("no_run", tmp/"e", ROOT)': "Value: unknown run 'no_run'",
     'export("", tmp/"e", ROOT)': "Value: policy ''",
-    'import_results(tmp, tmp/"i", largest_mebibytes=0)': "Value: holds no seed: expected",
     'Results.open("nowhere")': "Value: is not a results root",
     'Results.open(ROOT).find("zzz")': "Value: unknown run 'zzz'",
     'Results.open(ROOT).table("nothing")': "Value: no table 'nothing'",

@@ -27,7 +27,6 @@ from tma_ray.campaign import Campaign
 from tma_ray.campaign.settings import Resources, Settings
 from tma_ray.embodiments import load_embodiment
 from tma_ray.export import export
-from tma_ray.importing import import_results
 from tma_ray.runs import Cell, Placement, Schedule
 from tma_ray.students.players import CohortSettings
 from tma_ray.tasks import Dimension, TaskSpace
@@ -55,7 +54,7 @@ CONFIGURATIONS = (
     *(Schedule, Settings, StudentParameters, TaskSpace),
 )
 
-OTHERS = (Resources, Settings, load_embodiment, export, import_results, analysis, baselines, gym, np, Series)
+OTHERS = (Resources, Settings, load_embodiment, export, analysis, baselines, gym, np, Series)
 
 
 @pytest.fixture(scope="module")

@@ -21,21 +21,6 @@ _HEADERS: Final = {
 }
 
 
-def load_array(path: Path) -> NDArray[Any]:
-    """Returns the array of a ``.npy`` file.
-
-    Raises:
-        FileNotFoundError: the file is missing.
-        ValueError: it is not such a file, claims to hold more than it does, or holds objects.
-    """
-    check_file(path)
-    with path.open("rb") as file:
-        _check_header(file, path.stat().st_size, str(path))
-        file.seek(0)
-        array: NDArray[Any] = np.load(file, allow_pickle=False)
-        return array
-
-
 def load_arrays(path: Path, most_bytes: int = MOST_BYTES) -> dict[str, NDArray[Any]]:
     """Returns the arrays of a ``.npz`` file by name.
 

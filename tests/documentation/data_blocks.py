@@ -11,7 +11,6 @@ from commands import understood
 
 from tma_ray.embodiments import load_embodiment
 from tma_ray.envs import ENVIRONMENTS
-from tma_ray.importing.names import parse
 from tma_ray.registry import Registry
 from tma_ray.students import STUDENTS
 from tma_ray.tasks import TestSet
@@ -56,12 +55,6 @@ def check_yaml(text: str, folder: Path) -> None:
     validate_config(prepare_config(yaml.safe_load(text)))
 
 
-def check_text(text: str, folder: Path) -> None:
-    """Names of folders of the original release, which the importer understands."""
-    for name in text.split():
-        parse(name)
-
-
 def check_console(text: str, folder: Path) -> None:
     """A transcript, whose commands there are."""
     typed = [line[2:].split() for line in text.splitlines() if line.startswith("$ ")]
@@ -75,6 +68,5 @@ CHECKS = {
     "toml": check_toml,
     "csv": check_csv,
     "yaml": check_yaml,
-    "text": check_text,
     "console": check_console,
 }

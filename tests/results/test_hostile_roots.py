@@ -14,11 +14,10 @@ import pyarrow.parquet as pq
 import pytest
 from results_examples import make_record
 
-from tma_ray.array_files import load_array, load_arrays
+from tma_ray.array_files import load_arrays
 from tma_ray.cli import main
 from tma_ray.decoding import DamagedFileError, DamagedFileWarning
 from tma_ray.embodiments import load_embodiment
-from tma_ray.importing import load_pickle
 from tma_ray.results import Committer, Results, RunStatus, Store, Table
 from tma_ray.results.layout import table_path
 from tma_ray.results.manifest import MOST_RUN_ROWS, Manifest, PartFile
@@ -47,17 +46,6 @@ def npy(shape: tuple[int, ...], kind: str = "<f8") -> bytes:
     return file.getvalue()
 
 
-@pytest.mark.parametrize("shape", [(10**12,), (10**6, 10**6), (1,)])
-def test_an_array_that_claims_more_than_its_file_holds_is_refused(tmp_path: Path, shape: tuple[int]) -> None:
-    path = tmp_path / "bomb.npy"
-    path.write_bytes(npy(shape))
-    with pytest.raises(ValueError, match=r"claims .* bytes of numbers"):
-        load_array(path)
-    assert main(["import", "test-sets", str(path), "-o", str(tmp_path / "out")]) == 2
-    path.write_bytes(npy((0,)) + b"")
-    assert load_array(path).shape == (0,)
-
-
 def test_an_archive_that_inflates_is_refused(tmp_path: Path) -> None:
     path = tmp_path / "bomb.npz"
     with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as archive:
@@ -65,10 +53,11 @@ def test_an_archive_that_inflates_is_refused(tmp_path: Path) -> None:
     assert load_arrays(path)["w1"].shape == (2**20,)
     with pytest.raises(ValueError, match=r"would take 8,388,.* bytes"):
         load_arrays(path, 2**20)
-    with zipfile.ZipFile(path, "w") as archive:
-        archive.writestr("w1.npy", npy((10**12,)))
-    with pytest.raises(ValueError, match=r"w1\.npy of .* claims"):
-        load_arrays(path)
+    for shape in ((10**12,), (10**6, 10**6), (1,)):
+        with zipfile.ZipFile(path, "w") as archive:
+            archive.writestr("w1.npy", npy(shape))
+        with pytest.raises(ValueError, match=r"w1\.npy of .* claims .* bytes of numbers"):
+            load_arrays(path)
 
 
 def test_a_table_of_repeated_rows_is_named_and_left_out(
@@ -144,9 +133,7 @@ def test_what_the_end_of_a_file_says_of_its_pages_is_not_believed() -> None:
     [
         ("tests.csv", TestSet.from_csv),
         ("body.toml", load_embodiment),
-        ("array.npy", load_array),
         ("weights.npz", load_arrays),
-        ("log.pkl", load_pickle),
     ],
 )
 def test_no_reader_waits_for_a_pipe_or_reads_holes(

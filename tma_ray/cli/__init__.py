@@ -16,7 +16,6 @@ from tma_ray.benchmark import BENCHMARK_VERSION
 from tma_ray.cli import (
     completion,
     experimenting,
-    importing,
     looking,
     naming,
     policies,
@@ -82,7 +81,6 @@ def _parser() -> CommandParser:
         verifying,
         policies,
         publishing,
-        importing,
         naming,
         completion,
     )

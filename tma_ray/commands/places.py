@@ -61,20 +61,6 @@ def new_file(text: str) -> Path:
     return expanded(text)
 
 
-def source(text: str) -> Path:
-    """Returns the file or folder to read that `text` names.
-
-    Raises:
-        argparse.ArgumentTypeError: there is none.
-    """
-    mode = _mode(text, "a file or a folder")
-    if mode is None:
-        raise refused(text, "it does not exist")
-    if not (stat.S_ISDIR(mode) or stat.S_ISREG(mode)):
-        raise refused(text, "it is a device; expected a file or a folder")
-    return expanded(text)
-
-
 def expanded(path: str | Path) -> Path:
     """Returns a path with the home folder in place of ``~`` or ``~user``.
 

@@ -111,6 +111,3 @@ TORQUE: Final = Quantity("a number of N m over 0, up to 1e6", 0, 1e6, positive=T
 
 SHARE: Final = Quantity("a share over 0, up to 1", 0, 1, positive=True)
 """Of a whole."""
-
-MEBIBYTES: Final = Quantity("a whole number of MiB from 1 to 1e6", 1, 1e6, whole=True)
-"""A size in MiB."""

@@ -1,11 +1,11 @@
-"""Imported runs are marked as Box2D's, and never pooled or tested with ours."""
+"""Runs of another engine are never pooled or tested with ours."""
 
+import itertools
 import json
-import shutil
+from collections.abc import Mapping
 from pathlib import Path
 
 import pytest
-from release_folders import Release, stumps
 
 from analysis import load
 from analysis.baselines import Baseline
@@ -17,65 +17,77 @@ from analysis.data.frames import GROUP, Frames
 from analysis.measures.evaluations import evaluation_curves, final_evaluations
 from analysis.measures.pooling import POOLED, pooled, runs_after
 from analysis.tables.paper_tables import table_results
-from tma_ray.importing import import_results
-from tma_ray.results import CHIPMUNK, Committer, RunRecord, RunWriter, Store, Table
+from tma_ray.results import (
+    BOX2D,
+    BOX2D_TEST_SET,
+    CHIPMUNK,
+    NO_PHYSICS_VERSION,
+    Committer,
+    RunRecord,
+    RunWriter,
+    Store,
+    Table,
+)
 from tma_ray.runs import RunSpec
 
 pytestmark = pytest.mark.slow
 
-LEVEL = "none"
+NAMES = {
+    "environment": "stump_tracks",
+    "challenge": "mostly_unfeasible",
+    "embodiment": "classic_bipedal",
+    "student": "sac",
+    "expert_knowledge": "none",
+}
+STEPS = 1_000_000
 
 
-def add_our_runs(root: Path, teacher: str, seeds: range, mastered: int, steps: int) -> None:
-    """Writes runs of ours of the same cell, with the same steps, into a root."""
+def add_runs(root: Path, engine: str, mastered: Mapping[str, int]) -> None:
+    """Adds three runs of each teacher; a run masters as many tasks as `mastered` says, plus its seed."""
+    ours = engine == CHIPMUNK
+    test_set = "stump_tracks" if ours else f"{BOX2D_TEST_SET}stump_tracks"
     committer = Committer(Store.open(root))
-    names = ("stump_tracks", "mostly_unfeasible", "classic_bipedal", "sac", teacher, LEVEL)
-    keys = ("environment", "challenge", "embodiment", "student", "teacher", "expert_knowledge")
-    for seed in seeds:
+    cells = []
+    for teacher, seed in itertools.product(mastered, range(3)):
+        names = NAMES | {"teacher": teacher}
         record = RunRecord(
-            f"ours-{teacher}-{seed}", "{}", *names, "stump_tracks", steps=steps, seed=seed, physics_version=1
+            f"{engine.lower()}-{teacher}-{seed}",
+            "{}" if ours else json.dumps({"engine": engine}),
+            **names,
+            test_set=test_set,
+            steps=STEPS,
+            seed=seed,
+            physics_version=1 if ours else NO_PHYSICS_VERSION,
         )
         attempt = committer.start(record)
         writer = RunWriter(committer.store, record.run_id, attempt)
         rows = [
-            {"step": steps, "test_set": "stump_tracks", "task_index": i, "task": [float(i), 0.0]}
-            | {"episodic_return": 300.0 if i < mastered + seed else 0.0, "length": 1}
+            {"step": STEPS, "test_set": test_set, "task_index": i, "task": [float(i), 0.0]}
+            | {"episodic_return": 300.0 if i < mastered[teacher] + seed else 0.0, "length": 1}
             for i in range(100)
         ]
         writer.add(Table.EVALUATIONS, rows)
         committer.finish(record, attempt, writer.finish())
-        cell = dict(zip(keys, names, strict=True)) | {"seed": seed, "run_id": record.run_id}
-        committer.write_cells("ours", [cell | {"experiment": "box2d_mostly_unfeasible"}])
-
-
-@pytest.fixture(scope="module")
-def imported(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    folder = tmp_path_factory.mktemp("imported")
-    release = Release(folder / "release")
-    for seed in range(3):
-        release.sac(stumps("Random", 1), seed=seed, mastered=[0, 10 + seed])
-        release.sac(stumps("RIAC", 1), seed=seed, mastered=[0, 40 + seed])
-    import_results(release.root, folder / "box2d")
-    return folder / "box2d"
+        cells.append(names | {"seed": seed, "run_id": record.run_id, "experiment": "mostly_unfeasible"})
+    committer.write_cells(engine, cells)
 
 
 @pytest.fixture
-def box2d(imported: Path, tmp_path: Path) -> Path:
-    return shutil.copytree(imported, tmp_path / "box2d")
+def box2d(tmp_path: Path) -> Path:
+    add_runs(tmp_path / "box2d", BOX2D, {"random": 10, "riac": 40})
+    return tmp_path / "box2d"
 
 
 @pytest.fixture
 def ours(tmp_path: Path) -> Path:
-    for teacher, mastered in (("random", 20), ("riac", 30)):
-        add_our_runs(tmp_path / "ours", teacher, range(3), mastered, 1_000_000)
+    add_runs(tmp_path / "ours", CHIPMUNK, {"random": 20, "riac": 30})
     return tmp_path / "ours"
 
 
 @pytest.fixture
 def mixed(box2d: Path) -> Frames:
     """Both in one root, under one name of an experiment, with the same steps."""
-    for teacher, mastered in (("random", 20), ("riac", 30)):
-        add_our_runs(box2d, teacher, range(3), mastered, 1_000_000)
+    add_runs(box2d, CHIPMUNK, {"random": 20, "riac": 30})
     return load(box2d)
 
 
@@ -131,7 +143,7 @@ def test_a_release_of_them_says_whose_worlds_they_are(box2d: Path, tmp_path: Pat
     assert "in worlds of Box2D" in (tmp_path / "theirs" / "README.md").read_text()
 
 
-def test_an_imported_run_cannot_be_run_again(box2d: Path) -> None:
+def test_a_run_of_another_engine_cannot_be_run_again(box2d: Path) -> None:
     spec = json.loads(load(box2d).cells["spec"].iloc[0])
     with pytest.raises(ValueError, match="Box2D simulated its worlds"):
         RunSpec.from_dict(spec)
