@@ -170,7 +170,7 @@ def test_no_command_makes_a_root_where_others_have_files(
 ) -> None:
     monkeypatch.setenv("HOME", str(places["home"]))
     (places["busy"] / "tmp" / "notes.txt").write_text("mine")
-    assert len(WRITERS) == 6
+    assert len(WRITERS) == 5
     for path, parser, action in WRITERS:
         words = [word for word in valid_rest(path, parser, action) if word != "--dry-run"]
         end = ending((*path, *words, f"{action.option_strings[-1]}={place}"), places)
