@@ -17,7 +17,7 @@ from tma_ray.results.unpacking import unpacked_sizes
 
 PUBLISHED_FILE: Final = "published.parquet"
 
-MOST_UNPACKED_BYTES: Final = 2**26
+MOST_PUBLISHED_BYTES: Final = 2**26
 """Bytes in memory beyond which a table is none that anybody published."""
 
 _NAMES = pa.list_(pa.field("element", pa.string(), nullable=False))
@@ -72,9 +72,9 @@ def read_published(store: Store) -> pa.Table:
     data = pa.BufferReader(store.read_bytes(PUBLISHED_FILE))
     file = pq.ParquetFile(data, page_checksum_verification=True)
     names = file.schema_arrow.names
-    if sum(unpacked_sizes(file, data, range(file.num_row_groups), names, ())) > MOST_UNPACKED_BYTES:
+    if sum(unpacked_sizes(file, data, range(file.num_row_groups), names, ())) > MOST_PUBLISHED_BYTES:
         raise DamagedFileError(
-            f"{store.where(PUBLISHED_FILE)} would take more than {MOST_UNPACKED_BYTES:,} bytes"
+            f"{store.where(PUBLISHED_FILE)} would take more than {MOST_PUBLISHED_BYTES:,} bytes"
         )
     table = file.read()
     try:

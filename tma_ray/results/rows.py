@@ -40,7 +40,7 @@ def to_arrow(table: Table, schema: pa.Schema, rows: Sequence[Mapping[str, Any]])
         if not known.issuperset(row) or any(row.get(name) is None for name in needed):
             raise _wrong_names(table, schema, {**defaults, **row})
     columns = [
-        _column(table, field, [row.get(field.name, defaults.get(field.name)) for row in rows])
+        _to_array(table, field, [row.get(field.name, defaults.get(field.name)) for row in rows])
         for field in schema
     ]
     return pa.Table.from_arrays(columns, schema=schema)
@@ -96,7 +96,7 @@ def _wrong_names(table: Table, schema: pa.Schema, row: Mapping[str, Any]) -> Val
     )
 
 
-def _column(table: Table, field: pa.Field, values: list[Any]) -> pa.Array:
+def _to_array(table: Table, field: pa.Field, values: list[Any]) -> pa.Array:
     try:
         if pa.types.is_integer(field.type):
             return pa.array(values).cast(field.type)  # refuses 1.5, which pa.array would cut to 1
