@@ -20,7 +20,7 @@ from tma_ray.campaign import Plan
 from tma_ray.results import DATA_TABLES, SCHEMAS, Committer, Manifest, PartFile, RunStatus, Table
 from tma_ray.results.layout import manifest_path, table_path
 from tma_ray.results.parquet import encode
-from tma_ray.results.rows import to_arrow
+from tma_ray.results.schema import to_arrow
 
 COMMANDS = {
     "status": ["status", "{root}"],

@@ -41,7 +41,7 @@ from tma_ray.results import (
 )
 from tma_ray.results.layout import manifest_path, table_path
 from tma_ray.results.parquet import encode, encode_together
-from tma_ray.results.rows import to_arrow
+from tma_ray.results.schema import to_arrow
 from tma_ray.runs import RunSpec
 
 SKILL = {teacher: 0.2 + 0.05 * place for place, teacher in enumerate(TEACHERS)}

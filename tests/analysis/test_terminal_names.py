@@ -19,7 +19,7 @@ import analysis
 import tma_ray
 from tma_ray.cli import main
 from tma_ray.commands.exits import exit_code
-from tma_ray.results.holding.heartbeat import HeartbeatWriter
+from tma_ray.results.lease import HeartbeatWriter
 from tma_ray.terminal import terminal
 
 NAMES = ("[red]x", "[/x]", ":smile:")

@@ -29,9 +29,9 @@ from tma_ray.results import (
     Table,
     compact,
     copy_merged,
+    manifest,
+    merging,
 )
-from tma_ray.results.merging import compaction as module
-from tma_ray.results.merging import shared_files
 
 RUNS = {"first": ["run-00", "run-01", "run-02", "run-03"], "second": ["run-00a"]}
 
@@ -60,7 +60,7 @@ def store(request: pytest.FixtureRequest, tmp_path: Path) -> Store:
 def open_store(monkeypatch: pytest.MonkeyPatch, store: Store) -> None:
     """Lets `compact` work on stores that have no address, and three runs be many."""
     monkeypatch.setattr(Store, "open", classmethod(lambda cls, root: root))
-    monkeypatch.setattr(shared_files, "FEW", 2)
+    monkeypatch.setattr(manifest, "FEW", 2)
 
 
 @pytest.fixture(scope="module")
@@ -266,9 +266,9 @@ def test_a_file_written_otherwise_than_it_should_be_is_noticed(
 ) -> None:
     before = content(root)
     rows = Results(root).table(Table.EVALUATIONS, ["run-01"])
-    original = module.pack.__globals__["encode_together"]
+    original = merging.pack.__globals__["encode_together"]
     monkeypatch.setitem(
-        module.pack.__globals__,
+        merging.pack.__globals__,
         "encode_together",
         lambda table, parts: original(table, [rows for _ in parts] if table is Table.EVALUATIONS else parts),
     )

@@ -3,9 +3,8 @@ import sys
 from dataclasses import replace
 
 from tma_ray.results import Heartbeat, HeartbeatWriter, LearnerProgress, RunProgress, Store
-from tma_ray.results.holding.heartbeat import HEARTBEAT_SECONDS, SILENT_SECONDS
-from tma_ray.results.holding.process import Process
 from tma_ray.results.layout import HEARTBEAT_FILE
+from tma_ray.results.lease import HEARTBEAT_SECONDS, SILENT_SECONDS, Process
 
 
 class Clock:

@@ -21,9 +21,8 @@ from tma_ray.embodiments import load_embodiment
 from tma_ray.results import Committer, Results, RunStatus, Store, Table
 from tma_ray.results.layout import table_path
 from tma_ray.results.manifest import MOST_RUN_ROWS, Manifest, PartFile
-from tma_ray.results.parquet import MOST_ROWS, decode, opened
+from tma_ray.results.parquet import MOST_ROWS, decode, opened, unpacked_sizes
 from tma_ray.results.schema import SCHEMAS
-from tma_ray.results.unpacking import unpacked_sizes
 from tma_ray.tasks import TestSet
 
 

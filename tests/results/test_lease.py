@@ -15,8 +15,8 @@ from tma_ray.results import (
     ask_to_stop,
     holder_of,
 )
-from tma_ray.results.holding.lease import STOP_CHECK_SECONDS
 from tma_ray.results.layout import LEASE_FILE, STOP_FILE
+from tma_ray.results.lease import STOP_CHECK_SECONDS
 
 
 class Clock:
@@ -29,7 +29,7 @@ class Clock:
 @pytest.fixture(autouse=True)
 def hurry(monkeypatch: pytest.MonkeyPatch) -> None:
     """Lets leases in object stores settle at once: nobody else writes there."""
-    monkeypatch.setattr("tma_ray.results.holding.lease.SETTLING_SECONDS", 0.0)
+    monkeypatch.setattr("tma_ray.results.lease.SETTLING_SECONDS", 0.0)
 
 
 @pytest.fixture

@@ -9,7 +9,7 @@ from results_examples import make_rows
 
 from tma_ray.results import DATA_TABLES, SCHEMAS, Table, parquet
 from tma_ray.results.parquet import decode, encode
-from tma_ray.results.rows import to_arrow
+from tma_ray.results.schema import to_arrow
 
 
 def rows_of(table: Table) -> pa.Table:

@@ -29,7 +29,7 @@ from tma_ray.results import (
 )
 from tma_ray.results.committer import TEMPORARY_SECONDS
 from tma_ray.results.layout import CHECKPOINTS, FOLDERS, STAGING
-from tma_ray.results.merging.journal import JOURNAL
+from tma_ray.results.merging import JOURNAL
 
 VERSION_1 = Path(__file__).parents[1] / "compatibility" / "version_1" / "root"
 

@@ -1,11 +1,7 @@
 """Results as Parquet tables: written by runs, published by one committer, read by anyone."""
 
 from tma_ray.decoding import DamagedFileError, DamagedFileWarning
-from tma_ray.results.arrow_alone import leave_pandas_out
 from tma_ray.results.committer import Committer, StaleAttemptError, accepted_manifest
-from tma_ray.results.engines import BOX2D, BOX2D_TEST_SET, CHIPMUNK, NO_PHYSICS_VERSION, SIMULATED
-from tma_ray.results.holding.heartbeat import Heartbeat, HeartbeatWriter, LearnerProgress, RunProgress
-from tma_ray.results.holding.lease import Lease, NotRunningError, RootInUseError, ask_to_stop, holder_of
 from tma_ray.results.inputs import (
     input_path,
     keep_input,
@@ -13,7 +9,6 @@ from tma_ray.results.inputs import (
     read_input,
     read_plugin,
 )
-from tma_ray.results.inspection import Damage, Inspector, damage_reason
 from tma_ray.results.layout import (
     CHECKPOINTS,
     INPUTS,
@@ -30,29 +25,58 @@ from tma_ray.results.layout import (
     policy_folder,
     staged_policy,
 )
+from tma_ray.results.lease import (
+    Heartbeat,
+    HeartbeatWriter,
+    LearnerProgress,
+    Lease,
+    NotRunningError,
+    RootInUseError,
+    RunProgress,
+    ask_to_stop,
+    holder_of,
+)
 from tma_ray.results.manifest import Manifest, PartFile, read_checked
-from tma_ray.results.merging.compaction import Compaction, compact
-from tma_ray.results.merging.copying import Copy, copy_merged
-from tma_ray.results.merging.packing import LEAN, WHOLE, Contents
-from tma_ray.results.merging.shards import Shard, add_shard, start_from
-from tma_ray.results.progressing import write_progress
-from tma_ray.results.published import PUBLISHED_FILE, PUBLISHED_SCHEMA, read_published, write_published
+from tma_ray.results.merging import (
+    LEAN,
+    WHOLE,
+    Compaction,
+    Contents,
+    Copy,
+    Shard,
+    add_shard,
+    compact,
+    copy_merged,
+    start_from,
+)
+from tma_ray.results.parquet import (
+    PUBLISHED_FILE,
+    PUBLISHED_SCHEMA,
+    leave_pandas_out,
+    read_published,
+    write_published,
+)
 from tma_ray.results.reader import Results
 from tma_ray.results.records import (
+    BOX2D,
+    BOX2D_TEST_SET,
+    CHIPMUNK,
+    NO_PHYSICS_VERSION,
+    SIMULATED,
     AttemptOutcome,
     AttemptRecord,
     RunRecord,
     RunStatus,
     SpecFacts,
     spec_digest,
+    write_progress,
 )
-from tma_ray.results.rows import teacher_log_row
-from tma_ray.results.schema import DATA_TABLES, SCHEMA_VERSION, SCHEMAS, Table
+from tma_ray.results.schema import DATA_TABLES, SCHEMA_VERSION, SCHEMAS, Table, teacher_log_row
 from tma_ray.results.storage.errors import DISK_FULL, ResultsRootError, StorageError, explained_disk, retry
 from tma_ray.results.storage.object_store import ObjectStoreError
 from tma_ray.results.storage.recorded_store import RecordedStore
 from tma_ray.results.storage.store import Store
-from tma_ray.results.verification import RootVerification, verify_root
+from tma_ray.results.verification import Damage, Inspector, RootVerification, damage_reason, verify_root
 from tma_ray.results.writer import RunWriter
 
 __all__ = [

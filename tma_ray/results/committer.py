@@ -10,7 +10,6 @@ from pathlib import Path, PurePosixPath
 from typing import Any, Final, Self
 
 from tma_ray.decoding import DamagedFileError
-from tma_ray.results.inspection import Inspector
 from tma_ray.results.layout import (
     CHECKPOINTS,
     LOGS,
@@ -23,15 +22,20 @@ from tma_ray.results.layout import (
     staging_folder,
     table_path,
 )
-from tma_ray.results.manifest import Manifest, PartFile
-from tma_ray.results.merging.shared_files import UNREADABLE
+from tma_ray.results.manifest import UNREADABLE, Manifest, PartFile
 from tma_ray.results.parquet import decode, encode
-from tma_ray.results.progressing import read_progress, unheard
-from tma_ray.results.records import AttemptOutcome, AttemptRecord, RunRecord, RunStatus
-from tma_ray.results.rows import to_arrow
-from tma_ray.results.schema import DATA_TABLES, SCHEMAS, Table
+from tma_ray.results.records import (
+    AttemptOutcome,
+    AttemptRecord,
+    RunRecord,
+    RunStatus,
+    read_progress,
+    unheard,
+)
+from tma_ray.results.schema import DATA_TABLES, SCHEMAS, Table, to_arrow
 from tma_ray.results.storage.errors import StorageError
 from tma_ray.results.storage.store import Store
+from tma_ray.results.verification import Inspector
 
 TEMPORARY_SECONDS: Final = 3600.0
 """Age over which a half-made file is taken to be left by a killed process, s."""

@@ -15,20 +15,21 @@ import pyarrow.compute as pc
 
 from tma_ray.commands.arguments import check_known, check_names
 from tma_ray.decoding import DamagedFileWarning
-from tma_ray.results.inspection import damage_reason, lost_manifests
 from tma_ray.results.layout import MANIFESTS, TABLES, check_root, manifest_path, table_path
-from tma_ray.results.manifest import Manifest, PartFile, load_manifest
-from tma_ray.results.merging.shared_files import (
+from tma_ray.results.manifest import (
     UNREADABLE,
+    Manifest,
+    PartFile,
     by_appearance,
+    load_manifest,
     read_slice,
     read_slices,
     shared_by_path,
 )
 from tma_ray.results.parquet import decode
-from tma_ray.results.rows import to_arrow
-from tma_ray.results.schema import DATA_TABLES, SCHEMAS, Table
+from tma_ray.results.schema import DATA_TABLES, SCHEMAS, Table, to_arrow
 from tma_ray.results.storage.store import Store
+from tma_ray.results.verification import damage_reason, lost_manifests
 
 S = TypeVar("S")
 T = TypeVar("T")

@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 import hashlib
+import json
 import re
 from collections.abc import Mapping
-from dataclasses import dataclass, field
-from datetime import datetime
+from dataclasses import asdict, dataclass, field
+from datetime import UTC, datetime
 from enum import StrEnum
 from typing import Any, Final
 
-from tma_ray.decoding import Natural, SmallNatural, decode_json
+from tma_ray.decoding import DamagedFileError, Natural, SmallNatural, decode_json
+from tma_ray.results.layout import manifest_path, progress_path
+from tma_ray.results.storage.store import Store
 
 HASHED_ID: Final = re.compile(r".*-s\d+-([0-9a-f]{12})")
 """An id that `run_id` of a spec has made: its end is the spec's `digest`."""
@@ -171,3 +174,44 @@ def check_spec(run: RunRecord) -> None:
     for name, value in told.items():
         if value is not None and value != getattr(run, name):
             raise ValueError(f"its {name} is {getattr(run, name)!r}, but its spec says {value!r}")
+
+
+CHIPMUNK: Final = "Chipmunk"
+"""Simulates the worlds of tma_ray; a run whose spec names no engine is one of its."""
+
+BOX2D: Final = "Box2D"
+"""Simulated the worlds of the original release."""
+
+SIMULATED: Final = "Simulated students"
+"""Stands for the equations of students without physics."""
+
+NO_PHYSICS_VERSION: Final = 0
+"""Physics version of runs of other engines; those of tma_ray count from 1."""
+
+BOX2D_TEST_SET: Final = "box2d_"
+"""Before the name of a test set whose worlds were Box2D's."""
+
+
+def write_progress(store: Store, record: AttemptRecord) -> None:
+    """Keeps the record of an attempt under way, as if it were lost now, beside its parts."""
+    content = {**asdict(record), "started_at": record.started_at.isoformat()}
+    store.write_bytes(progress_path(record.run_id, record.attempt), json.dumps(content).encode())
+
+
+def read_progress(store: Store, run_id: str, attempt: int) -> AttemptRecord | None:
+    """Returns the last record that an attempt has kept, None if there is none that can be read."""
+    path = progress_path(run_id, attempt)
+    try:
+        record = decode_json(store.read_bytes(path), AttemptRecord, store.where(path))
+    except (FileNotFoundError, DamagedFileError):
+        return None
+    return record if (record.run_id, record.attempt) == (run_id, attempt) else None
+
+
+def unheard(store: Store, run_id: str, attempt: int) -> AttemptRecord:
+    """Returns the record of a published attempt that kept none.
+
+    It has published nothing but its number, so that the run's manifest tells when it was started.
+    """
+    started_at = store.modified_at(manifest_path(run_id)) or datetime.now(UTC)
+    return AttemptRecord(run_id, attempt, started_at, 0.0, 0.0, "", "{}", AttemptOutcome.LOST)

@@ -10,8 +10,7 @@ import pyarrow as pa
 from tma_ray.results.layout import final_path, part_number, part_path, staging_folder
 from tma_ray.results.manifest import PartFile
 from tma_ray.results.parquet import decode, encode
-from tma_ray.results.rows import completed, to_arrow
-from tma_ray.results.schema import DATA_TABLES, SCHEMAS, Table
+from tma_ray.results.schema import DATA_TABLES, SCHEMAS, Table, completed, to_arrow
 from tma_ray.results.storage.store import Store
 
 

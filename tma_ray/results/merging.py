@@ -1,0 +1,567 @@
+"""Tables of many runs in one file each: packed, copied, compacted, added as shards."""
+
+from __future__ import annotations
+
+import json
+import os
+import re
+import socket
+import warnings
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from dataclasses import asdict, dataclass, replace
+from pathlib import Path, PurePosixPath
+from typing import Any, Final
+
+import pyarrow as pa
+import pyarrow.compute as pc
+
+from tma_ray.decoding import DamagedFileError, DamagedFileWarning, decode_json
+from tma_ray.results.inputs import kept_files
+from tma_ray.results.layout import (
+    INPUTS,
+    POLICIES,
+    TABLES,
+    check_path,
+    check_root,
+    create_root,
+    manifest_path,
+    table_path,
+)
+from tma_ray.results.lease import Lease
+from tma_ray.results.manifest import UNREADABLE, Manifest, PartFile
+from tma_ray.results.parquet import decode, decode_rows, encode, encode_together, same_rows
+from tma_ray.results.reader import Results
+from tma_ray.results.records import RunStatus
+from tma_ray.results.schema import DATA_TABLES, SCHEMAS, Table, to_arrow
+from tma_ray.results.storage.errors import ResultsRootError
+from tma_ray.results.storage.store import Store
+from tma_ray.results.verification import Inspector
+
+SINGLE_RUNS = "single_runs"
+"""Name of the files of runs that belong to no experiment."""
+
+
+@dataclass(frozen=True)
+class Contents:
+    """Contents of a copy of a root.
+
+    Attributes:
+        tables: which tables that runs write.
+        unfinished: whether runs that are not done are copied.
+        policies: whether final policies are copied.
+        hosts: whether attempts name the machines that they were made on.
+    """
+
+    tables: tuple[Table, ...] = DATA_TABLES
+    unfinished: bool = True
+    policies: bool = True
+    hosts: bool = True
+
+
+WHOLE: Final = Contents()
+"""All that a root says of its runs."""
+
+LEAN: Final = Contents(
+    (Table.EVALUATIONS, Table.TRAINING, Table.CURRICULUM), unfinished=False, policies=False, hosts=False
+)
+"""Some 20 kB a run: neither episodes, logs of teachers and policies, nor names of machines."""
+
+
+def experiments_of(results: Results) -> dict[str, str]:
+    """Returns the experiment of each run by id, as file names have it; of several the first by name."""
+    cells = results.table(Table.CELLS, columns=["experiment", "run_id"]).to_pylist()
+    found = {
+        cell["run_id"]: cell["experiment"]
+        for cell in sorted(cells, key=lambda c: c["experiment"], reverse=True)
+    }
+    ids = (manifest.run.run_id for manifest in results.runs())
+    return {
+        run_id: re.sub(r"[^0-9a-zA-Z_-]", "_", found.get(run_id, SINGLE_RUNS)) or SINGLE_RUNS
+        for run_id in ids
+    }
+
+
+def grouped(manifests: Sequence[Manifest], experiments: Mapping[str, str]) -> dict[str, list[Manifest]]:
+    """Returns `manifests` by experiment, each group by run id."""
+    groups: dict[str, list[Manifest]] = {}
+    for manifest in sorted(manifests, key=lambda manifest: manifest.run.run_id):
+        groups.setdefault(experiments[manifest.run.run_id], []).append(manifest)
+    return dict(sorted(groups.items()))
+
+
+def pack(
+    results: Results,
+    manifests: Sequence[Manifest],
+    target: Store,
+    name: str,
+    tick: Callable[[], None],
+    contents: Contents = WHOLE,
+) -> list[Manifest]:
+    """Writes one file per table with all rows of some runs; returns manifests that lead to them.
+
+    The rows come run after run, each run's as they were written: in order of steps. Nothing refers to the
+    files yet when it returns; they have been read back and compared with what they were made of.
+
+    Args:
+        results: the root that the runs are read from.
+        manifests: of these runs, by run id.
+        target: the root to write to, perhaps the same.
+        name: of the files; none of that name may be there.
+        tick: called now and then, as long work needs signs of life.
+        contents: what is written of the runs.
+
+    Raises:
+        DamagedFileError: rows cannot be read, or were not written as they are.
+    """
+    slices: dict[str, list[PartFile]] = {manifest.run.run_id: [] for manifest in manifests}
+    for table in contents.tables:
+        for run_id, file in _pack_table(results, list(slices), target, (table, name), tick):
+            slices[run_id].append(file)
+    for table in (Table.RUNS, Table.ATTEMPTS):
+        rows, path = results.table(table, list(slices)), table_path(table, name)
+        if table is Table.ATTEMPTS and not contents.hosts:
+            rows = _without_hosts(rows)
+        PartFile.write(target, path, table, len(rows), encode(table, rows)).read(target)
+    return [replace(manifest, files=tuple(slices[manifest.run.run_id])) for manifest in manifests]
+
+
+def _without_hosts(attempts: pa.Table) -> pa.Table:
+    place = attempts.schema.get_field_index("host")
+    field = attempts.schema.field(place)
+    empty = pa.array([""] * len(attempts), pa.string()).dictionary_encode().cast(field.type)
+    return attempts.set_column(place, field, empty)
+
+
+def _rows_of(results: Results, table: Table, run_id: str) -> pa.Table:
+    """Returns the rows of one run.
+
+    Raises:
+        DamagedFileError: some cannot be read.
+    """
+    before = len(results.problems)
+    rows = results.table(table, [run_id])
+    if len(results.problems) > before:
+        raise DamagedFileError(f"nothing was merged: {results.problems[before]}")
+    return rows
+
+
+def _pack_table(
+    results: Results,
+    run_ids: Sequence[str],
+    target: Store,
+    place: tuple[Table, str],
+    tick: Callable[[], None],
+) -> Iterator[tuple[str, PartFile]]:
+    table, name = place
+    counts: dict[str, int] = {}
+
+    def parts() -> Iterator[pa.Table]:
+        for run_id in run_ids:
+            tick()
+            rows = _rows_of(results, table, run_id)
+            counts[run_id] = len(rows)
+            yield rows
+
+    data, path = encode_together(table, parts()), table_path(table, name)
+    if target.exists(path):
+        raise DamagedFileError(f"{target.where(path)} is there already; nothing was merged")
+    written = PartFile.write(target, path, table, sum(counts.values()), data)
+    stored, first = pa.BufferReader(written.read(target)), 0
+    for run_id in run_ids:
+        tick()
+        expected = _rows_of(results, table, run_id)
+        found = (
+            decode_rows(table, stored, first, counts[run_id], SCHEMAS[table].names)
+            if counts[run_id]
+            else expected
+        )
+        if not same_rows(table, found, expected):
+            raise DamagedFileError(
+                f"{target.where(path)} does not hold what run {run_id} wrote; nothing was merged"
+            )
+        yield run_id, replace(written, rows=counts[run_id], first=first)
+        first += counts[run_id]
+
+
+JOURNAL: Final = "compacting.json"
+"""Lists what a compaction leaves without use: files that it replaces, or its own if it is interrupted."""
+
+_MERGED: Final = re.compile(rf"{TABLES}/[^/]+/[^/]+\.parquet")
+
+
+@dataclass(frozen=True)
+class Journal:
+    """Files to delete in the end, by this call or, if it is killed, by the next.
+
+    Attributes:
+        unless_used: files that go if no manifest lists them.
+        replaced: files that go in any case.
+    """
+
+    unless_used: tuple[str, ...] = ()
+    replaced: tuple[str, ...] = ()
+
+    def __post_init__(self) -> None:
+        for path in (*self.unless_used, *self.replaced):
+            if not _MERGED.fullmatch(check_path(path)):
+                raise ValueError(
+                    f"path {path!r}: expected a file of a table, as in {TABLES}/runs/NAME.parquet"
+                )
+
+    @classmethod
+    def load(cls, store: Store) -> Journal:
+        """Returns the journal of a root; an empty one if there is none, or one that cannot be read."""
+        try:
+            return decode_json(store.read_bytes(JOURNAL), cls, store.where(JOURNAL))
+        except FileNotFoundError:
+            return cls()
+        except DamagedFileError as error:  # what it listed stays, and no reader looks at it
+            warnings.warn(str(error), DamagedFileWarning, stacklevel=2)
+            return cls()
+
+    def write(self, store: Store) -> None:
+        """Replaces the journal of a root by this one."""
+        content = Journal(tuple(sorted(set(self.unless_used))), self.replaced)
+        store.write_bytes(JOURNAL, json.dumps(asdict(content)).encode())
+
+
+def clean(store: Store) -> None:
+    """Deletes what the journal lists and no manifest needs.
+
+    While a manifest cannot be read, what it may list stays: all but files of runs whose manifests can.
+    """
+    if not store.exists(JOURNAL):
+        return
+    journal, results = Journal.load(store), Results(store)
+    used = {file.path for manifest in results.runs() for file in manifest.files}
+    known = {manifest.run.run_id for manifest in results.runs()}
+    unused = [path for path in journal.unless_used if path not in used]
+    doubtful = [path for path in unused if results.problems and not _is_of(path, known)]
+    for path in (*(path for path in unused if path not in doubtful), *journal.replaced):
+        store.delete(path)
+    if doubtful:
+        Journal(tuple(doubtful)).write(store)
+    else:
+        store.delete(JOURNAL)
+
+
+def _is_of(path: str, run_ids: set[str]) -> bool:
+    """Tells whether a file is one of these runs' alone."""
+    place = PurePosixPath(path)
+    return not run_ids.isdisjoint((*place.parts, place.stem))
+
+
+POLICY_FILES: Final = (".json", ".safetensors")
+"""Endings of the files of policies that are copied: nothing that runs when it is read."""
+
+
+@dataclass(frozen=True)
+class Copy:
+    """Runs and files that a copy of a root lacks.
+
+    Attributes:
+        policy_files: that were left out, since they are neither JSON nor safetensors.
+        damaged: a message for each run and file that was left out, since it is damaged.
+    """
+
+    policy_files: tuple[str, ...]
+    damaged: tuple[str, ...]
+
+
+def copy_merged(results: Results, target: Store, contents: Contents = WHOLE) -> Copy:
+    """Copies all that a root says of its runs, and their policies, to an empty place, files merged.
+
+    What is damaged is left out.
+
+    Args:
+        results: the root.
+        target: where another one is made.
+        contents: what is copied.
+
+    Raises:
+        DamagedFileError: a file was written by a newer version, with columns that would be lost.
+        ResultsRootError: `target` is not empty.
+    """
+    sound, damaged = sound_runs(results, contents)
+    ours = pa.array([manifest.run.run_id for manifest in sound], pa.string())
+    create_root(target)
+    for name, manifests in grouped(sound, experiments_of(results)).items():
+        for manifest in pack(results, manifests, target, name, lambda: None, contents):
+            target.write_bytes(manifest_path(manifest.run.run_id), manifest.to_bytes())
+    for path in results.store.files(f"{TABLES}/{Table.CELLS}"):
+        try:
+            cells = decode(Table.CELLS, results.store.read_bytes(path))
+        except UNREADABLE as error:
+            damaged.append(f"{path}: {error}")
+        else:
+            if not contents.unfinished:
+                cells = cells.filter(pc.is_in(cells["run_id"].cast(pa.string()), ours))
+            target.write_bytes(path, encode(Table.CELLS, cells))
+    left_out = copy_beside(results, target, sound, contents)
+    return Copy(left_out, tuple(dict.fromkeys([*results.problems, *damaged])))
+
+
+def copy_beside(
+    results: Results, target: Store, manifests: Sequence[Manifest], contents: Contents
+) -> tuple[str, ...]:
+    """Copies what runs read, and their policies; returns files of policies that were left out as unsafe."""
+    for path in kept_files(results.store, (manifest.run for manifest in manifests)):
+        target.write_bytes(path, results.store.read_bytes(path))
+    if not contents.policies:
+        return ()
+    ours = {manifest.run.run_id for manifest in manifests}
+    left_out = []
+    for path in results.store.files(POLICIES):
+        if path.endswith(POLICY_FILES) and PurePosixPath(path).parts[1] in ours:
+            target.write_bytes(path, results.store.read_bytes(path))
+        else:
+            left_out.append(path)
+    return tuple(left_out)
+
+
+def sound_runs(results: Results, contents: Contents) -> tuple[list[Manifest], list[str]]:
+    """Returns the runs of a root that are to be copied and whose files are whole, and the damage of others.
+
+    Raises:
+        DamagedFileError: a file was written by a newer version, with columns that would be lost.
+    """
+    sound: list[Manifest] = []
+    damaged: list[str] = []
+    wanted = [run for run in results.runs() if contents.unfinished or run.status is RunStatus.DONE]
+    for manifest, found in Inspector(results.store).inspect_all(wanted):
+        if found.newer:
+            raise DamagedFileError(newer_version(results.store, found.newer[0]))
+        damaged += map(str, found.damage)
+        sound += [] if found.damage else [manifest]
+    return sound, damaged
+
+
+def newer_version(store: Store, path: str) -> str:
+    """Returns why a file with columns that this version does not know is neither merged nor copied."""
+    return (
+        f"{store.where(path)} was written by a newer tma_ray, with columns that this one would lose: it was "
+        f"left as it is; use that version"
+    )
+
+
+@dataclass(frozen=True)
+class Compaction:
+    """Outcome of a compaction.
+
+    Attributes:
+        runs: whose files were merged.
+        files_before: files of tables before.
+        files_after: files of tables after.
+        bytes_before: their size before.
+        bytes_after: their size after.
+    """
+
+    runs: int
+    files_before: int
+    files_after: int
+    bytes_before: int
+    bytes_after: int
+
+
+def compact(root: str | Path) -> Compaction:
+    """Merges the files of all runs of a root that are done, experiment by experiment.
+
+    The merged files are written aside, read back and compared; then one manifest after the other is
+    switched to them, and what no manifest needs any more is deleted. A kill at any time leaves a root that
+    reads the same, and the next call cleans up. Readers may go on; campaigns may not, and continue later.
+
+    Runs that are damaged stay as they are, and so do those written by a newer version with columns that would
+    be lost: a `DamagedFileWarning` names each.
+
+    Args:
+        root: a folder, or an ``s3://`` or ``gs://`` address.
+
+    Raises:
+        ResultsRootError: the root does not exist.
+        RootInUseError: a campaign is running on it.
+        DamagedFileError: a merged file was not written as it should be; nothing refers to it.
+    """
+    store = Store.open(root)
+    check_root(store)
+    with Lease(store, f"tma-ray compact (process {os.getpid()} on {socket.gethostname()})") as lease:
+        clean(store)
+        before = _files(store)
+        results = Results(store)
+        groups = grouped(list(_mergeable(results)), experiments_of(results))
+        merged = 0
+        for experiment, manifests in groups.items():
+            if not _is_merged(manifests):
+                _merge(results, manifests, experiment, lease)
+                merged += len(manifests)
+        after = _files(store)
+    return Compaction(merged, len(before), len(after), sum(before.values()), sum(after.values()))
+
+
+def _mergeable(results: Results) -> Iterator[Manifest]:
+    """Yields the runs that are done and can be merged without loss; warns of others."""
+    done = [manifest for manifest in results.runs() if manifest.status is RunStatus.DONE]
+    for manifest, found in Inspector(results.store).inspect_all(done):
+        for damage in found.damage:
+            warnings.warn(f"{damage}; not merged", DamagedFileWarning, stacklevel=3)
+        for path in found.newer:
+            warnings.warn(newer_version(results.store, path), DamagedFileWarning, stacklevel=3)
+        if not (found.damage or found.newer):
+            yield manifest
+
+
+def _merge(results: Results, manifests: Sequence[Manifest], experiment: str, lease: Lease) -> None:
+    store = results.store
+    name = _free_name(store, experiment, {manifest.run.run_id for manifest in results.runs()})
+    new = [table_path(table, name) for table in (*DATA_TABLES, Table.RUNS, Table.ATTEMPTS)]
+    old = [file.path for manifest in manifests for file in manifest.files]
+    about = list(_only_about(store, {manifest.run.run_id for manifest in manifests}))
+    kept = Journal.load(store).unless_used
+    Journal((*kept, *new, *old)).write(store)
+    packed = pack(results, manifests, store, name, lease.keep)
+    Journal((*kept, *new[: len(DATA_TABLES)], *old), tuple(about)).write(store)
+    lease.renew()
+    for manifest in packed:
+        lease.keep()
+        store.write_bytes(manifest_path(manifest.run.run_id), manifest.to_bytes())
+    clean(store)
+
+
+def _only_about(store: Store, run_ids: Collection[str]) -> Iterator[str]:
+    """Yields the files of the tables about runs that say nothing of any other run."""
+    for table in (Table.RUNS, Table.ATTEMPTS):
+        for path in store.files(f"{TABLES}/{table}"):
+            try:
+                said = decode(table, store.read_bytes(path), ["run_id"])["run_id"].unique().to_pylist()
+            except UNREADABLE:
+                continue  # readers name it
+            if set(said) <= set(run_ids):
+                yield path
+
+
+def _is_merged(manifests: Sequence[Manifest]) -> bool:
+    files = [file for manifest in manifests for file in manifest.files]
+    shared = all(file.first is not None for file in files)
+    return shared and len({file.path for file in files}) <= len(DATA_TABLES)
+
+
+def _free_name(store: Store, experiment: str, run_ids: Collection[str]) -> str:
+    count, name = 1, experiment
+    while name in run_ids or any(
+        store.exists(table_path(table, name)) for table in Table if table is not Table.CELLS
+    ):
+        count += 1
+        name = f"{experiment}-{count}"
+    return name
+
+
+def _files(store: Store) -> dict[str, int]:
+    return {path: store.size(path) for path in store.files(TABLES)}
+
+
+@dataclass(frozen=True)
+class Shard:
+    """Additions of one batch.
+
+    Attributes:
+        runs: how many were added.
+        cells: how many rows the table of cells got.
+        policy_files: that were left out, since they are neither JSON nor safetensors.
+        damaged: a message for each run that was left out, since it is damaged.
+    """
+
+    runs: int
+    cells: int
+    policy_files: tuple[str, ...]
+    damaged: tuple[str, ...]
+
+
+def add_shard(results: Results, target: Store, name: str, contents: Contents = LEAN) -> Shard:
+    """Adds to a root those runs of another that are done and that it lacks, with their cells.
+
+    No file that is there is changed: each table gets one file called `name`, each run its manifest.
+
+    Args:
+        results: the root of the batch, which may have begun with the runs of `target`.
+        target: the root that grows; an empty place becomes one.
+        name: of the new files; letters, digits, "_" and "-".
+        contents: what is copied.
+
+    Raises:
+        ResultsRootError: `target` is not a results root, or has files of that name.
+        DamagedFileError: a file was written by a newer version, with columns that would be lost.
+    """
+    create_root(target)
+    before = Results(target)
+    known = {manifest.run.run_id for manifest in before.runs()}
+    for table in Table:
+        if target.exists(table_path(table, name)):
+            raise ResultsRootError(f"{target.where(table_path(table, name))} exists: choose another name")
+    sound, damaged = sound_runs(results, contents)
+    new = [manifest for manifest in sound if manifest.run.run_id not in known]
+    cells = _new_cells(results, before, known | {manifest.run.run_id for manifest in new})
+    if new:
+        for manifest in pack(results, new, target, name, lambda: None, contents):
+            target.write_bytes(manifest_path(manifest.run.run_id), manifest.to_bytes())
+    if cells:
+        rows = to_arrow(Table.CELLS, SCHEMAS[Table.CELLS], cells)
+        target.write_bytes(table_path(Table.CELLS, name), encode(Table.CELLS, rows))
+    unsafe = copy_beside(results, target, new, contents)
+    return Shard(len(new), len(cells), unsafe, tuple(dict.fromkeys([*results.problems, *damaged])))
+
+
+def start_from(store: Store, source: Store) -> int:
+    """Copies the runs of a root that are done, with their cells, to another that lacks them.
+
+    A campaign on that root takes them as its own, and does what is missing. Files keep their paths.
+
+    Args:
+        store: the root to begin with; an empty place becomes one.
+        source: a results root or a release.
+
+    Returns:
+        How many runs were copied.
+
+    Raises:
+        ResultsRootError: `source` is not a results root, or a file of that path and another content is there.
+        RootInUseError: a campaign is running on `store`.
+    """
+    check_root(source)
+    create_root(store)
+    with Lease(store, f"start from {source} (process {os.getpid()} on {socket.gethostname()})") as lease:
+        there = {manifest.run.run_id for manifest in Results(store).runs()}
+        done = [run for run in Results(source).runs() if run.status is RunStatus.DONE]
+        new = [manifest for manifest in done if manifest.run.run_id not in there]
+        for path in _files_of(source, new):
+            lease.keep()
+            _copy_file(source, store, path)
+        for manifest in new:  # last: a run is there when its manifest is
+            _copy_file(source, store, manifest_path(manifest.run.run_id))
+    return len(new)
+
+
+def _new_cells(results: Results, before: Results, run_ids: set[str]) -> list[dict[str, Any]]:
+    """Returns the rows of cells that `before` lacks and whose runs are among `run_ids`, each once, sorted."""
+    names = SCHEMAS[Table.CELLS].names
+    known = {tuple(row.values()) for row in before.table(Table.CELLS).to_pylist()}
+    found = {tuple(row.values()) for row in results.table(Table.CELLS, run_ids).to_pylist()}
+    return [dict(zip(names, row, strict=True)) for row in sorted(found - known)]
+
+
+def _files_of(source: Store, manifests: list[Manifest]) -> list[str]:
+    """Returns the paths of all that a root says of some runs, but their manifests."""
+    if not manifests:
+        return []
+    files = {file.path for manifest in manifests for file in manifest.files}
+    tables = (table for table in Table if table not in DATA_TABLES)
+    about = {path for table in tables for path in source.files(f"{TABLES}/{table}")}
+    return sorted(files | about | set(source.files(INPUTS)))
+
+
+def _copy_file(source: Store, target: Store, path: str) -> None:
+    data = source.read_bytes(path)
+    if not target.exists(path):
+        target.write_bytes(path, data)
+    elif target.read_bytes(path) != data:
+        raise ResultsRootError(
+            f"{target.where(path)} differs from {source.where(path)}: begin in a new folder"
+        )

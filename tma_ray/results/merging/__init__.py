@@ -1,1 +1,0 @@
-"""Tables of many runs in one file each: merged, compared, read back."""
