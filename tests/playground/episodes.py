@@ -1,0 +1,68 @@
+"""Episodes of random actions as the engine plays them here, to be played again by the page's engine.
+
+``python episodes.py BODY ENVIRONMENT EPISODES STEPS FILE``
+"""
+
+from __future__ import annotations
+
+import json
+import sys
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from tma_ray.embodiments import load_embodiment
+from tma_ray.envs import make_environment
+from tma_ray.envs.body_environment import PUSH
+from tma_ray.playground.contents import body_record, constants, stored
+from tma_ray.terrain import Terrain
+
+
+def world_record(terrain: Terrain) -> dict[str, Any]:
+    """Returns a world as the page's engine takes it; no water is null."""
+    values = {
+        name: stored(value) if isinstance(value, np.ndarray) else value for name, value in terrain._asdict().items()
+    }
+    water = terrain.water_y if np.isfinite(terrain.water_y) else None
+    return {**values, "water_y": water}
+
+
+def episode(body: str, environment: str, seed: int, steps: int) -> dict[str, Any]:
+    """Plays one episode; its task, world and actions depend on the seed alone."""
+    world = make_environment(environment, embodiment=body).unwrapped
+    rng = np.random.default_rng(seed)
+    terrain = world.build(world.task_space.sample(rng), rng)
+    push, size = rng.uniform(-PUSH, PUSH), world.embodiment.action_size
+    pace = rng.integers(1, 12)  # actions that last: a body gets somewhere with some of them
+    actions = np.repeat(rng.uniform(-1.2, 1.2, (steps // pace + 1, size)), pace, axis=0)[:steps]
+    engine = world._engine
+    first = engine.reset(terrain, push).tolist()
+    played: list[dict[str, Any]] = []
+    for action in actions:
+        observation, reward, ended = engine.step(action)
+        state = engine.state.ravel().tolist()
+        played.append({"state": state, "observation": observation.tolist(), "reward": reward, "ended": ended})
+        if ended:
+            break
+    return {
+        "terrain": world_record(terrain),
+        "push": push,
+        "actions": actions[: len(played)].tolist(),
+        "first": first,
+        "steps": played,
+    }
+
+
+def main(body: str, environment: str, episodes: str, steps: str, file: str) -> None:
+    """Writes everything that the replay needs."""
+    content = {
+        "body": body_record(load_embodiment(body), environment),
+        "constants": constants(),
+        "episodes": [episode(body, environment, seed, int(steps)) for seed in range(int(episodes))],
+    }
+    Path(file).write_text(json.dumps(content))
+
+
+if __name__ == "__main__":
+    main(*sys.argv[1:])

@@ -1,0 +1,1 @@
+"""The playground: Stump Tracks and Parkour on a page, with the kernels of the engine as WebAssembly."""

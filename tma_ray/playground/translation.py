@@ -1,0 +1,621 @@
+"""Translation of kernels to C: the part of Python that they use, statement by statement.
+
+As numba does, one version of a function is made for the types of its arguments, and types of variables follow from
+what is assigned to them. Arrays are contiguous, and indices are not negative unless they are constants. Sums and
+products keep their order, so that C without contraction gives the bits of the compiled kernel.
+"""
+
+from __future__ import annotations
+
+import ast
+import inspect
+import math
+import textwrap
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any, TypeAlias
+
+import numpy as np
+
+FLAG, WHOLE, SINGLE, REAL, NOTHING = "bool", "i64", "float", "double", "void"
+"""Types of single values in C, the first four in the order in which they are promoted."""
+
+_PROMOTION = (FLAG, WHOLE, SINGLE, REAL)
+_KINDS = {"float64": REAL, "float32": SINGLE, "int64": WHOLE, "bool": FLAG}
+_OPERATORS: dict[type[ast.AST], str] = {
+    **{ast.Add: "+", ast.Sub: "-", ast.Mult: "*", ast.Div: "/", ast.FloorDiv: "/", ast.Mod: "%"},
+    **{ast.Lt: "<", ast.LtE: "<=", ast.Gt: ">", ast.GtE: ">=", ast.Eq: "==", ast.NotEq: "!="},
+}
+
+PRELUDE = """\
+#include <math.h>
+#include <stdbool.h>
+#include <stdint.h>
+#include <string.h>
+typedef int64_t i64;
+void *new_array(i64 bytes);
+static void reset_arrays(void);
+static inline double min_double(double a, double b) { return b < a ? b : a; }
+static inline double max_double(double a, double b) { return b > a ? b : a; }
+static inline float min_float(float a, float b) { return b < a ? b : a; }
+static inline float max_float(float a, float b) { return b > a ? b : a; }
+static inline i64 min_i64(i64 a, i64 b) { return b < a ? b : a; }
+static inline i64 max_i64(i64 a, i64 b) { return b > a ? b : a; }
+"""
+"""Beginning of every translation; `new_array` gives memory that lives until the next exported call."""
+
+
+class TranslationError(ValueError):
+    """A kernel with something that has no counterpart in C here; the message names function and line."""
+
+
+@dataclass(frozen=True)
+class Array:
+    """Type of a contiguous array.
+
+    Attributes:
+        kind: type of its values.
+        dimensions: number of dimensions.
+    """
+
+    kind: str
+    dimensions: int
+
+
+@dataclass(frozen=True)
+class Record:
+    """Type of a tuple, with names if it is a NamedTuple.
+
+    Attributes:
+        items: type of each item.
+        names: name of each item, empty for a plain tuple.
+    """
+
+    items: tuple[Type, ...]
+    names: tuple[str, ...] = ()
+
+    @property
+    def uniform(self) -> bool:
+        """True if an item may be chosen by a variable: a plain tuple of items of one type."""
+        return not self.names and len(set(self.items)) == 1
+
+    def member(self, index: int) -> str:
+        """Returns the member of the struct that holds an item."""
+        if self.uniform:
+            return f"v[{index}]"
+        return self.names[index] if self.names else f"v{index}"
+
+
+Type: TypeAlias = str | Array | Record
+Value: TypeAlias = tuple[str, Type]
+"""An expression in C and its type."""
+
+
+def type_of(example: Any) -> Type:
+    """Returns the type of a value: a number, an array, or a tuple of these."""
+    if isinstance(example, np.ndarray):
+        return Array(_KINDS[example.dtype.name], example.ndim)
+    if isinstance(example, tuple):
+        return Record(tuple(map(type_of, example)), tuple(getattr(example, "_fields", ())))
+    if isinstance(example, bool | np.bool_):
+        return FLAG
+    return WHOLE if isinstance(example, int | np.integer) else REAL
+
+
+@dataclass
+class Translation:
+    """Functions in C, written as they are asked for.
+
+    Args:
+        externals: type of the result of every function that C has by itself, by its name in Python's module.
+
+    Attributes:
+        functions: definitions in C in the order in which they call each other.
+    """
+
+    externals: Mapping[str, Type]
+    functions: list[str] = field(default_factory=list)
+    _types: dict[Type, str] = field(default_factory=dict)
+    _structs: list[str] = field(default_factory=list)
+    _made: dict[tuple[Any, tuple[Type, ...]], Value] = field(default_factory=dict)
+    _exports: list[str] = field(default_factory=list)
+
+    def export(self, name: str, kernel: Callable[..., Any], *examples: Any) -> None:
+        """Adds `kernel`, for arguments of the types of `examples`, under a name that the page calls.
+
+        It is called with the addresses of two vectors of doubles. The first has the arguments one after the other: a
+        number as it is, an array as its address and its sizes, a tuple as its items. The result goes to the second.
+        """
+        types = tuple(map(type_of, examples))
+        called, result = self.function(kernel, types)
+        places = iter(range(1000))
+        arguments = ", ".join(self._unpacked(kind, places) for kind in types)
+        lines = [f"{self.name(result)} r = {called}({arguments});" if result != NOTHING else f"{called}({arguments});"]
+        lines += [f"out[{at}] = {value};" for at, value in enumerate(_leaves("r", result))]
+        body = " ".join(lines)
+        self._exports.append(
+            f'__attribute__((export_name("{name}"))) void export_{name}(const double *in, double *out)'
+            f" {{ (void)out; reset_arrays(); {body} }}"
+        )
+
+    def text(self, externals: str = "") -> str:
+        """Returns everything as a file in C; `externals` is code that uses the types and precedes the functions."""
+        vector = f"typedef {self.name(Record((REAL, REAL)))} vector;"
+        parts = [PRELUDE, *self._structs, vector, externals, *self.functions, *self._exports]
+        return "\n".join(parts) + "\n"
+
+    def name(self, kind: Type) -> str:
+        """Returns the name of a type in C."""
+        if isinstance(kind, str):
+            return kind
+        if kind not in self._types:
+            self._types[kind] = name = f"type_{len(self._types)}"
+            self._structs.append(f"typedef struct {{ {self._members(kind)} }} {name};")
+            self._types[kind] = name
+        return self._types[kind]
+
+    def function(self, kernel: Callable[..., Any], arguments: tuple[Type, ...]) -> Value:
+        """Returns name and type of the result of `kernel`'s version for some types."""
+        plain = getattr(kernel, "py_func", None) or getattr(kernel, "_pyfunc", kernel)
+        key = plain, arguments
+        if key not in self._made:
+            name = f"{plain.__name__.lstrip('_')}_{len(self._made)}"
+            self._made[key] = name, NOTHING
+            self._made[key] = name, _Function(self, plain, arguments).define(name)
+        return self._made[key]
+
+    def _members(self, kind: Array | Record) -> str:
+        if isinstance(kind, Array):
+            return f"{kind.kind} *p; i64 {', '.join(f'n{axis}' for axis in range(kind.dimensions))};"
+        if kind.uniform:
+            return f"{self.name(kind.items[0])} v[{len(kind.items)}];"
+        return " ".join(f"{self.name(item)} {kind.member(index)};" for index, item in enumerate(kind.items)) or "int _;"
+
+    def _unpacked(self, kind: Type, places: Iterator[int]) -> str:
+        """Returns an argument of an export, read from the next places."""
+        if isinstance(kind, str):
+            return f"({kind})in[{next(places)}]"
+        if isinstance(kind, Array):
+            address = f"({kind.kind} *)(intptr_t)in[{next(places)}]"
+            items = [address, *(f"(i64)in[{next(places)}]" for _ in range(kind.dimensions))]
+        else:
+            items = [self._unpacked(item, places) for item in kind.items]
+            if kind.uniform:
+                return f"({self.name(kind)}){{{{{', '.join(items)}}}}}"
+        return f"({self.name(kind)}){{{', '.join(items)}}}"
+
+
+def _leaves(code: str, kind: Type) -> Iterator[str]:
+    if isinstance(kind, Array):
+        yield f"(double)(intptr_t){code}.p"
+        yield from (f"{code}.n{axis}" for axis in range(kind.dimensions))
+    elif isinstance(kind, Record):
+        for index, item in enumerate(kind.items):
+            yield from _leaves(f"{code}.{kind.member(index)}", item)
+    elif kind != NOTHING:
+        yield code
+
+
+class _Function:
+    """One function on its way to C: its variables' types, then its statements."""
+
+    def __init__(self, translation: Translation, function: Any, arguments: tuple[Type, ...]) -> None:
+        self._translation, self._function = translation, function
+        tree = ast.parse(textwrap.dedent(inspect.getsource(function))).body[0]
+        assert isinstance(tree, ast.FunctionDef)
+        self._tree, self._globals = tree, function.__globals__
+        self._parameters = [argument.arg for argument in tree.args.args]
+        self._variables: dict[str, Type] = dict(zip(self._parameters, arguments, strict=True))
+        self._result: Type = NOTHING
+        self._lines: list[str] = []
+        self._temporaries = 0
+
+    def define(self, name: str) -> Type:
+        """Writes the definition; returns the type of the result."""
+        known = None
+        while known != (self._variables, self._result):  # a type may follow from a later assignment
+            known = dict(self._variables), self._result
+            self._lines, self._temporaries = [], 0
+            self._block(self._tree.body)
+        c = self._translation.name
+        parameters = ", ".join(f"{c(self._variables[each])} {_safe(each)}" for each in self._parameters)
+        own = [each for each in self._variables if each not in self._parameters]
+        declared = [f"{c(self._variables[each])} {_safe(each)};" for each in own]
+        body = "\n".join([*declared, *self._lines])
+        self._translation.functions.append(
+            f"static {c(self._result)} {name}({parameters})\n{{\n{textwrap.indent(body, '  ')}\n}}"
+        )
+        return self._result
+
+    # Statements
+
+    def _block(self, statements: Sequence[ast.stmt]) -> None:
+        for statement in statements:
+            handler = getattr(self, f"_do_{type(statement).__name__.lower()}", None)
+            if handler is None:
+                raise self._error(statement, "has no counterpart")
+            handler(statement)
+
+    def _do_expr(self, statement: ast.Expr) -> None:
+        if not isinstance(statement.value, ast.Constant):  # a docstring
+            self._lines.append(f"{self._value(statement.value)[0]};")
+
+    def _do_continue(self, _statement: ast.Continue) -> None:
+        self._lines.append("continue;")
+
+    def _do_return(self, statement: ast.Return) -> None:
+        if statement.value is None:
+            self._lines.append("return;")
+            return
+        code, kind = self._value(statement.value)
+        self._result = _unified(self._result, kind) if self._result != NOTHING else kind
+        self._lines.append(f"return {self._cast(code, kind, self._result)};")
+
+    def _do_assign(self, statement: ast.Assign) -> None:
+        target = statement.targets[0]
+        if isinstance(target, ast.Tuple):
+            for each, value in zip(target.elts, self._items(statement.value, len(target.elts)), strict=True):
+                self._store(each, value)
+        else:
+            self._store(target, self._value(statement.value))
+
+    def _do_annassign(self, statement: ast.AnnAssign) -> None:
+        assert statement.value is not None
+        self._store(statement.target, self._value(statement.value))
+
+    def _do_augassign(self, statement: ast.AugAssign) -> None:
+        operation = ast.BinOp(_loaded(statement.target), statement.op, statement.value)
+        self._store(statement.target, self._value(ast.copy_location(operation, statement)))
+
+    def _do_if(self, statement: ast.If) -> None:
+        self._lines.append(f"if ({self._value(statement.test)[0]}) {{")
+        self._block(statement.body)
+        if statement.orelse:
+            self._lines.append("} else {")
+            self._block(statement.orelse)
+        self._lines.append("}")
+
+    def _do_while(self, statement: ast.While) -> None:
+        self._lines.append(f"while ({self._value(statement.test)[0]}) {{")
+        self._block(statement.body)
+        self._lines.append("}")
+
+    def _do_for(self, statement: ast.For) -> None:
+        assert isinstance(statement.target, ast.Name)
+        over = statement.iter
+        if isinstance(over, ast.Call) and isinstance(over.func, ast.Name) and over.func.id == "range":
+            limits = [self._value(each)[0] for each in over.args]
+            start, stop, step = ["0", *limits, "1"] if len(limits) == 1 else [*limits, "1"][:3]
+            name, kind = statement.target.id, WHOLE
+            self._assigned(name, kind)
+            counter = self._temporary()
+            end = self._temporary()
+            self._lines.append(
+                f"for (i64 {counter} = {start}, {end} = {stop}; {counter} < {end}; {counter} += {step}) {{ "
+                f"{_safe(name)} = {counter};"
+            )
+        else:
+            array = self._value(over)
+            assert isinstance(array[1], Array)
+            counter = self._temporary()
+            self._lines.append(f"for (i64 {counter} = 0; {counter} < ({array[0]}).n0; {counter}++) {{")
+            self._store(statement.target, self._element(array, [counter]))
+        self._block(statement.body)
+        self._lines.append("}")
+
+    def _store(self, target: ast.expr, value: Value) -> None:
+        code, kind = value
+        if isinstance(target, ast.Name):
+            self._assigned(target.id, kind)
+            self._lines.append(f"{_safe(target.id)} = {self._cast(code, kind, self._variables[target.id])};")
+            return
+        place, wanted = self._value(_loaded(target))
+        if isinstance(wanted, Array):
+            self._fill((place, wanted), value)
+        else:
+            self._lines.append(f"{place} = {code};")
+
+    def _fill(self, place: Value, value: Value) -> None:
+        """Copies a number or an array into the array at `place`."""
+        kind = place[1]
+        assert isinstance(kind, Array)
+        into, counter = self._temporary(), self._temporary()
+        self._lines.append(f"{{ {self._translation.name(kind)} {into} = {place[0]};")
+        source = value[0]
+        if isinstance(value[1], Array):
+            self._lines.append(f"{self._translation.name(value[1])} {into}_from = {source};")
+            source = f"{into}_from.p[{counter}]"
+        size = " * ".join(f"{into}.n{axis}" for axis in range(kind.dimensions))
+        self._lines.append(f"for (i64 {counter} = 0; {counter} < {size}; {counter}++) {into}.p[{counter}] = {source}; }}")
+
+    def _assigned(self, name: str, kind: Type) -> None:
+        self._variables[name] = _unified(self._variables[name], kind) if name in self._variables else kind
+
+    def _items(self, node: ast.expr, count: int) -> list[Value]:
+        """Returns the items of an expression, all computed before any is stored."""
+        if isinstance(node, ast.Tuple):
+            values = [self._value(each) for each in node.elts]
+        else:
+            whole = self._kept(self._value(node))
+            if isinstance(whole[1], Array):
+                return [self._element(whole, [str(index)]) for index in range(count)]
+            assert isinstance(whole[1], Record)
+            return [(f"{whole[0]}.{whole[1].member(index)}", whole[1].items[index]) for index in range(count)]
+        return [self._kept(value) for value in values]
+
+    def _kept(self, value: Value) -> Value:
+        """Returns a value in a variable of its own."""
+        name = self._temporary()
+        self._lines.append(f"{self._translation.name(value[1])} {name} = {value[0]};")
+        return name, value[1]
+
+    def _temporary(self) -> str:
+        self._temporaries += 1
+        return f"t{self._temporaries}"
+
+    # Expressions
+
+    def _value(self, node: ast.expr) -> Value:
+        handler = getattr(self, f"_of_{type(node).__name__.lower()}", None)
+        if handler is None:
+            raise self._error(node, "has no counterpart")
+        value: Value = handler(node)
+        return value
+
+    def _of_constant(self, node: ast.Constant) -> Value:
+        return self._literal(node, node.value)
+
+    def _of_name(self, node: ast.Name) -> Value:
+        if node.id in self._variables:
+            return _safe(node.id), self._variables[node.id]
+        return self._literal(node, self._globals.get(node.id))
+
+    def _of_attribute(self, node: ast.Attribute) -> Value:
+        if isinstance(node.value, ast.Name) and node.value.id not in self._variables:
+            return self._literal(node, getattr(self._globals.get(node.value.id), node.attr, None))
+        if node.attr == "data":  # array.ctypes.data
+            assert isinstance(node.value, ast.Attribute)
+            return f"(i64)(intptr_t)({self._value(node.value.value)[0]}).p", WHOLE
+        code, kind = self._value(node.value)
+        if not isinstance(kind, Record) or node.attr not in kind.names:
+            raise self._error(node, "is no field")
+        return f"{code}.{node.attr}", kind.items[kind.names.index(node.attr)]
+
+    def _of_tuple(self, node: ast.Tuple) -> Value:
+        return self._record([self._value(each) for each in node.elts], ())
+
+    def _of_subscript(self, node: ast.Subscript) -> Value:
+        whole = self._value(node.value)
+        if isinstance(whole[1], Record):
+            if isinstance(node.slice, ast.Constant):
+                index = int(node.slice.value)  # type: ignore[arg-type]
+                return f"{whole[0]}.{whole[1].member(index)}", whole[1].items[index]
+            if not whole[1].uniform:
+                raise self._error(node, "chooses among items of several types")
+            return f"({whole[0]}).v[{self._value(node.slice)[0]}]", whole[1].items[0]
+        if isinstance(node.slice, ast.Slice):
+            return self._sliced(whole, node.slice)
+        indices = node.slice.elts if isinstance(node.slice, ast.Tuple) else [node.slice]
+        return self._element(whole, [self._index(whole[0], axis, each) for axis, each in enumerate(indices)])
+
+    def _index(self, array: str, axis: int, node: ast.expr) -> str:
+        code = self._value(node)[0]
+        negative = isinstance(node, ast.UnaryOp) and isinstance(node.op, ast.USub)
+        return f"({array}).n{axis} + {code}" if negative else code
+
+    def _element(self, array: Value, indices: Sequence[str]) -> Value:
+        code, kind = array
+        assert isinstance(kind, Array)
+        offset = f"({indices[0]})"
+        for axis in range(1, kind.dimensions):
+            offset = f"({offset} * ({code}).n{axis}" + (f" + ({indices[axis]}))" if axis < len(indices) else ")")
+        if len(indices) == kind.dimensions:
+            return f"({code}).p[{offset}]", kind.kind
+        rest = Array(kind.kind, kind.dimensions - len(indices))
+        sizes = [f"({code}).n{axis}" for axis in range(len(indices), kind.dimensions)]
+        return self._view(rest, f"({code}).p + {offset}", sizes)
+
+    def _sliced(self, array: Value, cut: ast.Slice) -> Value:
+        code, kind = array
+        assert isinstance(kind, Array)
+        start = self._value(cut.lower)[0] if cut.lower else "0"
+        stop = self._index(code, 0, cut.upper) if cut.upper else f"({code}).n0"
+        sizes = [f"({stop}) - ({start})", *(f"({code}).n{axis}" for axis in range(1, kind.dimensions))]
+        width = " * ".join([f"({start})", *(f"({code}).n{axis}" for axis in range(1, kind.dimensions))])
+        return self._view(kind, f"({code}).p + {width}", sizes)
+
+    def _of_ifexp(self, node: ast.IfExp) -> Value:
+        (yes, first), (no, second) = self._value(node.body), self._value(node.orelse)
+        return f"({self._value(node.test)[0]} ? {yes} : {no})", _unified(first, second)
+
+    def _of_boolop(self, node: ast.BoolOp) -> Value:
+        sign = " && " if isinstance(node.op, ast.And) else " || "
+        return f"({sign.join(self._value(each)[0] for each in node.values)})", FLAG
+
+    def _of_unaryop(self, node: ast.UnaryOp) -> Value:
+        code, kind = self._value(node.operand)
+        if isinstance(node.op, ast.Not):
+            return f"!({code})", FLAG
+        return f"(-{code})", kind
+
+    def _of_compare(self, node: ast.Compare) -> Value:
+        codes = [self._value(each)[0] for each in (node.left, *node.comparators)]
+        signs = [_OPERATORS[type(operator)] for operator in node.ops]
+        pairs = [f"({a} {sign} {b})" for a, sign, b in zip(codes, signs, codes[1:], strict=False)]
+        return f"({' && '.join(pairs)})", FLAG
+
+    def _of_binop(self, node: ast.BinOp) -> Value:
+        (left, first), (right, second) = self._value(node.left), self._value(node.right)
+        kind = _unified(_unified(first, second), WHOLE)
+        if isinstance(node.op, ast.Div) and kind == WHOLE:
+            left, kind = f"(double)({left})", REAL
+        return f"({left} {_OPERATORS[type(node.op)]} {right})", kind
+
+    def _of_call(self, node: ast.Call) -> Value:
+        function = node.func
+        if isinstance(function, ast.Attribute) and not (
+            isinstance(function.value, ast.Name) and function.value.id not in self._variables
+        ):
+            return self._method(self._value(function.value), function.attr, node)
+        if isinstance(function, ast.Attribute):
+            module = self._globals[function.value.id]  # type: ignore[attr-defined]
+            return self._library(module.__name__, function.attr, node)
+        assert isinstance(function, ast.Name)
+        if function.id in _BUILT_IN:
+            return _BUILT_IN[function.id](self, [self._value(each) for each in node.args])
+        called = self._globals[function.id]
+        if function.id == "carray":
+            address, shape = (self._value(each) for each in node.args[:2])
+            return self._shaped(address[0], shape, _dtype(node, WHOLE))
+        values = [self._value(each) for each in node.args]
+        if hasattr(called, "_fields"):
+            return self._record(values, called._fields)
+        name, result = self._translation.function(called, tuple(kind for _, kind in values))
+        return f"{name}({', '.join(code for code, _ in values)})", result
+
+    def _library(self, module: str, name: str, node: ast.Call) -> Value:
+        """Returns a call of `math`, of numpy, or of one of C's own functions."""
+        if module == "numpy" and name in ("empty", "zeros"):
+            shape = self._value(node.args[0])
+            return self._new_array(shape, _dtype(node, REAL))
+        values = [self._value(each) for each in node.args]
+        if module == "numpy" and name == "array":
+            return self._listed(values[0])
+        if module == "numpy" and name == "float32":
+            return f"(float)({values[0][0]})", SINGLE
+        if module in ("math", "numpy"):
+            kind = values[0][1] if name in ("sqrt", "tanh") else REAL
+            suffix = "f" if kind == SINGLE else ""
+            flags = name in ("isfinite", "isnan")
+            return f"{name}{suffix}({', '.join(code for code, _ in values)})", FLAG if flags else kind
+        if name == "part":
+            start = f"(i64)(intptr_t)(({values[0][0]}).p + {values[1][0]})"
+            assert isinstance(values[0][1], Array)
+            return self._shaped(start, values[2], values[0][1].kind)
+        if name == "as_pointer":
+            return values[0]
+        if name not in self._translation.externals:
+            raise self._error(node, "calls what C does not have")
+        result = self._translation.externals[name]
+        self._translation.name(result)
+        return f"{name}({', '.join(code for code, _ in values)})", result
+
+    def _method(self, array: Value, name: str, node: ast.Call) -> Value:
+        code, kind = array
+        assert isinstance(kind, Array)
+        if name == "reshape":
+            return self._shaped(f"(i64)(intptr_t)({code}).p", self._value(node.args[0]), kind.kind)
+        if name == "copy":
+            sizes = [f"({code}).n{axis}" for axis in range(kind.dimensions)]
+            made = self._kept(self._view(kind, self._memory(kind.kind, sizes), sizes))
+            self._fill(made, array)
+            return made
+        if name in ("min", "max"):
+            best, counter = self._temporary(), self._temporary()
+            self._lines.append(f"{kind.kind} {best} = ({code}).p[0]; for (i64 {counter} = 1; {counter} < ({code}).n0; {counter}++) {best} = {name}_{kind.kind}({best}, ({code}).p[{counter}]);")
+            return best, kind.kind
+        raise self._error(node, "is a method without a counterpart")
+
+    def _new_array(self, shape: Value, kind: str) -> Value:
+        sizes = self._sizes(shape)
+        made = self._kept(self._view(Array(kind, len(sizes)), self._memory(kind, sizes), sizes))
+        self._fill(made, ("0", WHOLE))
+        return made
+
+    def _listed(self, values: Value) -> Value:
+        assert isinstance(values[1], Record)
+        items, kept = len(values[1].items), self._kept(values)
+        made = self._new_array((str(items), WHOLE), REAL)
+        for index in range(items):
+            self._lines.append(f"{made[0]}.p[{index}] = {kept[0]}.{values[1].member(index)};")
+        return made
+
+    def _shaped(self, address: str, shape: Value, kind: str) -> Value:
+        """Returns the array at an address."""
+        sizes = self._sizes(shape)
+        return self._view(Array(kind, len(sizes)), f"({kind} *)(intptr_t)({address})", sizes)
+
+    def _sizes(self, shape: Value) -> list[str]:
+        if isinstance(shape[1], Record):
+            return [f"({shape[0]}).{shape[1].member(axis)}" for axis in range(len(shape[1].items))]
+        return [shape[0]]
+
+    def _view(self, kind: Array, pointer: str, sizes: Sequence[str]) -> Value:
+        return f"(({self._translation.name(kind)}){{{', '.join([pointer, *sizes])}}})", kind
+
+    def _memory(self, kind: str, sizes: Sequence[str]) -> str:
+        return f"new_array(sizeof({kind}) * {' * '.join(f'({size})' for size in sizes)})"
+
+    def _record(self, values: Sequence[Value], names: tuple[str, ...]) -> Value:
+        kind = Record(tuple(each for _, each in values), names)
+        items = ", ".join(code for code, _ in values)
+        return f"(({self._translation.name(kind)}){{{f'{{{items}}}' if kind.uniform else items}}})", kind
+
+    def _literal(self, node: ast.expr, value: Any) -> Value:
+        if isinstance(value, bool):
+            return str(value).lower(), FLAG
+        if isinstance(value, int):
+            return f"{value}", WHOLE
+        if not isinstance(value, float):
+            raise self._error(node, f"is {value!r:.40}: expected a number")
+        if math.isfinite(value):
+            return value.hex() if value >= 0 else f"({value.hex()})", REAL
+        return "NAN" if math.isnan(value) else "INFINITY" if value > 0 else "(-INFINITY)", REAL
+
+    def _cast(self, code: str, kind: Type, wanted: Type) -> str:
+        """Returns a value as another type: only tuples need it, whose numbers C does not promote by itself."""
+        if kind == wanted or not (isinstance(kind, Record) and isinstance(wanted, Record)):
+            return code
+        kept, _ = self._kept((code, kind))
+        items = [f"{kept}.{kind.member(index)}" for index in range(len(kind.items))]
+        return self._record(list(zip(items, wanted.items, strict=True)), wanted.names)[0]
+
+    def _error(self, node: ast.AST, problem: str) -> TranslationError:
+        where = f"{self._function.__module__}.{self._function.__name__}"
+        return TranslationError(f"{where}: {ast.unparse(node)!r} {problem} in the translation to C")
+
+
+def _chosen(name: str) -> Callable[[_Function, list[Value]], Value]:
+    def call(_: _Function, values: list[Value]) -> Value:
+        kind = _unified(values[0][1], values[1][1])
+        return f"{name}_{kind}({values[0][0]}, {values[1][0]})", kind
+
+    return call
+
+
+_BUILT_IN: dict[str, Callable[[_Function, list[Value]], Value]] = {
+    "min": _chosen("min"),
+    "max": _chosen("max"),
+    "abs": lambda _, values: (f"{'llabs' if values[0][1] == WHOLE else 'fabs'}({values[0][0]})", values[0][1]),
+    "int": lambda _, values: (f"(i64)({values[0][0]})", WHOLE),
+    "len": lambda _, values: (
+        (f"({values[0][0]}).n0", WHOLE) if isinstance(values[0][1], Array) else (str(len(values[0][1].items)), WHOLE)  # type: ignore[union-attr]
+    ),
+}
+
+
+def _dtype(node: ast.Call, usual: str) -> str:
+    """Returns the type that a call names, as np.int64 among its arguments."""
+    named = [each.attr for each in [*node.args, *(k.value for k in node.keywords)] if isinstance(each, ast.Attribute)]
+    return next((_KINDS[name] for name in named if name in _KINDS), usual)
+
+
+def _unified(first: Type, second: Type) -> Type:
+    """Returns the type that holds values of both."""
+    if first == second:
+        return first
+    if isinstance(first, Record) and isinstance(second, Record) and len(first.items) == len(second.items):
+        items = tuple(map(_unified, first.items, second.items))
+        return Record(items, first.names)
+    assert isinstance(first, str) and isinstance(second, str), f"{first} and {second} have no common type"
+    return max(first, second, key=_PROMOTION.index)
+
+
+def _loaded(target: ast.expr) -> ast.expr:
+    """Returns a target of an assignment as an expression that reads it."""
+    return ast.parse(ast.unparse(target), mode="eval").body
+
+
+def _safe(name: str) -> str:
+    """Returns a variable's name as C may have it."""
+    return f"{name}_"
