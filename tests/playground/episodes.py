@@ -58,7 +58,7 @@ def main(body: str, environment: str, episodes: str, steps: str, file: str) -> N
     """Writes everything that the replay needs."""
     content = {
         "body": body_record(load_embodiment(body), environment),
-        "constants": constants(),
+        "constants": constants()["engine"],
         "episodes": [episode(body, environment, seed, int(steps)) for seed in range(int(episodes))],
     }
     Path(file).write_text(json.dumps(content))

@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 
 from tma_ray.decoding import DamagedFileError, decode_json
 from tma_ray.envs import Environment, Signal
-from tma_ray.results import POLICIES, Results, ResultsRootError, Table
-from tma_ray.runs.saved_policies import SavedPolicy
+from tma_ray.results import Results, Table
+from tma_ray.runs.saved_policies import SavedPolicy, results_of
 from tma_ray.runs.spec import RunSpec
 
 SHOWN_EVALUATIONS: Final = 11
@@ -78,16 +78,10 @@ def history_of(saved: SavedPolicy, results: str | Path) -> History | None:
     Returns:
         None if neither is a root that has the run.
     """
-    folder = Path(saved.store.where(saved.folder))
-    beside = not saved.store.is_object_store and folder.parent.name == POLICIES
-    for root in [folder.parent.parent, results] if beside else [results]:
-        try:
-            found = Results.open(root)
-        except ResultsRootError:
-            continue
-        if any(manifest.run.run_id == saved.spec.run_id for manifest in found.runs()):
-            return History(tuple(_evaluations(found, saved.spec)), _libraries(found, saved.spec.run_id))
-    return None
+    found = results_of(saved, results)
+    if found is None:
+        return None
+    return History(tuple(_evaluations(found, saved.spec)), _libraries(found, saved.spec.run_id))
 
 
 def shown(evaluations: Sequence[Evaluation]) -> list[Evaluation]:

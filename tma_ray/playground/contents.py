@@ -2,30 +2,31 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
 
-from tma_ray.embodiments import Embodiment, embodiment_names, load_embodiment
-from tma_ray.envs.body_environment import MAX_EPISODE_STEPS, PUSH
-from tma_ray.envs.catalogue import ENVIRONMENTS
-from tma_ray.physics import observation_size, step_arrays
+from tma_ray import tasks
+from tma_ray.embodiments import Embodiment, load_embodiment
+from tma_ray.envs import ENVIRONMENTS, body_environment
+from tma_ray.physics import engine, grips, observation_size, step_arrays
 from tma_ray.physics.chipmunk import hung, settled
 from tma_ray.physics.compiled import memory
-from tma_ray.physics.creepers import Chains
-from tma_ray.physics.engine import GRAVITY, HANGING_STEPS, TIME_STEP, settings_for
-from tma_ray.physics.grips import NOTHING
-from tma_ray.tasks import MASTERY_RETURN, TaskSpace
-from tma_ray.terrain import parkour, stump_tracks
+from tma_ray.physics.engine import settings_for
+from tma_ray.tasks import TaskSpace
+from tma_ray.terrain import Terrain, parkour, stump_tracks, terrain
 from tma_ray.terrain.cppn import CPPN, SHAPES
-from tma_ray.terrain.terrain import FIXED, GROUND_HEIGHT, STARTPAD_STEPS, STEP, Terrain
 
 KINDS: Final = {"float64": "double", "float32": "float", "int64": "i64", "bool": "bool"}
 """The page's names for types of numbers."""
 
 WHOLE: Final = ("contacts", "medium", "wet", "grips", "handles", "holds")
 """Parts of a simulation that are whole numbers."""
+
+PLAYED: Final = ("stump_tracks", "parkour")
+"""Environments of the page."""
 
 SIZES: Final = (0.6, 0.8, 1.25, 1.6)
 """Factors of a body's lengths that the page offers beside its own size."""
@@ -47,7 +48,9 @@ def body_record(body: Embodiment, environment: str) -> dict[str, Any]:
         name: [_place(part, integers if name in WHOLE else floats), list(part.shape)] for name, part in parts.items()
     }
     return {
-        "built": [stored(value) if isinstance(value, np.ndarray) else value for value in built],
+        "built": {
+            name: stored(value) if isinstance(value, np.ndarray) else value for name, value in built._asdict().items()
+        },
         "floats": ["double", len(floats), np.trim_zeros(floats, "b").tolist()],
         "integers": ["i64", len(integers), integers.tolist()],
         "views": views,
@@ -73,8 +76,8 @@ def _reach(body: Embodiment, environment: str) -> float:
     rules = ENVIRONMENTS.get(environment)(embodiment=body).rules
     nothing = np.zeros((0, 4))
     flat = np.array([[-1.0, 0.0, 1.0, 0.0]])
-    terrain = Terrain(nothing, 1.0, nothing, np.zeros(2), 0.0, 0, flat, nothing, np.zeros(0, np.int64), 0.0)
-    return -float(hung(terrain, settled(body, settings_for(body)), step_arrays(body, rules)).spawn[1])
+    world = Terrain(nothing, 1.0, nothing, np.zeros(2), 0.0, 0, flat, nothing, np.zeros(0, np.int64), 0.0)
+    return -float(hung(world, settled(body, settings_for(body)), step_arrays(body, rules)).spawn[1])
 
 
 def variants(name: str) -> list[str]:
@@ -82,33 +85,44 @@ def variants(name: str) -> list[str]:
     return [name, *(f"{name}:size={size}" for size in SIZES)]
 
 
-def bodies(names: list[str] | None = None) -> dict[str, Any]:
-    """Returns records of bodies by name and environment; all shipped ones in their own size if none are named."""
-    chosen = embodiment_names() if names is None else names
+def bodies(names: Iterable[str]) -> dict[str, Any]:
+    """Returns records of bodies by name and environment."""
     return {
-        name: {environment: body_record(load_embodiment(name), environment) for environment in ("stump_tracks", "parkour")}
-        for name in chosen
+        name: {environment: body_record(load_embodiment(name), environment) for environment in PLAYED}
+        for name in names
     }
 
 
-def constants() -> dict[str, Any]:
-    """Returns numbers of the physics, of the episodes and of the worlds."""
-    own = {
-        name: getattr(memory, name) for name in ("BEFORE", "GOAL_X", "TERRAIN")
+def constants() -> dict[str, dict[str, Any]]:
+    """Returns the numbers that the modules of physics, episodes and worlds name in capitals."""
+    modules = {
+        "engine": (memory, engine, grips, terrain, body_environment, tasks),
+        "stump_tracks": (stump_tracks,),
+        "parkour": (parkour,),
     }
-    stumps = {name: getattr(stump_tracks, name) for name in ("TRACK_LENGTH", "FIRST_STUMP", "STUMP_WIDTH")}
+    numbers = {
+        kind: {
+            name: value
+            for module in chosen
+            for name, value in vars(module).items()
+            if name.isupper() and isinstance(value, int | float)
+        }
+        for kind, chosen in modules.items()
+    }
+    return {**numbers, "parkour": {**numbers["parkour"], "INSERTION_ORDER": parkour.INSERTION_ORDER.tolist()}}
+
+
+def space_record(space: TaskSpace) -> list[dict[str, Any]]:
+    """Returns the dimensions of a space of tasks."""
+    return [
+        {"name": each.name, "low": each.low, "high": each.high, "unit": each.unit} for each in space.dimensions
+    ]
+
+
+def worlds() -> dict[str, Any]:
+    """Returns spaces of tasks by environment, and the network that draws Parkour."""
+    weights = [CPPN.load().weights[name] for name in SHAPES]
     return {
-        **own,
-        **stumps,
-        "NOTHING": NOTHING,
-        "FIXED": FIXED,
-        "GRAVITY": GRAVITY,
-        "TIME_STEP": TIME_STEP,
-        "HANGING_STEPS": HANGING_STEPS,
-        "MAX_EPISODE_STEPS": MAX_EPISODE_STEPS,
-        "MASTERY_RETURN": MASTERY_RETURN,
-        "PUSH": PUSH,
-        "STEP": STEP,
-        "GROUND_HEIGHT": GROUND_HEIGHT,
-        "STARTPAD_STEPS": STARTPAD_STEPS,
+        "spaces": {name: space_record(ENVIRONMENTS.get(name).task_space) for name in PLAYED},
+        "cppn": [[list(matrix.shape), matrix.ravel()] for matrix in weights],
     }

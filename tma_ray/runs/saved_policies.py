@@ -113,6 +113,24 @@ def find_policy(name: str, results: str | Path) -> SavedPolicy:
     return saved
 
 
+def results_of(saved: SavedPolicy, results: str | Path) -> Results | None:
+    """Returns the results of the run of `saved`: in the root that it lies in, else in `results`.
+
+    Returns:
+        None if neither is a root that has the run.
+    """
+    folder = Path(saved.store.where(saved.folder))
+    beside = not saved.store.is_object_store and folder.parent.name == POLICIES
+    for root in [folder.parent.parent, results] if beside else [results]:
+        try:
+            found = Results.open(root)
+        except ResultsRootError:
+            continue
+        if any(manifest.run.run_id == saved.spec.run_id for manifest in found.runs()):
+            return found
+    return None
+
+
 def _in_folder(store: Store, folder: str) -> SavedPolicy:
     path = f"{folder}/{SPEC_FILE}"
     if not store.exists(path):

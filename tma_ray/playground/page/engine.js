@@ -65,7 +65,7 @@ class Engine {
     this.body = body;
     this.constants = constants;
     const keep = (value) => (typeof value === "number" ? value : this.machine.keep(array(...value)));
-    this.built = body.built.map(keep);
+    this.built = Object.values(body.built).map(keep);
     const memory = ([kind, size, values]) =>
       this.machine.keep(array(kind, [size], [...values, ...new Array(size - values.length).fill(0)]));
     this.floats = memory(body.floats);
