@@ -1,6 +1,6 @@
 """Episodes of random actions as the engine plays them here, to be played again by the page's engine.
 
-``python episodes.py BODY ENVIRONMENT EPISODES STEPS FILE``
+``python episodes.py FOLDER EPISODES STEPS BODY...``
 """
 
 from __future__ import annotations
@@ -15,14 +15,15 @@ import numpy as np
 from tma_ray.embodiments import load_embodiment
 from tma_ray.envs import make_environment
 from tma_ray.envs.body_environment import PUSH
-from tma_ray.playground.contents import body_record, constants, stored
+from tma_ray.playground.contents import PLAYED, body_record, constants, stored
 from tma_ray.terrain import Terrain
 
 
 def world_record(terrain: Terrain) -> dict[str, Any]:
     """Returns a world as the page's engine takes it; no water is null."""
     values = {
-        name: stored(value) if isinstance(value, np.ndarray) else value for name, value in terrain._asdict().items()
+        name: stored(value) if isinstance(value, np.ndarray) else value
+        for name, value in terrain._asdict().items()
     }
     water = terrain.water_y if np.isfinite(terrain.water_y) else None
     return {**values, "water_y": water}
@@ -54,14 +55,16 @@ def episode(body: str, environment: str, seed: int, steps: int) -> dict[str, Any
     }
 
 
-def main(body: str, environment: str, episodes: str, steps: str, file: str) -> None:
-    """Writes everything that the replay needs."""
-    content = {
-        "body": body_record(load_embodiment(body), environment),
-        "constants": constants()["engine"],
-        "episodes": [episode(body, environment, seed, int(steps)) for seed in range(int(episodes))],
-    }
-    Path(file).write_text(json.dumps(content))
+def main(folder: str, episodes: str, steps: str, *bodies: str) -> None:
+    """Writes a file for every body and environment, with everything that the replay needs."""
+    for body in bodies:
+        for environment in PLAYED:
+            content = {
+                "body": body_record(load_embodiment(body), environment),
+                "constants": constants()["engine"],
+                "episodes": [episode(body, environment, seed, int(steps)) for seed in range(int(episodes))],
+            }
+            (Path(folder) / f"{body}-{environment}.json").write_text(json.dumps(content))
 
 
 if __name__ == "__main__":

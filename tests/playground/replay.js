@@ -1,6 +1,6 @@
-/* Plays recorded episodes again: `node replay.js ENGINE_JS WASM FILE...` prints how far apart each one gets. */
+/* Does in node what a page does: `node replay.js SCRIPTS WASM FILE...` prints a line of JSON for each file. */
 
-/** Returns the largest differences of an episode's states, and whether all else is the same. */
+/** Plays recorded episodes again; returns how far apart each one gets, and whether all else is the same. */
 function replay(Engine, module, { body, constants, episodes }) {
   const engine = new Engine(module, body, constants);
   const whole = (value) => (Array.isArray(value) ? { kind: value[0], shape: value[1], values: value[2] } : value);
@@ -17,13 +17,27 @@ function replay(Engine, module, { body, constants, episodes }) {
       reward = Math.max(reward, Math.abs(made.reward - expected.reward));
       ending = ending && made.ended === expected.ended;
     });
-    return { steps: episode.steps.length, ended: episode.steps.at(-1).ended, state, observed, reward, ending };
+    return { steps: episode.steps.length, state, observed, reward, ending };
   });
 }
 
-if (typeof process !== "undefined" && process.argv[1]?.endsWith("replay.js")) {
-  const fs = require("fs"), [script, wasm, ...files] = process.argv.slice(2);
-  const { Engine } = new Function(`${fs.readFileSync(script, "utf8")}; return { Engine };`)();
+if (typeof process !== "undefined") {
+  const fs = require("fs"), [scripts, wasm, ...files] = process.argv.slice(2);
+  const text = `${fs.readFileSync(scripts, "utf8")}; return { Engine, Policy, Worlds };`;
+  const { Engine, Policy, Worlds } = new Function(text)();
   const module = new WebAssembly.Module(fs.readFileSync(wasm));
-  for (const file of files) console.log(JSON.stringify(replay(Engine, module, JSON.parse(fs.readFileSync(file, "utf8")))));
+  for (const file of files) {
+    const content = JSON.parse(fs.readFileSync(file, "utf8"));
+    let said = null;
+    if (content.episodes) said = replay(Engine, module, content);
+    else if (content.policy) {
+      const policy = new Policy(module, content.policy);
+      said = content.observations.map((each) => Array.from(policy.act(Float32Array.from(each))));
+    } else {
+      const given = { normal: () => content.drawn.shift() };
+      said = new Worlds(module, content.constants, content.worlds.cppn).build(content.name, content.task, given);
+    }
+    const plain = (_, value) => (ArrayBuffer.isView(value) ? Array.from(value) : value);
+    console.log(JSON.stringify(said, plain));
+  }
 }

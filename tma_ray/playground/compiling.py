@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import hashlib
-import re
 import subprocess
 import sys
 import tarfile
@@ -11,19 +10,23 @@ import tempfile
 from importlib import metadata
 from importlib.util import find_spec
 from pathlib import Path
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
 from numba import types
 
 from tma_ray.embodiments import load_embodiment
 from tma_ray.physics.arrays import body_arrays
-from tma_ray.physics.compiled import memory, step, symbols, world
+from tma_ray.physics.compiled import symbols
+from tma_ray.physics.compiled.memory import new_memory
+from tma_ray.physics.compiled.step import step
+from tma_ray.physics.compiled.world import build as build_world
+from tma_ray.physics.compiled.world import count_contact, release
 from tma_ray.physics.creepers import chains
 from tma_ray.physics.engine import settings_for
-from tma_ray.physics.rules import Rules, StepArrays, observation_size, step_arrays
+from tma_ray.physics.rules import Rules, observation_size, step_arrays
 from tma_ray.playground.translation import NOTHING, REAL, WHOLE, Record, Translation, Type
-from tma_ray.students.mlp import rows
+from tma_ray.students.mlp.rows import apply_row
 from tma_ray.terrain import parkour, stump_tracks
 from tma_ray.terrain.terrain import Terrain
 
@@ -53,8 +56,8 @@ def build(folder: Path | None = None) -> bytes:
     """Returns the engine as WebAssembly; the same sources give the same bytes.
 
     Args:
-        folder: of Chipmunk's sources, ``Munk2D`` of pymunk's source distribution; None for downloading that of the
-            installed version with pip.
+        folder: folder of Chipmunk's sources, ``Munk2D`` of pymunk's source distribution; None for downloading
+            that of the installed version with pip.
 
     Raises:
         CompilerMissingError: the pinned compiler is not installed.
@@ -70,7 +73,7 @@ def build(folder: Path | None = None) -> bytes:
         sources = sorted(str(file) for file in (munk / "src").glob("*.c") if file.name not in UNUSED)
         command = [sys.executable, "-m", "ziglang", "cc", *FLAGS, f"-ffile-prefix-map={munk}=Munk2D"]
         files = ["-I", str(munk / "include"), "kernels.c", "sine.c", *sources, "-o", "engine.wasm"]
-        subprocess.run([*command, *files], cwd=place, check=True)
+        subprocess.run([*command, *files], cwd=place, check=True)  # noqa: S603
         return (place / "engine.wasm").read_bytes()
 
 
@@ -92,23 +95,27 @@ def digest(content: bytes) -> str:
 
 def kernels_in_c() -> str:
     """Returns everything that the page calls, as one file in C."""
-    body, rules = load_embodiment("climbing_chimpanzee"), Rules("parkour", load_embodiment("fish").lidars, True)
+    body, rules = (
+        load_embodiment("climbing_chimpanzee"),
+        Rules("parkour", load_embodiment("fish").lidars, True),
+    )
     settings, arrays, built = settings_for(body), step_arrays(body, rules), body_arrays(body)
-    floats, integers = memory.new_memory(arrays, len(built.limits), settings, 0)
+    floats, integers = new_memory(arrays, len(built.limits), settings, 0)
     observation = np.empty(observation_size(arrays), np.float32)
     handles, nothing, line = np.zeros(1, np.int64), np.zeros((0, 4)), np.zeros(2)
     terrain = Terrain(np.zeros((0, 4, 2)), 1.0, nothing, line, 0.0, 0, nothing, nothing, handles[:0], 0.0)
     single, heights = np.zeros(1, np.float32), np.zeros(3)
     translation = Translation(_externals())
-    counter = translation.function(world.count_contact, (WHOLE, WHOLE, WHOLE))[0]
-    translation.export("step", step.step, floats, integers, observation)
+    counter = translation.function(count_contact, (WHOLE, WHOLE, WHOLE))[0]
+    translation.export("step", step, floats, integers, observation)
     hung = chains(terrain)
-    translation.export("build", world.build, built, terrain, hung, settings, (0.0, 0.0), handles)
-    translation.export("release", world.release, handles, handles, handles, handles.reshape(-1, 1), 0)
+    translation.export("build", build_world, built, terrain, hung, settings, (0.0, 0.0), handles)
+    translation.export("release", release, handles, handles, handles, handles.reshape(-1, 1), 0)
     translation.export("stump_tracks", stump_tracks._lay_out, heights, 0.0)
     translation.export("parkour", parkour._lay_out, heights, heights)
-    translation.export("network", rows.apply_row, single, handles, single.reshape(1, 1), handles, False, single)
-    callback = f"void count_arbiter(cpBody *b, cpArbiter *a, void *n) {{ {counter}(ADDRESS(b), ADDRESS(a), ADDRESS(n)); }}"
+    translation.export("network", apply_row, single, handles, single.reshape(1, 1), handles, False, single)
+    call = f"{counter}(ADDRESS(b), ADDRESS(a), ADDRESS(n));"
+    callback = f"void count_arbiter(cpBody *b, cpArbiter *a, void *n) {{ {call} }}"
     return translation.text('#include "chipmunk_calls.h"') + callback + "\n"
 
 
@@ -128,7 +135,7 @@ def _downloaded(place: Path) -> Path:
     """Returns Chipmunk's sources, of the version that this machine runs."""
     wanted = f"pymunk=={metadata.version('pymunk')}"
     pip = [sys.executable, "-m", "pip", "download", "--quiet", "--no-deps", "--no-binary", ":all:"]
-    subprocess.run([*pip, "--dest", str(place), wanted], check=True)
+    subprocess.run([*pip, "--dest", str(place), wanted], check=True)  # noqa: S603
     archive = next(place.glob("pymunk-*.tar.gz"))
     with tarfile.open(archive) as packed:
         packed.extractall(place, filter="data")

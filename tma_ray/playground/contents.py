@@ -8,16 +8,20 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from tma_ray import tasks
 from tma_ray.embodiments import Embodiment, load_embodiment
-from tma_ray.envs import ENVIRONMENTS, body_environment
-from tma_ray.physics import engine, grips, observation_size, step_arrays
+from tma_ray.envs import make_environment
+from tma_ray.envs.body_environment import MAX_EPISODE_STEPS, PUSH
+from tma_ray.physics import observation_size, step_arrays
+from tma_ray.physics.arrays import BodyArrays
 from tma_ray.physics.chipmunk import hung, settled
-from tma_ray.physics.compiled import memory
-from tma_ray.physics.engine import settings_for
-from tma_ray.tasks import TaskSpace
-from tma_ray.terrain import Terrain, parkour, stump_tracks, terrain
+from tma_ray.physics.compiled.memory import BEFORE, GOAL_X, TERRAIN, new_memory, simulation_in
+from tma_ray.physics.engine import GRAVITY, HANGING_STEPS, TIME_STEP, settings_for
+from tma_ray.physics.grips import NOTHING
+from tma_ray.physics.rules import StepArrays
+from tma_ray.tasks import MASTERY_RETURN, TaskSpace
+from tma_ray.terrain import FIXED, GROUND_HEIGHT, Terrain, parkour, stump_tracks
 from tma_ray.terrain.cppn import CPPN, SHAPES
+from tma_ray.terrain.terrain import STARTPAD_STEPS, STEP
 
 KINDS: Final = {"float64": "double", "float32": "float", "int64": "i64", "bool": "bool"}
 """The page's names for types of numbers."""
@@ -39,17 +43,19 @@ def stored(values: NDArray[Any]) -> list[Any]:
 
 def body_record(body: Embodiment, environment: str) -> dict[str, Any]:
     """Returns everything that the page's engine needs of `body` in an environment."""
-    made = ENVIRONMENTS.get(environment)(embodiment=body)
-    rules, settings = made.rules, settings_for(body)
-    arrays, built = step_arrays(body, rules), settled(body, settings)
-    floats, integers = vectors = memory.new_memory(arrays, len(built.limits), settings, 0)
-    parts = memory.simulation_in(*vectors)._asdict()
+    made: Any = make_environment(environment, embodiment=body)
+    settings = settings_for(body)
+    arrays, built = step_arrays(body, made.rules), settled(body, settings)
+    floats, integers = vectors = new_memory(arrays, len(built.limits), settings, 0)
+    parts = simulation_in(*vectors)._asdict()
     views = {
-        name: [_place(part, integers if name in WHOLE else floats), list(part.shape)] for name, part in parts.items()
+        name: [_place(part, integers if name in WHOLE else floats), list(part.shape)]
+        for name, part in parts.items()
     }
     return {
         "built": {
-            name: stored(value) if isinstance(value, np.ndarray) else value for name, value in built._asdict().items()
+            name: stored(value) if isinstance(value, np.ndarray) else value
+            for name, value in built._asdict().items()
         },
         "floats": ["double", len(floats), np.trim_zeros(floats, "b").tolist()],
         "integers": ["i64", len(integers), integers.tolist()],
@@ -61,9 +67,11 @@ def body_record(body: Embodiment, environment: str) -> dict[str, Any]:
         "motors": len(arrays.motors),
         "grips": len(arrays.grips),
         "parts": len(arrays.critical),
-        "reach": _reach(body, environment) if len(arrays.grips) else 0.0,
+        "reach": _reach(built, arrays) if len(arrays.grips) else 0.0,
         "rays": arrays.rays.tolist(),
-        "sensors": [[int(part), *place] for part, place in zip(arrays.grip_part, arrays.grips.tolist(), strict=True)],
+        "sensors": [
+            [int(part), *place] for part, place in zip(arrays.grip_part, arrays.grips.tolist(), strict=True)
+        ],
     }
 
 
@@ -71,13 +79,11 @@ def _place(part: NDArray[Any], vector: NDArray[Any]) -> int:
     return (part.ctypes.data - vector.ctypes.data) // 8 if part.size else 0
 
 
-def _reach(body: Embodiment, environment: str) -> float:
+def _reach(body: BodyArrays, arrays: StepArrays) -> float:
     """Returns how high over its spawn point a hanging body's highest grip sensor is, in m."""
-    rules = ENVIRONMENTS.get(environment)(embodiment=body).rules
-    nothing = np.zeros((0, 4))
-    flat = np.array([[-1.0, 0.0, 1.0, 0.0]])
+    nothing, flat = np.zeros((0, 4)), np.array([[-1.0, 0.0, 1.0, 0.0]])
     world = Terrain(nothing, 1.0, nothing, np.zeros(2), 0.0, 0, flat, nothing, np.zeros(0, np.int64), 0.0)
-    return -float(hung(world, settled(body, settings_for(body)), step_arrays(body, rules)).spawn[1])
+    return -float(hung(world, body, arrays).spawn[1])
 
 
 def variants(name: str) -> list[str]:
@@ -94,28 +100,34 @@ def bodies(names: Iterable[str]) -> dict[str, Any]:
 
 
 def constants() -> dict[str, dict[str, Any]]:
-    """Returns the numbers that the modules of physics, episodes and worlds name in capitals."""
-    modules = {
-        "engine": (memory, engine, grips, terrain, body_environment, tasks),
-        "stump_tracks": (stump_tracks,),
-        "parkour": (parkour,),
+    """Returns numbers of the engine and of episodes, and those that modules of worlds name in capitals."""
+    engine: dict[str, float] = {
+        "BEFORE": BEFORE,
+        "GOAL_X": GOAL_X,
+        "TERRAIN": TERRAIN,
+        "NOTHING": NOTHING,
+        "FIXED": FIXED,
     }
-    numbers = {
-        kind: {
+    engine |= {"GRAVITY": GRAVITY, "TIME_STEP": TIME_STEP, "HANGING_STEPS": HANGING_STEPS, "PUSH": PUSH}
+    engine |= {"MAX_EPISODE_STEPS": MAX_EPISODE_STEPS, "MASTERY_RETURN": MASTERY_RETURN}
+    engine |= {"STEP": STEP, "GROUND_HEIGHT": GROUND_HEIGHT, "STARTPAD_STEPS": STARTPAD_STEPS}
+    worlds: dict[str, dict[str, Any]] = {
+        module.__name__.rpartition(".")[2]: {
             name: value
-            for module in chosen
             for name, value in vars(module).items()
             if name.isupper() and isinstance(value, int | float)
         }
-        for kind, chosen in modules.items()
+        for module in (stump_tracks, parkour)
     }
-    return {**numbers, "parkour": {**numbers["parkour"], "INSERTION_ORDER": parkour.INSERTION_ORDER.tolist()}}
+    worlds["parkour"]["INSERTION_ORDER"] = parkour.INSERTION_ORDER.tolist()
+    return {"engine": engine, **worlds}
 
 
 def space_record(space: TaskSpace) -> list[dict[str, Any]]:
     """Returns the dimensions of a space of tasks."""
     return [
-        {"name": each.name, "low": each.low, "high": each.high, "unit": each.unit} for each in space.dimensions
+        {"name": each.name, "low": each.low, "high": each.high, "unit": each.unit}
+        for each in space.dimensions
     ]
 
 
@@ -123,6 +135,8 @@ def worlds() -> dict[str, Any]:
     """Returns spaces of tasks by environment, and the network that draws Parkour."""
     weights = [CPPN.load().weights[name] for name in SHAPES]
     return {
-        "spaces": {name: space_record(ENVIRONMENTS.get(name).task_space) for name in PLAYED},
+        "spaces": {
+            name: space_record(make_environment(name).get_wrapper_attr("task_space")) for name in PLAYED
+        },
         "cppn": [[list(matrix.shape), matrix.ravel()] for matrix in weights],
     }

@@ -54,13 +54,12 @@ def page_html(policies: Sequence[dict[str, Any]], start: Start, names: Sequence[
         start: what is played first.
         names: bodies, with parameters; None for every body in its own size and the first one in all sizes.
     """
-    if names is None:
-        chosen = [start.embodiment, *(policy["embodiment"] for policy in policies)]
-        names = dict.fromkeys([*embodiment_names(), *chosen, *variants(start.embodiment.partition(":")[0])])
+    own = [*embodiment_names(), start.embodiment, *(policy["embodiment"] for policy in policies)]
+    shown = dict.fromkeys([*own, *variants(start.embodiment.partition(":")[0])] if names is None else names)
     data = {
         "wasm": np.frombuffer(WASM.read_bytes(), np.uint8),
         "constants": constants(),
-        "bodies": bodies(names),
+        "bodies": bodies(shown),
         **worlds(),
         "policies": list(policies),
         "start": vars(start),
@@ -73,7 +72,7 @@ def page_html(policies: Sequence[dict[str, Any]], start: Start, names: Sequence[
 
 
 def _packed(data: dict[str, Any]) -> bytes:
-    """Returns `data` compressed: the length of a JSON text, the text, and the arrays that it names, byte by byte.
+    """Returns `data` compressed: the length of a JSON text, the text, and the arrays that it names.
 
     The first bytes of all numbers of an array come first, then the second ones: they are more alike.
     """

@@ -12,7 +12,7 @@ from torch import nn
 from tma_ray.part_names import base_name
 from tma_ray.playground.contents import PLAYED, space_record
 from tma_ray.results import Results, Table
-from tma_ray.runs.plugins import import_plugins
+from tma_ray.runs.inputs import import_plugins
 from tma_ray.runs.saved_policies import SavedPolicy, results_of
 from tma_ray.runs.spec import RunSpec
 from tma_ray.students import policy_layers
@@ -37,8 +37,8 @@ def policy_record(saved: SavedPolicy, results: str | Path) -> dict[str, Any]:
     if spec.environment not in PLAYED or spec.environment_options.keys() - {"embodiment"}:
         options = ", ".join(f"{name}={value}" for name, value in spec.environment_options.items())
         raise ValueError(
-            f"policy {spec.run_id}: environment {spec.environment!r} with options {options or 'none'}; the playground "
-            f"has {' and '.join(PLAYED)} with the option embodiment"
+            f"policy {spec.run_id}: environment {spec.environment!r} with options {options or 'none'}; "
+            f"the playground has {' and '.join(PLAYED)} with the option embodiment"
         )
     import_plugins(spec, "student")
     with tempfile.TemporaryDirectory() as place:
@@ -54,7 +54,7 @@ def policy_record(saved: SavedPolicy, results: str | Path) -> dict[str, Any]:
         "embodiment": spec.embodiment or "classic_bipedal",
         "challenge": spec.challenge,
         "student": base_name(spec.student),
-        "teacher": base_name(spec.teacher),
+        "label": base_name(spec.teacher),
         "seed": spec.seed,
         "threshold": spec.mastery_threshold,
         "space": space_record(spec.task_space),
@@ -64,24 +64,32 @@ def policy_record(saved: SavedPolicy, results: str | Path) -> dict[str, Any]:
 
 
 def network_record(layers: nn.Sequential) -> dict[str, Any]:
-    """Returns what `layers` compute: a normaliser, linear layers with one activation, and bounds of the actions.
+    """Returns what `layers` compute: a normaliser, linear layers with one activation, bounds of actions.
 
     Raises:
         ValueError: they compute something else.
     """
-    rest = [layer for layer in layers if not isinstance(layer, nn.Identity | nn.Dropout)]
+    rest: list[Any] = [layer for layer in layers if not isinstance(layer, nn.Identity | nn.Dropout)]
     normaliser = rest.pop(0) if isinstance(rest[0], Standardise) else None
     end = max((index + 1 for index, layer in enumerate(rest) if isinstance(layer, nn.Linear)), default=0)
     linear, between, tail = rest[:end:2], rest[1:end:2], rest[end:]
     kinds = {type(layer) for layer in between} or {nn.ReLU}
-    known = len(kinds) == 1 and kinds <= ACTIVATIONS.keys() and {type(layer) for layer in tail} <= {nn.Tanh, Affine, Clamp}
+    known = (
+        len(kinds) == 1
+        and kinds <= ACTIVATIONS.keys()
+        and {type(layer) for layer in tail} <= {nn.Tanh, Affine, Clamp}
+    )
     if not end or not known or not all(isinstance(layer, nn.Linear) for layer in linear):
         names = ", ".join(type(layer).__name__ for layer in layers)
         raise ValueError(f"layers {names}: the playground has linear layers with ReLU or tangent hyperbolic")
     activation = ACTIVATIONS[kinds.pop()]
     layout = Layout((linear[0].in_features, *(layer.out_features for layer in linear)), activation)
     row = RowNetwork(layout)
-    row.load(np.concatenate([part.numpy(force=True).ravel() for layer in linear for part in (layer.weight, layer.bias)]))
+    row.load(
+        np.concatenate(
+            [part.numpy(force=True).ravel() for layer in linear for part in (layer.weight, layer.bias)]
+        )
+    )
     last = {type(layer): layer for layer in tail}
     return {
         "sizes": list(layout.sizes),
@@ -99,7 +107,7 @@ def _buffers(layer: Any) -> dict[str, list[float]]:
 
 
 def _history(results: Results | None, spec: RunSpec) -> dict[str, Any]:
-    """Returns the curriculum of a run over time, and the test tasks with what its last evaluation says of them."""
+    """Returns the curriculum of a run over time, and its test tasks with those that it masters at last."""
     found: dict[str, Any] = {"curriculum": [], "tests": [], "tests_mastered": [], "mastered": None}
     if results is None:
         return found

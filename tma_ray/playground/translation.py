@@ -1,8 +1,8 @@
 """Translation of kernels to C: the part of Python that they use, statement by statement.
 
-As numba does, one version of a function is made for the types of its arguments, and types of variables follow from
-what is assigned to them. Arrays are contiguous, and indices are not negative unless they are constants. Sums and
-products keep their order, so that C without contraction gives the bits of the compiled kernel.
+As numba does, one version of a function is made for the types of its arguments, and types of variables
+follow from what is assigned to them. Arrays are contiguous, and only constant indices may be negative. Sums
+and products keep their order, so that C without contraction gives the bits of the compiled kernel.
 """
 
 from __future__ import annotations
@@ -22,10 +22,9 @@ FLAG, WHOLE, SINGLE, REAL, NOTHING = "bool", "i64", "float", "double", "void"
 
 _PROMOTION = (FLAG, WHOLE, SINGLE, REAL)
 _KINDS = {"float64": REAL, "float32": SINGLE, "int64": WHOLE, "bool": FLAG}
-_OPERATORS: dict[type[ast.AST], str] = {
-    **{ast.Add: "+", ast.Sub: "-", ast.Mult: "*", ast.Div: "/", ast.FloorDiv: "/", ast.Mod: "%"},
-    **{ast.Lt: "<", ast.LtE: "<=", ast.Gt: ">", ast.GtE: ">=", ast.Eq: "==", ast.NotEq: "!="},
-}
+_PAIRS = "Add +;Sub -;Mult *;Div /;FloorDiv /;Mod %;Lt <;LtE <=;Gt >;GtE >=;Eq ==;NotEq !="
+_SIGNS: dict[str, str] = dict(pair.split() for pair in _PAIRS.split(";"))
+"""Operators in C by the names of their nodes."""
 
 PRELUDE = """\
 #include <math.h>
@@ -35,12 +34,12 @@ PRELUDE = """\
 typedef int64_t i64;
 void *new_array(i64 bytes);
 static void reset_arrays(void);
-static inline double min_double(double a, double b) { return b < a ? b : a; }
-static inline double max_double(double a, double b) { return b > a ? b : a; }
-static inline float min_float(float a, float b) { return b < a ? b : a; }
-static inline float max_float(float a, float b) { return b > a ? b : a; }
-static inline i64 min_i64(i64 a, i64 b) { return b < a ? b : a; }
-static inline i64 max_i64(i64 a, i64 b) { return b > a ? b : a; }
+#define EXTREMES(kind) \\
+  static inline kind min_##kind(kind a, kind b) { return b < a ? b : a; } \\
+  static inline kind max_##kind(kind a, kind b) { return b > a ? b : a; } \\
+  static kind min_of_##kind(kind *p, i64 n) { kind m = *p; while (--n) m = min_##kind(m, *++p); return m; } \\
+  static kind max_of_##kind(kind *p, i64 n) { kind m = *p; while (--n) m = max_##kind(m, *++p); return m; }
+EXTREMES(double) EXTREMES(float) EXTREMES(i64)
 """
 """Beginning of every translation; `new_array` gives memory that lives until the next exported call."""
 
@@ -123,14 +122,19 @@ class Translation:
     def export(self, name: str, kernel: Callable[..., Any], *examples: Any) -> None:
         """Adds `kernel`, for arguments of the types of `examples`, under a name that the page calls.
 
-        It is called with the addresses of two vectors of doubles. The first has the arguments one after the other: a
-        number as it is, an array as its address and its sizes, a tuple as its items. The result goes to the second.
+        It is called with the addresses of two vectors of doubles. The first has the arguments one after
+        the other: a number as it is, an array as its address and its sizes, a tuple as its items. The result
+        goes to the second.
         """
         types = tuple(map(type_of, examples))
         called, result = self.function(kernel, types)
         places = iter(range(1000))
         arguments = ", ".join(self._unpacked(kind, places) for kind in types)
-        lines = [f"{self.name(result)} r = {called}({arguments});" if result != NOTHING else f"{called}({arguments});"]
+        lines = [
+            f"{self.name(result)} r = {called}({arguments});"
+            if result != NOTHING
+            else f"{called}({arguments});"
+        ]
         lines += [f"out[{at}] = {value};" for at, value in enumerate(_leaves("r", result))]
         body = " ".join(lines)
         self._exports.append(
@@ -139,7 +143,7 @@ class Translation:
         )
 
     def text(self, externals: str = "") -> str:
-        """Returns everything as a file in C; `externals` is code that uses the types and precedes the functions."""
+        """Returns everything as a file in C, with the code `externals` between types and functions."""
         vector = f"typedef {self.name(Record((REAL, REAL)))} vector;"
         parts = [PRELUDE, *self._structs, vector, externals, *self.functions, *self._exports]
         return "\n".join(parts) + "\n"
@@ -156,7 +160,7 @@ class Translation:
 
     def function(self, kernel: Callable[..., Any], arguments: tuple[Type, ...]) -> Value:
         """Returns name and type of the result of `kernel`'s version for some types."""
-        plain = getattr(kernel, "py_func", None) or getattr(kernel, "_pyfunc", kernel)
+        plain: Any = getattr(kernel, "py_func", None) or getattr(kernel, "_pyfunc", kernel)
         key = plain, arguments
         if key not in self._made:
             name = f"{plain.__name__.lstrip('_')}_{len(self._made)}"
@@ -169,7 +173,10 @@ class Translation:
             return f"{kind.kind} *p; i64 {', '.join(f'n{axis}' for axis in range(kind.dimensions))};"
         if kind.uniform:
             return f"{self.name(kind.items[0])} v[{len(kind.items)}];"
-        return " ".join(f"{self.name(item)} {kind.member(index)};" for index, item in enumerate(kind.items)) or "int _;"
+        return (
+            " ".join(f"{self.name(item)} {kind.member(index)};" for index, item in enumerate(kind.items))
+            or "int _;"
+        )
 
     def _unpacked(self, kind: Type, places: Iterator[int]) -> str:
         """Returns an argument of an export, read from the next places."""
@@ -249,19 +256,18 @@ class _Function:
             return
         code, kind = self._value(statement.value)
         self._result = _unified(self._result, kind) if self._result != NOTHING else kind
-        self._lines.append(f"return {self._cast(code, kind, self._result)};")
+        self._lines.append(f"return {code};")
 
-    def _do_assign(self, statement: ast.Assign) -> None:
-        target = statement.targets[0]
+    def _do_assign(self, statement: ast.Assign | ast.AnnAssign) -> None:
+        target = statement.targets[0] if isinstance(statement, ast.Assign) else statement.target
+        assert statement.value is not None
         if isinstance(target, ast.Tuple):
             for each, value in zip(target.elts, self._items(statement.value, len(target.elts)), strict=True):
                 self._store(each, value)
         else:
             self._store(target, self._value(statement.value))
 
-    def _do_annassign(self, statement: ast.AnnAssign) -> None:
-        assert statement.value is not None
-        self._store(statement.target, self._value(statement.value))
+    _do_annassign = _do_assign
 
     def _do_augassign(self, statement: ast.AugAssign) -> None:
         operation = ast.BinOp(_loaded(statement.target), statement.op, statement.value)
@@ -307,7 +313,7 @@ class _Function:
         code, kind = value
         if isinstance(target, ast.Name):
             self._assigned(target.id, kind)
-            self._lines.append(f"{_safe(target.id)} = {self._cast(code, kind, self._variables[target.id])};")
+            self._lines.append(f"{_safe(target.id)} = {code};")
             return
         place, wanted = self._value(_loaded(target))
         if isinstance(wanted, Array):
@@ -316,17 +322,18 @@ class _Function:
             self._lines.append(f"{place} = {code};")
 
     def _fill(self, place: Value, value: Value) -> None:
-        """Copies a number or an array into the array at `place`."""
-        kind = place[1]
+        """Copies a number, an array or the items of a tuple into the array at `place`."""
+        (into, kind), (source, given) = self._kept(place), self._kept(value)
         assert isinstance(kind, Array)
-        into, counter = self._temporary(), self._temporary()
-        self._lines.append(f"{{ {self._translation.name(kind)} {into} = {place[0]};")
-        source = value[0]
-        if isinstance(value[1], Array):
-            self._lines.append(f"{self._translation.name(value[1])} {into}_from = {source};")
-            source = f"{into}_from.p[{counter}]"
-        size = " * ".join(f"{into}.n{axis}" for axis in range(kind.dimensions))
-        self._lines.append(f"for (i64 {counter} = 0; {counter} < {size}; {counter}++) {into}.p[{counter}] = {source}; }}")
+        if isinstance(given, Record):
+            for index in range(len(given.items)):
+                self._lines.append(f"{into}.p[{index}] = {source}.{given.member(index)};")
+            return
+        counter, size = self._temporary(), " * ".join(f"{into}.n{axis}" for axis in range(kind.dimensions))
+        item = f"{source}.p[{counter}]" if isinstance(given, Array) else source
+        self._lines.append(
+            f"for (i64 {counter} = 0; {counter} < {size}; {counter}++) {into}.p[{counter}] = {item};"
+        )
 
     def _assigned(self, name: str, kind: Type) -> None:
         self._variables[name] = _unified(self._variables[name], kind) if name in self._variables else kind
@@ -408,7 +415,8 @@ class _Function:
         assert isinstance(kind, Array)
         offset = f"({indices[0]})"
         for axis in range(1, kind.dimensions):
-            offset = f"({offset} * ({code}).n{axis}" + (f" + ({indices[axis]}))" if axis < len(indices) else ")")
+            inner = f" + ({indices[axis]})" if axis < len(indices) else ""
+            offset = f"({offset} * ({code}).n{axis}{inner})"
         if len(indices) == kind.dimensions:
             return f"({code}).p[{offset}]", kind.kind
         rest = Array(kind.kind, kind.dimensions - len(indices))
@@ -440,7 +448,7 @@ class _Function:
 
     def _of_compare(self, node: ast.Compare) -> Value:
         codes = [self._value(each)[0] for each in (node.left, *node.comparators)]
-        signs = [_OPERATORS[type(operator)] for operator in node.ops]
+        signs = [_SIGNS[type(operator).__name__] for operator in node.ops]
         pairs = [f"({a} {sign} {b})" for a, sign, b in zip(codes, signs, codes[1:], strict=False)]
         return f"({' && '.join(pairs)})", FLAG
 
@@ -449,7 +457,7 @@ class _Function:
         kind = _unified(_unified(first, second), WHOLE)
         if isinstance(node.op, ast.Div) and kind == WHOLE:
             left, kind = f"(double)({left})", REAL
-        return f"({left} {_OPERATORS[type(node.op)]} {right})", kind
+        return f"({left} {_SIGNS[type(node.op).__name__]} {right})", kind
 
     def _of_call(self, node: ast.Call) -> Value:
         function = node.func
@@ -476,13 +484,10 @@ class _Function:
     def _library(self, module: str, name: str, node: ast.Call) -> Value:
         """Returns a call of `math`, of numpy, or of one of C's own functions."""
         if module == "numpy" and name in ("empty", "zeros"):
-            shape = self._value(node.args[0])
-            return self._new_array(shape, _dtype(node, REAL))
+            return self._new_array(self._sizes(self._value(node.args[0])), _dtype(node, REAL))
         values = [self._value(each) for each in node.args]
-        if module == "numpy" and name == "array":
-            return self._listed(values[0])
-        if module == "numpy" and name == "float32":
-            return f"(float)({values[0][0]})", SINGLE
+        if module == "numpy" and name in ("array", "float32"):  # an array of a tuple is only stored in rows
+            return values[0] if name == "array" else (f"(float)({values[0][0]})", SINGLE)
         if module in ("math", "numpy"):
             kind = values[0][1] if name in ("sqrt", "tanh") else REAL
             suffix = "f" if kind == SINGLE else ""
@@ -507,28 +512,17 @@ class _Function:
             return self._shaped(f"(i64)(intptr_t)({code}).p", self._value(node.args[0]), kind.kind)
         if name == "copy":
             sizes = [f"({code}).n{axis}" for axis in range(kind.dimensions)]
-            made = self._kept(self._view(kind, self._memory(kind.kind, sizes), sizes))
+            made = self._new_array(sizes, kind.kind)
             self._fill(made, array)
             return made
         if name in ("min", "max"):
-            best, counter = self._temporary(), self._temporary()
-            self._lines.append(f"{kind.kind} {best} = ({code}).p[0]; for (i64 {counter} = 1; {counter} < ({code}).n0; {counter}++) {best} = {name}_{kind.kind}({best}, ({code}).p[{counter}]);")
-            return best, kind.kind
+            return f"{name}_of_{kind.kind}(({code}).p, ({code}).n0)", kind.kind
         raise self._error(node, "is a method without a counterpart")
 
-    def _new_array(self, shape: Value, kind: str) -> Value:
-        sizes = self._sizes(shape)
-        made = self._kept(self._view(Array(kind, len(sizes)), self._memory(kind, sizes), sizes))
-        self._fill(made, ("0", WHOLE))
-        return made
-
-    def _listed(self, values: Value) -> Value:
-        assert isinstance(values[1], Record)
-        items, kept = len(values[1].items), self._kept(values)
-        made = self._new_array((str(items), WHOLE), REAL)
-        for index in range(items):
-            self._lines.append(f"{made[0]}.p[{index}] = {kept[0]}.{values[1].member(index)};")
-        return made
+    def _new_array(self, sizes: Sequence[str], kind: str) -> Value:
+        """Returns a new array of zeros."""
+        memory = f"new_array(sizeof({kind}) * {' * '.join(f'({size})' for size in sizes)})"
+        return self._kept(self._view(Array(kind, len(sizes)), memory, sizes))
 
     def _shaped(self, address: str, shape: Value, kind: str) -> Value:
         """Returns the array at an address."""
@@ -542,9 +536,6 @@ class _Function:
 
     def _view(self, kind: Array, pointer: str, sizes: Sequence[str]) -> Value:
         return f"(({self._translation.name(kind)}){{{', '.join([pointer, *sizes])}}})", kind
-
-    def _memory(self, kind: str, sizes: Sequence[str]) -> str:
-        return f"new_array(sizeof({kind}) * {' * '.join(f'({size})' for size in sizes)})"
 
     def _record(self, values: Sequence[Value], names: tuple[str, ...]) -> Value:
         kind = Record(tuple(each for _, each in values), names)
@@ -562,14 +553,6 @@ class _Function:
             return value.hex() if value >= 0 else f"({value.hex()})", REAL
         return "NAN" if math.isnan(value) else "INFINITY" if value > 0 else "(-INFINITY)", REAL
 
-    def _cast(self, code: str, kind: Type, wanted: Type) -> str:
-        """Returns a value as another type: only tuples need it, whose numbers C does not promote by itself."""
-        if kind == wanted or not (isinstance(kind, Record) and isinstance(wanted, Record)):
-            return code
-        kept, _ = self._kept((code, kind))
-        items = [f"{kept}.{kind.member(index)}" for index in range(len(kind.items))]
-        return self._record(list(zip(items, wanted.items, strict=True)), wanted.names)[0]
-
     def _error(self, node: ast.AST, problem: str) -> TranslationError:
         where = f"{self._function.__module__}.{self._function.__name__}"
         return TranslationError(f"{where}: {ast.unparse(node)!r} {problem} in the translation to C")
@@ -586,17 +569,19 @@ def _chosen(name: str) -> Callable[[_Function, list[Value]], Value]:
 _BUILT_IN: dict[str, Callable[[_Function, list[Value]], Value]] = {
     "min": _chosen("min"),
     "max": _chosen("max"),
-    "abs": lambda _, values: (f"{'llabs' if values[0][1] == WHOLE else 'fabs'}({values[0][0]})", values[0][1]),
+    "abs": lambda _, values: (f"fabs({values[0][0]})", REAL),
     "int": lambda _, values: (f"(i64)({values[0][0]})", WHOLE),
     "len": lambda _, values: (
-        (f"({values[0][0]}).n0", WHOLE) if isinstance(values[0][1], Array) else (str(len(values[0][1].items)), WHOLE)  # type: ignore[union-attr]
+        (f"({values[0][0]}).n0", WHOLE)
+        if isinstance(values[0][1], Array)
+        else (str(len(values[0][1].items)), WHOLE)  # type: ignore[union-attr]
     ),
 }
 
 
 def _dtype(node: ast.Call, usual: str) -> str:
     """Returns the type that a call names, as np.int64 among its arguments."""
-    named = [each.attr for each in [*node.args, *(k.value for k in node.keywords)] if isinstance(each, ast.Attribute)]
+    named = [each.attr for each in node.args if isinstance(each, ast.Attribute)]
     return next((_KINDS[name] for name in named if name in _KINDS), usual)
 
 
@@ -604,10 +589,8 @@ def _unified(first: Type, second: Type) -> Type:
     """Returns the type that holds values of both."""
     if first == second:
         return first
-    if isinstance(first, Record) and isinstance(second, Record) and len(first.items) == len(second.items):
-        items = tuple(map(_unified, first.items, second.items))
-        return Record(items, first.names)
-    assert isinstance(first, str) and isinstance(second, str), f"{first} and {second} have no common type"
+    if not (isinstance(first, str) and isinstance(second, str)):
+        raise TranslationError(f"{first} and {second} have no common type in C")
     return max(first, second, key=_PROMOTION.index)
 
 

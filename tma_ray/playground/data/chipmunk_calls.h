@@ -87,14 +87,15 @@ void *new_array(i64 bytes) {
   used += (bytes + 15) & ~15LL;
   if (used > (i64)sizeof arrays)
     __builtin_trap();
-  return place;
+  return memset(place, 0, (size_t)bytes);
 }
 static void reset_arrays(void) { used = 0; }
 __attribute__((export_name("keep"))) void *keep(int bytes) { return calloc(1, (size_t)bytes); }
 __attribute__((export_name("drop"))) void drop(void *place) { free(place); }
 __attribute__((export_name("push"))) void push(const double *in, double *out) {
   (void)out; /* an impulse on a body's centre of mass, by hand */
-  cpBodyApplyImpulseAtWorldPoint(BODY(in[0]), cpv(in[1], in[2]), cpBodyLocalToWorld(BODY(in[0]), cpBodyGetCenterOfGravity(BODY(in[0]))));
+  cpVect centre = cpBodyLocalToWorld(BODY(in[0]), cpBodyGetCenterOfGravity(BODY(in[0])));
+  cpBodyApplyImpulseAtWorldPoint(BODY(in[0]), cpv(in[1], in[2]), centre);
 }
 void cpMessage(const char *condition, const char *file, int line, int is_error, int is_hard, const char *message, ...) {
   (void)condition, (void)file, (void)line, (void)is_error, (void)message;

@@ -31,7 +31,7 @@ class Camera {
     const metres = Math.min(Math.max(room.width / METRE, NARROWEST), WIDEST);
     this.scale = room.width / metres;
     this.room = room;
-    const goal = [x + 0.12 * metres, y + 0.06 * (room.height / this.scale)];
+    const goal = [x + 0.12 * metres, y + 0.11 * (room.height / this.scale)];
     const ease = this.x === null || Math.abs(goal[0] - this.x) > metres ? 1 : 0.15;
     this.x = (this.x ?? goal[0]) + ease * (goal[0] - (this.x ?? goal[0]));
     this.y = (this.y ?? goal[1]) + ease * (goal[1] - (this.y ?? goal[1]));
@@ -203,8 +203,8 @@ function drawName(context, camera, runner, colour) {
   context.strokeStyle = colour("halo");
   context.fillStyle = runner.colour;
   const height = Math.max(top - 0.9 * camera.scale - 15 * runner.place, camera.room.top + 14 + 15 * runner.place);
-  context.strokeText(runner.short, left, height);
-  context.fillText(runner.short, left, height);
+  context.strokeText(runner.policy.label, left, height);
+  context.fillText(runner.policy.label, left, height);
 }
 
 const INSET = { left: 40, right: 12, top: 10, bottom: 34 };

@@ -14,7 +14,6 @@ class Runner {
     Object.assign(this, { page, policy, place, body: page.body });
     this.engine = new Engine(module, this.body, page.data.constants.engine);
     this.network = policy.weights ? new Policy(module, policy) : null;
-    this.short = policy.teacher ? spoken(policy.teacher) : policy.name;
     this.medium = page.environment === "parkour";
     this.nothing = page.data.constants.engine.NOTHING;
   }
@@ -64,8 +63,8 @@ class Page {
     this.data = data;
     this.module = new WebAssembly.Module(data.wasm);
     this.worlds = new Worlds(this.module, data.constants, data.cppn);
-    this.untrained = [{ name: "random" }, { name: "zero" }];
-    this.policies = [...data.policies, ...this.untrained];
+    this.policies = [...data.policies, { name: "random", label: "untrained", facts: "uniform actions" }];
+    this.policies.push({ name: "zero", label: "untrained", facts: "no torque" });
     this.camera = [...Array(MOST_RUNNERS)].map(() => new Camera());
     Object.assign(this, { playing: true, speed: 1, lidars: false, apart: false, heights: null, due: 0, probe: 1 });
     this.plane = new Plane(element("plane"), (values) => this.choose(values));
@@ -223,7 +222,7 @@ class Page {
     const names = Object.keys(this.data.bodies).filter((name) => !name.includes(":"));
     element("body").replaceChildren(...options(names, own));
     const sizes = Object.keys(this.data.bodies).filter((name) => name.startsWith(`${own}:`));
-    const labels = [own, ...sizes].map((name) => new Option(name.split("=")[1] ? `× ${name.split("=")[1]}` : "× 1", name));
+    const labels = [own, ...sizes].map((name) => new Option(name.slice(own.length + 1).replace("=", " ") || "as drawn", name));
     element("size").replaceChildren(...labels);
     element("size").value = this.bodyName;
     element("size").disabled = !sizes.length;
@@ -243,7 +242,7 @@ class Page {
     const traced = this.chosen[this.traced];
     element("time").hidden = !traced?.curriculum.length;
     element("legend").hidden = !traced;
-    if (traced) element("traced").textContent = `${spoken(traced.teacher)}, seed ${traced.seed}`;
+    if (traced) element("traced").textContent = `${traced.label}, seed ${traced.seed}`;
     element("sketch").setAttribute("aria-pressed", "false");
   }
 
@@ -255,11 +254,11 @@ class Page {
     const dot = document.createElement("i");
     if (place >= 0) dot.style.background = `var(--${TINTS[place]})`;
     const name = document.createElement("b"), facts = document.createElement("span");
-    name.textContent = spoken(policy.teacher ?? policy.name);
-    const own = `${policy.student}, ${spoken(policy.challenge ?? "")}, seed ${policy.seed}`;
-    const share = policy.mastered === null ? "" : `, masters ${policy.mastered}%`;
-    facts.textContent = policy.weights ? own + share : policy.name === "zero" ? "no torque" : "uniform actions";
-    if (!this.fits(policy)) facts.textContent += ` · ${spoken(policy.embodiment)}`;
+    name.textContent = policy.label;
+    const share = policy.mastered === null ? "" : ` · masters ${policy.mastered}%`;
+    facts.textContent = policy.facts ?? `${policy.student} · seed ${policy.seed}${share}`;
+    if (!this.fits(policy)) facts.textContent = `${spoken(policy.embodiment)} · ${facts.textContent}`;
+    row.title = policy.weights ? `challenge ${spoken(policy.challenge)}, run ${policy.name}` : "";
     const state = document.createElement("em");
     state.dataset.place = place;
     row.append(dot, name, facts, state);
@@ -308,7 +307,7 @@ class Page {
       const runner = this.runners[cell.dataset.place];
       if (!runner) continue;
       const verdict = runner.mastered ? "mastered" : runner.over || "not mastered";
-      const text = `${signed(runner.total)} · step ${runner.steps} · ${verdict}`;
+      const text = `return ${signed(runner.total)} · step ${runner.steps} · ${verdict}`;
       if (cell.textContent !== text) cell.textContent = text;
       cell.className = runner.mastered ? "good" : runner.over ? "over" : "";
     }

@@ -1,0 +1,133 @@
+"""The page's engine, policies and worlds in node: the same numbers as Python's."""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from episodes import world_record
+
+from tma_ray.embodiments import embodiment_names
+from tma_ray.envs import make_environment
+from tma_ray.playground.compiling import DATA, WASM
+from tma_ray.playground.contents import constants, worlds
+from tma_ray.playground.page import SCRIPTS, SOURCES
+from tma_ray.playground.policies import policy_record
+from tma_ray.runs.saved_policies import find_policy
+from tma_ray.terrain.parkour import creeper_points
+
+HERE, ROOT = Path(__file__).parent, Path(__file__).parents[2]
+
+POLICIES = {
+    "relu": ROOT / "notebooks/data/ppo-lite/policies/ppo_random-s0-43ca06a21b5e",
+    "ppo": ROOT / "tests/compatibility/version_1/release/policies/ppo_alp_gmm-s0-5e7c73111b9c",
+    "sac": ROOT / "tests/compatibility/version_1/release/policies/sac_adr-s0-93c3a39a6c7a",
+}
+
+
+@pytest.fixture(scope="module")
+def scripts(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The page's scripts without its controls, as one file."""
+    file = tmp_path_factory.mktemp("scripts") / "scripts.js"
+    file.write_text("".join((SOURCES / name).read_text() for name in SCRIPTS[:2]))
+    return file
+
+
+@pytest.fixture(scope="module")
+def sine(tmp_path_factory: pytest.TempPathFactory) -> dict[str, str]:
+    """Variables under which Python's engine has the page's sine and cosine."""
+    compiler = shutil.which("cc")
+    if compiler is None or not sys.platform.startswith("linux"):
+        pytest.skip("a C compiler on Linux gives this machine's engine the page's sine and cosine")
+    library = tmp_path_factory.mktemp("sine") / "sine.so"
+    flags = ["-O2", "-shared", "-fPIC", "-ffp-contract=off", "-fno-builtin"]
+    subprocess.run([compiler, *flags, "-o", str(library), str(DATA / "sine.c")], check=True)
+    return {"LD_PRELOAD": str(library)}
+
+
+def in_node(scripts: Path, *files: Path) -> list[Any]:
+    """Returns what `replay.js` says of each file."""
+    node = shutil.which("node")
+    if node is None:
+        pytest.skip("no node")
+    command = [node, str(HERE / "replay.js"), str(scripts), str(WASM), *map(str, files)]
+    made = subprocess.run(command, capture_output=True, text=True, check=True)
+    return [json.loads(line) for line in made.stdout.splitlines()]
+
+
+def assert_same_bits(
+    scripts: Path, sine: dict[str, str], place: Path, size: tuple[int, int], *bodies: str
+) -> None:
+    command = [sys.executable, str(HERE / "episodes.py"), str(place), *map(str, size), *bodies]
+    subprocess.run(command, env=os.environ | sine, check=True)
+    files = sorted(place.glob("*.json"))
+    assert len(files) == 2 * len(bodies)
+    for file, episodes in zip(files, in_node(scripts, *files), strict=True):
+        assert len(episodes) == size[0]
+        for episode in episodes:
+            differences = episode["state"], episode["observed"], episode["reward"]
+            assert differences == (0, 0, 0), (file.stem, episode)
+            assert episode["ending"], (file.stem, episode)
+
+
+def test_every_body_moves_as_in_python(scripts: Path, sine: dict[str, str], tmp_path: Path) -> None:
+    assert_same_bits(scripts, sine, tmp_path, (1, 40), *embodiment_names())
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("body", embodiment_names())
+def test_twenty_episodes_are_the_same(body: str, scripts: Path, sine: dict[str, str], tmp_path: Path) -> None:
+    assert_same_bits(scripts, sine, tmp_path, (20, 200), body)
+
+
+@pytest.mark.parametrize("kind", POLICIES)
+def test_policies_act_as_in_python(kind: str, scripts: Path, tmp_path: Path) -> None:
+    saved = find_policy(str(POLICIES[kind]), "results")
+    environment = make_environment("stump_tracks", embodiment=saved.spec.embodiment)
+    policy = saved.load(environment.observation_space, environment.action_space)
+    observations = (
+        np.random.default_rng(0).normal(0, 1, (100, *environment.observation_space.shape)).astype("f4")
+    )
+    content = {"policy": policy_record(saved, "results"), "observations": observations}
+    file = tmp_path / "policy.json"
+    file.write_text(json.dumps(content, default=np.ndarray.tolist))
+    actions = np.array(in_node(scripts, file)[0], np.float32)
+    expected = np.array([policy(each) for each in observations])
+    if kind == "sac":  # whose tangent hyperbolic is another library's
+        np.testing.assert_allclose(actions, expected, rtol=0, atol=2e-7)
+    else:
+        np.testing.assert_array_equal(actions, expected)
+
+
+@pytest.mark.parametrize(
+    ("name", "task"),
+    [
+        ("stump_tracks", [1.2, 2.5]),
+        ("stump_tracks", [-1, 0]),
+        ("parkour", [-0.1, 0.8, 0.1, 0.4, 0.25, 2, 3, 10]),
+    ],
+)
+def test_worlds_are_those_of_python(name: str, task: list[float], scripts: Path, tmp_path: Path) -> None:
+    rng = np.random.default_rng(5)
+    terrain = make_environment(name).unwrapped.build(np.array(task, np.float32), np.random.default_rng(5))  # type: ignore[attr-defined]
+    if name == "parkour":
+        drawn = rng.normal(task[5], 0.1, len(creeper_points(task[4], task[6])))
+    else:
+        drawn = rng.normal(max(0.0, task[0]), 0.1, len(terrain.solids) - 1)
+    content = {"worlds": worlds(), "constants": constants(), "name": name, "task": task, "drawn": drawn}
+    file = tmp_path / "world.json"
+    file.write_text(json.dumps(content, default=np.ndarray.tolist))
+    made, expected = in_node(scripts, file)[0], world_record(terrain)
+    for field, value in expected.items():
+        if isinstance(value, list):
+            assert made[field]["shape"] == value[1], field
+            np.testing.assert_allclose(made[field]["values"], value[2], atol=1e-3, err_msg=field)
+        else:
+            assert made[field] == (value if value is None else pytest.approx(value, abs=1e-3)), field
