@@ -15,7 +15,7 @@ PYTEST := $(BIN)/python -m pytest --costs 10 --randomly-seed $(SEED)
 SIDE_BY_SIDE := --numprocesses $(PROCESSES) --dist loadscope --no-loadscope-reorder
 
 .DEFAULT_GOAL := help
-.PHONY: help install quickstart test test-slow test-chaos attack static docs docs-version check bench lock
+.PHONY: help install quickstart test test-slow test-chaos test-clusters attack static docs docs-version check bench lock
 
 help: ## show this list
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed 's/:.*##/:/' | column -t -s ':'
@@ -37,13 +37,16 @@ quickstart: $(INSTALLED) ## train two teachers' students for a few minutes and w
 	@echo "Before that: source $(BIN)/activate   (installing, once, took $$(cat $(INSTALLED)) s)"
 
 test: $(INSTALLED) ## the fast tests, with every contract and closed form (SEED=7 is another order)
-	$(PYTEST) $(SIDE_BY_SIDE) -m "not slow and not chaos"
+	$(PYTEST) $(SIDE_BY_SIDE) -m "not slow and not chaos and not clusters"
 
 test-slow: $(INSTALLED) ## all bodies, long physics, notebooks, pages of commands, journeys, variants on a real Ray
-	$(PYTEST) $(SIDE_BY_SIDE) -m "slow and not chaos"
+	$(PYTEST) $(SIDE_BY_SIDE) -m "slow and not chaos and not clusters"
 
 test-chaos: $(INSTALLED) ## campaigns whose processes, nodes and storage are broken
 	$(PYTEST) -m chaos
+
+test-clusters: $(INSTALLED) ## launcher, Slurm and AWS's file on machines made of namespaces (as root on Linux: an hour)
+	$(PYTEST) -m clusters
 
 attack: $(INSTALLED) ## a night of faults at random instants (INJECTIONS=3 of each kind: an hour, SEED=7: other instants)
 	$(BIN)/python tests/chaos/attack.py --injections $(INJECTIONS) --seed $(SEED)
@@ -67,9 +70,13 @@ check: static docs test ## all that a change must pass
 bench: $(INSTALLED) ## measure speed, as ratios within one run
 	$(BIN)/python benchmarks/run_all.py
 
-lock: $(INSTALLED) ## renew requirements.lock from pyproject.toml
-	echo "torch==2.13.0" > $(VENV)/torch.txt
-	echo "# Every version that the project is tested with; 'make lock' renews it from pyproject.toml." > requirements.lock
-	$(BIN)/python -m piptools compile --quiet --extra dev --strip-extras --allow-unsafe --no-header --no-annotate \
-		--no-emit-index-url --no-emit-find-links --constraint $(VENV)/torch.txt --output-file - pyproject.toml \
-		| sed 's/+cpu$$//' >> requirements.lock
+COMPILE := $(BIN)/python -m piptools compile --quiet --strip-extras --allow-unsafe --no-header --no-annotate \
+	--no-emit-index-url --no-emit-find-links --constraint torch.lock --output-file -
+
+lock: $(INSTALLED) ## renew requirements.lock and cluster.lock from pyproject.toml, with the torch of torch.lock
+	$(COMPILE) --extra dev pyproject.toml | sed 's/+cpu$$//' > $(VENV)/development.txt
+	$(COMPILE) --constraint $(VENV)/development.txt pyproject.toml | grep '==' | grep -v '^torch==' > $(VENV)/cluster.txt
+	echo "# Every version that the project is tested with; 'make lock' renews it from pyproject.toml." \
+		| cat - $(VENV)/development.txt > requirements.lock
+	echo "# What the nodes of a cluster need besides torch: versions of requirements.lock; 'make lock' renews it." \
+		| cat - $(VENV)/cluster.txt > cluster.lock

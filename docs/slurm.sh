@@ -53,12 +53,22 @@ in_place='mkdir -pm 700 "$0" && [[ -O $0 && ! -L $0 ]] && chmod 700 "$0" && exec
     echo "$0 cannot be used: it belongs to another user" >&2; exit 1'
 
 steps=()
-end_ray() {
+again=no # whether a campaign that was stopped is queued again
+leave() {
+    trap - EXIT
+    trap '' TERM INT
     kill -TERM "${steps[@]}" 2>/dev/null || true
     wait "${steps[@]}" 2>/dev/null || true
     "${step[@]}" "--nodes=$SLURM_JOB_NUM_NODES" "--ntasks=$SLURM_JOB_NUM_NODES" rm -rf "$place" || true
+    if [[ $1 == 130 && $again == yes ]]; then
+        scontrol requeue "$SLURM_JOB_ID"
+    fi
+    exit "$1"
 }
-trap end_ray EXIT
+trap 'leave $?' EXIT
+trap 'again=yes; leave 130' TERM # the end of the time limit, or a job with precedence
+trap 'leave 130' INT             # scancel --batch --signal=INT: for good
+pause() { sleep "$1" & wait $!; } # which a signal ends
 
 "${step[@]}" --nodes=1 --ntasks=1 --relative=0 bash -c "$in_place" "$place" \
     ray start --head "${each_node[@]}" \
@@ -67,7 +77,7 @@ trap end_ray EXIT
 steps+=($!)
 until (exec 3<>"/dev/tcp/$address/$port") 2>/dev/null; do
     kill -0 "${steps[0]}" || { echo "Ray did not start on $head" >&2; exit 1; }
-    sleep 1
+    pause 1
 done
 if ((SLURM_JOB_NUM_NODES > 1)); then
     others=$((SLURM_JOB_NUM_NODES - 1))
@@ -76,29 +86,28 @@ if ((SLURM_JOB_NUM_NODES > 1)); then
     steps+=($!)
 fi
 
+# The cost that the campaign prints is that of the nodes that are there.
+limit=$((SECONDS + 120))
+until (($(ray status --address "$address:$port" 2>/dev/null | grep -c '^ *1 node_') == SLURM_JOB_NUM_NODES)); do
+    ((SECONDS < limit)) || { echo "not all nodes have joined; starting without them" >&2; break; }
+    pause 1
+done
+
 # A campaign that was killed holds its results root for 120 s.
-((${SLURM_RESTART_COUNT:-0} == 0)) || sleep 120
+((${SLURM_RESTART_COUNT:-0} == 0)) || pause 120
 
 # In the background, so that this shell hears signals: the campaign then leaves with checkpoints.
 python "$@" --yes --address "$address:$port" &
 driver=$!
-again=no
 stop() {
     signalled=yes
     kill -TERM "$driver" 2>/dev/null || true
 }
-trap 'again=yes; stop' TERM # the end of the time limit, or a job with precedence
-trap 'again=no; stop' INT   # scancel --batch --signal=INT: for good
+trap 'again=yes; stop' TERM
+trap 'again=no; stop' INT
 signalled=yes
 while [[ $signalled == yes ]]; do # a signal ends the wait, not the driver
     signalled=no code=0
     wait "$driver" || code=$?
 done
-trap - TERM INT
-
-trap - EXIT
-end_ray
-if [[ $code == 130 && $again == yes ]]; then
-    scontrol requeue "$SLURM_JOB_ID"
-fi
-exit "$code"
+leave "$code"

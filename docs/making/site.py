@@ -30,7 +30,7 @@ PAGES = {
 """Pages of the site that lie elsewhere in the repository, and where the site has them."""
 
 FILES = (
-    "cluster.yaml",
+    *("cluster.yaml", "cluster-local.yaml", "deploy/*"),
     "analysis/pages/templates/sorting.js",
     *("benchmarks/measured/*.csv", "examples/*.py", "examples/*.toml", "notebooks/*.ipynb"),
 )

@@ -1,10 +1,9 @@
-"""The file for Ray's cluster launcher, validated by Ray's own code."""
+"""The files for Ray's cluster launcher, validated by Ray's own code."""
 
 from __future__ import annotations
 
 import copy
 import re
-import shlex
 from pathlib import Path
 from typing import Any
 
@@ -24,9 +23,13 @@ CONFIG: dict[str, Any] = yaml.safe_load(FILE.read_text())
 TYPES: dict[str, dict[str, Any]] = CONFIG["available_node_types"]
 WORKERS = {name: each for name, each in TYPES.items() if name != CONFIG["head_node_type"]}
 STARTS = {kind: " ".join(CONFIG[f"{kind}_start_ray_commands"]) for kind in ("head", "worker")}
-LOCKED = dict(
-    line.split("==") for line in (FILE.parent / "requirements.lock").read_text().splitlines() if "==" in line
-)
+LOCAL: dict[str, Any] = yaml.safe_load((FILE.parent / "cluster-local.yaml").read_text())
+
+
+def locked(name: str) -> dict[str, str]:
+    """Returns the versions of a lock file by package."""
+    lines = (FILE.parent / name).read_text().splitlines()
+    return dict(line.split("==") for line in lines if "==" in line)
 
 
 def test_ray_finds_the_file_valid_and_would_find_a_slip() -> None:
@@ -88,28 +91,55 @@ def test_the_file_holds_no_secret_and_the_token_comes_from_the_user() -> None:
     assert not re.search(r"\b[0-9a-f]{32,}\b", text)
 
 
-def test_exactly_this_version_is_installed_from_mounted_files() -> None:
+@pytest.mark.parametrize("config", [CONFIG, LOCAL], ids=["aws", "local"])
+def test_exactly_this_version_is_installed_from_mounted_files(config: dict[str, Any]) -> None:
     wheel = f"tma_ray-{tma_ray.__version__}-py3-none-any.whl"
-    mounts = CONFIG["file_mounts"]
+    mounts = config["file_mounts"]
     assert mounts[f"~/tma_ray/{wheel}"] == f"dist/{wheel}"
-    assert mounts["~/tma_ray/requirements.lock"] == "requirements.lock"
-    installs = [c for c in CONFIG["setup_commands"] + CONFIG["head_setup_commands"] if "pip install" in c]
-    what = [
-        [word for word in shlex.split(command)[2:] if not word.startswith("--quiet")] for command in installs
+    assert {mounts[f"~/tma_ray/{name}"] for name in ("cluster.lock", "torch.lock")} == {
+        "cluster.lock",
+        "torch.lock",
+    }
+    kinds = ("setup_commands", "head_setup_commands", "worker_setup_commands")
+    commands = [command for kind in kinds for command in config.get(kind, ())]
+    installs = [found[1] for each in commands if (found := re.search(r"pip install --quiet (.*)", each))]
+    assert installs == [
+        "--no-deps --requirement ~/tma_ray/cluster.lock",
+        f"--no-deps --force-reinstall ~/tma_ray/{wheel}",
+        *(["boto3==" + locked("requirements.lock")["boto3"]] if config is CONFIG else []),
+        "$build --requirement ~/tma_ray/torch.lock",
     ]
-    assert what[0] == ["--requirement", "~/tma_ray/requirements.lock"]
-    assert what[1] == ["--no-deps", "--force-reinstall", f"~/tma_ray/{wheel}"]
-    assert [re.fullmatch(r"boto3==[\d.]+", word) is not None for (word,) in what[2:]] == [True]
-    assert {"ray", "numba", "torch", "pyarrow"} <= LOCKED.keys()
 
 
-def test_every_environment_is_compiled_on_every_node() -> None:
-    (warm,) = (command for command in CONFIG["setup_commands"] if "tma-ray run" in command)
+def test_nodes_have_the_versions_that_the_project_is_tested_with() -> None:
+    nodes, torch, tested = (locked(name) for name in ("cluster.lock", "torch.lock", "requirements.lock"))
+    assert {"ray", "numba", "pyarrow", "stable-baselines3"} <= nodes.keys()
+    assert torch.keys() == {"torch"}
+    assert not nodes.keys() & torch.keys()
+    assert (nodes | torch).items() <= tested.items()
+
+
+def test_the_head_on_aws_has_no_torch_and_nothing_that_needs_it() -> None:
+    head = " ".join(CONFIG["setup_commands"] + CONFIG["head_setup_commands"])
+    assert "torch.lock" not in head
+    assert "tma-ray run" not in head
+
+
+def test_four_lines_of_the_local_file_are_to_be_filled_in() -> None:
+    text = (FILE.parent / "cluster-local.yaml").read_text()
+    assert len(re.findall(r"# yours", text)) == 4
+    validate_config(prepare_config(copy.deepcopy(LOCAL)))
+    starts = " ".join(LOCAL["head_start_ray_commands"] + LOCAL["worker_start_ray_commands"])
+    assert starts.count("export RAY_AUTH_MODE=token") == 2
+    assert "--dashboard-host=127.0.0.1" in starts
+
+
+@pytest.mark.parametrize("commands", [CONFIG["worker_setup_commands"], LOCAL["setup_commands"]])
+def test_every_environment_is_compiled_where_runs_train(commands: list[str]) -> None:
+    (warm,) = (command for command in commands if "tma-ray run" in command)
     loop, _, rest = warm.partition("; do ")
     assert set(loop.split(" in ")[1].split()) == set(ENVIRONMENTS.names())
     arguments = rest.removesuffix("; done").replace("$(mktemp -d)", "FOLDER").split()[1:]
     options = cli._parser().parse_args(arguments)
     assert (options.steps, options.evaluation_interval) == (1000, 1000)
-    assert CONFIG["setup_commands"].index(warm) > max(
-        i for i, command in enumerate(CONFIG["setup_commands"]) if "pip install" in command
-    )
+    assert warm == commands[-1], "what it needs is installed before"

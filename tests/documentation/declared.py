@@ -61,6 +61,7 @@ CHANGES = (
 
 INSTALLED = "the tests run in such an environment"
 ACCOUNT = "needs an account of AWS"
+KUBERNETES = "needs a Kubernetes"
 
 EXEMPTIONS = (
     Exemption("*", "source .venv/bin/activate", INSTALLED),
@@ -69,6 +70,11 @@ EXEMPTIONS = (
     Exemption("docs/clusters.md", "umask 077", "of the shell alone"),
     Exemption("docs/clusters.md", "chmod 600", "the file is in the user's home"),
     Exemption("docs/clusters.md", "aws ec2 ", ACCOUNT),
+    Exemption("docs/kubernetes.md", "docker ", "needs a container engine"),
+    Exemption("docs/kubernetes.md", "kubectl ", KUBERNETES),
+    Exemption("docs/which_cluster.md", "docker ", "needs a container engine"),
+    Exemption("docs/which_cluster.md", "kubectl ", KUBERNETES),
+    Exemption("docs/which_cluster.md", "scancel ", "tests/clusters/test_slurm.py runs it"),
     Exemption("docs/analysis.md", "", "tests/analysis/test_python_api.py runs it on the notebooks' runs"),
     Exemption("notebooks/README.md", "TMA_RESULTS=", "tests/test_notebooks.py runs the notebooks"),
     Exemption("docs/releasing.md", "git worktree", "there is no repository where the tests run"),

@@ -49,6 +49,14 @@ def test_of_an_attempt_that_never_began_its_start_is_known(tmp_path: Path) -> No
     assert lost["started_at"] <= done["started_at"]
 
 
+def test_an_attempt_that_was_withdrawn_has_no_row_and_keeps_its_number(tmp_path: Path) -> None:
+    spec, root = small_spec(tmp_path, steps=1_000), tmp_path / "root"
+    committer = Committer.open(root)
+    committer.withdraw(spec.run_id, committer.start(spec.record()))
+    run(spec, root)
+    assert [(row["attempt"], row["outcome"]) for row in rows(root, Table.ATTEMPTS)] == [(1, "done")]
+
+
 def test_an_attempt_that_has_its_row_keeps_it(tmp_path: Path) -> None:
     spec, root = small_spec(tmp_path, steps=1_000), tmp_path / "root"
     run(spec, root, stop_after=3)

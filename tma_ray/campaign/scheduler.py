@@ -242,8 +242,8 @@ class Scheduler:
         """Asks all runs for a checkpoint and waits for them, for the grace period at most."""
         self._hear_the_unheard()
         for result, running in list(self._running.items()):
-            if running.report is None:  # it has not begun to train: there is nothing to save
-                self._record(running, AttemptOutcome.LOST)
+            if running.report is None:  # it has not begun to train: there is nothing to save or to record
+                self._committer.call(Committer.withdraw, running.spec.run_id, running.number)
                 self._waiting.append(self._running.pop(result).spec)
                 self._places.leave(running.spec.run_id)
                 ray.kill(running.actor)

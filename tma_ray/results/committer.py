@@ -29,8 +29,10 @@ from tma_ray.results.records import (
     AttemptRecord,
     RunRecord,
     RunStatus,
+    is_withdrawn,
     read_progress,
     unheard,
+    withdraw,
 )
 from tma_ray.results.schema import DATA_TABLES, SCHEMAS, Table, to_arrow
 from tma_ray.results.storage.errors import StorageError
@@ -130,6 +132,10 @@ class Committer:
         files = published.files if published else ()
         self._replace(published, Manifest(run, RunStatus.RUNNING, attempt, files))
         return attempt
+
+    def withdraw(self, run_id: str, attempt: int) -> None:
+        """Takes an attempt back that never began: it gets no row, and its number is not given again."""
+        withdraw(self.store, run_id, attempt)
 
     def done(self, run_ids: Iterable[str]) -> set[str]:
         """Returns which of some runs are done and whole.
@@ -242,7 +248,7 @@ class Committer:
 
     def _record_lost(self, run_id: str, attempt: int) -> None:
         """Writes the row of an attempt that has none, since its driver died with it."""
-        if not self._has_row(run_id, attempt):
+        if not self._has_row(run_id, attempt) and not is_withdrawn(self.store, run_id, attempt):
             kept = read_progress(self.store, run_id, attempt)
             self.record_attempt(kept or unheard(self.store, run_id, attempt))
 

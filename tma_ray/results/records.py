@@ -192,6 +192,10 @@ BOX2D_TEST_SET: Final = "box2d_"
 """Before the name of a test set whose worlds were Box2D's."""
 
 
+WITHDRAWN: Final = b"null"
+"""Content of the file that holds the record of an attempt, if it never began."""
+
+
 def write_progress(store: Store, record: AttemptRecord) -> None:
     """Keeps the record of an attempt under way, as if it were lost now, beside its parts."""
     content = {**asdict(record), "started_at": record.started_at.isoformat()}
@@ -206,6 +210,19 @@ def read_progress(store: Store, run_id: str, attempt: int) -> AttemptRecord | No
     except (FileNotFoundError, DamagedFileError):
         return None
     return record if (record.run_id, record.attempt) == (run_id, attempt) else None
+
+
+def withdraw(store: Store, run_id: str, attempt: int) -> None:
+    """Keeps, in place of the record of an attempt under way, that it never began."""
+    store.write_bytes(progress_path(run_id, attempt), WITHDRAWN)
+
+
+def is_withdrawn(store: Store, run_id: str, attempt: int) -> bool:
+    """Returns True if an attempt is known never to have begun."""
+    try:
+        return store.read_bytes(progress_path(run_id, attempt)) == WITHDRAWN
+    except FileNotFoundError:
+        return False
 
 
 def unheard(store: Store, run_id: str, attempt: int) -> AttemptRecord:

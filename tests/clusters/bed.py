@@ -1,0 +1,214 @@
+"""A test bed of machines on this one, each with a network, processes, a file system and an sshd of its own.
+
+A node is a set of namespaces. Its root is this machine's, with changes that stay its own (overlays). Its only
+network is one bridge, which lies in namespaces of its own, too: nothing is added to this machine's network,
+and all mounts end with the processes. Needs Linux, root, and the programs in `PROGRAMS`.
+"""
+
+from __future__ import annotations
+
+import os
+import platform
+import shlex
+import shutil
+import signal
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+
+import psutil
+
+REPOSITORY = Path(__file__).parents[2]
+
+VENV = Path(sys.prefix).resolve()
+
+PROGRAMS = ("ip", "nsenter", "pivot_root", "rsync", "setpriv", "sshd", "tmux", "unshare")
+
+NETWORK = "10.77.0"
+"""First three numbers of the addresses, which no other namespace sees."""
+
+USER = "ubuntu"
+"""Name of the user of every node, as images of Ubuntu have it."""
+
+SEARCHED = "/usr/local/sbin:/usr/local/bin:/usr/sbin:/usr/bin:/sbin:/bin"
+
+
+def missing() -> str | None:
+    """Returns what this machine lacks for a bed; None if it has all."""
+    if platform.system() != "Linux" or os.geteuid() != 0:
+        return "nodes are namespaces of Linux, which root makes"
+    lacking = [each for each in PROGRAMS if shutil.which(each, path=SEARCHED) is None]
+    return f"needs the programs {', '.join(lacking)}" if lacking else None
+
+
+@dataclass
+class Node:
+    """A machine of the bed.
+
+    Attributes:
+        name: host name.
+        address: IPv4 address on the bridge.
+        folder: what it has written, on this machine.
+    """
+
+    name: str
+    address: str
+    folder: Path
+    _process: subprocess.Popen[bytes] | None = None
+    _init: int = 0
+
+    def start(self, switch: int, paths: Sequence[str]) -> None:
+        """Powers the node on, with what it wrote before, and returns when its sshd answers.
+
+        Args:
+            switch: first process of the bed's network.
+            paths: folders of this machine that the node sees, see ``node.sh``.
+        """
+        self.folder.mkdir(exist_ok=True)
+        enter = ["nsenter", f"--target={switch}", "--net", "--mount", "--pid"]
+        apart = ["unshare", "--net", "--mount", "--pid", "--uts", "--ipc", "--fork", "--kill-child"]
+        script = ["bash", str(Path(__file__).with_name("node.sh"))]
+        with (self.folder / "console.log").open("ab") as log:
+            self._process = subprocess.Popen(
+                [*enter, *apart, *script, str(self.folder), self.name, self.address, *paths],
+                env={"PATH": SEARCHED}, stdin=subprocess.DEVNULL, stdout=log, stderr=log,
+            )  # fmt: skip
+        deadline = time.monotonic() + 60
+        while "listening on" not in (self.folder / "console.log").read_text().rpartition("Terminated")[2]:
+            assert self._process.poll() is None, (self.folder / "console.log").read_text()
+            assert time.monotonic() < deadline, f"{self.name} did not start"
+            time.sleep(0.1)
+        (unshared,) = psutil.Process(self._process.pid).children()
+        (init,) = unshared.children()
+        self._init = init.pid
+
+    def power_off(self) -> None:
+        """Ends all processes of the node at once."""
+        assert self._process is not None
+        os.kill(self._init, signal.SIGKILL)
+        self._process.wait(timeout=60)
+        with (self.folder / "console.log").open("a") as log:
+            log.write("Terminated\n")
+
+    def start_process(self, command: str, user: str = USER) -> subprocess.Popen[str]:
+        """Starts a command of the shell in the user's home; its output and errors are one stream."""
+        return subprocess.Popen(
+            [*self._entering(user), command],
+            env={"PATH": SEARCHED, "TERM": "xterm"}, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE,
+            stderr=subprocess.STDOUT, text=True,
+        )  # fmt: skip
+
+    def run(
+        self,
+        command: str,
+        *,
+        user: str = USER,
+        timeout: float = 600,
+        code: int | None = 0,
+        shown: bool = True,
+    ) -> str:
+        """Returns the output of a command.
+
+        Args:
+            command: of the shell, in the user's home.
+            user: whose command it is.
+            timeout: s.
+            code: exit code that it must have; None for any.
+            shown: True to print it, with its output, as `pytest -s` and failures show.
+        """
+        process = self.start_process(command, user)
+        try:
+            output, _ = process.communicate(timeout=timeout)
+        except subprocess.TimeoutExpired:
+            process.kill()
+            raise AssertionError(f"{self.name}$ {command}\n{process.communicate()[0]}") from None
+        transcript = f"{self.name}$ {command}\n{output}"
+        if shown:
+            sys.stdout.write(f"{time.strftime('%H:%M:%S')} {transcript}\n")
+        assert code is None or process.returncode == code, f"exit code {process.returncode}: {transcript}"
+        return output
+
+    def write(self, path: str, text: str) -> None:
+        """Writes a file of root's."""
+        self.run(f"printf %s {shlex.quote(text)} > {path}", user="root", shown=False)
+
+    def _entering(self, user: str) -> list[str]:
+        namespaces = ["--net", "--mount", "--pid", "--uts", "--ipc", "--root", "--wd=/"]
+        return ["nsenter", f"--target={self._init}", *namespaces, "su", "--login", user, "--command"]
+
+
+def wait_until(happened: Callable[[], object], seconds: float) -> None:
+    """Returns when something has happened.
+
+    Raises:
+        AssertionError: it did not within so many seconds.
+    """
+    deadline = time.monotonic() + seconds
+    while not happened():
+        assert time.monotonic() < deadline, f"not within {seconds:.0f} s"
+        time.sleep(1)
+
+
+class Bed:
+    """Nodes on one bridge, with a folder ``/shared`` that all of them see.
+
+    Args:
+        folder: for all that nodes write.
+        names: of the nodes, none of which is on.
+        paths: folders of this machine that nodes see, see ``node.sh``.
+    """
+
+    def __init__(self, folder: Path, names: Sequence[str], paths: Sequence[str]) -> None:
+        self._paths = paths
+        self.shared = folder / "shared"
+        self.nodes = {
+            name: Node(name, f"{NETWORK}.{number}", folder / name) for number, name in enumerate(names, 10)
+        }
+        private = self.shared / ".bed"
+        private.mkdir(parents=True)
+        self.shared.chmod(0o1777)
+        subprocess.run(["ssh-keygen", "-q", "-t", "ed25519", "-N", "", "-f", private / "key"], check=True)
+        lines = ["127.0.0.1 localhost", *(f"{node.address} {node.name}" for node in self.nodes.values())]
+        (private / "hosts").write_text("\n".join([*lines, ""]))
+        bridge = (
+            "ip link add bridge type bridge && ip link set bridge up && echo ready && exec sleep infinity"
+        )
+        self._process = subprocess.Popen(
+            ["setpriv", "--pdeathsig", "KILL", "unshare", "--net", "--mount", "--pid", "--fork",
+             "--kill-child", "--mount-proc", "bash", "-c", bridge],
+            env={"PATH": SEARCHED}, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, text=True,
+        )  # fmt: skip
+        assert self._process.stdout is not None
+        assert self._process.stdout.readline() == "ready\n", "no bridge"
+        (first,) = psutil.Process(self._process.pid).children()
+        self._switch = first.pid
+
+    def on(self, *names: str) -> list[Node]:
+        """Powers nodes on; returns them."""
+        nodes = [self.nodes[name] for name in names]
+        for node in nodes:
+            node.start(self._switch, self._paths)
+        return nodes
+
+    def close(self) -> None:
+        """Ends all nodes with all that belongs to them."""
+        os.kill(self._switch, signal.SIGKILL)
+        self._process.wait(timeout=60)
+
+
+@contextmanager
+def bed_of(*names: str) -> Iterator[Bed]:
+    """A bed whose nodes have this checkout and its virtual environment, with changes of their own."""
+    folder = Path(tempfile.mkdtemp(prefix="clusters-", dir="/var/tmp"))
+    paths = [f"read:{sys.base_prefix}", f"read:{REPOSITORY}", f"own:{VENV}"]
+    bed = Bed(folder, names, paths)
+    try:
+        yield bed
+    finally:
+        bed.close()
+        shutil.rmtree(folder, ignore_errors=True)

@@ -1,0 +1,58 @@
+"""An object store on a machine of a bed: moto's server, with one bucket."""
+
+from __future__ import annotations
+
+import base64
+import json
+
+from bed import REPOSITORY, VENV, Bed, Node
+
+BUCKET = "bucket"
+
+PORT = 5000
+
+READ = f"""
+import base64, json, sys
+sys.path.insert(0, "{REPOSITORY}/tests/runs")
+from small_runs import data_files
+print(json.dumps({{path: base64.b64encode(data).decode() for path, data in data_files(sys.argv[1]).items()}}))
+"""
+
+
+class ObjectStore:
+    """A server of S3, and of AWS's other services, as moto has them.
+
+    Args:
+        bed: where it is.
+        name: of its node.
+    """
+
+    def __init__(self, bed: Bed, name: str) -> None:
+        self._node = bed.nodes[name]
+        self.variables = {
+            "AWS_ENDPOINT_URL": f"http://{self._node.address}:{PORT}",
+            "AWS_ACCESS_KEY_ID": "testing",
+            "AWS_SECRET_ACCESS_KEY": "testing",
+            "AWS_REGION": "us-east-1",
+            "AWS_DEFAULT_REGION": "us-east-1",
+            "AWS_EC2_METADATA_DISABLED": "true",
+        }
+
+    def make_known(self, node: Node) -> None:
+        """Gives a node's programs the way to the store."""
+        lines = "".join(f"export {name}={value}\n" for name, value in self.variables.items())
+        node.write("/etc/profile.d/store.sh", lines)
+
+    def start(self) -> None:
+        """Starts the server on its node, and makes the bucket."""
+        self._node.run(
+            f"nohup {VENV}/bin/moto_server -H 0.0.0.0 -p {PORT} > moto.log 2>&1 & "
+            f"until (exec 3<>/dev/tcp/127.0.0.1/{PORT}) 2>/dev/null; do sleep 0.5; done; "
+            f'{VENV}/bin/python -c \'import boto3; boto3.client("s3").create_bucket(Bucket="{BUCKET}")\''
+        )
+
+    def data_files(self, root: str) -> dict[str, bytes]:
+        """Returns the data files of a root in the bucket, see `small_runs.data_files`."""
+        self._node.write("/tmp/read.py", READ)
+        output = self._node.run(f"{VENV}/bin/python /tmp/read.py s3://{BUCKET}/{root}")
+        return {path: base64.b64decode(data) for path, data in json.loads(output.splitlines()[-1]).items()}
