@@ -38,7 +38,7 @@ takes longer, and so the same bits with any number of threads."""
 DEFAULT_WEIGHTS = Path(__file__).parent / "data" / "cppn.npz"
 """Weights shipped with the package, found by docs/making/search_cppn_weights.py."""
 
-Floats = NDArray[np.float32]
+Singles = NDArray[np.float32]
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,7 +55,7 @@ class CPPN:
         weights: float32 matrices by name, of `SHAPES`.
     """
 
-    weights: Mapping[str, Floats]
+    weights: Mapping[str, Singles]
 
     def __post_init__(self) -> None:
         for name, shape in SHAPES.items():
@@ -84,26 +84,26 @@ class CPPN:
         except ValueError as error:
             raise ValueError(f"{path}: {error}") from error
 
-    def curves(self, theta: ArrayLike) -> Floats:
+    def curves(self, theta: ArrayLike) -> Singles:
         """Returns ground and ceiling for `theta` (..., 3): heights (..., 200, 2), not scaled or aligned."""
         values = np.asarray(theta, dtype=np.float32)
         w1, w2, w3, w4, w5 = (self.weights[name] for name in SHAPES)
-        signal: Floats = self._from_x + (values @ w1[1:])[..., None, None, :]
+        signal: Singles = self._from_x + (values @ w1[1:])[..., None, None, :]
         np.tanh(signal, out=signal)
         signal = softplus(signal @ w2)
         signal = signal @ w3
         np.tanh(signal, out=signal)
-        curves: Floats = softplus(signal @ w4) @ w5
+        curves: Singles = softplus(signal @ w4) @ w5
         return curves.reshape(*values.shape[:-1], POINTS, 2)
 
     @cached_property
-    def _from_x(self) -> Floats:
+    def _from_x(self) -> Singles:
         """Contribution of x, alike in all tasks, to the first layer (blocks, 50, 64)."""
         x = np.arange(POINTS, dtype=np.float32) / np.float32(POINTS - 1)
         return np.outer(x, self.weights["w1"][0]).reshape(-1, BLOCK, UNITS)
 
 
-def softplus(values: Floats) -> Floats:
+def softplus(values: Singles) -> Singles:
     """Returns log(1 + exp(values)), exact to float32's resolution at 1, without overflow."""
     result = np.exp(-np.abs(values))
     result += np.float32(1)

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tma_ray.embodiments import Embodiment, Part
-from tma_ray.envs.drawing import palette
+from tma_ray.envs.drawing.palette import Colour, DEAD_FAR_LIMB, DEAD_HEAD, DEAD_LIMB, DEAD_OUTLINE, FAR_LIMB, GRIP_FREE, GRIP_HOLDING, GRIP_TOUCHING, HEAD, LIDAR, LIDAR_CREEPER, LIDAR_WATER, LIMB, OUTLINE
 from tma_ray.envs.drawing.canvas import Canvas
 from tma_ray.envs.drawing.scene import Scene
 
@@ -37,20 +37,20 @@ class BodyPainter:
             canvas.fill(placed(poses[part], body.parts[part].shape.points), colour, outline)
         self._draw_grips(canvas, scene, outline)
 
-    def _draw_grips(self, canvas: Canvas, scene: Scene, outline: palette.Colour) -> None:
+    def _draw_grips(self, canvas: Canvas, scene: Scene, outline: Colour) -> None:
         for sensor, (touches, holds) in zip(self._body.grip_sensors, scene.grips, strict=True):
             part = self._body.part_index(sensor.part)
             centre = placed(scene.poses[part], np.array(self._body.parts[part].local(sensor.position)))
             radius = max(SMALLEST_GRIP, sensor.radius * canvas.view.scale)
-            colour = palette.GRIP_TOUCHING if touches else palette.GRIP_FREE
+            colour = GRIP_TOUCHING if touches else GRIP_FREE
             canvas.dot(centre, outline, radius + 1)
-            canvas.dot(centre, palette.GRIP_HOLDING if holds else colour, radius)
+            canvas.dot(centre, GRIP_HOLDING if holds else colour, radius)
 
 
 def draw_lidars(canvas: Canvas, head: Floats, scene: Scene) -> None:
     """Draws the rays, coloured by what they hit."""
     for end, hit in zip(scene.lidars, scene.hits, strict=True):
-        colour = palette.LIDAR_CREEPER if hit > 0 else palette.LIDAR_WATER if hit < 0 else palette.LIDAR
+        colour = LIDAR_CREEPER if hit > 0 else LIDAR_WATER if hit < 0 else LIDAR
         canvas.line(np.stack([head, end]), colour, 1)
         canvas.dot(end, colour, 2.5)
 
@@ -61,11 +61,11 @@ def placed(pose: Floats, points: Floats) -> Floats:
     return np.asarray(pose[:2] + points @ np.array([[cosine, sine], [-sine, cosine]]))
 
 
-def _colours(dead: bool) -> tuple[palette.Colour, palette.Colour, palette.Colour, palette.Colour]:
+def _colours(dead: bool) -> tuple[Colour, Colour, Colour, Colour]:
     """Returns the colours of the head, of limbs, of those behind others, and of outlines."""
     if dead:
-        return palette.DEAD_HEAD, palette.DEAD_LIMB, palette.DEAD_FAR_LIMB, palette.DEAD_OUTLINE
-    return palette.HEAD, palette.LIMB, palette.FAR_LIMB, palette.OUTLINE
+        return DEAD_HEAD, DEAD_LIMB, DEAD_FAR_LIMB, DEAD_OUTLINE
+    return HEAD, LIMB, FAR_LIMB, OUTLINE
 
 
 def _hidden(part: Part, nearer: tuple[Part, ...]) -> bool:
