@@ -28,11 +28,11 @@ from gymnasium import spaces
 from stable_baselines3.common.type_aliases import ReplayBufferSamples, RolloutBufferSamples
 
 from tma_ray.command_line import Parser
+from tma_ray.students import ppo as student_ppo
+from tma_ray.students import sac as student_sac
 from tma_ray.students.cohort.ppo import PPONetworks, RolloutColumns, StackedPPO
 from tma_ray.students.cohort.sac import SACNetworks, StackedSAC
 from tma_ray.students.hyperparameters import MatmulPrecision, PPOHyperparameters, SACHyperparameters
-from tma_ray.students.ppo import student as student_ppo
-from tma_ray.students.sac import student as student_sac
 
 SIZES = 24, 4
 """Observations and actions of the classic bipedal."""

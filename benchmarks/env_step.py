@@ -27,22 +27,22 @@ from numpy.typing import NDArray
 
 from tma_ray.command_line import Parser
 from tma_ray.embodiments import embodiment_names
-from tma_ray.envs.body_environment import BodyEnvironment
+from tma_ray.envs.base import BodyEnvironment
 from tma_ray.envs.parkour import Parkour
 from tma_ray.envs.stump_tracks import StumpTracks
 from tma_ray.physics import PHYSICS_VERSION
 from tma_ray.physics.compiled.engine import CompiledEngine
-from tma_ray.physics.compiled.memory import (
+from tma_ray.physics.compiled.step import (
     COUNT_CONTACT,
     DURATION,
     MOTOR_SUBSTEPS,
     SUBSTEPS,
     Floats,
     Integers,
+    advance,
     body_in,
     simulation_in,
 )
-from tma_ray.physics.compiled.step import advance
 from tma_ray.physics.kernels import command_motors
 from tma_ray.physics.pymunk_engine import PymunkEngine
 

@@ -28,7 +28,7 @@ from torch import nn
 from tma_ray.command_line import Parser
 from tma_ray.students import Student, Transition, default_hyperparameters, make_student
 from tma_ray.students.hyperparameters import MatmulPrecision
-from tma_ray.students.ppo.trunk import Trunk
+from tma_ray.students.ppo import Trunk
 
 
 class OurLoop:

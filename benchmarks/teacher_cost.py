@@ -21,7 +21,7 @@ from tma_ray.benchmark import find_challenge
 from tma_ray.command_line import Parser
 from tma_ray.tasks import Episode, KnowledgeLevel, Outcomes, Task, expert_knowledge
 from tma_ray.teachers import TEACHERS, make_teacher
-from tma_ray.testing.conversation import report_episode
+from tma_ray.testing.students import report_episode
 
 SHARE = 0.25
 

@@ -17,9 +17,9 @@ from numpy.typing import NDArray
 
 from tma_ray.command_line import Parser
 from tma_ray.embodiments import BodyType, Embodiment, embodiment_names, load_embodiment
-from tma_ray.physics.arrays import BodyArrays
+from tma_ray.physics.base import settings_for
 from tma_ray.physics.chipmunk import settled
-from tma_ray.physics.engine import settings_for
+from tma_ray.physics.rules import BodyArrays
 
 COLUMNS = 5
 WIDTH, HEIGHT, MARGIN = 4.2, 6.2, 0.35

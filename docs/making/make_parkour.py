@@ -19,16 +19,14 @@ from PIL import Image
 
 from tma_ray.command_line import Parser
 from tma_ray.embodiments import Embodiment, load_embodiment
-from tma_ray.envs.drawing.camera import height_at
-from tma_ray.envs.drawing.scene import scene_of
-from tma_ray.envs.rendering import Renderer
+from tma_ray.envs.drawing import Renderer, height_at
+from tma_ray.envs.scene import scene_of
 from tma_ray.physics import Engine, Rules, make_engine
-from tma_ray.physics.grips import NOTHING
+from tma_ray.physics.kernels import NOTHING
 from tma_ray.terrain import Terrain
-from tma_ray.terrain.cppn import CPPN, DEFAULT_WEIGHTS
-from tma_ray.terrain.parkour import GROUND_LIMIT, outlines, parkour
-from tma_ray.terrain.terrain import STEP
-from tma_ray.viewing.pictures import write_frames
+from tma_ray.terrain.base import STEP
+from tma_ray.terrain.parkour import CPPN, DEFAULT_WEIGHTS, GROUND_LIMIT, outlines, parkour
+from tma_ray.viewing.rendering import write_frames
 
 COLUMNS = 3
 CELL, GAP, CAPTION, MAP = (3.7, 3.75), 0.15, 0.6, 0.55

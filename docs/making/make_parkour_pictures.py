@@ -15,10 +15,8 @@ from matplotlib.patches import Rectangle
 from tma_ray.benchmark import find_challenge, load_test_set
 from tma_ray.command_line import Parser
 from tma_ray.terrain import Terrain
-from tma_ray.terrain.cppn import CPPN
-from tma_ray.terrain.demands import demands, difficulty
-from tma_ray.terrain.parkour import TRACK_POINTS, parkour
-from tma_ray.terrain.terrain import STEP
+from tma_ray.terrain.base import STEP
+from tma_ray.terrain.parkour import CPPN, TRACK_POINTS, demands, difficulty, parkour
 
 NETWORK = CPPN.load()
 MEDIUM = find_challenge("parkour", "original").task_space

@@ -16,9 +16,7 @@ import numpy as np
 from tma_ray.benchmark import find_challenge
 from tma_ray.command_line import Parser
 from tma_ray.tasks import TestSet
-from tma_ray.terrain.cppn import CPPN
-from tma_ray.terrain.demands import demands, difficulty
-from tma_ray.terrain.parkour import parkour
+from tma_ray.terrain.parkour import CPPN, demands, difficulty, parkour
 
 MEDIUM = find_challenge("parkour", "original").task_space
 HARD = find_challenge("parkour", "hard").task_space

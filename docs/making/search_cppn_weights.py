@@ -16,8 +16,8 @@ import numpy as np
 from scipy.stats import truncnorm
 
 from tma_ray.command_line import Parser
-from tma_ray.terrain.cppn import CPPN, POINTS, SHAPES, softplus
-from tma_ray.terrain.terrain import STEP
+from tma_ray.terrain.base import STEP
+from tma_ray.terrain.parkour import CPPN, POINTS, SHAPES, softplus
 
 STD, CUT = 2.0, 2.0
 """Standard deviation of the weights before they are cut, and where, in standard deviations."""

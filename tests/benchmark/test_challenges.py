@@ -18,9 +18,7 @@ from tma_ray.benchmark import (
 )
 from tma_ray.envs import make_environment
 from tma_ray.tasks import TestSet
-from tma_ray.terrain.cppn import CPPN
-from tma_ray.terrain.demands import WALKER_DROP, WALKER_RISE, demands, difficulty
-from tma_ray.terrain.parkour import parkour
+from tma_ray.terrain.parkour import CPPN, WALKER_DROP, WALKER_RISE, demands, difficulty, parkour
 
 
 @pytest.mark.parametrize("challenge", CHALLENGES, ids=lambda challenge: challenge.name)

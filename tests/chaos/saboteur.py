@@ -63,7 +63,7 @@ class Corridor(corridor.Corridor):
 
     def __init__(self) -> None:
         super().__init__()
-        student = sys.modules.get("tma_ray.students.sac.student")  # a driver does without torch
+        student = sys.modules.get("tma_ray.students.sac")  # a driver does without torch
         if student is not None and not hasattr(student.SAC, "mined"):
             student.SAC.mined = True
             student.SAC.observe = _before(student.SAC.observe, _observe)

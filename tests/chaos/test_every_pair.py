@@ -23,7 +23,7 @@ EVERY_EPISODE = Placement(checkpoint_seconds=0.0)
 
 PRELOADED = [
     *("small_runs", "corridor", "stable_baselines3"),
-    *("tma_ray.students.sac.student", "tma_ray.students.ppo.student"),
+    *("tma_ray.students.sac", "tma_ray.students.ppo"),
 ]
 """Imported once for all runs, of which each has a process of its own."""
 

@@ -30,7 +30,7 @@ from tma_ray.command_line import METAVARS
 from tma_ray.commands import quantities
 from tma_ray.commands.quantities import Quantity
 from tma_ray.results import AttemptOutcome, Results, Store, check_usable
-from tma_ray.terrain.cppn import SHAPES
+from tma_ray.terrain.parkour import SHAPES
 
 SECONDS = 1.0
 """Processor time within which a mistake is refused, s."""

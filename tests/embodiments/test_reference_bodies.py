@@ -8,8 +8,7 @@ import pytest
 
 from tma_ray.embodiments import Embodiment, LidarLayout, embodiment_names, load_embodiment
 from tma_ray.physics import Rules, observation_size
-from tma_ray.physics.arrays import body_arrays
-from tma_ray.physics.rules import step_arrays
+from tma_ray.physics.rules import body_arrays, step_arrays
 
 BODIES: dict[str, Any] = json.loads((Path(__file__).parents[1] / "reference" / "bodies.json").read_text())
 TOLERANCE = {"rel": 0.01, "abs": 1e-5}

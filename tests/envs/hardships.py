@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from tma_ray.envs.body_environment import BodyEnvironment
+from tma_ray.envs.base import BodyEnvironment
 from tma_ray.jit import kernel
 from tma_ray.terrain import Terrain
 

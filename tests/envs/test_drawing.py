@@ -8,14 +8,28 @@ import numpy as np
 import pytest
 
 from tma_ray.embodiments import load_embodiment
-from tma_ray.envs.drawing import palette
-from tma_ray.envs.drawing.camera import HEIGHT, PIXELS_PER_METRE, height_at, view_of
-from tma_ray.envs.drawing.scene import Scene, scene_of
-from tma_ray.envs.rendering import Renderer
+from tma_ray.envs.drawing import (
+    DEAD_HEAD,
+    GOAL,
+    GRIP_FREE,
+    GRIP_HOLDING,
+    GRIP_TOUCHING,
+    HEAD,
+    HEIGHT,
+    LIDAR,
+    LIDAR_CREEPER,
+    LIDAR_WATER,
+    PIXELS_PER_METRE,
+    Colour,
+    Renderer,
+    Scene,
+    height_at,
+    view_of,
+)
+from tma_ray.envs.scene import scene_of
 from tma_ray.physics import Rules, engine_in_use, make_engine
 from tma_ray.terrain import Terrain
-from tma_ray.terrain.cppn import CPPN, DEFAULT_WEIGHTS
-from tma_ray.terrain.parkour import parkour
+from tma_ray.terrain.parkour import CPPN, DEFAULT_WEIGHTS, parkour
 from tma_ray.terrain.stump_tracks import stump_tracks
 
 TASK = [-0.1, 0.8, 0.1, 0.0, 0.25, 2.0, 1.0, 10.0]
@@ -41,7 +55,7 @@ def frame_of(body: str, shown: Scene) -> np.ndarray:
     return Renderer(load_embodiment(body), False, 50).draw(shown)
 
 
-def pixels(frame: np.ndarray, colour: palette.Colour, tolerance: int = 8) -> int:
+def pixels(frame: np.ndarray, colour: Colour, tolerance: int = 8) -> int:
     return int(np.sum(np.all(np.abs(frame.astype(int) - colour) <= tolerance, axis=-1)))
 
 
@@ -89,8 +103,8 @@ def test_the_dead_are_grey() -> None:
     shown = scene("classic_bipedal", world())
     assert not shown.dead
     alive, dead = (frame_of("classic_bipedal", replace(shown, dead=dead)) for dead in (False, True))
-    assert pixels(alive, palette.HEAD) > 200 > 5 > pixels(alive, palette.DEAD_HEAD)
-    assert pixels(dead, palette.DEAD_HEAD) > 200
+    assert pixels(alive, HEAD) > 200 > 5 > pixels(alive, DEAD_HEAD)
+    assert pixels(dead, DEAD_HEAD) > 200
 
 
 def test_a_body_that_has_drowned_is_dead() -> None:
@@ -101,7 +115,7 @@ def test_a_body_that_has_drowned_is_dead() -> None:
 def test_grips_show_what_they_do() -> None:
     shown = scene("climbing_chimpanzee", world())
     assert shown.grips.all()  # it starts hanging
-    states = {palette.GRIP_FREE: (0, 0), palette.GRIP_TOUCHING: (1, 0), palette.GRIP_HOLDING: (1, 1)}
+    states = {GRIP_FREE: (0, 0), GRIP_TOUCHING: (1, 0), GRIP_HOLDING: (1, 1)}
     for colour, state in states.items():
         frame = frame_of("climbing_chimpanzee", replace(shown, grips=np.array([state] * 2, bool)))
         assert [other for other in states if pixels(frame, other) > 5] == [colour]
@@ -112,9 +126,7 @@ def test_lidars_have_the_colour_of_what_they_hit() -> None:
     frames = [
         frame_of("classic_bipedal", replace(shown, hits=np.full(10, hit, np.float32))) for hit in (-1, 0, 1)
     ]
-    for colour, frame in zip(
-        (palette.LIDAR_WATER, palette.LIDAR, palette.LIDAR_CREEPER), frames, strict=True
-    ):
+    for colour, frame in zip((LIDAR_WATER, LIDAR, LIDAR_CREEPER), frames, strict=True):
         counts = [pixels(other, colour, 40) for other in frames]
         assert pixels(frame, colour, 40) == max(counts)
         assert sorted(counts)[-1] > sorted(counts)[-2] + 20
@@ -156,4 +168,4 @@ def test_the_goal_stands_on_the_ground() -> None:
     frame = frame_of("spider", replace(shown, poses=poses, lidars=shown.lidars + lift[:2]))
     view = view_of(poses[load_embodiment("spider").head, :2], terrain)
     x, y = ((terrain.goal_x + 0.3 - view.left) * view.scale, (view.top - ground - 3.2 + 0.35) * view.scale)
-    assert pixels(frame[int(y) - 3 : int(y) + 3, int(x) - 3 : int(x) + 3], palette.GOAL) == 36
+    assert pixels(frame[int(y) - 3 : int(y) + 3, int(x) - 3 : int(x) + 3], GOAL) == 36

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from tma_ray.envs import ENVIRONMENTS, make_environment
-from tma_ray.envs.lock_step import EngineLockStep, SequentialLockStep, lock_step
+from tma_ray.envs.vector import EngineLockStep, SequentialLockStep, lock_step
 
 COUNT = 5
 

@@ -17,9 +17,8 @@ from gymnasium.vector import AutoresetMode, SyncVectorEnv
 
 import tma_ray  # noqa: F401  (registers the environments)
 from tma_ray.envs import ENVIRONMENTS, make_environment, make_vector_environment
-from tma_ray.envs.lock_step import EngineLockStep
-from tma_ray.envs.vector import VectorEnvironment
-from tma_ray.physics.compiled.memory import body_in
+from tma_ray.envs.vector import EngineLockStep, VectorEnvironment
+from tma_ray.physics.compiled.step import body_in
 
 COUNT = 4
 

@@ -14,10 +14,10 @@ from parkour_worlds import parkour_rules
 from release import Statistics, measured
 
 from tma_ray.embodiments import BodyType, Embodiment, embodiment_names, load_embodiment
-from tma_ray.envs.body_environment import PUSH
+from tma_ray.envs.base import PUSH
 from tma_ray.envs.stump_tracks import RULES
 from tma_ray.physics import Engine, make_engine
-from tma_ray.physics.arrays import body_arrays
+from tma_ray.physics.rules import body_arrays
 from tma_ray.terrain import GROUND_HEIGHT, Terrain
 from tma_ray.terrain.stump_tracks import stump_tracks
 

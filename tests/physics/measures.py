@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from tma_ray.physics.arrays import BodyArrays
+from tma_ray.physics.rules import BodyArrays
 from tma_ray.terrain import Terrain
 
 Floats = NDArray[np.float64]

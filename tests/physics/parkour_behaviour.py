@@ -15,7 +15,7 @@ from release import measured
 
 from tma_ray.embodiments import Embodiment, embodiment_names, load_embodiment
 from tma_ray.physics import Engine
-from tma_ray.physics.grips import NOTHING
+from tma_ray.physics.kernels import NOTHING
 from tma_ray.physics.pymunk_engine import PymunkEngine
 from tma_ray.terrain import Terrain
 

@@ -9,10 +9,9 @@ import pymunk
 
 from tma_ray.embodiments import Embodiment
 from tma_ray.physics import Rules
-from tma_ray.physics.world import World, world_of
+from tma_ray.physics.kernels import World, world_of
 from tma_ray.terrain import Terrain
-from tma_ray.terrain.cppn import CPPN
-from tma_ray.terrain.parkour import parkour
+from tma_ray.terrain.parkour import CPPN, parkour
 
 THETA = (-0.1, 0.9, 0.1)
 CREEPERS = (0.25, 1.5, 1.0)

@@ -7,7 +7,7 @@ from parkour_worlds import parkour_rules, parkour_world
 from tma_ray.embodiments import load_embodiment
 from tma_ray.envs.stump_tracks import RULES
 from tma_ray.physics import batch_engines, engine_in_use, make_engine
-from tma_ray.physics.engine_batch import CompiledBatch, SequentialBatch
+from tma_ray.physics.selection import CompiledBatch, SequentialBatch
 from tma_ray.terrain.stump_tracks import stump_tracks
 
 KINDS = {"compiled": CompiledBatch, "pymunk": SequentialBatch}

@@ -15,9 +15,9 @@ from trajectory import digest, digest_in_parkour
 from tma_ray.embodiments import BodyType, Embodiment, Part, Polygon, embodiment_names, load_embodiment
 from tma_ray.envs.stump_tracks import RULES
 from tma_ray.physics import TIME_STEP
-from tma_ray.physics.arrays import body_arrays
 from tma_ray.physics.compiled.engine import CompiledEngine
 from tma_ray.physics.pymunk_engine import PymunkEngine
+from tma_ray.physics.rules import body_arrays
 from tma_ray.terrain import GROUND_HEIGHT
 from tma_ray.terrain.stump_tracks import stump_tracks
 

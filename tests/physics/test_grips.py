@@ -6,10 +6,9 @@ import pytest
 from parkour_worlds import in_chipmunk, parkour_rules, parkour_world, swung, without_creepers
 
 from tma_ray.embodiments import load_embodiment
+from tma_ray.physics.base import HANGING_STEPS
 from tma_ray.physics.compiled.engine import CompiledEngine
-from tma_ray.physics.engine import HANGING_STEPS
-from tma_ray.physics.grips import CEILING, NOTHING, graspable
-from tma_ray.physics.world import world_of
+from tma_ray.physics.kernels import CEILING, NOTHING, graspable, world_of
 from tma_ray.terrain import Terrain
 
 CLIMBERS = ("climbing_chimpanzee", "climbing_chest_chimpanzee")

@@ -9,10 +9,16 @@ import pytest
 from tma_ray.embodiments import load_embodiment
 from tma_ray.envs.stump_tracks import RULES
 from tma_ray.physics import LIDAR_RANGE, observation_size
-from tma_ray.physics.kernels import command_motors, judge, observe, shaping
-from tma_ray.physics.lidars import GROUND, hit_fraction
+from tma_ray.physics.kernels import (
+    GROUND_SIDE,
+    command_motors,
+    hit_fraction,
+    judge,
+    observe,
+    shaping,
+    world_of,
+)
 from tma_ray.physics.rules import step_arrays
-from tma_ray.physics.world import world_of
 from tma_ray.terrain import GROUND_HEIGHT
 from tma_ray.terrain.stump_tracks import stump_tracks
 
@@ -51,7 +57,7 @@ def test_lidars_see_what_segment_queries_of_chipmunk_see(task: tuple[float, floa
         ray = LIDAR_RANGE * np.array([np.sin(angle := rng.uniform(-np.pi, np.pi)), -np.cos(angle)])
         hit = space.segment_query_first((x, y), (x + ray[0], y + ray[1]), 0, pymunk.ShapeFilter())
         expected = 1.0 if hit is None else hit.alpha
-        assert hit_fraction(x, y, ray, terrain.surface, GROUND) == pytest.approx(expected, abs=1e-9)
+        assert hit_fraction(x, y, ray, terrain.surface, GROUND_SIDE) == pytest.approx(expected, abs=1e-9)
         compared += 1
 
 
@@ -59,8 +65,8 @@ def test_a_lidar_inside_a_solid_does_not_see_it() -> None:
     terrain = stump_tracks(np.array([3.0, 3.0], dtype=np.float32), np.random.default_rng(0))
     left, top = terrain.solids[1, 0, 0], terrain.solids[1, 2, 1]
     forward = np.array([1.0, 0.0])
-    assert hit_fraction(left - 0.1, top - 0.5, forward, terrain.surface, GROUND) == pytest.approx(0.1)
-    assert hit_fraction(left + 0.1, top - 0.5, forward, terrain.surface, GROUND) == 1.0
+    assert hit_fraction(left - 0.1, top - 0.5, forward, terrain.surface, GROUND_SIDE) == pytest.approx(0.1)
+    assert hit_fraction(left + 0.1, top - 0.5, forward, terrain.surface, GROUND_SIDE) == 1.0
 
 
 def test_motors_get_the_sign_as_speed_and_the_size_as_torque() -> None:

@@ -7,9 +7,8 @@ from parkour_worlds import in_chipmunk, parkour_world, swung
 
 from tma_ray.embodiments import LidarLayout
 from tma_ray.physics import LIDAR_RANGE
-from tma_ray.physics.lidars import CREEPER, SOLID, WATER, look
+from tma_ray.physics.kernels import CREEPER, SOLID, WATER, World, look, world_of
 from tma_ray.physics.rules import lidar_angles
-from tma_ray.physics.world import World, world_of
 from tma_ray.terrain import Terrain
 
 Shapes = list[tuple[float, pymunk.Poly]]

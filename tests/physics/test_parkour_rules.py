@@ -6,8 +6,7 @@ from parkour_worlds import deep, dry, parkour_rules
 
 from tma_ray.embodiments import BodyType, embodiment_names, load_embodiment
 from tma_ray.physics.compiled.engine import CompiledEngine
-from tma_ray.physics.grips import CEILING, NOTHING
-from tma_ray.physics.kernels import FORWARD_WEIGHT
+from tma_ray.physics.kernels import CEILING, FORWARD_WEIGHT, NOTHING
 from tma_ray.terrain import GROUND_HEIGHT
 
 UNDER_WATER, DEAD = 4, 5

@@ -6,8 +6,8 @@ from boxes import RULES, box, corners, pool, two_boxes
 
 from tma_ray.embodiments import Embodiment
 from tma_ray.physics.compiled.engine import CompiledEngine
+from tma_ray.physics.kernels import water_forces
 from tma_ray.physics.rules import step_arrays
-from tma_ray.physics.water import water_forces
 
 DEEP = 100.0
 """Height of a surface over everything."""

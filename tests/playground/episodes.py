@@ -14,7 +14,7 @@ import numpy as np
 
 from tma_ray.embodiments import load_embodiment
 from tma_ray.envs import make_environment
-from tma_ray.envs.body_environment import PUSH
+from tma_ray.envs.base import PUSH
 from tma_ray.playground.contents import PLAYED, body_record, constants, stored
 from tma_ray.terrain import Terrain
 

@@ -19,9 +19,8 @@ from tma_ray.results import Committer, Results, Store, read_plugin, verify_root
 from tma_ray.runs import Cell, RunSpec, Schedule, effective_spec, inputs
 from tma_ray.runs.inputs import arguments
 from tma_ray.runs.spec import InputFile
-from tma_ray.terrain.cppn import DEFAULT_WEIGHTS
-from tma_ray.viewing.rendered_environment import RenderSettings, open_rendered
-from tma_ray.viewing.rendering import EpisodeSettings, render
+from tma_ray.terrain.parkour import DEFAULT_WEIGHTS
+from tma_ray.viewing.rendering import EpisodeSettings, RenderSettings, open_rendered, render
 
 HOPPER = Path(__file__).parents[2] / "examples" / "hopper.toml"
 

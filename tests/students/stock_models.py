@@ -10,10 +10,10 @@ from stable_baselines3.common.torch_layers import BaseFeaturesExtractor
 from torch import nn
 
 from tma_ray.students.hyperparameters import PPOHyperparameters, SACHyperparameters
-from tma_ray.students.mlp.modules import FlatParameters, blocks_of
-from tma_ray.students.ppo.trunk import Trunk
-from tma_ray.students.sac.policy import POLICIES
-from tma_ray.students.sb3.algorithm_models import SpacesOnly
+from tma_ray.students.mlp.network import FlatParameters, blocks_of
+from tma_ray.students.ppo import Trunk
+from tma_ray.students.sac import POLICIES
+from tma_ray.students.sb3.algorithms import SpacesOnly
 
 OBSERVATION, ACTION = 5, 3
 

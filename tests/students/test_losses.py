@@ -9,14 +9,13 @@ from stable_baselines3.common.type_aliases import ReplayBufferSamples, RolloutBu
 from stock_models import ACTION, OBSERVATION, ppo, ppo_parameters, sac
 
 from tma_ray.students.hyperparameters import LogStd, PPOHyperparameters, SACHyperparameters
-from tma_ray.students.mlp.layout import Layout
-from tma_ray.students.mlp.modules import FlatParameters, blocks_of
-from tma_ray.students.mlp.network import forward, split
-from tma_ray.students.ppo.losses import Steps, losses
-from tma_ray.students.ppo.update import PPOUpdate
-from tma_ray.students.sac.losses import (
-    LOG_STD_RANGE,
+from tma_ray.students.mlp.acting import Layout
+from tma_ray.students.mlp.network import FlatParameters, blocks_of, forward, split
+from tma_ray.students.players.sac import LOG_STD_RANGE
+from tma_ray.students.ppo import PPOUpdate, Steps, losses
+from tma_ray.students.sac import (
     SQUASH_EPSILON,
+    SACUpdate,
     Transitions,
     actor_loss,
     critic_loss,
@@ -24,7 +23,6 @@ from tma_ray.students.sac.losses import (
     joined,
     squashed_draw,
 )
-from tma_ray.students.sac.update import SACUpdate
 
 UPDATES = 10
 DTYPES = pytest.mark.parametrize(

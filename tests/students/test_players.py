@@ -17,8 +17,8 @@ from tma_ray.students import Learner, make_player
 from tma_ray.students.cohort.server import LearnerServer
 from tma_ray.students.players import CohortSettings, LearnerError, LearnerLostError, hardware
 from tma_ray.students.players.base import Player
-from tma_ray.students.players.mailbox import Mailbox, room_for
-from tma_ray.students.ppo.student import PPO
+from tma_ray.students.players.link import Mailbox, room_for
+from tma_ray.students.ppo import PPO
 
 
 @contextmanager

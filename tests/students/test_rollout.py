@@ -4,7 +4,7 @@ import torch
 from gymnasium import spaces
 from stable_baselines3.common.buffers import RolloutBuffer
 
-from tma_ray.students.rollout import Rollout
+from tma_ray.students.players.ppo import Rollout
 
 
 def filled(steps: int, ended, judged, rewards=None) -> Rollout:

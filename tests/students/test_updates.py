@@ -10,10 +10,10 @@ from students_support import SMALL, Drift, parameters, small_student, train
 from torch import nn
 
 from tma_ray.students import Transition
+from tma_ray.students.base import StudentStreams
 from tma_ray.students.hyperparameters import LogStd
-from tma_ray.students.ppo.trunk import Trunk
-from tma_ray.students.sac.policy import POLICIES
-from tma_ray.students.streams import StudentStreams
+from tma_ray.students.ppo import Trunk
+from tma_ray.students.sac import POLICIES
 
 
 def generators(seed: int) -> list[np.random.Generator]:

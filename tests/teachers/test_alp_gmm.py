@@ -8,9 +8,8 @@ from simulated_play import SPACES, play, started
 
 from tma_ray.tasks import Episode, KnowledgeLevel
 from tma_ray.teachers import effective_level, make_teacher
-from tma_ray.teachers.alp_gmm import ALPGMM
-from tma_ray.teachers.numerics.learning_progress import AbsoluteLearningProgress, NearestReturn
-from tma_ray.teachers.numerics.mixtures import Mixture, fit_mixture
+from tma_ray.teachers.alp_gmm import ALPGMM, AbsoluteLearningProgress, NearestReturn
+from tma_ray.teachers.mixtures import Mixture, fit_mixture
 
 STUMP_TRACKS = SPACES["stump_tracks"]
 

@@ -7,7 +7,7 @@ from simulated_play import SPACES, started
 from tma_ray.tasks import Episode, KnowledgeLevel, Task
 from tma_ray.teachers import effective_level, make_teacher
 from tma_ray.teachers.covar_gmm import CovarGMM
-from tma_ray.teachers.numerics.mixtures import Mixture, fit_mixture
+from tma_ray.teachers.mixtures import Mixture, fit_mixture
 
 STUMP_TRACKS = SPACES["stump_tracks"]
 

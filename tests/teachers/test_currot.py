@@ -8,8 +8,7 @@ from simulated_play import SPACES
 
 from tma_ray.tasks import Episode, KnowledgeLevel, expert_knowledge
 from tma_ray.teachers import make_teacher
-from tma_ray.teachers.numerics.success_buffer import SuccessBuffer
-from tma_ray.teachers.numerics.transport import Performance, Region, assigned, moved
+from tma_ray.teachers.currot import Performance, Region, SuccessBuffer, assigned, moved
 
 RNG = np.random.default_rng(0)
 EVERYWHERE = Performance(np.array([[0.5, 0.5]]), np.array([300.0]), 0.1)

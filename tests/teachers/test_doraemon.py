@@ -10,9 +10,7 @@ from simulated_play import SPACES
 
 from tma_ray.tasks import Episode, KnowledgeLevel, TaskSpace, expert_knowledge
 from tma_ray.teachers import make_teacher
-from tma_ray.teachers.doraemon import DORAEMON
-from tma_ray.teachers.numerics.beta_product import BetaProduct
-from tma_ray.teachers.numerics.entropy_update import EntropyUpdate
+from tma_ray.teachers.doraemon import DORAEMON, BetaProduct, EntropyUpdate
 
 ONE = BetaProduct(np.array([3.0, 1.0]), np.array([5.0, 2.5]))
 OTHER = BetaProduct(np.array([1.2, 4.0]), np.array([2.0, 9.0]))

@@ -8,7 +8,7 @@ import pytest
 
 from tma_ray.teachers import TEACHERS
 from tma_ray.testing import TeacherConformance
-from tma_ray.testing.playing import SCENARIOS
+from tma_ray.testing.trials import SCENARIOS
 
 SMALLER: dict[str, dict[str, Any]] = {
     "accel": {"buffer_size": 50},

@@ -8,7 +8,7 @@ from simulated_play import SPACES, started
 from tma_ray.tasks import Episode, KnowledgeLevel, Task
 from tma_ray.teachers import make_teacher
 from tma_ray.teachers.goal_gan import GoalGAN
-from tma_ray.teachers.numerics.least_squares_gan import LeastSquaresGAN
+from tma_ray.teachers.networks import LeastSquaresGAN
 
 STUMP_TRACKS = SPACES["stump_tracks"]
 

@@ -5,7 +5,7 @@ import pytest
 from sklearn.mixture import GaussianMixture
 from threadpoolctl import threadpool_limits
 
-from tma_ray.teachers.numerics.mixtures import fit_mixture
+from tma_ray.teachers.mixtures import fit_mixture
 
 
 @pytest.mark.parametrize(("columns", "most_components"), [(1, 6), (3, 6), (9, 3)])

@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 import torch
 
-from tma_ray.teachers.numerics.networks import descend
-from tma_ray.teachers.numerics.real_nvp import DTYPE, MARGIN, RealNVP, slow_softplus
+from tma_ray.teachers.networks import DTYPE, MARGIN, RealNVP, descend, slow_softplus
 
 
 def flow(size: int, hidden: int = 8, seed: int = 0) -> RealNVP:

@@ -17,9 +17,7 @@ from tma_ray.tasks import (
     expert_knowledge,
 )
 from tma_ray.teachers import canonical_teacher, hyperparameters_of, make_teacher
-from tma_ray.teachers.replay.prioritised_replay import PrioritisedReplay
-from tma_ray.teachers.replay.scores import positive_value_loss
-from tma_ray.teachers.replay.task_buffer import TaskBuffer
+from tma_ray.teachers.prioritised_replay import PrioritisedReplay, TaskBuffer, positive_value_loss
 
 SPACE = TaskSpace.from_bounds({"height": (0, 3), "fixed": (7, 7), "gap": (0, 6)})
 

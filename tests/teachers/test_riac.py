@@ -10,8 +10,7 @@ from simulated_play import SPACES, started
 
 from tma_ray.tasks import Episode, KnowledgeLevel, Task, TaskSpace
 from tma_ray.teachers import TEACHERS, make_teacher
-from tma_ray.teachers.numerics.regions import Cut, Region, Split, best_cut, cut_scores, random_cuts
-from tma_ray.teachers.riac import RIAC
+from tma_ray.teachers.riac import RIAC, Cut, Region, Split, best_cut, cut_scores, random_cuts
 
 STUMP_TRACKS = SPACES["stump_tracks"]
 

@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 from scipy.stats import multivariate_normal
 
-from tma_ray.teachers.numerics.full_gaussian import FullGaussian
-from tma_ray.teachers.numerics.self_paced_update import self_paced_update
+from tma_ray.teachers.spdl import FullGaussian, self_paced_update
 
 
 def random_gaussian(size: int, rng: np.random.Generator, spread: float = 0.3) -> FullGaussian:

@@ -5,7 +5,7 @@ import pytest
 from simulated_play import SPACES
 
 from tma_ray.tasks import TaskSpace
-from tma_ray.teachers.numerics.unit_box import UnitBox
+from tma_ray.teachers.numerics import UnitBox
 
 
 def test_only_dimensions_with_width_are_chosen() -> None:

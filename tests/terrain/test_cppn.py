@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from threadpoolctl import threadpool_limits
 
-from tma_ray.terrain.cppn import CPPN, POINTS, SHAPES, softplus
+from tma_ray.terrain.parkour import CPPN, POINTS, SHAPES, softplus
 
 SEEDS = range(3)
 

@@ -6,9 +6,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from tma_ray.terrain.cppn import CPPN
-from tma_ray.terrain.parkour import outlines
-from tma_ray.terrain.terrain import STARTPAD_STEPS, STEP
+from tma_ray.terrain.base import STARTPAD_STEPS, STEP
+from tma_ray.terrain.parkour import CPPN, outlines
 
 BOXES = {
     "easy": ((-0.25, -0.05), (0.8, 1.0), (0.0, 0.2)),

@@ -10,9 +10,16 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from tma_ray.terrain import CEILING, FIXED, GROUND_HEIGHT, Terrain
-from tma_ray.terrain.cppn import CPPN, SHAPES
-from tma_ray.terrain.parkour import CREEPER_HEIGHT_STD, TRACK_POINTS, creeper_points, outlines, parkour
-from tma_ray.terrain.terrain import STEP
+from tma_ray.terrain.base import STEP
+from tma_ray.terrain.parkour import (
+    CPPN,
+    CREEPER_HEIGHT_STD,
+    SHAPES,
+    TRACK_POINTS,
+    creeper_points,
+    outlines,
+    parkour,
+)
 
 SHIPPED = CPPN.load()
 LOW = np.array([-2, -2, -2, 0, 0, 0, 0, 2], dtype=np.float32)
@@ -218,7 +225,7 @@ def test_the_same_generator_state_gives_the_same_world() -> None:
 
 PRINT_A_DIGEST = """
 import hashlib, numpy as np
-from tma_ray.terrain.cppn import CPPN
+from tma_ray.terrain.parkour import CPPN
 from tma_ray.terrain.parkour import parkour
 task = np.array([-0.15, 0.8, 0.1, 0.5, 0.25, 2.1, 1, 10], dtype=np.float32)
 terrain = parkour(task, np.random.default_rng(0), cppn=CPPN.load(), swinging_creepers=True)

@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 
 from tma_ray.terrain import GROUND_HEIGHT
-from tma_ray.terrain.stump_tracks import GOAL_X, MINIMUM_STUMP_HEIGHT, STEP, TRACK_LENGTH, stump_tracks
+from tma_ray.terrain.base import STEP
+from tma_ray.terrain.stump_tracks import GOAL_X, MINIMUM_STUMP_HEIGHT, TRACK_LENGTH, stump_tracks
 
 TASKS = [(0.0, 0.0), (0.0, 6.0), (1.5, 3.0), (3.0, 1.0), (9.0, 0.0), (9.0, 6.0), (-3.0, 2.0)]
 

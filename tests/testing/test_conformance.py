@@ -18,7 +18,7 @@ from odd_queries import AsksForTrajectories, AsksForValues
 from tma_ray.teachers import Teacher
 from tma_ray.teachers.random import Random
 from tma_ray.testing import TeacherConformance, TrialStudent
-from tma_ray.testing.playing import SCENARIOS
+from tma_ray.testing.trials import SCENARIOS
 
 NEW_PROCESS = "test_a_saved_teacher_continues_in_a_new_process"
 INSIDE = "test_tasks_stay_inside_the_space"

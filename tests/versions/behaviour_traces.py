@@ -21,7 +21,7 @@ from tma_ray.physics import PHYSICS_VERSION
 from tma_ray.students import STUDENTS, Transition, make_student
 from tma_ray.tasks import Episode, KnowledgeLevel, Outcomes, TaskSpace, expert_knowledge
 from tma_ray.teachers import TEACHERS, make_teacher
-from tma_ray.testing.conversation import report_episode
+from tma_ray.testing.students import report_episode
 
 NUMBERS = 4
 """How many weighted means a trace consists of."""

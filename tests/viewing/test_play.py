@@ -21,8 +21,13 @@ from tma_ray.viewing.play.playing import PlaySettings, Window, play, record
 from tma_ray.viewing.play.session import REST, SPEEDS, Session
 from tma_ray.viewing.play.view import SessionView
 from tma_ray.viewing.play.widgets import Slider
-from tma_ray.viewing.rendered_environment import RenderedEnvironment, RenderSettings, open_rendered
-from tma_ray.viewing.rendering import EpisodeSettings, render
+from tma_ray.viewing.rendering import (
+    EpisodeSettings,
+    RenderedEnvironment,
+    RenderSettings,
+    open_rendered,
+    render,
+)
 
 SIZE = (500, 460)
 FRAME = 1 / 50

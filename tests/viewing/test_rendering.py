@@ -20,8 +20,7 @@ from tma_ray.envs import make_environment
 from tma_ray.results import Results
 from tma_ray.runs.saved_policies import find_policy
 from tma_ray.tasks import TaskSpace
-from tma_ray.viewing.pictures import write_frames
-from tma_ray.viewing.rendering import EpisodeSettings, parse_task, render
+from tma_ray.viewing.rendering import EpisodeSettings, parse_task, render, write_frames
 
 SPACE = TaskSpace.from_bounds({"height": (0, 3), "spacing": (0, 6)})
 DOMAIN = TaskSpace.from_bounds({"height": (-3, 9), "spacing": (0, 6)})

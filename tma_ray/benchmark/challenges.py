@@ -11,7 +11,7 @@ from tma_ray.commands.arguments import check_kind
 from tma_ray.commands.places import expanded
 from tma_ray.part_names import base_name, nearest
 from tma_ray.tasks import TaskSpace, TestSet
-from tma_ray.tasks.shuffled_space import CUTS
+from tma_ray.tasks.spaces import CUTS
 
 TEST_SETS = Path(__file__).parent / "test_sets"
 

@@ -11,8 +11,8 @@ from tma_ray.later_imports import import_later
 
 if TYPE_CHECKING:
     from tma_ray.envs.catalogue import ENVIRONMENTS
-    from tma_ray.envs.drawing.look import Look
     from tma_ray.envs.registration import Environment, make_environment, mastery_return, register_environments
+    from tma_ray.envs.scene import Look
     from tma_ray.envs.vector import VectorEnvironment, make_vector_environment
     from tma_ray.physics import Signal
 
@@ -33,7 +33,7 @@ __getattr__, __dir__ = import_later(
     {
         "ENVIRONMENTS": "tma_ray.envs.catalogue",
         "Environment": "tma_ray.envs.registration",
-        "Look": "tma_ray.envs.drawing.look",
+        "Look": "tma_ray.envs.base",
         "Signal": "tma_ray.physics",
         "VectorEnvironment": "tma_ray.envs.vector",
         "make_environment": "tma_ray.envs.registration",

@@ -7,12 +7,11 @@ from pathlib import Path
 import numpy as np
 
 from tma_ray.embodiments import Embodiment, LidarLayout
-from tma_ray.envs.body_environment import BodyEnvironment, embodiment_of
+from tma_ray.envs.base import BodyEnvironment, embodiment_of
 from tma_ray.physics import Rules
 from tma_ray.tasks import Task, TaskSpace
 from tma_ray.terrain import Terrain
-from tma_ray.terrain.cppn import CPPN, DEFAULT_WEIGHTS
-from tma_ray.terrain.parkour import parkour
+from tma_ray.terrain.parkour import CPPN, DEFAULT_WEIGHTS, parkour
 
 _UNITS = {
     "theta_1": "input of the CPPN",

@@ -18,8 +18,7 @@ from gymnasium import spaces
 
 from tma_ray import __version__
 from tma_ray.envs import Environment, make_environment
-from tma_ray.export.model_card import CARD_FILE, ExportedFile, OnnxFacts, model_card
-from tma_ray.export.model_facts import history_of
+from tma_ray.export.model_card import CARD_FILE, ExportedFile, OnnxFacts, history_of, model_card
 from tma_ray.export.onnx_file import OPSET, largest_difference, onnx_model, require_onnx
 from tma_ray.runs.inputs import arguments, import_plugins, write_inputs
 from tma_ray.runs.saved_policies import SavedPolicy, find_policy

@@ -1,4 +1,4 @@
-"""Motors, sensors, reward and termination, written once for every engine.
+"""Motors, lidars, grips, water, reward and termination, written once for every engine.
 
 Small functions over arrays that run compiled or as plain Python, bit for bit the same.
 A state is (p, 6): each part's origin x, y, angle, velocity x, y of its centre of mass, angular velocity
@@ -8,17 +8,270 @@ A state is (p, 6): each part's origin x, y, angle, velocity x, y of its centre o
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from tma_ray.jit import kernel
-from tma_ray.physics.grips import NOTHING
-from tma_ray.physics.lidars import look
 from tma_ray.physics.rules import StepArrays
-from tma_ray.physics.world import World
+from tma_ray.terrain import FIXED, Terrain
+
+
+class World(NamedTuple):
+    """Terrain, water and creepers as sensors and grips meet them.
+
+    Attributes:
+        ground: lidar segments as in Terrain (m, 4).
+        ceiling: likewise (k, 4).
+        creepers: as in Terrain, where they hang at rest (c, 4).
+        poses: each creeper's centre in m, cosine and sine of its angle (c, 4).
+        movable: 1 for a creeper that swings, else 0 (c,).
+        sway: how far a creeper may be from where it hangs at rest, in m.
+        water_y: height of the water's surface, in m; -inf where it is dry.
+        goal_x: the head past this x has arrived, in m.
+    """
+
+    ground: NDArray[np.float64]
+    ceiling: NDArray[np.float64]
+    creepers: NDArray[np.float64]
+    poses: NDArray[np.float64]
+    movable: NDArray[np.int64]
+    sway: float
+    water_y: float
+    goal_x: float
+
+
+def world_of(terrain: Terrain) -> World:
+    """Returns `terrain` with its creepers at rest, its arrays contiguous: compiled code knows addresses."""
+    poses = np.zeros((len(terrain.creepers), 4))
+    poses[:, :2] = (terrain.creepers[:, :2] + terrain.creepers[:, 2:]) / 2
+    poses[:, 2] = 1.0
+    movable = terrain.holders != FIXED
+    return World(
+        np.ascontiguousarray(terrain.surface),
+        np.ascontiguousarray(terrain.ceiling),
+        np.ascontiguousarray(terrain.creepers),
+        poses,
+        movable.astype(np.int64),
+        _longest_chain(terrain) if movable.any() else 0.0,
+        terrain.water_y,
+        terrain.goal_x,
+    )
+
+
+def _longest_chain(terrain: Terrain) -> float:
+    """Returns the length of the longest chain of creepers in m, which is how far it can swing."""
+    lengths = terrain.creepers[:, 3] - terrain.creepers[:, 1]
+    for index, holder in enumerate(terrain.holders):
+        if holder >= 0:
+            lengths[index] += lengths[holder]
+    return float(lengths.max())
+
 
 Floats = NDArray[np.float64]
+
+GROUND_SIDE, CEILING_SIDE = 1.0, -1.0
+"""Sides of a surface's segments: the ground is solid on their right, the ceiling on their left."""
+
+SOLID, CREEPER, WATER = 0.0, 1.0, -1.0
+"""What a lidar reports to have hit; SOLID also if it hit nothing."""
+
+
+@kernel
+def look(x: float, y: float, ray: Floats, world: World) -> tuple[float, float]:
+    """Returns the share of a ray's length at which it first meets something (1: nothing), and what.
+
+    What the ray starts in, it does not see.
+
+    Args:
+        x: start of the ray, in m.
+        y: start of the ray, in m.
+        ray: its end relative to the start (2,), in m.
+        world: what it may meet.
+    """
+    nearest = hit_fraction(x, y, ray, world.ground, GROUND_SIDE)
+    if len(world.ceiling) > 0:
+        nearest = min(nearest, hit_fraction(x, y, ray, world.ceiling, CEILING_SIDE))
+    kind = SOLID
+    if len(world.creepers) > 0:
+        fraction = _creeper_fraction(x, y, ray, world)
+        if fraction < nearest:
+            nearest, kind = fraction, CREEPER
+    if y > world.water_y and y + ray[1] < world.water_y:
+        fraction = (world.water_y - y) / ray[1]
+        if fraction < nearest:
+            nearest, kind = fraction, WATER
+    return nearest, kind
+
+
+@kernel
+def first_segment(surface: Floats, x: float) -> int:
+    """Returns the index of the first segment (of m, sorted by x) that does not end before `x`."""
+    low, high = 0, len(surface)
+    while low < high:
+        middle = (low + high) // 2
+        if surface[middle, 2] < x:
+            low = middle + 1
+        else:
+            high = middle
+    return low
+
+
+@kernel
+def hit_fraction(x: float, y: float, ray: Floats, surface: Floats, side: float) -> float:
+    """Returns the share of a ray's length at which it first enters a solid, 1 if it meets none.
+
+    Args:
+        x: start of the ray, in m.
+        y: start of the ray, in m.
+        ray: its end relative to the start (2,), in m.
+        surface: segments (m, 4); a ray that starts inside a solid does not see it.
+        side: GROUND_SIDE or CEILING_SIDE.
+    """
+    nearest = 1.0
+    reach = max(x, x + ray[0])
+    index = first_segment(surface, min(x, x + ray[0]))
+    while index < len(surface) and surface[index, 0] <= reach:
+        start_x, start_y = surface[index, 0] - x, surface[index, 1] - y
+        along_x, along_y = surface[index, 2] - surface[index, 0], surface[index, 3] - surface[index, 1]
+        inwards = ray[1] * along_x - ray[0] * along_y
+        if side * inwards < 0:
+            along_ray = (start_y * along_x - start_x * along_y) / inwards
+            along_segment = (start_y * ray[0] - start_x * ray[1]) / inwards
+            if 0 <= along_ray < nearest and 0 <= along_segment <= 1:
+                nearest = along_ray
+        index += 1
+    return nearest
+
+
+@kernel
+def creepers_between(left: float, right: float, world: World) -> tuple[int, int]:
+    """Returns the range of indices of the creepers that may lie between two x (m), and some more."""
+    first = first_segment(world.creepers, left - world.sway)
+    last = first
+    while last < len(world.creepers) and world.creepers[last, 0] <= right + world.sway:
+        last += 1
+    return first, last
+
+
+@kernel
+def _creeper_fraction(x: float, y: float, ray: Floats, world: World) -> float:
+    """Returns the share of a ray's length at which it first enters a creeper, 1 if it meets none."""
+    nearest = 1.0
+    first, last = creepers_between(min(x, x + ray[0]), max(x, x + ray[0]), world)
+    for index in range(first, last):
+        nearest = min(nearest, _box_fraction(x, y, ray, world.creepers[index], world.poses[index]))
+    return nearest
+
+
+@kernel
+def _box_fraction(x: float, y: float, ray: Floats, rectangle: Floats, pose: Floats) -> float:
+    """Returns the share of a ray's length at which it enters a turned rectangle, 1 if it does not.
+
+    Clips the ray by the rectangle's two pairs of sides, in axes of the rectangle.
+    """
+    cosine, sine = pose[2], pose[3]
+    along, across = x - pose[0], y - pose[1]
+    enter, leave = 0.0, 1.0
+    outside = False
+    for axis in range(2):
+        half = (rectangle[axis + 2] - rectangle[axis]) / 2
+        if axis == 0:
+            start, step = cosine * along + sine * across, cosine * ray[0] + sine * ray[1]
+        else:
+            start, step = cosine * across - sine * along, cosine * ray[1] - sine * ray[0]
+        outside = outside or abs(start) > half
+        if step == 0.0:
+            if abs(start) > half:
+                return 1.0
+        else:
+            near, far = (-half - start) / step, (half - start) / step
+            enter, leave = max(enter, min(near, far)), min(leave, max(near, far))
+    return enter if outside and enter <= leave else 1.0
+
+
+SKIN = 0.01
+"""A sensor reaches this far beyond its radius, in m: the margin of the original release's polygons."""
+
+NOTHING, CEILING = -2, -1
+"""What a sensor touches or holds, if not a creeper, whose index says which."""
+
+
+@kernel
+def feel(
+    state: Floats,
+    rotations: Floats,
+    body: StepArrays,
+    world: World,
+    points: Floats,
+    grips: NDArray[np.int64],
+) -> None:
+    """Finds what each sensor touches, a creeper before the ceiling.
+
+    Args:
+        state: (p, 6).
+        rotations: cosine and sine of each part's angle (p, 2).
+        body: the body with g sensors.
+        world: the world.
+        points: where the sensors are (g, 2), in m, written.
+        grips: what they touch, written, and hold (g, 2).
+    """
+    for sensor in range(len(body.grips)):
+        part = body.grip_part[sensor]
+        x, y, radius = body.grips[sensor]
+        cosine, sine = rotations[part]
+        points[sensor, 0] = state[part, 0] + cosine * x - sine * y
+        points[sensor, 1] = state[part, 1] + sine * x + cosine * y
+        grips[sensor, 0] = graspable(points[sensor, 0], points[sensor, 1], radius + SKIN, world)
+
+
+@kernel
+def graspable(x: float, y: float, reach: float, world: World) -> int:
+    """Returns what is within `reach` m of a point: the index of a creeper, CEILING or NOTHING."""
+    first, last = creepers_between(x - reach, x + reach, world)
+    for index in range(first, last):
+        if _near_box(x, y, reach, world.creepers[index], world.poses[index]):
+            return index
+    index = first_segment(world.ceiling, x - reach)
+    while index < len(world.ceiling) and world.ceiling[index, 0] <= x + reach:
+        if _near_segment(x, y, reach, world.ceiling[index]):
+            return CEILING
+        index += 1
+    return NOTHING
+
+
+@kernel
+def _near_box(x: float, y: float, reach: float, rectangle: Floats, pose: Floats) -> bool:
+    along, across = x - pose[0], y - pose[1]
+    side = abs(pose[2] * along + pose[3] * across) - (rectangle[2] - rectangle[0]) / 2
+    end = abs(pose[2] * across - pose[3] * along) - (rectangle[3] - rectangle[1]) / 2
+    side, end = max(side, 0.0), max(end, 0.0)
+    near: bool = side * side + end * end <= reach * reach
+    return near
+
+
+@kernel
+def _near_segment(x: float, y: float, reach: float, segment: Floats) -> bool:
+    along_x, along_y = segment[2] - segment[0], segment[3] - segment[1]
+    from_x, from_y = x - segment[0], y - segment[1]
+    share = (from_x * along_x + from_y * along_y) / (along_x * along_x + along_y * along_y)
+    share = min(max(share, 0.0), 1.0)
+    off_x, off_y = from_x - share * along_x, from_y - share * along_y
+    near: bool = math.sqrt(off_x * off_x + off_y * off_y) <= reach
+    return near
+
+
+@kernel
+def holder_anchor(point: Floats, held: int, world: World) -> tuple[float, float]:
+    """Returns `point` in the frame of what holds it: that of a creeper that swings, else the world's."""
+    if held < 0 or world.movable[held] == 0:
+        return point[0], point[1]
+    pose = world.poses[held]
+    along, across = point[0] - pose[0], point[1] - pose[1]
+    return pose[2] * along + pose[3] * across, pose[2] * across - pose[3] * along
+
+
 Integers = NDArray[np.int64]
 
 FORWARD_WEIGHT = 130 / 30
@@ -184,3 +437,177 @@ def judge(
     if has_fallen(state, contacts, body):
         return FALL_REWARD, True, after
     return after - before - cost, state[body.head, 0] > goal_x, after
+
+
+DENSITY = 1.0
+"""Of water, in kg/m²."""
+
+GRAVITY = 10.0
+"""Weight of submerged water, in m/s²."""
+
+DRAG, LARGEST_DRAG = 0.25, 2000.0
+"""Coefficient, and bound in N."""
+
+LIFT, LARGEST_LIFT = 0.25, 500.0
+"""Coefficient, and upper bound in N."""
+
+PUSH, LARGEST_PUSH = 0.05, 20.0
+"""Coefficient, and bound of each component in N."""
+
+TORQUE_SCALE = 60 / 50
+"""The release takes a motor's torque for steps of 1/60 s instead of 1/50 s."""
+
+
+@kernel
+def water_forces(
+    state: Floats, rotations: Floats, torques: Floats, body: StepArrays, water_y: float, forces: Floats
+) -> bool:
+    """Writes the forces of still water on each part, and tells whether there are any.
+
+    Args:
+        state: (p, 6).
+        rotations: cosine and sine of each part's angle (p, 2).
+        torques: of each motor in the last step, in N m (j,).
+        body: the body.
+        water_y: height of the surface, in m.
+        forces: on the centre of mass, x and y in N, and torque about it in N m (p, 3), written.
+    """
+    wet = False
+    for part in range(len(state)):
+        forces[part] = 0.0
+        if state[part, 1] - body.bounds[part, 0] < water_y:
+            polygon = _submerged(part, state[part], rotations[part], body, water_y)
+            if len(polygon) > 2:
+                wet = True
+                _press(part, polygon, state, rotations, torques, body, forces[part])
+    return wet
+
+
+@kernel
+def _submerged(part: int, pose: Floats, rotation: Floats, body: StepArrays, water_y: float) -> Floats:
+    """Returns the corners of what is under water of a part, in world axes (k, 2), counter-clockwise."""
+    first, count = body.first_vertex[part], body.first_vertex[part + 1] - body.first_vertex[part]
+    corners = np.empty((count, 2))
+    for index in range(count):
+        x, y = body.vertices[first + index, 0], body.vertices[first + index, 1]
+        corners[index, 0] = pose[0] + rotation[0] * x - rotation[1] * y
+        corners[index, 1] = pose[1] + rotation[1] * x + rotation[0] * y
+    clipped, size = np.empty((count + 1, 2)), 0
+    for index in range(count):
+        here, there = corners[index], corners[(index + 1) % count]
+        if here[1] <= water_y:
+            clipped[size] = here
+            size += 1
+        if (here[1] <= water_y) != (there[1] <= water_y):
+            share = (water_y - here[1]) / (there[1] - here[1])
+            clipped[size, 0] = here[0] + share * (there[0] - here[0])
+            clipped[size, 1] = water_y
+            size += 1
+    return clipped[:size]
+
+
+@kernel
+def _press(
+    part: int,
+    polygon: Floats,
+    state: Floats,
+    rotations: Floats,
+    torques: Floats,
+    body: StepArrays,
+    force: Floats,
+) -> None:
+    """Adds all forces on the submerged `polygon` of a part to `force` (3,)."""
+    rotation = rotations[part]
+    across, up = body.bounds[part, 2], body.bounds[part, 3]
+    centre_x = state[part, 0] + rotation[0] * across - rotation[1] * up
+    centre_y = state[part, 1] + rotation[1] * across + rotation[0] * up
+    x, area = _centroid(polygon)
+    force[1] += DENSITY * area * GRAVITY
+    force[2] += (x - centre_x) * DENSITY * area * GRAVITY
+    for index in range(len(polygon)):
+        start, end = polygon[index], polygon[(index + 1) % len(polygon)]
+        edge_x, edge_y = end[0] - start[0], end[1] - start[1]
+        length = math.sqrt(edge_x * edge_x + edge_y * edge_y)
+        if length > 0:
+            edge_x, edge_y = edge_x / length, edge_y / length
+            lever_x, lever_y = (start[0] + end[0]) / 2 - centre_x, (start[1] + end[1]) / 2 - centre_y
+            _resist((edge_x, edge_y, length), (lever_x, lever_y), state[part], force)
+            for joint in range(len(body.hinges)):
+                if body.joint_parts[joint, 1] == part:
+                    _push(joint, (edge_x, edge_y, length), state, rotation, torques[joint], body, force)
+
+
+@kernel
+def _centroid(polygon: Floats) -> tuple[float, float]:
+    """Returns the x of a polygon's centroid in m, and its area in m²."""
+    base, area, moment = polygon[0], 0.0, 0.0
+    for index in range(1, len(polygon) - 1):
+        ax, ay = polygon[index, 0] - base[0], polygon[index, 1] - base[1]
+        bx, by = polygon[index + 1, 0] - base[0], polygon[index + 1, 1] - base[1]
+        wedge = (ax * by - ay * bx) / 2
+        area += wedge
+        moment += wedge * (ax + bx) / 3
+    return (base[0] + moment / area if area > 0 else base[0]), area
+
+
+@kernel
+def _resist(
+    edge: tuple[float, float, float], lever: tuple[float, float], motion: Floats, force: Floats
+) -> None:
+    """Adds drag and lift on an edge that moves outwards (paper: drag against the motion, lift across it).
+
+    Args:
+        edge: its direction and length.
+        lever: its middle relative to the centre of mass.
+        motion: state of the part (6,).
+        force: (3,), added to.
+    """
+    velocity_x, velocity_y = motion[3] - motion[5] * lever[1], motion[4] + motion[5] * lever[0]
+    speed = math.sqrt(velocity_x * velocity_x + velocity_y * velocity_y)
+    if speed == 0:
+        return
+    x, y = velocity_x / speed, velocity_y / speed
+    outwards = edge[1] * x - edge[0] * y
+    if outwards < 0:
+        return
+    pressure = outwards * edge[2] * DENSITY * speed * speed
+    drag = min(DRAG * pressure, LARGEST_DRAG)
+    lift = min(LIFT * pressure * (edge[0] * x + edge[1] * y), LARGEST_LIFT)
+    _add(-drag * x - lift * y, -drag * y + lift * x, lever[0], lever[1], force)
+
+
+@kernel
+def _push(
+    joint: int,
+    edge: tuple[float, float, float],
+    state: Floats,
+    rotation: Floats,
+    torque: float,
+    body: StepArrays,
+    force: Floats,
+) -> None:
+    """Adds what pushes a part forwards whose joint turns it, if the joint is not at a limit."""
+    first, second = body.joint_parts[joint]
+    hinge, motion = body.hinges[joint], state[second]
+    if not hinge[2] < motion[2] - state[first, 2] < hinge[3]:
+        return
+    across, up = body.bounds[second, 2] - hinge[0], body.bounds[second, 3] - hinge[1]
+    lever_x, lever_y = rotation[0] * across - rotation[1] * up, rotation[1] * across + rotation[0] * up
+    turn = TORQUE_SCALE * torque
+    pull_x, pull_y = -turn * lever_y, turn * lever_x
+    outwards = edge[1] * pull_x - edge[0] * pull_y
+    if outwards <= 0:
+        return
+    momentum = turn + body.bounds[second, 1] * motion[5]
+    size = outwards * PUSH * edge[2] * DENSITY * momentum * momentum
+    x = min(max(-size * pull_x, -LARGEST_PUSH), LARGEST_PUSH)
+    y = min(max(-size * pull_y, -LARGEST_PUSH), LARGEST_PUSH)
+    _add(x, y, -lever_x, -lever_y, force)
+
+
+@kernel
+def _add(x: float, y: float, lever_x: float, lever_y: float, force: Floats) -> None:
+    """Adds the force (x, y) that acts at a lever from the centre of mass."""
+    force[0] += x
+    force[1] += y
+    force[2] += lever_x * y - lever_y * x

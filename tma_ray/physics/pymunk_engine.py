@@ -10,9 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 from pymunk import batch
 
 from tma_ray.embodiments import Embodiment
-from tma_ray.physics.chipmunk import add_joints, add_parts, add_terrain, hung, settled
-from tma_ray.physics.creepers import add_creepers, chains
-from tma_ray.physics.engine import (
+from tma_ray.physics.base import (
     CEILING_TYPE,
     GRAVITY,
     TIME_STEP,
@@ -21,11 +19,20 @@ from tma_ray.physics.engine import (
     motor_substeps,
     settings_for,
 )
-from tma_ray.physics.grips import NOTHING, feel, holder_anchor
-from tma_ray.physics.kernels import breathe, command_motors, judge, observe, survives
+from tma_ray.physics.chipmunk import add_creepers, add_joints, add_parts, add_terrain, chains, hung, settled
+from tma_ray.physics.kernels import (
+    NOTHING,
+    breathe,
+    command_motors,
+    feel,
+    holder_anchor,
+    judge,
+    observe,
+    survives,
+    water_forces,
+    world_of,
+)
 from tma_ray.physics.rules import Rules, observation_size, step_arrays
-from tma_ray.physics.water import water_forces
-from tma_ray.physics.world import world_of
 from tma_ray.terrain import Terrain
 
 STATE_FIELDS = (

@@ -16,19 +16,17 @@ import numpy as np
 from numba import types
 
 from tma_ray.embodiments import load_embodiment
-from tma_ray.physics.arrays import body_arrays
+from tma_ray.physics.base import settings_for
+from tma_ray.physics.chipmunk import chains
 from tma_ray.physics.compiled import symbols
-from tma_ray.physics.compiled.memory import new_memory
-from tma_ray.physics.compiled.step import step
+from tma_ray.physics.compiled.step import new_memory, step
 from tma_ray.physics.compiled.world import build as build_world
 from tma_ray.physics.compiled.world import count_contact, release
-from tma_ray.physics.creepers import chains
-from tma_ray.physics.engine import settings_for
-from tma_ray.physics.rules import Rules, observation_size, step_arrays
+from tma_ray.physics.rules import Rules, body_arrays, observation_size, step_arrays
 from tma_ray.playground.translation import NOTHING, REAL, WHOLE, Record, Translation, Type
-from tma_ray.students.mlp.rows import apply_row
+from tma_ray.students.mlp.acting import apply_row
 from tma_ray.terrain import parkour, stump_tracks
-from tma_ray.terrain.terrain import Terrain
+from tma_ray.terrain.base import Terrain
 
 DATA: Final = Path(__file__).parent / "data"
 

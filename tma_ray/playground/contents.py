@@ -10,18 +10,17 @@ from numpy.typing import NDArray
 
 from tma_ray.embodiments import Embodiment, load_embodiment
 from tma_ray.envs import make_environment
-from tma_ray.envs.body_environment import MAX_EPISODE_STEPS, PUSH
+from tma_ray.envs.base import MAX_EPISODE_STEPS, PUSH
 from tma_ray.physics import observation_size, step_arrays
-from tma_ray.physics.arrays import BodyArrays
+from tma_ray.physics.base import GRAVITY, HANGING_STEPS, TIME_STEP, settings_for
 from tma_ray.physics.chipmunk import hung, settled
-from tma_ray.physics.compiled.memory import BEFORE, GOAL_X, TERRAIN, new_memory, simulation_in
-from tma_ray.physics.engine import GRAVITY, HANGING_STEPS, TIME_STEP, settings_for
-from tma_ray.physics.grips import NOTHING
-from tma_ray.physics.rules import StepArrays
+from tma_ray.physics.compiled.step import BEFORE, GOAL_X, TERRAIN, new_memory, simulation_in
+from tma_ray.physics.kernels import NOTHING
+from tma_ray.physics.rules import BodyArrays, StepArrays
 from tma_ray.tasks import MASTERY_RETURN, TaskSpace
 from tma_ray.terrain import FIXED, GROUND_HEIGHT, Terrain, parkour, stump_tracks
-from tma_ray.terrain.cppn import CPPN, SHAPES
-from tma_ray.terrain.terrain import STARTPAD_STEPS, STEP
+from tma_ray.terrain.base import STARTPAD_STEPS, STEP
+from tma_ray.terrain.parkour import CPPN, SHAPES
 
 KINDS: Final = {"float64": "double", "float32": "float", "int64": "i64", "bool": "bool"}
 """The page's names for types of numbers."""

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tma_ray.envs import make_environment
-from tma_ray.envs.lock_step import LockStep, lock_step
+from tma_ray.envs.vector import LockStep, lock_step
 from tma_ray.runs.inputs import arguments
 from tma_ray.runs.spec import RunSpec, evaluation_seeds
 from tma_ray.students import Student, Transition

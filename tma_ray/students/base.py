@@ -5,13 +5,15 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING, ClassVar, NamedTuple, TypeAlias
+from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple, TypeAlias
 
 import numpy as np
+from gymnasium import Space, spaces
 from numpy.typing import NDArray
 
 if TYPE_CHECKING:
     from torch import nn
+
 
 Observations: TypeAlias = NDArray[np.float32]
 """One observation (o,) or several (n, o), as the environment gave them: never normalised."""
@@ -165,3 +167,52 @@ class Student(ABC):
     def scalars(self) -> dict[str, float]:
         """Returns figures about the last update for logging (losses, ...), by name."""
         return {}
+
+
+def checked_spaces(observation_space: Space[Any], action_space: Space[Any]) -> tuple[spaces.Box, spaces.Box]:
+    """Returns both spaces.
+
+    Raises:
+        ValueError: a space that is not a one-dimensional float32 box, or unbounded actions.
+    """
+    boxes = _checked_box(observation_space, "observation"), _checked_box(action_space, "action")
+    if not boxes[1].is_bounded():
+        raise ValueError(f"action space {boxes[1]}: expected finite bounds")
+    return boxes
+
+
+def _checked_box(space: Space[Any], kind: str) -> spaces.Box:
+    if not isinstance(space, spaces.Box) or len(space.shape) != 1 or space.dtype != np.float32:
+        raise ValueError(f"{kind} space {space}: expected a one-dimensional float32 Box")
+    return space
+
+
+class StudentStreams(NamedTuple):
+    """Independent seeds for the parts of a student; the order of the fields is the order of spawning.
+
+    Attributes:
+        networks: initial weights, and actions sampled in updates.
+        exploration: actions.
+        batches: mini-batches.
+        values: state values.
+    """
+
+    networks: np.random.SeedSequence
+    exploration: np.random.SeedSequence
+    batches: np.random.SeedSequence
+    values: np.random.SeedSequence
+
+    @classmethod
+    def of(cls, seed: np.random.SeedSequence) -> StudentStreams:
+        """Returns the streams of the student with `seed`, which does not change."""
+        return cls(*_children(seed, len(cls._fields)))
+
+
+def update_key(seed: np.random.SeedSequence) -> int:
+    """Returns the 64-bit key of the draws of a student's updates in a cohort."""
+    place = len(StudentStreams._fields)
+    return int(_children(seed, place + 1)[place].generate_state(1, np.uint64)[0])
+
+
+def _children(seed: np.random.SeedSequence, count: int) -> list[np.random.SeedSequence]:
+    return [np.random.SeedSequence(seed.entropy, spawn_key=(*seed.spawn_key, k)) for k in range(count)]

@@ -16,11 +16,12 @@ from tma_ray.part_names import base_name, join_name, split_name
 from tma_ray.registry import Registry, UnknownNameError
 from tma_ray.students.base import Policy, Student
 from tma_ray.students.hyperparameters import (
+    ALGORITHMS,
+    PACKAGES,
     PPOHyperparameters,
     SACHyperparameters,
     parse_hyperparameters,
 )
-from tma_ray.students.sb3.algorithm_names import ALGORITHMS, PACKAGES
 
 if TYPE_CHECKING:
     from gymnasium import Space
@@ -74,10 +75,10 @@ STUDENTS: Registry[type[Student]] = StudentRegistry(
     "student",
     "tma_ray.students",
     {
-        "ppo": "tma_ray.students.ppo.student:PPO",
-        "sac": "tma_ray.students.sac.student:SAC",
-        "stock:ppo": "tma_ray.students.ppo.student:StockPPO",
-        "stock:sac": "tma_ray.students.sac.student:StockSAC",
+        "ppo": "tma_ray.students.ppo:PPO",
+        "sac": "tma_ray.students.sac:SAC",
+        "stock:ppo": "tma_ray.students.ppo:StockPPO",
+        "stock:sac": "tma_ray.students.sac:StockSAC",
     },
     Student,
 )

@@ -6,10 +6,10 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from enum import StrEnum
-from typing import Any, ClassVar, TypeVar
+from typing import Any, ClassVar, Final, TypeVar
 
 from tma_ray.hyperparameters import parse_settings
-from tma_ray.students.mlp.layout import Activation, Layout
+from tma_ray.students.mlp.acting import Activation, Layout
 
 H = TypeVar("H")
 
@@ -229,3 +229,21 @@ def _check_shares(hyperparameters: object, *names: str) -> None:
 def _check_hidden_units(units: tuple[int, ...]) -> None:
     if not units or min(units) < 1:
         raise ValueError(f"hyper-parameter hidden_units = {units}: expected at least one layer of 1 or more")
+
+
+ALGORITHMS: Final[Mapping[str, str]] = {
+    "A2C": "stable_baselines3",
+    "CrossQ": "sb3_contrib",
+    "DDPG": "stable_baselines3",
+    "TD3": "stable_baselines3",
+    "TQC": "sb3_contrib",
+    "TRPO": "sb3_contrib",
+}
+"""Those for continuous actions, without memory, and the module that offers them; PPO and SAC have students
+of their own."""
+
+PACKAGES: Final[Mapping[str, str]] = {
+    "stable_baselines3": "stable-baselines3",
+    "sb3_contrib": "sb3-contrib",
+}
+"""What to install for a module."""

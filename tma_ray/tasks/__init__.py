@@ -1,18 +1,20 @@
 """The language all parts share: task spaces, test sets, expert knowledge, episodes."""
 
-from tma_ray.tasks.episode import (
+from tma_ray.tasks.episodes import (
     MASTERY_RETURN,
+    Answer,
     Episode,
+    Outcomes,
     Proposal,
+    Query,
+    QueryKind,
     ScoredBox,
     TeacherUpdate,
+    Trajectory,
     WeightedGaussian,
 )
-from tma_ray.tasks.knowledge import ExpertKnowledge, Gaussian, KnowledgeLevel, expert_knowledge
-from tma_ray.tasks.queries import Answer, Outcomes, Query, QueryKind, Trajectory
-from tma_ray.tasks.shuffled_space import ShuffledSpace
-from tma_ray.tasks.space import Dimension, Task, TaskSpace, check_task
-from tma_ray.tasks.test_set import TestSet
+from tma_ray.tasks.knowledge import ExpertKnowledge, Gaussian, KnowledgeLevel, TestSet, expert_knowledge
+from tma_ray.tasks.spaces import Dimension, ShuffledSpace, Task, TaskSpace, check_task
 
 __all__ = [
     "MASTERY_RETURN",

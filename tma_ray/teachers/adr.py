@@ -10,7 +10,7 @@ import numpy as np
 
 from tma_ray.tasks import Episode, ExpertKnowledge, KnowledgeLevel, ScoredBox, Task, TaskSpace, TeacherUpdate
 from tma_ray.teachers.base import Teacher
-from tma_ray.teachers.numerics.drawing import draw_in_box
+from tma_ray.teachers.numerics import draw_in_box
 
 
 class Boundary(NamedTuple):

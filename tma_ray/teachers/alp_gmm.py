@@ -6,11 +6,94 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import KDTree
 
-from tma_ray.tasks import Episode, ExpertKnowledge, TaskSpace
-from tma_ray.teachers.mixture_teacher import MixtureTeacher
-from tma_ray.teachers.numerics.learning_progress import AbsoluteLearningProgress
-from tma_ray.teachers.numerics.mixtures import Array, Mixture
+from tma_ray.tasks import Episode, ExpertKnowledge, Task, TaskSpace
+from tma_ray.teachers.mixtures import Array, Mixture, MixtureTeacher
+
+
+class NearestReturn:
+    """All tasks seen and their returns, searchable for the nearest one.
+
+    A kd-tree holds all but the latest rows, which are searched directly, so that the tree is built
+    once every `rebuild_every` additions. When it is built depends on the number of rows alone: the
+    same history gives the same answers, also after being saved and loaded.
+    """
+
+    def __init__(self, size: int, rebuild_every: int = 500) -> None:
+        self.rebuild_every = rebuild_every
+        self._count = 0
+        self._in_tree = 0
+        self._tree: KDTree | None = None
+        self._tasks = np.empty((rebuild_every, size))
+        self._returns = np.empty(rebuild_every)
+
+    def __len__(self) -> int:
+        return self._count
+
+    def add(self, task: Task, episodic_return: float) -> None:
+        """Appends one row."""
+        if self._count == len(self._returns):
+            self._tasks = np.concatenate([self._tasks, np.empty_like(self._tasks)])
+            self._returns = np.concatenate([self._returns, np.empty_like(self._returns)])
+        self._tasks[self._count], self._returns[self._count] = task, episodic_return
+        self._count += 1
+        if self._count % self.rebuild_every == 0:
+            self._build()
+
+    def nearest(self, task: Task) -> float:
+        """Returns the return of the Euclidean nearest earlier task."""
+        assert self._count, "an empty history has no nearest task"
+        recent = self._tasks[self._in_tree : self._count]
+        distances = np.sum((recent - task) ** 2, axis=1)
+        best, index = np.inf, -1
+        if len(recent):
+            index = self._count - 1 - int(np.argmin(distances[::-1]))
+            best = float(distances[index - self._in_tree])
+        if self._tree is not None:
+            distance, neighbour = self._tree.query(task.astype(np.float64))
+            if float(distance) ** 2 < best:
+                index = int(neighbour)
+        return float(self._returns[index])
+
+    def _build(self) -> None:
+        self._in_tree = self._count - self._count % self.rebuild_every
+        self._tree = KDTree(self._tasks[: self._in_tree]) if self._in_tree else None
+
+    def __getstate__(self) -> dict[str, object]:
+        rows = slice(0, self._count)
+        return {"every": self.rebuild_every, "tasks": self._tasks[rows], "returns": self._returns[rows]}
+
+    def __setstate__(self, state: dict[str, NDArray[np.float64]]) -> None:
+        self.rebuild_every = int(state["every"])
+        self._tasks, self._returns = state["tasks"].copy(), state["returns"].copy()
+        self._count = len(self._returns)
+        spare = -self._count % self.rebuild_every or self.rebuild_every
+        self._tasks = np.concatenate([self._tasks, np.empty((spare, self._tasks.shape[1]))])
+        self._returns = np.concatenate([self._returns, np.empty(spare)])
+        self._build()
+
+
+class AbsoluteLearningProgress:
+    """ALP of each new task: |its return - the return of the nearest earlier task|.
+
+    Source: Portelas et al. 2019, section 4; the search is over the whole history in raw task units.
+    """
+
+    MINIMUM_HISTORY = 5
+    """Up to this many stored tasks ALP is 0, as in the original release; the paper is silent."""
+
+    def __init__(self, size: int) -> None:
+        self._history = NearestReturn(size)
+
+    def __call__(self, task: Task, episodic_return: float) -> float:
+        """Returns the ALP of an episode, and stores it."""
+        progress = 0.0
+        if len(self._history) > self.MINIMUM_HISTORY:
+            progress = abs(episodic_return - self._history.nearest(task))
+        self._history.add(task, episodic_return)
+        return progress
 
 
 @dataclass

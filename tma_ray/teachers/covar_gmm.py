@@ -9,8 +9,7 @@ from typing import ClassVar
 import numpy as np
 
 from tma_ray.tasks import Episode
-from tma_ray.teachers.mixture_teacher import MixtureTeacher
-from tma_ray.teachers.numerics.mixtures import Array, Mixture
+from tma_ray.teachers.mixtures import Array, Mixture, MixtureTeacher
 
 
 class CovarianceProgress(StrEnum):

@@ -2,20 +2,218 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import ClassVar
+from dataclasses import dataclass, field
+from typing import ClassVar, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from tma_ray.tasks import Episode, ExpertKnowledge, KnowledgeLevel, Task, TaskSpace, TeacherUpdate
 from tma_ray.teachers.base import Teacher
-from tma_ray.teachers.numerics.success_buffer import SuccessBuffer
-from tma_ray.teachers.numerics.task_cloud import cloud_gaussian
-from tma_ray.teachers.numerics.transport import Performance, Region, assigned, moved
-from tma_ray.teachers.numerics.unit_box import UnitBox
+from tma_ray.teachers.numerics import UnitBox, cloud_gaussian
 
 Array = NDArray[np.float64]
+
+ROWS_AT_ONCE = 2_000
+"""Predictions that are made together, which bounds the memory."""
+
+
+def assigned(sources: Array, targets: Array) -> NDArray[np.int64]:
+    """Returns for each of n `sources` (n, f) its target in the optimal assignment of squared distances.
+
+    Args:
+        sources: n points.
+        targets: at least n points (m, f).
+    """
+    from scipy.optimize import linear_sum_assignment  # imported here: drivers start sooner without it
+    from scipy.spatial.distance import cdist
+
+    rows, columns = linear_sum_assignment(cdist(sources, targets, "sqeuclidean"))
+    assert len(rows) == len(sources), "there are as many targets as sources"
+    places: NDArray[np.int64] = columns
+    return places
+
+
+class Performance(NamedTuple):
+    """Returns expected at points: averages of known ones, weighted by a Gaussian kernel (Nadaraya-Watson).
+
+    Attributes:
+        points: where returns are known (n, f).
+        returns: (n,).
+        width: standard deviation of the kernel.
+    """
+
+    points: Array
+    returns: Array
+    width: float
+
+    def __call__(self, points: Array) -> Array:
+        """Returns the expectations (k,) at `points` (k, f)."""
+        from scipy.spatial.distance import cdist
+
+        results = []
+        for first in range(0, len(points), ROWS_AT_ONCE):
+            squares = cdist(points[first : first + ROWS_AT_ONCE], self.points, "sqeuclidean")
+            exponents = (squares.min(axis=1, keepdims=True) - squares) / (2 * self.width**2)
+            weights = np.exp(exponents.astype(np.float32))
+            results.append((weights @ self.returns.astype(np.float32)) / weights.sum(axis=1))
+        return np.concatenate(results).astype(np.float64)
+
+
+class Region(NamedTuple):
+    """The reach of a particle in one move.
+
+    Attributes:
+        radius: of the ball around it.
+        candidates: points tried in the ball.
+        line_candidates: points tried on the way to its target.
+    """
+
+    radius: float
+    candidates: int
+    line_candidates: int
+
+
+def moved(
+    particles: Array,
+    targets: Array,
+    performance: Performance,
+    least: float,
+    region: Region,
+    rng: np.random.Generator,
+) -> Array:
+    """Returns `particles` (n, f) of the unit box, each as near to its target as performance allows.
+
+    Args:
+        particles: where they are.
+        targets: of each (n, f).
+        performance: returns to expect.
+        least: return to expect at least; where no point of the region has it, the best one is taken.
+        region: what is tried; towards the target only, of particles that have the least return.
+        rng: draws the candidates.
+    """
+    candidates = _candidates(particles, targets, performance(particles) >= least, region, rng)
+    count, tried, size = candidates.shape
+    expected = performance(candidates.reshape(-1, size)).reshape(count, tried)
+    distances = np.linalg.norm(candidates - targets[:, None], axis=-1)
+    feasible = expected >= least
+    distances[~feasible] = np.inf
+    chosen = np.where(feasible.any(axis=1), distances.argmin(axis=1), expected.argmax(axis=1))
+    places: Array = candidates[np.arange(count), chosen]
+    return places
+
+
+def _candidates(
+    particles: Array, targets: Array, ready: NDArray[np.bool_], region: Region, rng: np.random.Generator
+) -> Array:
+    """Returns the points that are tried (n, c, f); the particle itself is the first of each."""
+    count, size = particles.shape
+    ways = targets - particles
+    lengths = np.linalg.norm(ways, axis=1)
+    reach = np.minimum(region.radius, lengths)[:, None, None]
+    directions = (ways / np.maximum(lengths, 1e-12)[:, None])[:, None]
+    noise = rng.standard_normal((count, region.candidates, size))
+    noise /= np.linalg.norm(noise, axis=-1, keepdims=True)
+    noise *= rng.random((count, region.candidates, 1)) ** (1 / size)
+    backwards = np.minimum((noise * directions).sum(axis=-1, keepdims=True), 0.0)
+    noise -= np.where(ready[:, None, None], 2 * backwards, 0.0) * directions
+    shares = np.linspace(0, 1, region.line_candidates + 1)[None, :, None]
+    offsets = np.concatenate([reach * shares * directions, reach * noise], axis=1)
+    candidates: Array = np.clip(particles[:, None] + offsets, 0.0, 1.0)
+    return candidates
+
+
+WIDEST_NOISE = 0.25
+"""Standard deviation of the noise around the worst task, as a share of each range."""
+
+
+@dataclass
+class SuccessBuffer:
+    """At most `capacity` tasks of high return, after the authors' code of CURROT.
+
+    Until their median reaches `least`, tasks of at least the median return push out the worst half. Then
+    tasks that reach it replace those that do not, and where all do and the buffer is full, those stay that an
+    optimal assignment to the target distribution needs.
+
+    Attributes:
+        size: number f of coordinates.
+        capacity: most tasks.
+        least: return of a success.
+        points: coordinates of the tasks in [0, 1] (n, f).
+        returns: of an episode of each (n,).
+        reached: whether the median has reached `least`.
+        worst: lowest return of the first tasks.
+    """
+
+    size: int
+    capacity: int
+    least: float
+    points: Array = field(init=False)
+    returns: Array = field(init=False)
+    reached: bool = field(init=False, default=False)
+    worst: float = field(init=False, default=np.inf)
+
+    def __post_init__(self) -> None:
+        self.points, self.returns = np.empty((0, self.size)), np.empty(0)
+
+    def add(self, points: Array, returns: Array, targets: Array) -> NDArray[np.bool_]:
+        """Takes over what belongs here of new tasks (k, f), returns (k,); returns which were left out (k,).
+
+        Args:
+            points: coordinates of the tasks.
+            returns: of an episode of each.
+            targets: draws of the target distribution (`capacity`, f).
+        """
+        if not len(self.returns):
+            self.worst = float(returns.min())
+        wanted = returns >= (self.least if self.reached else self._median)
+        kept = self._kept_of_old(int(wanted.sum()))
+        everything = np.concatenate([points[wanted], self.points[kept]])
+        all_returns = np.concatenate([returns[wanted], self.returns[kept]])
+        chosen = self._chosen(everything, all_returns, targets)
+        self.points, self.returns = everything[chosen], all_returns[chosen]
+        left_out = ~wanted
+        left_out[wanted] = ~np.isin(np.arange(wanted.sum()), chosen)
+        self.reached = self.reached or self._median >= self.least
+        return left_out
+
+    def draw(self, rng: np.random.Generator, count: int, narrowest: float) -> Array:
+        """Returns `count` points (count, f) around the tasks, farther off the less they return.
+
+        Args:
+            rng: draws them.
+            count: how many.
+            narrowest: standard deviation of the noise around successes, as a share of each range.
+        """
+        below = np.maximum(self.least - self.returns, 0.0) / max(self.least - self.worst, 1e-9)
+        deviations = narrowest + WIDEST_NOISE * np.minimum(below, 1.0)
+        if self.reached:
+            places = np.arange(count) % len(self.returns)
+        else:
+            merits = np.maximum(self.returns - self._median, 0.0)
+            merits = merits if merits.sum() > 0 else np.ones(len(self.returns))
+            places = rng.choice(len(self.returns), count, p=merits / merits.sum())
+        noise = deviations[places, None] * rng.standard_normal((count, self.size))
+        return np.clip(self.points[places] + noise, 0.0, 1.0)
+
+    @property
+    def _median(self) -> float:
+        return float(np.median(self.returns)) if len(self.returns) else -np.inf
+
+    def _kept_of_old(self, new: int) -> NDArray[np.int64]:
+        """Returns the places of the tasks that stay while `new` ones come, of those that may go the best."""
+        may_go = int((self.returns < self.least).sum()) if self.reached else len(self.returns) // 2 + 1
+        order = np.argsort(self.returns, kind="stable")
+        return np.sort(order[min(new, may_go) :])
+
+    def _chosen(self, points: Array, returns: Array, targets: Array) -> NDArray[np.int64]:
+        """Returns the places of at most `capacity` tasks."""
+        if len(returns) <= self.capacity:
+            return np.arange(len(returns))
+        if self.reached and returns.min() >= self.least:
+            return np.sort(assigned(targets[: self.capacity], points))
+        return np.sort(np.argsort(-returns, kind="stable")[: self.capacity])
+
 
 CANDIDATES, LINE_CANDIDATES = 20, 10
 """Points tried for each particle: in the ball around it, and on the way to its target."""

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
-from typing import ClassVar
+from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from tma_ray.tasks import (
     Episode,
@@ -17,10 +19,184 @@ from tma_ray.tasks import (
     WeightedGaussian,
 )
 from tma_ray.teachers.base import PAPER_STEPS, Teacher, for_budget
-from tma_ray.teachers.numerics.beta_product import BetaProduct
-from tma_ray.teachers.numerics.entropy_update import EntropyUpdate
-from tma_ray.teachers.numerics.task_cloud import CONSTANT_STD
-from tma_ray.teachers.numerics.unit_box import UnitBox
+from tma_ray.teachers.numerics import CONSTANT_STD, UnitBox
+
+Array = NDArray[np.float64]
+
+MARGIN = 1e-6
+"""Points nearer to the boundary of the box count as this far from it: densities there are 0 or infinite."""
+
+
+class BetaProduct(NamedTuple):
+    """One Beta distribution for each of f coordinates.
+
+    Attributes:
+        alpha: first parameters (f,).
+        beta: second parameters (f,).
+    """
+
+    alpha: Array
+    beta: Array
+
+    @classmethod
+    def around(cls, mode: Array, concentration: float) -> BetaProduct:
+        """Returns the distribution with a `mode` (f,), in the middle with both parameters `concentration`."""
+        weight = 2 * (concentration - 1)
+        return cls(1 + weight * mode, 1 + weight * (1 - mode))
+
+    @classmethod
+    def of_logs(cls, logs: Array) -> BetaProduct:
+        """Returns the distribution whose parameters have the logarithms (2f,)."""
+        return cls(*np.exp(logs).reshape(2, -1))
+
+    @property
+    def logs(self) -> Array:
+        """Logarithms of all parameters (2f,)."""
+        return np.log(np.concatenate(self))
+
+    @property
+    def mean(self) -> Array:
+        """Means (f,)."""
+        return self.alpha / (self.alpha + self.beta)
+
+    @property
+    def variance(self) -> Array:
+        """Variances (f,)."""
+        total = self.alpha + self.beta
+        return self.alpha * self.beta / (total**2 * (total + 1))
+
+    def draw(self, rng: np.random.Generator, count: int) -> Array:
+        """Returns `count` points (count, f), which depend smoothly on the parameters: nothing is rejected."""
+        from scipy.special import betaincinv  # imported here: drivers start sooner without it
+
+        shares = rng.random((count, len(self.alpha)))
+        return np.asarray(betaincinv(self.alpha, self.beta, shares), dtype=np.float64)
+
+    def entropy(self) -> tuple[float, Array]:
+        """Returns the differential entropy in nats, at most 0, and its gradient by `logs` (2f,)."""
+        from scipy.special import betaln, polygamma, psi
+
+        alpha, beta, total = self.alpha, self.beta, self.alpha + self.beta
+        parts = (total - 2) * psi(total) - (alpha - 1) * psi(alpha) - (beta - 1) * psi(beta)
+        common = (total - 2) * polygamma(1, total)
+        by_alpha, by_beta = (common - (each - 1) * polygamma(1, each) for each in self)
+        gradient = np.concatenate([alpha * by_alpha, beta * by_beta])
+        return float((betaln(alpha, beta) + parts).sum()), gradient
+
+    def divergence(self, other: BetaProduct) -> tuple[float, Array]:
+        """Returns KL(self || other) in nats, and its gradient by the logs of `other` (2f,)."""
+        from scipy.special import betaln, psi
+
+        alpha, beta, total = self.alpha, self.beta, self.alpha + self.beta
+        parts = betaln(*other) - betaln(alpha, beta)
+        parts += (alpha - other.alpha) * psi(alpha) + (beta - other.beta) * psi(beta)
+        parts += (other.alpha + other.beta - total) * psi(total)
+        expected = np.stack([psi(alpha) - psi(total), psi(beta) - psi(total)])
+        return float(parts.sum()), -(np.stack(other) * (expected - other._mean_logs())).ravel()
+
+    def log_densities(self, points: Array) -> tuple[Array, Array]:
+        """Returns the log densities (n,) of `points` (n, f), and their gradients by `logs` (n, 2f)."""
+        from scipy.special import betaln
+
+        inside = np.clip(points, MARGIN, 1 - MARGIN)
+        sides = np.stack([np.log(inside), np.log1p(-inside)], axis=1)
+        parameters = np.stack(self)
+        values = ((parameters - 1) * sides).sum(axis=1) - betaln(self.alpha, self.beta)
+        gradients = parameters * (sides - self._mean_logs())
+        return values.sum(axis=1), gradients.reshape(len(points), -1)
+
+    def _mean_logs(self) -> Array:
+        """Returns the expectations (2, f) of log x and log (1 - x)."""
+        from scipy.special import psi
+
+        means: Array = psi(np.stack(self)) - psi(self.alpha + self.beta)
+        return means
+
+
+Valued = Callable[[Array], tuple[float, Array]]
+"""Returns value and gradient (p,) at parameters (p,)."""
+
+SLACK = 1e-4
+"""By which a constraint may be missed, in nats or as a share: the solver's tolerance."""
+
+
+@dataclass(frozen=True)
+class EntropyUpdate:
+    """The constrained problem of one update of DORAEMON.
+
+    Attributes:
+        present: the distribution that the points were drawn from.
+        points: coordinates of the tasks played (n, f).
+        successes: which of them the student mastered (n,).
+        least_success: expected share of successes at least.
+        most_divergence: bound on KL(present || new), in nats.
+        largest: upper bound of the parameters; the lower one is 1.
+    """
+
+    present: BetaProduct
+    points: Array
+    successes: NDArray[np.bool_]
+    least_success: float
+    most_divergence: float
+    largest: float
+
+    def solved(self) -> BetaProduct:
+        """Returns the feasible distribution of highest entropy; if there is none, that of most success."""
+        start = self.present.logs
+        if self.success(start)[0] < self.least_success:
+            start = self._best(start, self.success, (), self.success(start)[0])
+            if self.success(start)[0] < self.least_success:
+                return BetaProduct.of_logs(start)
+        constraint = self._shifted(self.success, -self.least_success)
+        return BetaProduct.of_logs(self._best(start, self.entropy, (constraint,), self.entropy(start)[0]))
+
+    def entropy(self, logs: Array) -> tuple[float, Array]:
+        """Returns the entropy of the distribution with the parameters `logs`, and its gradient."""
+        return BetaProduct.of_logs(logs).entropy()
+
+    def success(self, logs: Array) -> tuple[float, Array]:
+        """Returns the expected share of successes, by importance sampling, and its gradient."""
+        old, _ = self.present.log_densities(self.points)
+        new, gradients = BetaProduct.of_logs(logs).log_densities(self.points)
+        weights = np.exp(new - old) * self.successes / len(self.points)
+        return float(weights.sum()), weights @ gradients
+
+    def room(self, logs: Array) -> tuple[float, Array]:
+        """Returns how far the divergence is under its bound, and the gradient."""
+        divergence, gradient = self.present.divergence(BetaProduct.of_logs(logs))
+        return self.most_divergence - divergence, -gradient
+
+    def _best(self, start: Array, goal: Valued, constraints: tuple[Valued, ...], least: float) -> Array:
+        """Returns feasible parameters where `goal` is highest; `start` if it is nowhere over `least`."""
+        from scipy.optimize import minimize  # imported here: drivers start sooner without it
+
+        solve: Any = minimize  # whose stubs know fewer constraints than it takes
+        all_constraints = (self.room, *constraints)
+        result = solve(
+            lambda logs: -goal(logs)[0],
+            start,
+            jac=lambda logs: -goal(logs)[1],
+            method="SLSQP",
+            bounds=[(0.0, np.log(self.largest))] * len(start),
+            constraints=[_inequality(each) for each in all_constraints],
+            options={"maxiter": 200, "ftol": 1e-12},
+        )
+        found: Array = result.x
+        sound = np.isfinite(found).all() and all(each(found)[0] >= -SLACK for each in all_constraints)
+        return found if sound and goal(found)[0] > least else start
+
+    @staticmethod
+    def _shifted(function: Valued, by: float) -> Valued:
+        def shifted(logs: Array) -> tuple[float, Array]:
+            value, gradient = function(logs)
+            return value + by, gradient
+
+        return shifted
+
+
+def _inequality(function: Valued) -> dict[str, object]:
+    """Returns the constraint that `function` is not negative, as scipy takes it."""
+    return {"type": "ineq", "fun": lambda logs: function(logs)[0], "jac": lambda logs: function(logs)[1]}
 
 
 @dataclass

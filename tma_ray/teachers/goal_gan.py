@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from tma_ray.tasks import Episode, ExpertKnowledge, KnowledgeLevel, Task, TaskSpace, TeacherUpdate
 from tma_ray.teachers.base import Teacher
-from tma_ray.teachers.numerics.unit_box import UnitBox
+from tma_ray.teachers.numerics import UnitBox
 
 
 @dataclass
@@ -87,7 +87,7 @@ class GoalGAN(Teacher):
 
     def start(self, space: TaskSpace, knowledge: ExpertKnowledge, rng: np.random.Generator) -> None:
         """Pretrains the network on the initial Gaussian."""
-        from tma_ray.teachers.numerics.least_squares_gan import LeastSquaresGAN  # imports torch
+        from tma_ray.teachers.networks import LeastSquaresGAN  # imports torch
 
         super().start(space, knowledge, rng)
         self._box = UnitBox(space)

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from tma_ray.tasks import Episode, ExpertKnowledge, KnowledgeLevel, Task, TaskSpace, TeacherUpdate
 from tma_ray.teachers.base import Teacher
-from tma_ray.teachers.numerics.unit_box import UnitBox
+from tma_ray.teachers.numerics import UnitBox
 
 SMALLEST_FEASIBILITY = 1e-8
 
@@ -76,7 +76,7 @@ class SetterSolver(Teacher):
 
     def start(self, space: TaskSpace, knowledge: ExpertKnowledge, rng: np.random.Generator) -> None:
         """Starts with networks that have learned nothing."""
-        from tma_ray.teachers.numerics import setter_networks as networks  # imports torch
+        from tma_ray.teachers import networks  # imports torch
 
         super().start(space, knowledge, rng)
         self._box = UnitBox(space)
@@ -107,14 +107,14 @@ class SetterSolver(Teacher):
         self.successes_: list[bool] = []
 
     def _propose(self, count: int, rng: np.random.Generator) -> Proposals:
-        from tma_ray.teachers.numerics.setter_networks import propose
+        from tma_ray.teachers.networks import propose
 
         feasibility = rng.uniform(SMALLEST_FEASIBILITY, 1.0, count)
         latents = rng.standard_normal((count, self._box.size))
         return Proposals(feasibility, latents, propose(self.setter_, latents, feasibility))
 
     def _update(self, solved: NDArray[np.bool_]) -> None:
-        from tma_ray.teachers.numerics.setter_networks import update_judge, update_setter
+        from tma_ray.teachers.networks import update_judge, update_setter
 
         batch = self.batch_
         judge_loss = update_judge(self.judge_, self.judge_optimiser_, batch.points, solved)

@@ -19,7 +19,7 @@ from tma_ray.tasks import (
     TeacherUpdate,
 )
 from tma_ray.teachers.base import PAPER_STEPS, Teacher, for_budget
-from tma_ray.teachers.numerics.task_cloud import cloud_gaussian
+from tma_ray.teachers.numerics import cloud_gaussian
 
 
 @dataclass

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from tma_ray.tasks import Episode, ExpertKnowledge, Task, TaskSpace
 from tma_ray.teachers.base import Teacher
-from tma_ray.teachers.numerics.unit_box import UnitBox
+from tma_ray.teachers.numerics import UnitBox
 
 BLOCK = 256
 """Points that are made at once; a power of 2, after which the sequence is balanced."""

@@ -3,14 +3,118 @@
 from __future__ import annotations
 
 import math
+import zipfile
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
+from tma_ray.array_files import load_arrays
 from tma_ray.jit import kernel
 from tma_ray.tasks import Task
-from tma_ray.terrain.cppn import CPPN, POINTS
-from tma_ray.terrain.terrain import CEILING, FIXED, GROUND_HEIGHT, STARTPAD_STEPS, STEP, Terrain
+from tma_ray.terrain.base import CEILING, FIXED, GROUND_HEIGHT, STARTPAD_STEPS, STEP, Terrain
+
+POINTS = 200
+"""Points of a curve; the network's x runs from 0 to 1 over them."""
+
+INPUTS = 3
+"""Size of theta, the part of a task that chooses the curves."""
+
+UNITS = 64
+"""Units of each of the four hidden layers."""
+
+SHAPES = {
+    "w1": (1 + INPUTS, UNITS),
+    "w2": (UNITS, UNITS),
+    "w3": (UNITS, UNITS),
+    "w4": (UNITS, UNITS),
+    "w5": (UNITS, 2),
+}
+"""Names and shapes of the weight matrices, from the input [x, theta] to the output [ground, ceiling]."""
+
+BLOCK = 50
+"""Points that pass the network together: too few for BLAS to spread over threads, which for so small products
+takes longer, and so the same bits with any number of threads."""
+
+DEFAULT_WEIGHTS = Path(__file__).parent / "data" / "cppn.npz"
+"""Weights shipped with the package, found by docs/making/search_cppn_weights.py."""
+
+Singles = NDArray[np.float32]
+
+
+@dataclass(frozen=True, eq=False)
+class CPPN:
+    """A compositional pattern-producing network with fixed weights.
+
+    Four hidden layers, tanh and softplus in turn, a linear output, no biases; all in float32. Its outputs
+    are heights before they are scaled and aligned to the start.
+
+    Source: paper, appendix B. It draws weights from N(0, 1), the original release from a normal
+    distribution of standard deviation 2 cut at two standard deviations.
+
+    Attributes:
+        weights: float32 matrices by name, of `SHAPES`.
+    """
+
+    weights: Mapping[str, Singles]
+
+    def __post_init__(self) -> None:
+        for name, shape in SHAPES.items():
+            if name not in self.weights:
+                raise ValueError(f"weights {name!r} are missing: expected {', '.join(SHAPES)}")
+            matrix = self.weights[name]
+            if matrix.shape != shape or not np.all(np.isfinite(matrix)):
+                raise ValueError(
+                    f"weights {name!r} of shape {matrix.shape}: expected finite numbers of shape {shape}"
+                )
+
+    @classmethod
+    def load(cls, path: str | Path = DEFAULT_WEIGHTS) -> CPPN:
+        """Returns the network whose weights are the arrays w1 to w5 of a ``.npz`` file; others are ignored.
+
+        Raises:
+            ValueError: no such file, no such arrays in it, or of other shapes.
+        """
+        try:
+            arrays = load_arrays(Path(path))
+            return cls({name: arrays[name].astype(np.float32) for name in SHAPES if name in arrays})
+        except FileNotFoundError as error:
+            raise ValueError(f"no file of CPPN weights {str(path)!r}") from error
+        except (zipfile.BadZipFile, EOFError, AttributeError, TypeError) as error:
+            raise ValueError(f"{path} is not an .npz file of CPPN weights") from error
+        except ValueError as error:
+            raise ValueError(f"{path}: {error}") from error
+
+    def curves(self, theta: ArrayLike) -> Singles:
+        """Returns ground and ceiling for `theta` (..., 3): heights (..., 200, 2), not scaled or aligned."""
+        values = np.asarray(theta, dtype=np.float32)
+        w1, w2, w3, w4, w5 = (self.weights[name] for name in SHAPES)
+        signal: Singles = self._from_x + (values @ w1[1:])[..., None, None, :]
+        np.tanh(signal, out=signal)
+        signal = softplus(signal @ w2)
+        signal = signal @ w3
+        np.tanh(signal, out=signal)
+        curves: Singles = softplus(signal @ w4) @ w5
+        return curves.reshape(*values.shape[:-1], POINTS, 2)
+
+    @cached_property
+    def _from_x(self) -> Singles:
+        """Contribution of x, alike in all tasks, to the first layer (blocks, 50, 64)."""
+        x = np.arange(POINTS, dtype=np.float32) / np.float32(POINTS - 1)
+        return np.outer(x, self.weights["w1"][0]).reshape(-1, BLOCK, UNITS)
+
+
+def softplus(values: Singles) -> Singles:
+    """Returns log(1 + exp(values)), exact to float32's resolution at 1, without overflow."""
+    result = np.exp(-np.abs(values))
+    result += np.float32(1)
+    np.log(result, out=result)
+    result += np.maximum(values, np.float32(0))
+    return result
+
 
 TRACK_POINTS = STARTPAD_STEPS + POINTS
 """Points of ground and ceiling, one a terrain step from x = 0 on."""
@@ -204,3 +308,126 @@ def _fill_column(
     corners[1, 0], corners[1, 1] = right, low[1]
     corners[2, 0], corners[2, 1] = right, high[1]
     corners[3, 0], corners[3, 1] = left, high[0]
+
+
+WINDOW_STEPS = 5
+"""Terrain steps over which rises and drops are measured: 2.33 m, about a classic bipedal walker's length."""
+
+WALKER_RISE = 1.4
+"""Greatest rise within the window, in m: the highest stump of Stump Tracks' task space."""
+
+WALKER_DROP = 6.0
+"""Greatest drop within the window, in m: twice a classic bipedal walker's height; it may fall over."""
+
+WALKER_CLEARANCE = 3.0
+"""Smallest height of the passage, in m: the classic bipedal walker is 2.73 m high."""
+
+WALKER_DEPTH = 1.5
+"""Greatest depth of water, in m: the head of a standing classic bipedal walker is at 2.37 m."""
+
+SWIMMER_CLEARANCE = 1.6
+"""Smallest height of the passage under water, in m: twice the height of the fish."""
+
+SWIMMER_CLIMB = 10.0
+"""Greatest rise or drop within the window on the calmest way through the passage, in m."""
+
+SWIMMER_DETOUR = 100.0
+"""Height in m that this way rises and falls in all: as much as it leads forward."""
+
+CLIMBER_CLEARANCE = 5.2
+"""Smallest height of the passage, in m: a stretched climbing chimpanzee reaches 5.13 m from grip to foot."""
+
+CLIMBER_AIR = 2.0
+"""Smallest height of air under the ceiling, in m: the hanging head is 1.6 m under the grips."""
+
+CLIMBER_CLIMB = 8.0
+"""Greatest rise or drop of the ceiling within the window, in m."""
+
+CLIMBER_GAP = 4.0
+"""Gap between creepers from which on they do not help, in m: the span of both arms; the ceiling remains."""
+
+
+def demands(terrain: Terrain, body_type: str) -> dict[str, float]:
+    """Returns what `terrain` demands between start and goal of bodies of a type, 1 being the most they can.
+
+    Args:
+        terrain: a world of Parkour.
+        body_type: "walker" (classic bipedal), "swimmer" (fish) or "climber" (climbing chimpanzee).
+
+    Raises:
+        ValueError: another type of body.
+    """
+    if body_type not in _DEMANDS:
+        raise ValueError(f"body type {body_type!r}: expected one of {', '.join(_DEMANDS)}")
+    return _DEMANDS[body_type](terrain, *_heights(terrain))
+
+
+def difficulty(demanded: dict[str, float]) -> float:
+    """Returns the mean of what is demanded, or infinity if anything is beyond the body."""
+    values = list(demanded.values())
+    return float(np.mean(values)) if max(values) <= 1 else np.inf
+
+
+def smoothest_path(low: Floats, high: Floats) -> Floats:
+    """Returns heights (n,) between `low` and `high` (n,) that only change where they must.
+
+    No other way that begins at the same height, the middle of the first gap, rises and falls less in all.
+    """
+    way = np.empty(len(low))
+    height = (low[0] + high[0]) / 2
+    for place, (floor, roof) in enumerate(zip(low, high, strict=True)):
+        height = min(max(height, floor), roof)
+        way[place] = height
+    return way
+
+
+def greatest_rise(heights: Floats) -> float:
+    """Returns how much `heights` (n,), one a terrain step, rise at most within `WINDOW_STEPS`; 0 if never."""
+    rises = [(heights[steps:] - heights[:-steps]).max() for steps in range(1, WINDOW_STEPS + 1)]
+    return max(0.0, float(max(rises)))
+
+
+def _heights(terrain: Terrain) -> tuple[Floats, Floats]:
+    """Returns ground and ceiling (n,) from the end of the flat start to the goal, one a terrain step."""
+    left = terrain.surface[:, 0]
+    track = (left > (STARTPAD_STEPS - 0.5) * STEP) & (left < terrain.goal_x + 0.5 * STEP)
+    return terrain.surface[track, 1], terrain.ceiling[track, 1]
+
+
+def _of_walkers(terrain: Terrain, ground: Floats, ceiling: Floats) -> dict[str, float]:
+    return {
+        "rise": greatest_rise(ground) / WALKER_RISE,
+        "drop": greatest_rise(ground[::-1]) / WALKER_DROP,
+        "clearance": _narrowness(WALKER_CLEARANCE, ceiling - ground),
+        "depth": max(0.0, terrain.water_y - float(ground.min())) / WALKER_DEPTH,
+    }
+
+
+def _of_swimmers(terrain: Terrain, ground: Floats, ceiling: Floats) -> dict[str, float]:
+    roof = np.minimum(ceiling, terrain.water_y)
+    half = SWIMMER_CLEARANCE / 2
+    way = smoothest_path(ground + half, np.maximum(roof - half, ground + half))
+    return {
+        "clearance": _narrowness(SWIMMER_CLEARANCE, roof - ground),
+        "climb": max(greatest_rise(way), greatest_rise(way[::-1])) / SWIMMER_CLIMB,
+        "detour": float(np.abs(np.diff(way)).sum()) / SWIMMER_DETOUR,
+    }
+
+
+def _of_climbers(terrain: Terrain, ground: Floats, ceiling: Floats) -> dict[str, float]:
+    gaps = np.diff(np.unique([0.0, *terrain.creepers[:, 0], terrain.goal_x]))
+    return {
+        "clearance": _narrowness(CLIMBER_CLEARANCE, ceiling - ground),
+        "water": _narrowness(CLIMBER_AIR, ceiling - terrain.water_y),
+        "climb": max(greatest_rise(ceiling), greatest_rise(ceiling[::-1])) / CLIMBER_CLIMB,
+        "creepers": min(1.0, float(gaps.max()) / CLIMBER_GAP),
+    }
+
+
+_DEMANDS = {"walker": _of_walkers, "swimmer": _of_swimmers, "climber": _of_climbers}
+
+
+def _narrowness(needed: float, heights: Floats) -> float:
+    """Returns `needed` as a share of the smallest of `heights` (n,), infinite where that is nothing."""
+    smallest = float(heights.min())
+    return needed / smallest if smallest > 0 else np.inf

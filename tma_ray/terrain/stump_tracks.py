@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from tma_ray.jit import kernel
 from tma_ray.tasks import Task
-from tma_ray.terrain.terrain import GROUND_HEIGHT, STARTPAD_STEPS, STEP, Terrain
+from tma_ray.terrain.base import GROUND_HEIGHT, STARTPAD_STEPS, STEP, Terrain
 
 TRACK_LENGTH = 200 * STEP
 """x at which the last stump ends at the latest, in m."""

@@ -18,9 +18,17 @@ import numpy as np
 
 from tma_ray.tasks import KnowledgeLevel, TeacherUpdate
 from tma_ray.teachers import Teacher, effective_level, hyperparameters_of
-from tma_ray.testing.checks import check_tasks, check_update, first_difference
-from tma_ray.testing.continuation import Saved, continued
-from tma_ray.testing.playing import SCENARIOS, Scenario, TrialStudent, play
+from tma_ray.testing.trials import (
+    SCENARIOS,
+    Saved,
+    Scenario,
+    TrialStudent,
+    check_tasks,
+    check_update,
+    continued,
+    first_difference,
+    play,
+)
 
 SAVED_AFTER = (0, 1, 149, 150, 211)
 """Episodes after which a state is taken, around the ends of batches; one number per scenario, in turn."""

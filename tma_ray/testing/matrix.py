@@ -18,8 +18,8 @@ from threadpoolctl import threadpool_limits
 from tma_ray.commands.interrupts import come_into_reach, started_out_of_reach
 from tma_ray.tasks import KnowledgeLevel
 from tma_ray.teachers import TEACHERS, effective_level, knows_enough
-from tma_ray.testing.challenges import SimulatedChallenge
 from tma_ray.testing.simulation import POINTS, SimulatedRun, simulate
+from tma_ray.testing.students import SimulatedChallenge
 
 NAMES = ("teacher", "challenge", "expert_knowledge", "seed", "effective_knowledge")
 """Columns that say what a row is of."""

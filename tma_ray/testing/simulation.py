@@ -21,9 +21,13 @@ from tma_ray.tasks import (
     expert_knowledge,
 )
 from tma_ray.teachers import TEACHERS, Teacher, effective_level, make_teacher
-from tma_ray.testing.challenges import SimulatedChallenge
-from tma_ray.testing.conversation import report_episode
-from tma_ray.testing.students import DISCOUNTED_SHARE, EPISODE_STEPS, SimulatedStudent
+from tma_ray.testing.students import (
+    DISCOUNTED_SHARE,
+    EPISODE_STEPS,
+    SimulatedChallenge,
+    SimulatedStudent,
+    report_episode,
+)
 
 EPISODES = 10_000
 """Default length of a run: the paper's 20 million steps."""

@@ -26,13 +26,63 @@ episode is equally long.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from tma_ray.benchmark import find_challenge, load_test_set
 from tma_ray.commands.arguments import check_fields
-from tma_ray.testing.conversation import DISCOUNT
+from tma_ray.part_names import nearest
+from tma_ray.tasks import Answer, Episode, Outcomes, Query, QueryKind, Task, TaskSpace, TestSet, Trajectory
+from tma_ray.teachers import Teacher
+
+DISCOUNT = 0.99
+"""Gamma of simulated students; rewards come evenly over an episode."""
+
+StateValues = Callable[[NDArray[np.float32]], NDArray[np.float64]]
+"""Returns values (n,) of observations (n, o)."""
+
+Evaluate = Callable[[Task, bool], Outcomes]
+"""Returns the outcomes of tasks (n, d); the second argument asks for the deterministic policy."""
+
+
+def report_episode(teacher: Teacher, episode: Episode, state_values: StateValues, evaluate: Evaluate) -> None:
+    """Tells `teacher` of `episode` and answers what it asks.
+
+    Raises:
+        ValueError: it asks for a trajectory or an evaluation without having declared that it wants any.
+    """
+    query = teacher.observe(episode)
+    while query is not None:
+        query = teacher.answer(_answer(teacher, query, episode, (state_values, evaluate)))
+
+
+def _answer(teacher: Teacher, query: Query, episode: Episode, pupil: tuple[StateValues, Evaluate]) -> Answer:
+    state_values, evaluate = pupil
+    if query.kind is QueryKind.STATE_VALUES:
+        assert query.observations is not None, "a query for values holds observations"
+        return state_values(query.observations)
+    wanted = "wants_trajectory" if query.kind is QueryKind.TRAJECTORY else "wants_evaluations"
+    if not getattr(teacher, wanted):
+        raise ValueError(
+            f"{type(teacher).__name__} made a query of the kind {query.kind.value!r}: declare "
+            f"{wanted} = True in its class"
+        )
+    if query.kind is QueryKind.TRAJECTORY:
+        return even_trajectory(episode)
+    assert query.tasks is not None, "a query for an evaluation holds tasks"
+    return evaluate(query.tasks, query.greedy)
+
+
+def even_trajectory(episode: Episode) -> Trajectory:
+    """Returns the steps of a simulated episode: nothing changes, and rewards come evenly."""
+    observations = np.tile(episode.initial_observation, (episode.length + 1, 1))
+    rewards = np.full(episode.length, episode.episodic_return / episode.length)
+    actions = np.zeros((episode.length, 1), np.float32)
+    return Trajectory(observations, actions, rewards, terminated=False, gamma=DISCOUNT)
+
 
 Array = NDArray[np.float64]
 
@@ -216,3 +266,82 @@ class SimulatedStudent:
         for axis in kernels[1:]:
             kernel = np.multiply.outer(kernel, axis)
         self._competence += readiness * self._pace * kernel * (1 - self._competence)
+
+
+@dataclass(frozen=True)
+class SimulatedChallenge:
+    """A setting for simulated students that isolates one difficulty for teachers.
+
+    Attributes:
+        name: what files and flags call it, as the paper's challenges are called in results.
+        title: what tables call it.
+        task_space: what the teacher may choose from.
+        aptitudes: of the students, one run after the other: seed s trains the (s mod n)-th.
+        resets: shares of the episodes after which the student forgets everything.
+        cuts: intervals per dimension that change places in the teacher's space, 0 for none.
+        easy_task: the easiest task (d,), told at high expert knowledge.
+        hard_task: the hardest task (d,) that could be feasible; what demands more is not.
+        test_set: name of the tasks the student is tested on, which the world has, shuffled or not.
+    """
+
+    name: str
+    title: str
+    task_space: TaskSpace
+    aptitudes: tuple[StudentParameters, ...] = (StudentParameters(),)
+    resets: tuple[float, ...] = ()
+    cuts: int = 0
+    easy_task: tuple[float, ...] = (0, 6)
+    hard_task: tuple[float, ...] = (3, 0)
+    test_set: str = "stump_tracks"
+
+    def tests(self) -> TestSet:
+        """Returns the test tasks."""
+        return load_test_set(self.test_set)
+
+
+def _simulated(
+    name: str, title: str, aptitudes: tuple[StudentParameters, ...] = (StudentParameters(),)
+) -> SimulatedChallenge:
+    """Returns the challenge of Stump Tracks called `name`, for students of these `aptitudes`."""
+    real = find_challenge("stump_tracks", name)
+    assert real.easy_task is not None, "Stump Tracks has an easy task"
+    return SimulatedChallenge(
+        name,
+        title,
+        real.task_space,
+        aptitudes,
+        resets=real.resets,
+        cuts=real.cuts,
+        easy_task=real.easy_task,
+        test_set=real.test_set,
+    )
+
+
+SIMULATED_CHALLENGES: tuple[SimulatedChallenge, ...] = (
+    _simulated("original", "Original"),
+    _simulated("mostly_unfeasible", "Mostly unfeasible"),
+    _simulated("mostly_trivial", "Mostly trivial"),
+    _simulated("forgetting_student", "Forgetting student"),
+    _simulated("rugged_difficulty", "Rugged difficulty"),
+    _simulated(
+        "diverse_students",
+        "Diverse students",
+        tuple(StudentParameters(pace=pace, limit=limit) for limit in (0.5, 0.7) for pace in (0.04, 0.08)),
+    ),
+)
+"""As in the paper's appendix C: almost 80 % of the mostly unfeasible space cannot be learned, half of the
+mostly trivial one is flat ground, the forgetting student starts anew at 7 and 14 of 20 million steps. Two
+limits (its two bodies) with two paces (its two students) stand for the diverse students."""
+
+
+def find_simulated_challenge(name: str) -> SimulatedChallenge:
+    """Returns the simulated challenge called `name`.
+
+    Raises:
+        ValueError: there is none; the message holds the nearest match.
+    """
+    known = {challenge.name: challenge for challenge in SIMULATED_CHALLENGES}
+    if name not in known:
+        hint = nearest(name, known)
+        raise ValueError(f"no simulated challenge {name!r}: {hint}known: {', '.join(known)}")
+    return known[name]

@@ -2,19 +2,264 @@
 
 from __future__ import annotations
 
+import os
 from argparse import ArgumentTypeError
-from collections.abc import Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
+from fractions import Fraction
 from pathlib import Path
+from uuid import uuid4
 
 import numpy as np
+from gymnasium import spaces
+from numpy.typing import NDArray
+from PIL import Image
 
+from tma_ray.commands.arguments import check_fields, check_whole
 from tma_ray.commands.quantities import COORDINATE
+from tma_ray.envs import ENVIRONMENTS, Environment, make_environment, mastery_return
 from tma_ray.part_names import nearest
-from tma_ray.runs.saved_policies import StepPolicy
+from tma_ray.runs.inputs import arguments
+from tma_ray.runs.saved_policies import SavedPolicy, StepPolicy, find_policy
 from tma_ray.tasks import Task, TaskSpace, check_task
-from tma_ray.viewing.pictures import Frame, check_picture, write_frames
-from tma_ray.viewing.rendered_environment import RenderedEnvironment, RenderSettings, open_rendered
+
+Frame = NDArray[np.uint8]
+"""One picture (height, width, 3), red, green and blue."""
+
+SHADES, HUES = 192, 64
+"""Colours that all frames of a .gif share: such as many pixels have, as in a sky, and such as differ most,
+as that of a red hand."""
+
+PALETTE_FRAMES = 12
+"""From how many frames, evenly spaced, those colours are chosen."""
+
+QUALITY = 20
+"""x264's constant rate factor: 0 is lossless, 51 worst."""
+
+
+def check_picture(path: Path) -> None:
+    """Refuses a file that `write_frames` could not draw_text.
+
+    Raises:
+        ValueError: another ending than .mp4, .gif and .png, no such folder or one that cannot be written
+            to, or an .mp4 without PyAV.
+    """
+    folder = path.absolute().parent
+    if path.suffix not in _WRITERS:
+        raise ValueError(f"{path}: expected a file that ends in {', '.join(_WRITERS)}")
+    if not folder.is_dir():
+        raise ValueError(f"{path}: the folder {folder} does not exist")
+    if not os.access(folder, os.W_OK | os.X_OK) or path.is_dir():
+        raise ValueError(f"{path}: cannot be written; choose another folder or name")
+    if path.suffix == ".mp4":
+        try:
+            import av  # noqa: F401
+        except ImportError as error:
+            raise ValueError(
+                f"{path}: an .mp4 needs PyAV: pip install 'tma_ray[render]', or choose .gif or .png"
+            ) from error
+
+
+def write_frames(path: Path, frames: Iterable[Frame], frames_per_second: Fraction) -> None:
+    """Writes `frames`, at least one and all of one size, in the format that `path` ends in.
+
+    A .png holds the last frame alone; of a .gif all frames are held in memory. The file appears when it is
+    complete.
+
+    Raises:
+        ValueError: as `check_picture` does.
+    """
+    check_picture(path)
+    unfinished = path.with_name(f".{uuid4().hex}{path.suffix}")
+    try:
+        _WRITERS[path.suffix](unfinished, frames, frames_per_second)
+        unfinished.replace(path)
+    finally:
+        unfinished.unlink(missing_ok=True)
+
+
+def _write_mp4(path: Path, frames: Iterable[Frame], frames_per_second: Fraction) -> None:
+    import av
+
+    with av.open(str(path), "w") as container:
+        stream = None
+        for frame in frames:
+            even = frame[: len(frame) // 2 * 2, : frame.shape[1] // 2 * 2]  # H.264 halves its colours' sizes
+            if stream is None:
+                stream = container.add_stream("libx264", rate=frames_per_second)
+                stream.height, stream.width = even.shape[:2]
+                stream.pix_fmt, stream.options = "yuv420p", {"crf": str(QUALITY)}
+            container.mux(stream.encode(av.VideoFrame.from_ndarray(np.ascontiguousarray(even), "rgb24")))
+        assert stream is not None
+        container.mux(stream.encode(None))
+
+
+def _write_gif(path: Path, frames: Iterable[Frame], frames_per_second: Fraction) -> None:
+    kept = list(frames)
+    chosen = np.linspace(0, len(kept) - 1, min(PALETTE_FRAMES, len(kept))).round().astype(int)
+    mosaic = Image.fromarray(np.concatenate([kept[index] for index in chosen]))
+    palette = Image.new("P", (1, 1))
+    palette.putpalette(
+        _colours(mosaic, SHADES, Image.Quantize.MEDIANCUT)
+        + _colours(mosaic, HUES, Image.Quantize.MAXCOVERAGE)
+    )
+    first, *others = (
+        Image.fromarray(frame).quantize(palette=palette, dither=Image.Dither.NONE) for frame in kept
+    )
+    milliseconds = max(20, round(100 / frames_per_second) * 10)  # the format counts in 1/100 s
+    first.save(path, save_all=True, append_images=others, duration=milliseconds, loop=0, disposal=1)
+
+
+def _colours(picture: Image.Image, count: int, method: Image.Quantize) -> list[int]:
+    """Returns `count` colours of `picture`, one value after the other."""
+    values = picture.quantize(count, method=method).getpalette() or []
+    return (values + [0] * 3 * count)[: 3 * count]
+
+
+def _write_png(path: Path, frames: Iterable[Frame], _frames_per_second: Fraction) -> None:
+    *_, last = frames
+    Image.fromarray(last).save(path, optimize=True)
+
+
+_WRITERS: dict[str, Callable[[Path, Iterable[Frame], Fraction], None]] = {
+    ".mp4": _write_mp4,
+    ".gif": _write_gif,
+    ".png": _write_png,
+}
+
+
+RANDOM, ZERO = "random", "zero"
+"""Names of the untrained policies."""
+
+
+def random_policy(actions: spaces.Box, rng: np.random.Generator) -> StepPolicy:
+    """Returns a policy whose actions are uniform, whatever it observes."""
+    return lambda _: rng.uniform(actions.low, actions.high).astype(np.float32)
+
+
+def zero_policy(actions: spaces.Box) -> StepPolicy:
+    """Returns a policy whose actions are all zero."""
+    return lambda _: np.zeros(actions.shape, np.float32)
+
+
+DEFAULT_ENVIRONMENT, DEFAULT_EMBODIMENT = "stump_tracks", "classic_bipedal"
+FRAME_RATE = 50
+"""Frames per second of an environment that does not say."""
+
+
+@dataclass(frozen=True)
+class RenderSettings:
+    """Settings of rendering: policy, environment, and how much is shown.
+
+    Attributes:
+        policy: "random" (uniform actions), "zero" (all zero), the folder of a saved policy, or a run of
+            `results`: its id or an unambiguous beginning of it.
+        results: folder or URI of a results root.
+        environment: registered name or ``module:Name``; None for that of the run, else Stump Tracks.
+        embodiment: name of the body, empty for none; None for that of the run, else the classic bipedal.
+        seed: of worlds, random tasks and random actions.
+        steps: after which an episode is left, if it has not ended.
+        every: steps from one frame to the next.
+    """
+
+    policy: str = RANDOM
+    results: str | Path = "results"
+    environment: str | None = None
+    embodiment: str | None = None
+    seed: int = 0
+    steps: int = 1000
+    every: int = 2
+
+    def __post_init__(self) -> None:
+        check_fields(self)
+        for name, least in (("seed", 0), ("steps", 0), ("every", 1)):
+            check_whole(name, getattr(self, name), least)
+
+
+@dataclass
+class RenderedEnvironment:
+    """An environment that draws frames, with the policy that acts in it.
+
+    Attributes:
+        environment: with the render mode "rgb_array".
+        policy: "random", "zero", or the run of a trained one.
+        trained: the trained policy, if it is one.
+        space: tasks that a teacher may choose.
+        domain: tasks that the environment can build.
+        threshold: episodic return over which a task is mastered.
+    """
+
+    environment: Environment
+    policy: str
+    trained: StepPolicy | None
+    space: TaskSpace
+    domain: TaskSpace
+    threshold: float
+
+    @property
+    def frame_rate(self) -> Fraction:
+        """Steps of the environment in a second."""
+        return Fraction(self.environment.metadata.get("render_fps", FRAME_RATE))
+
+    def acting_policy(self, rng: np.random.Generator) -> StepPolicy:
+        """Returns the policy that acts; `rng` draws random actions."""
+        actions = self.environment.action_space
+        assert isinstance(actions, spaces.Box)
+        if self.trained is not None:
+            return self.trained
+        return zero_policy(actions) if self.policy == ZERO else random_policy(actions, rng)
+
+    def frame(self) -> Frame:
+        """Returns the current frame (height, width, 3)."""
+        return np.asarray(self.environment.render(), dtype=np.uint8)
+
+    def close(self) -> None:
+        """Closes the environment."""
+        self.environment.close()
+
+
+def open_rendered(settings: RenderSettings) -> RenderedEnvironment:
+    """Returns the environment that settings describe, all of which has been checked.
+
+    Raises:
+        ValueError: no such policy or one that does not fit, or an environment that cannot be drawn.
+    """
+    policy = settings.policy
+    saved = None if policy in (RANDOM, ZERO) else find_policy(policy, settings.results)
+    made = _make(settings.environment, settings.embodiment, saved)
+    try:
+        observations, actions = made.observation_space, made.action_space
+        if not (isinstance(observations, spaces.Box) and isinstance(actions, spaces.Box)):
+            raise ValueError(f"{made} has spaces {observations}, {actions}; expected boxes")
+        domain: TaskSpace = made.get_wrapper_attr("valid_domain")
+        space = made.get_wrapper_attr("task_space") if saved is None else saved.spec.task_space
+        if space.names != domain.names:  # the policy of one environment in another
+            space = made.get_wrapper_attr("task_space")
+        trained = None if saved is None else saved.load(observations, actions)
+        return RenderedEnvironment(
+            made, saved.spec.run_id if saved else policy, trained, space, domain, mastery_return(made)
+        )
+    except ValueError:
+        made.close()
+        raise
+
+
+def _make(name: str | None, embodiment: str | None, saved: SavedPolicy | None) -> Environment:
+    """Returns the environment, which draws frames."""
+    spec = saved.spec if saved else None
+    name = name or (spec.environment if spec else DEFAULT_ENVIRONMENT)
+    known = arguments(spec, "environment") if spec else {}
+    options = known if spec and spec.environment == name else {}
+    body = embodiment
+    if body is None and "embodiment" not in options:
+        body = known.get("embodiment", "") if spec else DEFAULT_EMBODIMENT
+    if body:
+        options["embodiment"] = body
+    elif body is not None:
+        options.pop("embodiment", None)
+    if "rgb_array" not in ENVIRONMENTS.get(name).metadata.get("render_modes", ()):
+        raise ValueError(f"environment {name!r} cannot be drawn: it has no render mode 'rgb_array'")
+    return make_environment(name, render_mode="rgb_array", **options)
 
 
 @dataclass(frozen=True)

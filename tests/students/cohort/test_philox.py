@@ -3,7 +3,7 @@
 import pytest
 import torch
 
-from tma_ray.students.cohort.philox import (
+from tma_ray.students.cohort.device import (
     Purpose,
     integers_below,
     philox,

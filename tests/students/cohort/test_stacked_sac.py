@@ -9,8 +9,8 @@ from stock_models import ACTION, OBSERVATION, sac
 
 from tma_ray.students.cohort.sac import SACNetworks, StackedSAC
 from tma_ray.students.hyperparameters import LogStd, SACHyperparameters
-from tma_ray.students.mlp.modules import FlatParameters, blocks_of
-from tma_ray.students.sac.losses import Transitions
+from tma_ray.students.mlp.network import FlatParameters, blocks_of
+from tma_ray.students.sac import Transitions
 
 pytestmark = pytest.mark.usefixtures("_both_ways")
 

@@ -26,8 +26,8 @@ from tma_ray.runs.inputs import arguments
 from tma_ray.runs.placement import is_available
 from tma_ray.runs.spec import RunSpec
 from tma_ray.students import check_hyperparameters
+from tma_ray.students.base import checked_spaces
 from tma_ray.students.players import CohortSettings, Membership, player_class
-from tma_ray.students.spaces import checked_spaces
 
 LEARNERS = {
     ("sac", "highest"): 41_500.0,
@@ -82,7 +82,7 @@ class _Recorder:
     """The link of a player whose weights stay as they are; keeps what it hands over, for the learner."""
 
     def __init__(self, settings: CohortSettings) -> None:
-        from tma_ray.students.cohort.stacks import Stacks
+        from tma_ray.students.cohort.seats import Stacks
 
         self._stacks = Stacks(settings)
         self._experience: tuple[Any, ...] = ()

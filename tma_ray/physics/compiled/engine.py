@@ -4,21 +4,35 @@ from __future__ import annotations
 
 import math
 import weakref
+from collections.abc import Sequence
+from functools import partial
+from threading import Thread
 from typing import Any, cast
 
 import numpy as np
+from llvmlite import ir  # type: ignore[import-untyped]
+from numba import carray, types  # type: ignore[attr-defined]
+from numba.extending import intrinsic
 from numpy.typing import ArrayLike, NDArray
 
+import tma_ray.physics.compiled.symbols as cp
 from tma_ray.embodiments import Embodiment
-from tma_ray.physics.chipmunk import hung, settled
-from tma_ray.physics.compiled.memory import BEFORE, new_memory, put_world, simulation_in
-from tma_ray.physics.compiled.step import step_at
+from tma_ray.jit import kernel
+from tma_ray.physics.base import GRAVITY, TIME_STEP, SolverSettings, first_steps, settings_for
+from tma_ray.physics.chipmunk import chains, hung, settled
+from tma_ray.physics.compiled.step import (
+    BEFORE,
+    Floats,
+    Integers,
+    new_memory,
+    put_world,
+    simulation_in,
+    step,
+    step_at,
+)
 from tma_ray.physics.compiled.world import build, count_contact, release
-from tma_ray.physics.creepers import chains
-from tma_ray.physics.engine import GRAVITY, TIME_STEP, SolverSettings, first_steps, settings_for
-from tma_ray.physics.grips import NOTHING
+from tma_ray.physics.kernels import NOTHING, world_of
 from tma_ray.physics.rules import Rules, observation_size, step_arrays
-from tma_ray.physics.world import world_of
 from tma_ray.terrain import Terrain
 
 COUNT_CONTACT = cast("int", count_contact.address)
@@ -107,3 +121,189 @@ class CompiledEngine:
 
     def __reduce__(self) -> tuple[type[CompiledEngine], tuple[Any, ...]]:
         return CompiledEngine, self._recipe
+
+
+LINE = 8
+"""Integers in a cache line."""
+
+DONE, FAILED, END, CALL, LEFT = 0, 8, 9, 16, 24
+"""Places on a board: steps done, steps that failed, 1 when threads shall end, sizes and addresses of a call;
+from LEFT on, a cache line apart, the tickets left of each thread's share."""
+
+PATIENCE = 200
+"""How often an idle thread looks for tickets, about 0.1 ms in all, before it sleeps: waking takes longer than
+many a step."""
+
+_lock_new: Any = types.ExternalFunction("PyThread_allocate_lock", types.intp())
+_lock_free: Any = types.ExternalFunction("PyThread_free_lock", types.void(types.intp))
+_lock_take: Any = types.ExternalFunction("PyThread_acquire_lock", types.intc(types.intp, types.intc))
+_lock_open: Any = types.ExternalFunction("PyThread_release_lock", types.void(types.intp))
+_give_way: Any = types.ExternalFunction("sched_yield", types.intc())
+
+
+def _atomic(operation: str) -> Any:
+    """Returns a function (address, number) that changes the integer there, and returns the old one."""
+
+    @intrinsic
+    def change(_context: Any, _address: Any, _number: Any) -> Any:
+        def generate(_context: Any, builder: Any, _signature: Any, arguments: Any) -> Any:
+            place = builder.inttoptr(arguments[0], ir.PointerType(ir.IntType(64)))
+            return builder.atomic_rmw(operation, place, arguments[1], "seq_cst")
+
+        return types.int64(types.intp, types.int64), generate
+
+    return change
+
+
+_add, _exchange = _atomic("add"), _atomic("xchg")
+
+
+@kernel
+def _work(board: Integers, thread: int) -> None:
+    """Steps worlds until no ticket is left; those of `thread` first, which its processor has in its cache."""
+    threads = (len(board) - LEFT) // LINE
+    for turn in range(threads):
+        owner = (thread + turn) % threads
+        ticket = _add(board[LEFT + LINE * owner :].ctypes.data, -1)
+        while ticket > 0:
+            worlds = board[CALL]
+            _step_row(board, (owner + 1) * worlds // threads - ticket)
+            _add(board[DONE:].ctypes.data, 1)
+            ticket = _add(board[LEFT + LINE * owner :].ctypes.data, -1)
+
+
+@kernel
+def _step_row(board: Integers, row: int) -> None:
+    """Steps the world at `row` of the call on the board."""
+    worlds, acting, seen = board[CALL : CALL + 3]
+    addresses_at, actions_at, observations_at, rewards_at, ended_at = board[CALL + 3 : CALL + 8]
+    addresses = carray(cp.as_pointer(addresses_at), (worlds, 4), np.int64)
+    actions = carray(cp.as_pointer(actions_at), (worlds, acting), np.float32)
+    observations = carray(cp.as_pointer(observations_at), (worlds, seen), np.float32)
+    rewards = carray(cp.as_pointer(rewards_at), worlds, np.float64)
+    ended = carray(cp.as_pointer(ended_at), worlds, np.bool_)
+    try:
+        floats_at, floats_size, integers_at, integers_size = addresses[row]
+        floats = carray(cp.as_pointer(floats_at), floats_size, np.float64)
+        integers = carray(cp.as_pointer(integers_at), integers_size, np.int64)
+        simulation_in(floats, integers).action[:] = actions[row]
+        rewards[row], ended[row] = step(floats, integers, observations[row])
+    except Exception:  # raised when nobody uses the arrays any more
+        _add(board[FAILED:].ctypes.data, 1)
+
+
+@partial(kernel, nogil=True)
+def _serve(board: Integers, lock: int, thread: int) -> None:
+    """Steps worlds of every call, woken by `lock`, until the board says that it is the end."""
+    while board[END] == 0:
+        _work(board, thread)
+        looks = 0
+        while board[LEFT + LINE * thread] <= 0 and looks < PATIENCE:
+            _give_way()
+            looks += 1
+        if looks == PATIENCE:
+            _lock_take(lock, 1)
+
+
+@kernel
+def _wake(locks: Integers) -> None:
+    """Opens every lock; one that is open may not be opened twice, and is taken first."""
+    for lock in locks:
+        _lock_take(lock, 0)
+        _lock_open(lock)
+
+
+@partial(kernel, nogil=True)
+def _step_worlds(
+    board: Integers,
+    locks: Integers,
+    addresses: Integers,
+    actions: NDArray[np.float32],
+    observations: NDArray[np.float32],
+    rewards: Floats,
+    ended: NDArray[np.bool_],
+) -> None:
+    """Runs a step of the worlds at `addresses`; see `WorldThreads.step`."""
+    worlds = len(addresses)
+    board[CALL : CALL + 3] = worlds, actions.shape[1], observations.shape[1]
+    board[CALL + 3], board[CALL + 4] = addresses.ctypes.data, actions.ctypes.data
+    board[CALL + 5], board[CALL + 6] = observations.ctypes.data, rewards.ctypes.data
+    board[CALL + 7] = ended.ctypes.data
+    _exchange(board[DONE:].ctypes.data, 0)
+    threads = len(locks) + 1
+    for owner in range(threads):
+        tickets = (owner + 1) * worlds // threads - owner * worlds // threads
+        _exchange(board[LEFT + LINE * owner :].ctypes.data, tickets)
+    _wake(locks[: worlds - 1])
+    _work(board, 0)
+    while _add(board[DONE:].ctypes.data, 0) < worlds:
+        _give_way()
+    if _exchange(board[FAILED:].ctypes.data, 0) > 0:
+        raise RuntimeError("the step of a world failed: its memory is damaged, or there is none left")
+
+
+@kernel
+def _new_locks(locks: Integers) -> None:
+    for index in range(len(locks)):
+        locks[index] = _lock_new()
+
+
+@kernel
+def _free_locks(locks: Integers) -> None:
+    for lock in locks:
+        _lock_free(lock)
+
+
+class WorldThreads:
+    """Threads that step worlds of one body together; they end with this object, or with the interpreter.
+
+    Args:
+        count: number of threads, the caller's included.
+    """
+
+    def __init__(self, count: int) -> None:
+        self._board, self._locks = np.zeros(LEFT + LINE * count, np.int64), np.zeros(count - 1, np.int64)
+        _new_locks(self._locks)
+        crew: list[Thread] = []
+        weakref.finalize(self, _end, self._board, self._locks, crew)
+        if count > 1:
+            self._board[END] = 1
+            _serve(self._board, 0, 0)  # compiled here, and once
+            self._board[END] = 0
+        for index, lock in enumerate(self._locks.tolist(), 1):
+            thread = Thread(
+                target=_serve, args=(self._board, lock, index), name="tma_ray worlds", daemon=True
+            )
+            thread.start()
+            crew.append(thread)
+
+    def step(
+        self,
+        addresses: Integers,
+        actions: NDArray[np.float32],
+        observations: NDArray[np.float32],
+        rewards: Floats,
+        ended: NDArray[np.bool_],
+    ) -> None:
+        """Runs a step of k worlds; from one thread at a time.
+
+        Args:
+            addresses: addresses of each memory's floats and integers, with their lengths (k, 4).
+            actions: (k, j + g).
+            observations: written (k, o).
+            rewards: written (k,); NaN as `compiled.step.step` has it.
+            ended: written (k,).
+
+        Raises:
+            RuntimeError: a step failed.
+        """
+        _step_worlds(self._board, self._locks, addresses, actions, observations, rewards, ended)
+
+
+def _end(board: Integers, locks: Integers, crew: Sequence[Thread]) -> None:
+    """Ends the threads of `crew`, then frees what they wait for."""
+    board[END] = 1
+    _wake(locks)
+    for thread in crew:
+        thread.join()
+    _free_locks(locks)

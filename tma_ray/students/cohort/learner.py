@@ -4,14 +4,14 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
-from typing import Any, NamedTuple, Self
+from copy import copy
+from typing import Any, NamedTuple, Self, TypeVar
 
 import numpy as np
 import torch
 from numpy.typing import NDArray
 
-from tma_ray.students.cohort.execution import Repeated
-from tma_ray.students.cohort.transfer import upload
+from tma_ray.students.cohort.device import Repeated, upload
 from tma_ray.students.hyperparameters import MatmulPrecision
 
 
@@ -153,3 +153,19 @@ class StackedLearner(ABC):
     @abstractmethod
     def _advance_once(self) -> None:
         """Makes one update; reads and writes nothing of the host."""
+
+
+T = TypeVar("T")
+
+
+def narrowed(owner: T, slot: int, *names: str) -> T:
+    """Returns a shallow copy of `owner` with views of one slot's row (1, ...) of the tensors `names`."""
+    own = copy(owner)
+    for name in names:
+        setattr(own, name, getattr(owner, name)[slot : slot + 1])
+    return own
+
+
+def leaf(parameters: torch.Tensor, slot: int) -> torch.Tensor:
+    """Returns the row of a slot as a leaf of autograd (1, ...), in the same memory."""
+    return parameters.detach()[slot : slot + 1].requires_grad_()

@@ -9,9 +9,9 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
-from tma_ray.students.cohort.rows import narrowed
-from tma_ray.students.cohort.transfer import empty, upload
-from tma_ray.students.sac.losses import Transitions
+from tma_ray.students.cohort.device import empty, upload
+from tma_ray.students.cohort.learner import narrowed
+from tma_ray.students.sac import Transitions
 
 
 class ReplayContents(NamedTuple):

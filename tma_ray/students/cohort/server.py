@@ -6,22 +6,118 @@ import threading
 import time
 import traceback
 from collections import deque
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from multiprocessing.connection import Connection, Listener, Pipe, wait
 from pathlib import Path
-from typing import Any
+from typing import Any, Generic, NamedTuple, TypeVar
 
 import torch
 
 from tma_ray.students.cohort.learner import StackedLearner
-from tma_ray.students.cohort.seats import Seat
-from tma_ray.students.cohort.serving.deliveries import Delivery, Pace
-from tma_ray.students.cohort.serving.files import Aside
-from tma_ray.students.cohort.stacks import Stacks
+from tma_ray.students.cohort.seats import Seat, Stacks
 from tma_ray.students.players import CohortFullError, Learner, Membership, PlayerState
-from tma_ray.students.players.mailbox import Mailbox
-from tma_ray.students.players.settings import CohortSettings
+from tma_ray.students.players.link import CohortSettings, Mailbox
+
+T = TypeVar("T")
+
+
+class Delivery(NamedTuple, Generic[T]):
+    """A copy to the host that may still be under way.
+
+    Attributes:
+        receivers: of the rows, in order.
+        rows: memory of the host (n, ...).
+        arrival: recorded after the copy on a GPU; None if it has arrived.
+    """
+
+    receivers: Sequence[T]
+    rows: torch.Tensor
+    arrival: torch.cuda.Event | None
+
+    @classmethod
+    def of(cls, receivers: Sequence[T], rows: torch.Tensor) -> Delivery[T]:
+        """Starts to copy `rows` (n, ...) from their device."""
+        if rows.device.type != "cuda":
+            return cls(receivers, rows.to("cpu"), None)
+        memory = torch.empty(rows.shape, dtype=rows.dtype, pin_memory=True)
+        memory.copy_(rows, non_blocking=True)
+        return cls(receivers, memory, recorded())
+
+    @property
+    def arrived(self) -> bool:
+        """True if the rows may be read."""
+        return self.arrival is None or bool(self.arrival.query())  # type: ignore[no-untyped-call]
+
+
+def recorded() -> torch.cuda.Event:
+    """Returns a mark in the work that the GPU was asked to do; who waits for it leaves the processor."""
+    event = torch.cuda.Event(blocking=True)  # type: ignore[no-untyped-call]
+    event.record()
+    return event
+
+
+class Pace:
+    """Holds the host back when it has asked a GPU for more than it has done.
+
+    Work that is asked for too early would keep what comes later waiting.
+
+    Args:
+        device: where the work is done.
+        most: pieces of work that may be under way.
+    """
+
+    def __init__(self, device: torch.device, most: int) -> None:
+        self._waits, self._most = device.type == "cuda", most
+        self._events: deque[torch.cuda.Event] = deque()
+
+    def keep(self) -> None:
+        """Marks the end of a piece of work, and waits while too many are under way."""
+        if not self._waits:
+            return
+        self._events.append(recorded())
+        if len(self._events) > self._most:
+            self._events.popleft().synchronize()
+
+
+AT_ONCE = 2
+"""Threads: checkpoints of so many runs are written or read at a time."""
+
+Conclusion = Callable[[Any], Any]
+"""Makes the reply of what was returned, in the learner's own thread."""
+
+
+class Aside:
+    """Executes work in threads, and keeps what it returns for the thread that asked.
+
+    Args:
+        wake: called in a thread whenever work is done.
+    """
+
+    def __init__(self, wake: Callable[[], None]) -> None:
+        self._wake = wake
+        self._threads = ThreadPoolExecutor(AT_ONCE, thread_name_prefix="files")
+        self._done: deque[tuple[Connection, Any, Conclusion]] = deque()
+
+    def start(self, connection: Connection, work: Callable[[], Any], then: Conclusion) -> None:
+        """Starts work for a connection; `done` has what it returns, or the error that it raises."""
+
+        def execute() -> None:
+            try:
+                result = work()
+            except Exception as error:
+                result = error
+            self._done.append((connection, result, then))
+            self._wake()
+
+        self._threads.submit(execute)
+
+    def done(self) -> Iterator[tuple[Connection, Any, Conclusion]]:
+        """Yields what is done since the last call."""
+        while self._done:
+            yield self._done.popleft()
+
 
 MOST_AT_ONCE = 8
 """Updates between two looks at what players ask."""

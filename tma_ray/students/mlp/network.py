@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from typing import Any, TypeAlias
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any, TypeAlias, cast
 
 import numpy as np
 import torch
 from numpy.typing import NDArray
+from torch import nn
 
-from tma_ray.students.mlp.layout import Activation, Layout
+from tma_ray.optimisers import take_step
+from tma_ray.students.mlp.acting import Activation, Layout
 
 Layers: TypeAlias = Sequence[tuple[torch.Tensor, torch.Tensor]]
 """Weight (outputs, inputs) and bias (outputs,) of every layer in order; of k stacked networks (k, ...)."""
@@ -200,3 +202,173 @@ def as_batch(observations: NDArray[np.float32], device: torch.device) -> torch.T
     """Returns `observations` (o,) or (n, o) as a tensor (1, o) or (n, o) on `device`."""
     rows = torch.from_numpy(np.asarray(observations, dtype=np.float32))
     return (rows if rows.ndim == 2 else rows[None]).to(device)
+
+
+Blocks: TypeAlias = Sequence[Sequence[nn.Linear]]
+"""Layers in order. Those of one block share their inputs; their outputs follow one another."""
+
+
+def blocks_of(module: nn.Module, *heads: nn.Module) -> Blocks:
+    """Returns the linear layers of `module` in a row, and `heads` after them, which share their inputs."""
+    rows: list[Sequence[nn.Linear]] = [[part] for part in module.modules() if isinstance(part, nn.Linear)]
+    if heads:
+        rows.append([head for head in heads if isinstance(head, nn.Linear)])
+        assert len(rows[-1]) == len(heads)
+    return rows
+
+
+MODULES: Mapping[Activation, type[nn.Module]] = {Activation.RELU: nn.ReLU, Activation.TANH: nn.Tanh}
+"""Activations as modules."""
+
+
+class FlatParameters:
+    """Parameters of modules moved into one vector, of which they become views: the modules go on as before.
+
+    Args:
+        networks: the layers of each network.
+        others: parameters that belong to no layer; they come last.
+        activation: function after each layer of a network but the last.
+
+    Attributes:
+        parameters: the modules' parameters, in the vector's order.
+        values: the vector (p,).
+        gradient: the values' gradient (p,), which `differentiate` writes.
+        networks: the networks over parts of this vector.
+        others: the values of `others`, as leaves of autograd.
+    """
+
+    def __init__(
+        self,
+        networks: Sequence[Blocks],
+        others: Sequence[nn.Parameter] = (),
+        activation: Activation = Activation.RELU,
+    ) -> None:
+        self.parameters: list[nn.Parameter] = []
+        for block in (block for blocks in networks for block in blocks):
+            self.parameters += [cast("nn.Parameter", layer.weight) for layer in block]
+            self.parameters += [layer.bias for layer in block]
+        self.parameters.extend(others)
+        self.values = torch.cat([parameter.detach().reshape(-1) for parameter in self.parameters])
+        self.gradient = torch.zeros_like(self.values)
+        for parameter, view in zip(self.parameters, self.views(self.values), strict=True):
+            parameter.data = view
+        self.networks, start = [], 0
+        for layout in (_layout(blocks, activation) for blocks in networks):
+            part = slice(start, start + layout.parameters)
+            self.networks.append(Network(self.values[part], layout, self.gradient[part]))
+            start = part.stop
+        self.others = [parameter.detach().requires_grad_() for parameter in others]
+        self._others_gradient = self.views(self.gradient)[len(self.parameters) - len(others) :]
+
+    def views(self, buffer: torch.Tensor) -> list[torch.Tensor]:
+        """Returns the parts of `buffer` (p,) that belong to the parameters, in their shapes."""
+        parts = torch.split(buffer, [parameter.numel() for parameter in self.parameters])
+        return [part.view_as(own) for part, own in zip(parts, self.parameters, strict=True)]
+
+    def differentiate(self, loss: torch.Tensor) -> None:
+        """Writes the gradient of `loss`, which was computed with `networks` and `others`."""
+        leaves = [network.parameters for network in self.networks]
+        others = torch.autograd.grad(loss, [*leaves, *self.others])[len(leaves) :]
+        self._keep(others)
+
+    def backpropagate(
+        self, kept: Sequence[torch.Tensor], gradient: torch.Tensor, others: Sequence[torch.Tensor] = ()
+    ) -> None:
+        """Writes the gradient of a loss of one network that was differentiated by hand.
+
+        Args:
+            kept: activations of the network in the forward pass.
+            gradient: of the loss by the outputs (n, h).
+            others: of the loss by each of `others`.
+        """
+        (network,) = self.networks
+        network.backpropagate(kept, gradient)
+        self._keep(others)
+
+    def _keep(self, others: Sequence[torch.Tensor]) -> None:
+        for memory, own in zip(self._others_gradient, others, strict=True):
+            memory.copy_(own)
+
+
+def as_modules(parameters: torch.Tensor, layout: Layout) -> list[nn.Module]:
+    """Returns linear layers over `parameters` (p,), and the activation after each but the last."""
+    modules: list[nn.Module] = []
+    for weight, bias in split(parameters, layout):
+        layer = nn.Linear(weight.shape[1], weight.shape[0], device="meta")  # neither filled nor initialised
+        layer.weight, layer.bias = (nn.Parameter(part, requires_grad=False) for part in (weight, bias))
+        modules += [layer, MODULES[layout.activation]()]
+    return modules[:-1]
+
+
+def _layout(blocks: Blocks, activation: Activation) -> Layout:
+    outputs = [sum(layer.out_features for layer in block) for block in blocks]
+    return Layout((blocks[0][0].in_features, *outputs), activation)
+
+
+class FlatAdam:
+    """Steps `flat` as `optimiser` would, and keeps the optimiser's state: it is saved and loaded as ever.
+
+    Args:
+        optimiser: Adam over the same parameters, in any order.
+        flat: the parameters.
+    """
+
+    def __init__(self, optimiser: torch.optim.Optimizer, flat: FlatParameters) -> None:
+        (group,) = optimiser.param_groups
+        assert isinstance(optimiser, torch.optim.Adam)
+        assert {id(own) for own in group["params"]} == {id(own) for own in flat.parameters}
+        self._optimiser, self._flat = optimiser, flat
+        flat.values.grad = flat.gradient
+        settings = {key: group[key] for key in ("lr", "betas", "eps", "weight_decay")}
+        self._adam = torch.optim.Adam([flat.values], fused=True, **settings)
+        self.restore()
+
+    def step(self) -> None:
+        """Moves the parameters against `flat.gradient`."""
+        if not self._optimiser.state:
+            self._share(0.0)
+        take_step(self._adam)
+        self._steps += 1
+
+    @property
+    def moments(self) -> tuple[torch.Tensor, torch.Tensor]:
+        """Running means of the gradient and of its square (p,); zeros before the first step."""
+        return self._mean, self._square
+
+    @property
+    def steps(self) -> int:
+        """Number of steps taken."""
+        return int(self._steps[0])
+
+    def put(self, mean: torch.Tensor, square: torch.Tensor, steps: int) -> None:
+        """Takes over moments (p,) and a number of steps, of an optimiser elsewhere."""
+        self._mean.copy_(mean)
+        self._square.copy_(square)
+        if steps:
+            self._share(float(steps))
+        else:
+            self._optimiser.state.clear()
+
+    def restore(self) -> None:
+        """Takes over the optimiser's state after it was loaded."""
+        self._mean, self._square = (torch.zeros_like(self._flat.values) for _ in range(2))
+        # one step count per parameter, as Adam has it, each with its own place in memory
+        self._steps = torch.zeros(len(self._flat.parameters), dtype=torch.float32)
+        loaded = self._optimiser.state
+        if loaded:
+            for name, buffer in (("exp_avg", self._mean), ("exp_avg_sq", self._square)):
+                parts = [loaded[own][name].reshape(-1) for own in self._flat.parameters]
+                torch.cat(parts, out=buffer)
+            self._share(float(loaded[self._flat.parameters[0]]["step"]))
+
+    def _share(self, steps: float) -> None:
+        """Makes the optimiser's state views of the buffers that `step` writes."""
+        self._steps.fill_(steps)
+        views = self._flat.views(self._mean), self._flat.views(self._square)
+        for own, step, mean, square in zip(self._flat.parameters, self._steps, *views, strict=True):
+            self._optimiser.state[own] = {"step": step, "exp_avg": mean, "exp_avg_sq": square}
+        self._adam.state[self._flat.values] = {
+            "step": torch.tensor(steps, dtype=torch.float32, device=self._flat.values.device),
+            "exp_avg": self._mean,
+            "exp_avg_sq": self._square,
+        }

@@ -5,6 +5,7 @@ from __future__ import annotations
 from tma_ray.students.players.catalogue import COHORT_STUDENTS, make_player, player_class
 from tma_ray.students.players.link import (
     CohortFullError,
+    CohortSettings,
     Learner,
     LearnerError,
     LearnerLink,
@@ -13,7 +14,6 @@ from tma_ray.students.players.link import (
     PlayerState,
     hardware,
 )
-from tma_ray.students.players.settings import CohortSettings
 
 __all__ = [
     "COHORT_STUDENTS",

@@ -9,11 +9,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from tma_ray.students.base import Policy, Student
-from tma_ray.students.mlp.arrays import ArrayNetwork
-from tma_ray.students.mlp.layout import Layout
+from tma_ray.students.base import Policy, Student, StudentStreams
+from tma_ray.students.mlp.acting import ArrayNetwork, Layout
 from tma_ray.students.players.link import LearnerLink, Membership, PlayerState, Weights
-from tma_ray.students.streams import StudentStreams
 
 
 class Player(Student):

@@ -9,9 +9,9 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 from gymnasium import Space
 
+from tma_ray.students.base import checked_spaces
 from tma_ray.students.catalogue import check_hyperparameters
 from tma_ray.students.players.link import Learner, Membership, SocketLink
-from tma_ray.students.spaces import checked_spaces
 
 if TYPE_CHECKING:
     from tma_ray.students.players.base import Player

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import mmap
+import os
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
-from multiprocessing.connection import Client
+from multiprocessing.connection import Client, Connection
+from multiprocessing.reduction import recv_handle, send_handle
 from pathlib import Path
 from typing import Any, NamedTuple, Protocol
 
@@ -12,8 +15,94 @@ import numpy as np
 from gymnasium import spaces
 from numpy.typing import NDArray
 
+from tma_ray.commands.arguments import check_fields, check_whole
 from tma_ray.students.base import Observations
-from tma_ray.students.players.mailbox import Mailbox, can_share, room_for
+
+ALIGNMENT = 64
+"""Of arrays in the memory, bytes."""
+
+
+class Posted(NamedTuple):
+    """An array in a mailbox, as a message names it.
+
+    Attributes:
+        offset: of its first byte.
+        dtype: its type, as numpy writes it.
+        shape: its shape.
+    """
+
+    offset: int
+    dtype: str
+    shape: tuple[int, ...]
+
+
+class Mailbox:
+    """Anonymous memory for the arrays of one message at a time, in either direction.
+
+    It belongs to no folder and ends with the processes that have it.
+
+    Args:
+        descriptor: of the memory; closed with the mailbox.
+        size: bytes.
+    """
+
+    def __init__(self, descriptor: int, size: int) -> None:
+        self._descriptor, self.size = descriptor, size
+        self._memory = np.frombuffer(mmap.mmap(descriptor, size), dtype=np.uint8)
+
+    @classmethod
+    def create(cls, size: int) -> Mailbox:
+        """Returns a new mailbox with room for `size` bytes."""
+        descriptor = os.memfd_create("mailbox")
+        os.ftruncate(descriptor, size)
+        return cls(descriptor, size)
+
+    @classmethod
+    def receive(cls, connection: Connection, size: int) -> Mailbox:
+        """Returns the mailbox that the other side of a connection offers."""
+        return cls(recv_handle(connection), size)
+
+    def offer(self, connection: Connection) -> None:
+        """Gives the other side of a connection this mailbox."""
+        send_handle(connection, self._descriptor, None)
+
+    def post(self, parts: Iterable[Any]) -> tuple[Any, ...]:
+        """Returns `parts` as a message has them: arrays are in the memory, all else as it is."""
+        posted, offset = [], 0
+        for part in parts:
+            if isinstance(part, np.ndarray):
+                place = Posted(offset, part.dtype.str, part.shape)
+                self._view(place)[...] = part
+                offset += room_for([part])
+                posted.append(place)
+            else:
+                posted.append(part)
+        return tuple(posted)
+
+    def collect(self, posted: Iterable[Any]) -> tuple[Any, ...]:
+        """Returns copies of what the other side has posted."""
+        return tuple(self._view(part).copy() if isinstance(part, Posted) else part for part in posted)
+
+    def close(self) -> None:
+        """Gives the descriptor back; the memory goes with its last view."""
+        os.close(self._descriptor)
+
+    def _view(self, place: Posted) -> NDArray[Any]:
+        dtype = np.dtype(place.dtype)
+        size = dtype.itemsize * int(np.prod(place.shape, dtype=np.int64))
+        return self._memory[place.offset : place.offset + size].view(dtype).reshape(place.shape)
+
+
+def room_for(parts: Iterable[Any]) -> int:
+    """Returns the bytes that a mailbox needs for the arrays of a message."""
+    sizes = (part.nbytes for part in parts if isinstance(part, np.ndarray))
+    return sum(-(-size // ALIGNMENT) * ALIGNMENT for size in sizes)
+
+
+def can_share() -> bool:
+    """Tells whether this system has memory without a name, as Linux does."""
+    return hasattr(os, "memfd_create")
+
 
 Weights = NDArray[np.float32]
 """Parameters that a player acts with (p,), in the layout of its network."""
@@ -229,3 +318,27 @@ class SocketLink:
         if not succeeded:
             raise LearnerError(f"the learner of the cohort failed:\n{result}")
         return result
+
+
+@dataclass(frozen=True)
+class CohortSettings:
+    """Settings of the learner of a cohort.
+
+    Attributes:
+        device: torch's name of where it learns.
+        width: slots of each stack of equal students, which are updated together; part of what a result
+            depends on, to rounding.
+        compiled: updates are compiled, which takes half a minute and pays on a GPU; a text is the mode of
+            the compiler.
+        threads: torch's threads on a CPU.
+    """
+
+    device: str = "cpu"
+    width: int = 48
+    compiled: bool | str = False
+    threads: int = 1
+
+    def __post_init__(self) -> None:
+        check_fields(self)
+        check_whole("width", self.width, 1)
+        check_whole("threads", self.threads, 1)

@@ -6,30 +6,205 @@ Nothing is normalised, as in the algorithm's own `learn`.
 
 from __future__ import annotations
 
+import copy
+import dataclasses
 import importlib
+import inspect
+from collections.abc import Iterator
+from contextlib import contextmanager
 from functools import cache
 from pathlib import Path
 from typing import Any, ClassVar
 
+import gymnasium
 import numpy as np
 import torch
+from gymnasium import spaces
 from numpy.typing import NDArray
+from stable_baselines3 import TD3
 from stable_baselines3.common.base_class import BaseAlgorithm
+from stable_baselines3.common.off_policy_algorithm import OffPolicyAlgorithm
 from stable_baselines3.common.on_policy_algorithm import OnPolicyAlgorithm
 from torch import nn
+from torch.nn.modules.module import register_module_parameter_registration_hook
 
 from tma_ray.hyperparameters import identifying
 from tma_ray.registry import UnknownNameError
 from tma_ray.students.base import Actions, Observations, Policy, Student, Transition
+from tma_ray.students.hyperparameters import ALGORITHMS, PACKAGES, MatmulPrecision, parse_hyperparameters
 from tma_ray.students.layers import acting_layers
 from tma_ray.students.mlp.network import as_batch
-from tma_ray.students.policy_files import read_policy
+from tma_ray.students.players.ppo import Rollout
+from tma_ray.students.policy_files import StoredPolicy, read_policy
 from tma_ray.students.replay import ReplayBuffer
-from tma_ray.students.rollout import Rollout
-from tma_ray.students.sb3.algorithm_hyperparameters import hyperparameters_of
-from tma_ray.students.sb3.algorithm_models import acting_tensors, make_model, stored_model
-from tma_ray.students.sb3.algorithm_names import ALGORITHMS, PACKAGES
-from tma_ray.students.sb3.stable_baselines import Experience, StableBaselinesStudent
+from tma_ray.students.sb3.base import Experience, StableBaselinesStudent
+
+NOT_OURS = frozenset(
+    {
+        *("self", "policy", "env", "seed", "device", "verbose", "tensorboard_log", "stats_window_size"),
+        *("_init_setup_model", "monitor_wrapper", "support_multi_env", "supported_action_spaces"),
+        *("replay_buffer_class", "replay_buffer_kwargs", "rollout_buffer_class", "rollout_buffer_kwargs"),
+        *("optimize_memory_usage", "action_noise", "n_steps_return"),
+        *("use_sde", "sde_sample_freq", "use_sde_at_warmup"),
+    }
+)
+"""Arguments that the student gives itself, or that concern the loop and the buffers, which are its own."""
+
+_POSITIVE = ("learning_rate", "buffer_size", "batch_size", "train_freq", "n_steps")
+
+
+def hyperparameters_of(algorithm: type[BaseAlgorithm], off_policy: bool) -> type:
+    """Returns a frozen dataclass with the arguments of `algorithm` at their defaults.
+
+    Args:
+        algorithm: of stable-baselines3, or one that follows its conventions.
+        off_policy: it learns from a replay buffer. Then the dataclass also has `exploration_deviation`,
+            of normal noise on actions scaled to [-1, 1]: 0.1 where the policy is deterministic (TD3's
+            paper, arXiv:1802.09477), else 0.
+    """
+    left_out = NOT_OURS | ({"n_steps"} if off_policy else frozenset())
+    fields: list[tuple[str, Any, Any]] = []
+    for name, parameter in _parameters(algorithm).items():
+        if name not in left_out:
+            default = parameter.default
+            kind = type(default) if type(default) in (bool, int, float) else Any
+            fields.append((name, kind, dataclasses.field(default=default)))
+    if off_policy:
+        deviation = 0.1 if issubclass(algorithm, TD3) else 0.0
+        fields.append(("exploration_deviation", float, dataclasses.field(default=deviation)))
+        fields.append(("value_samples", int, dataclasses.field(default=16)))
+    precision = dataclasses.field(default=MatmulPrecision.HIGHEST)
+    fields.append(("matmul_precision", MatmulPrecision, precision))
+    name = f"{algorithm.__name__}Hyperparameters"
+    return dataclasses.make_dataclass(name, fields, frozen=True, namespace={"__post_init__": _check})
+
+
+def _parameters(algorithm: type[BaseAlgorithm]) -> dict[str, inspect.Parameter]:
+    """Returns the named arguments of the constructor, and of the next one while that takes any keyword."""
+    found: dict[str, inspect.Parameter] = {}
+    constructors = (vars(kind).get("__init__") for kind in algorithm.__mro__)
+    for constructor in filter(None, constructors):
+        parameters = inspect.signature(constructor).parameters
+        named = {
+            name: parameter
+            for name, parameter in parameters.items()
+            if parameter.kind not in (parameter.VAR_POSITIONAL, parameter.VAR_KEYWORD)
+        }
+        found = {**named, **found}
+        if not any(parameter.kind is parameter.VAR_KEYWORD for parameter in parameters.values()):
+            break
+    return found
+
+
+def constructor_arguments(hyperparameters: Any) -> dict[str, Any]:
+    """Returns what the algorithm's constructor takes of its student's `hyperparameters`, as copies."""
+    own = {"exploration_deviation", "value_samples", "matmul_precision"}
+    names = [field.name for field in dataclasses.fields(hyperparameters)]
+    return {name: copy.deepcopy(getattr(hyperparameters, name)) for name in names if name not in own}
+
+
+def _check(hyperparameters: Any) -> None:
+    for name in _POSITIVE:
+        value = getattr(hyperparameters, name, 1)
+        if isinstance(value, (int, float)) and value <= 0:
+            raise ValueError(f"hyper-parameter {name} = {value!r}: expected more than 0")
+    deviation = getattr(hyperparameters, "exploration_deviation", 0)
+    if deviation < 0:
+        raise ValueError(f"hyper-parameter exploration_deviation = {deviation}: expected 0 or more")
+
+
+MOST_PARAMETERS = 100_000_000
+"""Of all networks of a model together that a saved policy may ask for: 400 MB."""
+
+
+class SpacesOnly(gymnasium.Env[Any, Any]):
+    """Tells a model its spaces; the run has the environment."""
+
+    def __init__(self, observation_space: spaces.Box, action_space: spaces.Box) -> None:
+        self.observation_space = observation_space
+        self.action_space = action_space
+
+
+def make_model(
+    algorithm: type[BaseAlgorithm],
+    observation_space: spaces.Box,
+    action_space: spaces.Box,
+    hyperparameters: Any,
+    device: torch.device,
+) -> BaseAlgorithm:
+    """Returns a model of `algorithm` whose networks are not yet built."""
+    constructor: Any = algorithm
+    model: BaseAlgorithm = constructor(
+        "MlpPolicy",
+        SpacesOnly(observation_space, action_space),
+        device=device,
+        _init_setup_model=False,
+        **constructor_arguments(hyperparameters),
+    )
+    return model
+
+
+def acting_tensors(model: BaseAlgorithm) -> dict[str, torch.Tensor]:
+    """Returns what the greedy policy of `model` computes with, by the names in the policy's state.
+
+    Off-policy algorithms of the libraries act by their actor alone. What others need cannot be known, so
+    that is everything.
+    """
+    state: dict[str, torch.Tensor] = model.policy.state_dict()
+    known = {type(model).__module__.split(".")[0], type(model.policy).__module__.split(".")[0]} <= {*PACKAGES}
+    if known and isinstance(model, OffPolicyAlgorithm):
+        return {name: tensor for name, tensor in state.items() if name.startswith("actor.")}
+    return state
+
+
+def stored_model(
+    algorithm: type[BaseAlgorithm], hyperparameters_type: type, stored: StoredPolicy, device: str
+) -> BaseAlgorithm:
+    """Returns a model of `algorithm` that acts greedily as the one whose policy was saved.
+
+    Raises:
+        PolicyFileError: hyper-parameters of which no model can be made, or tensors that it has not.
+    """
+    boxes = stored.observation_space, stored.action_space
+    try:
+        hyperparameters: Any = parse_hyperparameters(hyperparameters_type, stored.hyperparameters)
+        model: Any = make_model(algorithm, *boxes, hyperparameters, torch.device("cpu"))
+        if isinstance(model, OffPolicyAlgorithm):
+            model.replay_buffer = _NoExperience()  # type: ignore[assignment]
+        with torch.random.fork_rng(), _bounded():  # networks are initialised before they are filled
+            model._setup_model()
+    except Exception as error:  # whatever a constructor makes of values that nobody checked
+        stored.refuse(f"no {algorithm.__name__} can be made of its hyper-parameters: {error!r:.200}")
+    acting = acting_tensors(model)
+    stored.check({name: (tuple(each.shape), str(each.dtype)[6:]) for name, each in acting.items()})
+    with torch.no_grad():
+        for name, tensor in acting.items():
+            tensor.copy_(torch.from_numpy(stored.tensors[name]))
+    model.device = torch.device(device)
+    model.policy.to(model.device)
+    return model  # type: ignore[no-any-return]
+
+
+class _NoExperience:
+    """Stands where a replay buffer would be made, in a model that only acts."""
+
+
+@contextmanager
+def _bounded() -> Iterator[None]:
+    """Refuses to build networks of more than `MOST_PARAMETERS` inside the block."""
+    count = 0
+
+    def weigh(_module: nn.Module, _name: str, parameter: nn.Parameter | None) -> None:
+        nonlocal count
+        count += 0 if parameter is None else parameter.numel()
+        if count > MOST_PARAMETERS:
+            raise ValueError(f"its networks would have more than {MOST_PARAMETERS:,} parameters")
+
+    hook = register_module_parameter_registration_hook(weigh)
+    try:
+        yield
+    finally:
+        hook.remove()
 
 
 @cache

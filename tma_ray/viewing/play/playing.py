@@ -15,11 +15,17 @@ import pygame
 
 from tma_ray.commands.arguments import check_names, check_pair
 from tma_ray.tasks import Task
-from tma_ray.viewing.pictures import Frame, check_picture, write_frames
 from tma_ray.viewing.play.session import Session
 from tma_ray.viewing.play.view import SessionView
-from tma_ray.viewing.rendered_environment import RenderedEnvironment, RenderSettings, open_rendered
-from tma_ray.viewing.rendering import parse_task
+from tma_ray.viewing.rendering import (
+    Frame,
+    RenderedEnvironment,
+    RenderSettings,
+    check_picture,
+    open_rendered,
+    parse_task,
+    write_frames,
+)
 
 FRAMES_PER_SECOND: Final = 60
 """At most."""

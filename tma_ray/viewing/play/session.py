@@ -9,7 +9,7 @@ from typing import Final
 import numpy as np
 
 from tma_ray.tasks import Task, check_task
-from tma_ray.viewing.rendered_environment import RenderedEnvironment
+from tma_ray.viewing.rendering import RenderedEnvironment
 
 SPEEDS: Final = (0.125, 0.25, 0.5, 1.0, 2.0, 4.0, 8.0)
 """How many times as fast as the world's own time a session can go."""

@@ -9,12 +9,11 @@ from typing import Final
 import pygame
 
 from tma_ray.envs import Look
-from tma_ray.envs.drawing.canvas import pixels_of
-from tma_ray.envs.drawing.palette import GRIP_HOLDING, Colour
-from tma_ray.viewing.pictures import Frame
+from tma_ray.envs.drawing import GRIP_HOLDING, Colour, pixels_of
 from tma_ray.viewing.play.layout import LINE, Layout, compute_layout, panel_height
 from tma_ray.viewing.play.session import Session
 from tma_ray.viewing.play.widgets import FAINT, INK, TEXT_SIZE, Slider, draw_text, font, signed, wrapped
+from tma_ray.viewing.rendering import Frame
 
 PAPER: Final[Colour] = (247, 248, 250)
 DARK: Final[Colour] = (226, 230, 236)

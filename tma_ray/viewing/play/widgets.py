@@ -9,7 +9,7 @@ from typing import Final
 import pygame
 from matplotlib import get_data_path
 
-from tma_ray.envs.drawing.palette import HEAD, LIMB, Colour
+from tma_ray.envs.drawing import HEAD, LIMB, Colour
 from tma_ray.tasks import Dimension
 
 TEXT_SIZE, SMALL_SIZE = 13, 11

@@ -1,0 +1,415 @@
+"""Draws a body in its world with pygame, as frames or in a window."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+import pygame
+from numpy.typing import NDArray
+
+from tma_ray.embodiments import Embodiment, Part
+from tma_ray.envs.scene import Look, Scene
+from tma_ray.terrain import GROUND_HEIGHT, Terrain
+
+Colour = tuple[int, int, int]
+
+SKY_TOP, SKY_BOTTOM = (150, 190, 225), (236, 243, 247)
+SOIL, SOIL_EDGE, MARK = (104, 122, 92), (66, 84, 60), (142, 158, 130)
+ROCK, ROCK_EDGE = (124, 118, 110), (78, 74, 70)
+CREEPER, CREEPER_EDGE = (96, 158, 84), (52, 100, 50)
+WATER, WATER_EDGE = (70, 150, 205), (44, 112, 172)
+
+HEAD, LIMB, FAR_LIMB, OUTLINE = (86, 98, 178), (126, 138, 212), (104, 110, 150), (42, 48, 96)
+DEAD_HEAD, DEAD_LIMB, DEAD_FAR_LIMB, DEAD_OUTLINE = (128,) * 3, (166,) * 3, (142,) * 3, (70,) * 3
+GRIP_FREE, GRIP_TOUCHING, GRIP_HOLDING = (246, 208, 52), (242, 138, 40), (210, 40, 36)
+
+LIDAR, LIDAR_WATER, LIDAR_CREEPER = (214, 74, 62), (28, 92, 190), (34, 120, 44)
+GOAL, TRACK = (216, 66, 50), (120, 140, 158)
+
+
+WIDTH, HEIGHT = 600, 400
+"""Size of a frame, in pixels."""
+
+PIXELS_PER_METRE = 48
+"""Of the nearest view, and of every view under an open sky."""
+
+HEAD_SHARE = 0.3
+"""Where the camera keeps the head, as a share of the width: the lidars look ahead."""
+
+GROUND_SHARE = 0.22
+"""Height of the ground in the frame, as a share of the frame's, while the head is low enough."""
+
+HIGHEST_VIEW = 12.0
+"""How much of a high passage is shown, in m."""
+
+PASSAGE_SHARE = 0.8
+"""Share of the frame's height that a lower passage takes."""
+
+SOLID_SHARE = 0.12
+"""Share of the frame's height that is ground in the lowest view, and ceiling in the highest."""
+
+HEAD_MARGIN = 0.15
+"""How near to the upper and lower edge the head may come, as a share of the frame's height."""
+
+REACH = 5.0
+"""Ground and ceiling are averaged so far behind and ahead of the head, in m: else the camera would shake."""
+
+
+class View(NamedTuple):
+    """The part of the world that a frame shows.
+
+    Attributes:
+        left: x of the left edge, in m.
+        bottom: y of the lower edge, in m.
+        scale: pixels of a frame per m.
+    """
+
+    left: float
+    bottom: float
+    scale: float
+
+    @property
+    def right(self) -> float:
+        """The right edge (x), in m."""
+        return self.left + WIDTH / self.scale
+
+    @property
+    def top(self) -> float:
+        """The upper edge (y), in m."""
+        return self.bottom + HEIGHT / self.scale
+
+
+def view_of(head: NDArray[np.float64], terrain: Terrain) -> View:
+    """Returns what to show when the head is at `head` (2,).
+
+    Under an open sky the scale is fixed, and the camera rises only with a head that would leave the frame.
+    Under a ceiling it follows the head, and shows the whole passage where that is low.
+    """
+    x, y = float(head[0]), float(head[1])
+    if not len(terrain.ceiling):
+        height = HEIGHT / PIXELS_PER_METRE
+        left = x - HEAD_SHARE * WIDTH / PIXELS_PER_METRE
+        return View(left, max(GROUND_HEIGHT - GROUND_SHARE * height, y - 0.8 * height), PIXELS_PER_METRE)
+    floor, roof = _around(terrain.surface, x), _around(terrain.ceiling, x)
+    height = float(np.clip((roof - floor) / PASSAGE_SHARE, HEIGHT / PIXELS_PER_METRE, HIGHEST_VIEW))
+    lowest, highest = floor + (0.5 - SOLID_SHARE) * height, roof - (0.5 - SOLID_SHARE) * height
+    middle = (floor + roof) / 2 if lowest > highest else float(np.clip(y, lowest, highest))
+    off = (0.5 - HEAD_MARGIN) * height
+    middle = float(np.clip(middle, y - off, y + off))
+    scale = HEIGHT / height
+    return View(x - HEAD_SHARE * WIDTH / scale, middle - height / 2, scale)
+
+
+def height_at(segments: NDArray[np.float64], x: NDArray[np.float64] | float) -> NDArray[np.float64]:
+    """Returns the height of ground or ceiling, `segments` as in Terrain (m, 4), at each of `x`, in m."""
+    ends = np.append(segments[:, 0], segments[-1, 2]), np.append(segments[:, 1], segments[-1, 3])
+    return np.asarray(np.interp(x, *ends))
+
+
+def _around(segments: NDArray[np.float64], x: float) -> float:
+    """Returns the mean height around `x`, what is near counting most."""
+    offsets = np.linspace(-1, 1, 41)
+    weights = 1 + np.cos(np.pi * offsets)
+    return float(np.average(height_at(segments, x + REACH * offsets), weights=weights))
+
+
+SUPERSAMPLING = 2
+CROP = 10.0
+"""Shapes are cut off this far outside the frame, in m: pygame's coordinates are small."""
+
+Floats = NDArray[np.float64]
+
+
+class Canvas:
+    """Draws lines, outlines and text in world coordinates; widths are in pixels of a frame.
+
+    Attributes:
+        view: what the frame shows.
+    """
+
+    def __init__(self) -> None:
+        self.surface = pygame.Surface((WIDTH * SUPERSAMPLING, HEIGHT * SUPERSAMPLING))
+        self._glass = pygame.Surface(self.surface.get_size())
+        self._sky = _gradient(self.surface.get_size(), SKY_TOP, SKY_BOTTOM)
+        pygame.font.init()
+        self._font = pygame.font.Font(None, 18 * SUPERSAMPLING)
+
+    def start(self, view: View) -> None:
+        """Begins a frame with an empty sky."""
+        self.view = view
+        self.surface.blit(self._sky, (0, 0))
+
+    def frame(self) -> pygame.Surface:
+        """Returns the frame, smoothed."""
+        return pygame.transform.smoothscale(self.surface, (WIDTH, HEIGHT))
+
+    def pixels(self, smooth: bool = True) -> NDArray[np.uint8]:
+        """Returns the frame (height, width, 3), or larger and rough, as it was drawn."""
+        frame = self.frame() if smooth else self.surface
+        return pixels_of(frame)
+
+    def line(self, ends: Floats, colour: Colour, width: int) -> None:
+        """Draws a line between two points (2, 2)."""
+        start, end = self._pixels(self._cropped(ends)).tolist()
+        pygame.draw.line(self.surface, colour, start, end, width * SUPERSAMPLING)
+
+    def fill(self, points: Floats, colour: Colour, outline: Colour | None = None) -> None:
+        """Draws an area with the corners `points` (n, 2), and its outline."""
+        corners = self._pixels(self._cropped(points)).tolist()
+        pygame.draw.polygon(self.surface, colour, corners)
+        if outline is not None:
+            pygame.draw.polygon(self.surface, outline, corners, 2 * SUPERSAMPLING)
+
+    def dot(self, point: Floats, colour: Colour, radius: float) -> None:
+        """Draws a circle with a radius in pixels."""
+        centre = self._pixels(self._cropped(point)).tolist()
+        pygame.draw.circle(self.surface, colour, centre, radius * SUPERSAMPLING)
+
+    def tint(self, top: float, colour: Colour, opacity: int) -> None:
+        """Lays a pane of `colour` over everything under the height `top` in m; 255 would hide it."""
+        height = HEIGHT * SUPERSAMPLING
+        row = int(np.clip((self.view.top - top) * self.view.scale * SUPERSAMPLING, 0, height))
+        self._glass.fill(colour)
+        self._glass.set_alpha(opacity)
+        self.surface.blit(self._glass, (0, row), (0, 0, WIDTH * SUPERSAMPLING, height - row))
+
+    def text(self, point: Floats, text: str, colour: Colour) -> None:
+        """Writes under a point (2,)."""
+        drawn = self._font.render(text, True, colour)
+        self.surface.blit(drawn, drawn.get_rect(midtop=self._pixels(point).tolist()))
+
+    def bar(self, share: float, colours: tuple[Colour, Colour, Colour]) -> None:
+        """Draws along the top how much of a way is done, in colours of the way, what is done, and the end."""
+        left, right, y = (SUPERSAMPLING * value for value in (20, WIDTH - 20, 16))
+        at, (way, done, end) = left + share * (right - left), colours
+        pygame.draw.line(self.surface, way, (left, y), (right, y), 2 * SUPERSAMPLING)
+        pygame.draw.line(self.surface, done, (left, y), (at, y), 4 * SUPERSAMPLING)
+        pygame.draw.circle(self.surface, done, (at, y), 5 * SUPERSAMPLING)
+        pygame.draw.circle(self.surface, end, (right, y), 4 * SUPERSAMPLING)
+
+    def sees(self, left: Floats, right: Floats) -> NDArray[np.bool_]:
+        """Tells of things that reach from x = `left` to `right` (n,) whether the frame shows them (n,)."""
+        return np.asarray((right >= self.view.left) & (left <= self.view.right))
+
+    def _pixels(self, points: Floats) -> Floats:
+        """Returns world `points` (..., 2) in pixels of the surface."""
+        scale = self.view.scale * SUPERSAMPLING
+        x = (points[..., 0] - self.view.left) * scale
+        y = HEIGHT * SUPERSAMPLING - (points[..., 1] - self.view.bottom) * scale
+        return np.stack([x, y], axis=-1)
+
+    def _cropped(self, points: Floats) -> Floats:
+        low = np.array([self.view.left - CROP, self.view.bottom - CROP])
+        return np.clip(points, low, np.array([self.view.right + CROP, self.view.top + CROP]))
+
+
+def pixels_of(surface: pygame.Surface) -> NDArray[np.uint8]:
+    """Returns what is on `surface` (height, width, 3), writable."""
+    width, height = surface.get_size()
+    content = bytearray(pygame.image.tobytes(surface, "RGB"))  # several times faster than pygame.surfarray
+    return np.frombuffer(content, np.uint8).reshape(height, width, 3)
+
+
+def _gradient(size: tuple[int, int], top: Colour, bottom: Colour) -> pygame.Surface:
+    strip = pygame.Surface((1, 2))
+    strip.set_at((0, 0), top)
+    strip.set_at((0, 1), bottom)
+    return pygame.transform.smoothscale(strip, size)
+
+
+SMALLEST_GRIP = 4.0
+"""Radius at which a grip sensor is drawn if its own were smaller, in pixels."""
+
+
+class BodyPainter:
+    """Draws one body in all its poses."""
+
+    def __init__(self, body: Embodiment) -> None:
+        self._body = body
+        self._far = [_hidden(part, body.parts[:index]) for index, part in enumerate(body.parts)]
+
+    def draw(self, canvas: Canvas, scene: Scene) -> None:
+        """Draws the parts from the last, which is farthest away, to the head; grey if it is dead."""
+        body, poses = self._body, scene.poses
+        head, limb, far_limb, outline = _colours(scene.dead)
+        for joint in body.joints:
+            if joint.outside_parts:  # a neck
+                first, second = (body.part_index(name) for name in (joint.part_a, joint.part_b))
+                end = placed(poses[second], np.array(body.parts[second].local(joint.anchors[1])))
+                canvas.line(np.stack([poses[first, :2], end]), outline, 5)
+        for part in sorted(range(len(poses)), key=lambda part: (part == body.head, -part)):
+            colour = head if part == body.head else (far_limb if self._far[part] else limb)
+            canvas.fill(placed(poses[part], body.parts[part].shape.points), colour, outline)
+        self._draw_grips(canvas, scene, outline)
+
+    def _draw_grips(self, canvas: Canvas, scene: Scene, outline: Colour) -> None:
+        for sensor, (touches, holds) in zip(self._body.grip_sensors, scene.grips, strict=True):
+            part = self._body.part_index(sensor.part)
+            centre = placed(scene.poses[part], np.array(self._body.parts[part].local(sensor.position)))
+            radius = max(SMALLEST_GRIP, sensor.radius * canvas.view.scale)
+            colour = GRIP_TOUCHING if touches else GRIP_FREE
+            canvas.dot(centre, outline, radius + 1)
+            canvas.dot(centre, GRIP_HOLDING if holds else colour, radius)
+
+
+def draw_lidars(canvas: Canvas, head: Floats, scene: Scene) -> None:
+    """Draws the rays, coloured by what they hit."""
+    for end, hit in zip(scene.lidars, scene.hits, strict=True):
+        colour = LIDAR_CREEPER if hit > 0 else LIDAR_WATER if hit < 0 else LIDAR
+        canvas.line(np.stack([head, end]), colour, 1)
+        canvas.dot(end, colour, 2.5)
+
+
+def placed(pose: Floats, points: Floats) -> Floats:
+    """Returns `points` (..., 2) of a frame at `pose` (x, y, angle) in world axes."""
+    sine, cosine = np.sin(pose[2]), np.cos(pose[2])
+    return np.asarray(pose[:2] + points @ np.array([[cosine, sine], [-sine, cosine]]))
+
+
+def _colours(dead: bool) -> tuple[Colour, Colour, Colour, Colour]:
+    """Returns the colours of the head, of limbs, of those behind others, and of outlines."""
+    if dead:
+        return DEAD_HEAD, DEAD_LIMB, DEAD_FAR_LIMB, DEAD_OUTLINE
+    return HEAD, LIMB, FAR_LIMB, OUTLINE
+
+
+def _hidden(part: Part, nearer: tuple[Part, ...]) -> bool:
+    """Tells whether one of the `nearer` parts is drawn like `part` and in the same place."""
+    return any(other.position == part.position and other.shape == part.shape for other in nearer)
+
+
+FLAGPOLE = 3.2
+"""Height of the goal's flag, in m."""
+
+MARK_SPACING = 5
+"""Distance between marks on the ground, in m."""
+
+
+def draw_goal(canvas: Canvas, terrain: Terrain) -> None:
+    """Draws a flag on the ground at the goal."""
+    foot = np.array([terrain.goal_x, _base(terrain, terrain.goal_x)])
+    top = foot + np.array([0.0, FLAGPOLE])
+    canvas.line(np.stack([foot, top]), OUTLINE, 3)
+    canvas.fill(top + np.array([[0.0, 0.0], [1.0, -0.35], [0.0, -0.7]]), GOAL, OUTLINE)
+
+
+def draw_world(canvas: Canvas, scene: Scene) -> None:
+    """Draws water, creepers, and ground and ceiling with the distances from the start."""
+    terrain = scene.terrain
+    canvas.tint(terrain.water_y, WATER, 120)
+    edge = np.array([[canvas.view.left, terrain.water_y], [canvas.view.right, terrain.water_y]])
+    if canvas.view.bottom < terrain.water_y < canvas.view.top:
+        canvas.line(edge, WATER_EDGE, 1)
+    _draw_creepers(canvas, scene)  # before the solids, into which they reach where the ceiling slopes
+    split = terrain.ground_solids
+    _draw_solids(canvas, terrain.solids[:split], terrain.surface, SOIL, SOIL_EDGE)
+    _draw_solids(canvas, terrain.solids[split:], terrain.ceiling, ROCK, ROCK_EDGE)
+    first = int(canvas.view.left) // MARK_SPACING * MARK_SPACING
+    for mark in range(first, int(canvas.view.right) + 1 + MARK_SPACING, MARK_SPACING):
+        place = np.array([float(mark), _base(terrain, mark) - 0.25])
+        if place[1] > canvas.view.bottom:
+            canvas.text(place, f"{mark} m", MARK)
+
+
+def draw_water(canvas: Canvas, water_y: float) -> None:
+    """Tints everything under water."""
+    canvas.tint(water_y, WATER, 60)
+
+
+def draw_progress(canvas: Canvas, head_x: float, terrain: Terrain) -> None:
+    """Draws how far the head is between spawn point and goal, along the top."""
+    start, goal = terrain.spawn[0], terrain.goal_x
+    share = float(np.clip((head_x - start) / (goal - start), 0, 1))
+    canvas.bar(share, (TRACK, HEAD, GOAL))
+
+
+def _draw_solids(canvas: Canvas, solids: Floats, surface: Floats, colour: Colour, edge: Colour) -> None:
+    for corners in solids[canvas.sees(solids[..., 0].min(1), solids[..., 0].max(1))]:
+        canvas.fill(corners, colour)
+    for ends in surface[canvas.sees(surface[:, 0], surface[:, 2])].reshape(-1, 2, 2):
+        canvas.line(ends, edge, 2)
+
+
+def _draw_creepers(canvas: Canvas, scene: Scene) -> None:
+    sizes = scene.terrain.creepers[:, 2:] - scene.terrain.creepers[:, :2]
+    reach = np.hypot(*sizes.T) / 2
+    seen = canvas.sees(scene.creepers[:, 0] - reach, scene.creepers[:, 0] + reach)
+    for (x, y, cosine, sine), size in zip(scene.creepers[seen], sizes[seen], strict=True):
+        corners = size / 2 * np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]])
+        turned = corners @ np.array([[cosine, sine], [-sine, cosine]]) + np.array([x, y])
+        canvas.fill(turned, CREEPER, CREEPER_EDGE)
+
+
+def _base(terrain: Terrain, x: float) -> float:
+    """Returns the height of the ground at `x` in m, under any stumps."""
+    return float(height_at(terrain.surface, x)) if len(terrain.ceiling) else GROUND_HEIGHT
+
+
+class Window:
+    """Shows frames.
+
+    Args:
+        frames_per_second: pace.
+    """
+
+    def __init__(self, frames_per_second: int) -> None:
+        pygame.display.init()
+        pygame.display.set_caption("tma_ray")
+        self._frames_per_second = frames_per_second
+        self._surface = pygame.display.set_mode((WIDTH, HEIGHT))
+        self._clock = pygame.time.Clock()
+
+    def show(self, frame: pygame.Surface) -> None:
+        """Shows `frame`, and waits until it is time for the next."""
+        self._surface.blit(frame, (0, 0))
+        pygame.event.pump()
+        pygame.display.flip()
+        self._clock.tick(self._frames_per_second)
+
+    def close(self) -> None:
+        """Closes it."""
+        pygame.display.quit()
+
+
+__all__ = ["Renderer", "Scene"]
+
+DEFAULT_LOOK = Look()
+
+
+class Renderer:
+    """Draws frames of one body.
+
+    Args:
+        body: whose shapes are drawn.
+        window: whether frames are also shown, at the pace of the simulation.
+        frames_per_second: pace of the window.
+    """
+
+    def __init__(self, body: Embodiment, window: bool, frames_per_second: int) -> None:
+        self._body = BodyPainter(body)
+        self._head = body.head
+        self._canvas = Canvas()
+        self._window = Window(frames_per_second) if window else None
+
+    def draw(self, scene: Scene, look: Look = DEFAULT_LOOK) -> NDArray[np.uint8] | None:
+        """Returns the frame (400, 600, 3), or shows it and returns None if there is a window."""
+        head, canvas = scene.poses[self._head, :2], self._canvas
+        canvas.start(view_of(head, scene.terrain))
+        draw_goal(canvas, scene.terrain)
+        draw_world(canvas, scene)
+        if look.lidars:
+            draw_lidars(canvas, head, scene)
+        self._body.draw(canvas, scene)
+        draw_water(canvas, scene.terrain.water_y)
+        draw_progress(canvas, float(head[0]), scene.terrain)
+        if self._window is None:
+            return canvas.pixels(look.smooth)
+        self._window.show(canvas.frame())
+        return None
+
+    def close(self) -> None:
+        """Closes the window."""
+        if self._window is not None:
+            self._window.close()
+            self._window = None

@@ -1,0 +1,70 @@
+"""The scene of a frame, and the choices of how frames are drawn. Imports no pygame."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tma_ray.physics import Engine
+from tma_ray.physics.kernels import NOTHING
+from tma_ray.terrain import Terrain
+
+Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Scene:
+    """Content of a frame.
+
+    Attributes:
+        poses: x, y, angle of every part's frame (p, 3), in m and rad.
+        terrain: the world.
+        creepers: each creeper's centre in m, cosine and sine of its angle (c, 4).
+        grips: whether each grip sensor touches and holds something (g, 2).
+        lidars: where the rays end (r, 2), in m.
+        hits: what each ray hits (r,): -1 water, 1 a creeper, 0 anything else.
+        dead: whether the body has been in the wrong medium for too long.
+    """
+
+    poses: Floats
+    terrain: Terrain
+    creepers: Floats
+    grips: NDArray[np.bool_]
+    lidars: Floats
+    hits: NDArray[np.float32]
+    dead: bool
+
+
+def scene_of(engine: Engine, terrain: Terrain, observation: NDArray[np.float32]) -> Scene:
+    """Returns what there is to see of `engine`, whose last observation (o,) ends with what the lidars saw."""
+    poses, body = engine.state[:, :3], engine.arrays
+    rays = len(body.rays)
+    if body.observes_medium:
+        distances, hits, dead = observation[-2 * rays : -rays], observation[-rays:], observation[5] > 0
+    else:
+        distances, hits, dead = observation[-rays:], np.zeros(rays, np.float32), False
+    return Scene(
+        poses=poses,
+        terrain=terrain,
+        creepers=engine.creeper_poses,
+        grips=engine.grips != NOTHING,
+        lidars=poses[body.head, :2] + distances[:, None] * body.rays,
+        hits=hits,
+        dead=bool(dead),
+    )
+
+
+@dataclass(frozen=True)
+class Look:
+    """Settings of an environment's frames.
+
+    Attributes:
+        lidars: whether their rays are drawn.
+        smooth: whether a frame is scaled down to its size. Who scales it to another size takes it twice as
+            wide and high as that, (800, 1200, 3), and rough at its edges.
+    """
+
+    lidars: bool = True
+    smooth: bool = True

@@ -1,0 +1,541 @@
+"""PPO over stable-baselines3, with the paper's hyper-parameters and normalisation."""
+
+from __future__ import annotations
+
+import itertools
+import json
+import math
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+import stable_baselines3
+import torch
+from gymnasium import spaces
+from numpy.typing import NDArray
+from stable_baselines3.common.torch_layers import BaseFeaturesExtractor
+from stable_baselines3.common.type_aliases import RolloutBufferSamples
+from stable_baselines3.common.utils import explained_variance
+from torch import nn
+
+from tma_ray.students.base import Actions, Observations, Policy, Transition
+from tma_ray.students.hyperparameters import PPOHyperparameters
+from tma_ray.students.layers import (
+    Clamp,
+    GreedyNetwork,
+    Standardise,
+    check_rows,
+    in_a_row,
+    stored_network,
+    stored_parameters,
+    tensor_kinds,
+)
+from tma_ray.students.mlp.acting import Activation
+from tma_ray.students.mlp.network import MODULES, FlatAdam, FlatParameters, as_batch, as_modules, blocks_of
+from tma_ray.students.normaliser import MEAN_TENSOR, VARIANCE_TENSOR, Normaliser, first_normaliser, scaled
+from tma_ray.students.players.ppo import Rollout, exploring_step, sampled_actions
+from tma_ray.students.policy_files import StoredPolicy, read_policy
+from tma_ray.students.sb3.base import Experience, StableBaselinesStudent
+
+
+class Trunk(BaseFeaturesExtractor):
+    """Hidden layers that policy and value share.
+
+    stable-baselines3 shares features extractors, no longer hidden layers; so these are one.
+
+    Args:
+        observation_space: a one-dimensional box.
+        hidden_units: units per layer, each followed by the activation.
+        activation: function after each layer.
+    """
+
+    def __init__(
+        self,
+        observation_space: spaces.Box,
+        hidden_units: tuple[int, ...],
+        activation: Activation = Activation.RELU,
+    ) -> None:
+        super().__init__(observation_space, features_dim=hidden_units[-1])
+        sizes = (observation_space.shape[0], *hidden_units)
+        layers: list[nn.Module] = []
+        for size_in, size_out in itertools.pairwise(sizes):
+            layers += [nn.Linear(size_in, size_out), MODULES[activation]()]
+        self.layers = nn.Sequential(*layers)
+
+    def forward(self, observations: torch.Tensor) -> torch.Tensor:
+        """Returns the last hidden layer (n, h) of `observations` (n, o)."""
+        features: torch.Tensor = self.layers(observations)
+        return features
+
+
+@torch.no_grad()
+def separate(trunk: Trunk, means: nn.Linear, value: nn.Linear) -> None:
+    """Initialises two networks side by side, as stable-baselines3 does with separate ones.
+
+    The first half of each hidden layer leads to the means, the second to the value; weights between halves
+    are 0.
+
+    Args:
+        trunk: hidden layers of both.
+        means: last layer of the first.
+        value: last layer of the second.
+    """
+    hidden = [layer.weight for layer in trunk.layers if isinstance(layer, nn.Linear)]
+    for index, weight in enumerate(hidden):
+        outputs, inputs = weight.shape[0] // 2, weight.shape[1] // 2
+        halves = [weight[:outputs], weight[outputs:]]
+        if index:
+            weight.zero_()
+            halves = [halves[0][:, :inputs], halves[1][:, inputs:]]
+        for half in halves:
+            nn.init.orthogonal_(half, math.sqrt(2))
+    for weight, gain, own in (
+        (means.weight, 0.01, slice(outputs)),
+        (value.weight, 1.0, slice(outputs, None)),
+    ):
+        weight.zero_()
+        nn.init.orthogonal_(weight[:, own], gain)
+
+
+_HALF_LOG_2PI = 0.5 * math.log(2 * math.pi)
+
+
+class Steps(NamedTuple):
+    """A mini-batch of n steps; stable-baselines3's samples have these attributes in this order.
+
+    Attributes:
+        observations: normalised (n, o).
+        actions: as sampled (n, a).
+        old_values: values of the observations when they were made (n,).
+        old_log_prob: log probabilities of the actions when they were taken (n,).
+        advantages: not normalised (n,).
+        returns: advantages plus old values (n,).
+    """
+
+    observations: torch.Tensor
+    actions: torch.Tensor
+    old_values: torch.Tensor
+    old_log_prob: torch.Tensor
+    advantages: torch.Tensor
+    returns: torch.Tensor
+
+
+class Losses(NamedTuple):
+    """Parts of the loss, and figures for logging, one number per run each; and the gradient.
+
+    Attributes:
+        policy: of the clipped surrogate objective.
+        value: mean squared error.
+        divergence: approximate Kullback-Leibler divergence from the old policy.
+        clipped: share of ratios beyond the clip range.
+        outputs_gradient: of the loss by the outputs (n, a + 1).
+        log_std_gradient: of the loss by the log deviation (a,).
+    """
+
+    policy: torch.Tensor
+    value: torch.Tensor
+    divergence: torch.Tensor
+    clipped: torch.Tensor
+    outputs_gradient: torch.Tensor
+    log_std_gradient: torch.Tensor
+
+
+def losses(outputs: torch.Tensor, log_std: torch.Tensor, steps: Steps, hyper: PPOHyperparameters) -> Losses:
+    """Returns the parts of a mini-batch's loss, and its gradient (arXiv:1707.06347, equations 7 and 9).
+
+    Args:
+        outputs: of the network: means of the actions, and the value (n, a + 1).
+        log_std: log deviation of the actions (a,).
+        steps: the mini-batch.
+        hyper: hyper-parameters of the student.
+    """
+    advantages, clip = steps.advantages, hyper.clip_range
+    centred = advantages - advantages.mean(dim=-1, keepdim=True)
+    advantages = centred / (advantages.std(dim=-1, keepdim=True) + 1e-8)
+    log_std = log_std[..., None, :]
+    deviation = log_std.exp()
+    error = (steps.actions - outputs[..., :-1]) / deviation
+    log_ratio = log_density(error, log_std) - steps.old_log_prob
+    ratio = log_ratio.exp()
+    surrogates = advantages * ratio, advantages * ratio.clamp(1 - clip, 1 + clip)
+    value_error, free = _value_error(outputs[..., -1], steps, hyper.value_clip_range)
+    policy, value = -torch.minimum(*surrogates).mean(dim=-1), value_error.square().mean(dim=-1)
+    divergence = (ratio - 1 - log_ratio).mean(dim=-1)
+    clipped = ((ratio - 1).abs() > clip).to(ratio.dtype).mean(dim=-1)
+    gradient, log_std_gradient = _policy_gradients(surrogates, error, deviation)
+    log_std_gradient -= hyper.entropy_coefficient
+    value_gradient = (2 * hyper.value_coefficient / error.shape[-2]) * value_error * free
+    gradient = torch.cat((gradient, value_gradient[..., None]), dim=-1)
+    return Losses(policy, value, divergence, clipped, gradient, log_std_gradient)
+
+
+def log_density(error: torch.Tensor, log_std: torch.Tensor) -> torch.Tensor:
+    """Returns the log density (n,) of actions that are `error` (n, a) deviations off their means."""
+    return -(0.5 * error.square() + (log_std + _HALF_LOG_2PI)).sum(dim=-1)
+
+
+def _policy_gradients(
+    surrogates: tuple[torch.Tensor, torch.Tensor], error: torch.Tensor, deviation: torch.Tensor
+) -> tuple[torch.Tensor, torch.Tensor]:
+    """Returns the policy loss's gradients by the means (n, a) and by the log deviation (a,).
+
+    Args:
+        surrogates: advantages times ratios (n,), and times clipped ratios (n,); the smaller one counts, and
+            where that is the clipped one, the gradient is zero.
+        error: of the actions from the means, in deviations (n, a).
+        deviation: of the actions (1, a).
+    """
+    free, clipped = surrogates
+    share = (free * (free <= clipped)).div_(-free.shape[-1])[..., None]
+    return share * error / deviation, (share * (error.square() - 1)).sum(dim=-2)
+
+
+def _value_error(
+    values: torch.Tensor, steps: Steps, clip: float | None
+) -> tuple[torch.Tensor, torch.Tensor | float]:
+    """Returns how far off the clipped `values` (n,) are, and 1 where the clipping lets a gradient through."""
+    if clip is None:
+        return values - steps.returns, 1.0
+    change = values - steps.old_values
+    return steps.old_values + change.clamp(-clip, clip) - steps.returns, change.abs() <= clip
+
+
+class PPOUpdate:
+    """Trains the networks of `model`, whose policy and value share a `Trunk`.
+
+    The model stays their owner, and the owner of the optimiser's state.
+
+    Args:
+        model: a set-up stable-baselines3 PPO.
+        parameters: its network's, whose outputs are means and value, and its log deviation.
+        hyperparameters: of the student.
+
+    Attributes:
+        flat: the parameters, as given.
+        adam: their optimiser.
+    """
+
+    def __init__(
+        self,
+        model: stable_baselines3.PPO,
+        parameters: FlatParameters,
+        hyperparameters: PPOHyperparameters,
+    ) -> None:
+        self.flat = parameters
+        self.adam = FlatAdam(model.policy.optimizer, parameters)
+        self._model, self._hyper = model, hyperparameters
+        self._trunks: torch.Tensor | None = None
+        if hyperparameters.separate_trunks:
+            (network,), means = parameters.networks, parameters.others[0].numel()
+            self._trunks = torch.from_numpy(network.layout.trunks(means)).to(network.gradient)
+
+    def restore(self) -> None:
+        """Takes over the optimiser's state after the model was loaded."""
+        self.adam.restore()
+
+    def __call__(self, rollout: Rollout) -> None:
+        """Passes several times over the finished `rollout`."""
+        hyper, model = self._hyper, self._model
+        parts = [self.train_on(batch) for _ in range(hyper.epochs) for batch in rollout.get(hyper.batch_size)]
+        model._n_updates += hyper.epochs
+        names = ("policy_gradient_loss", "value_loss", "approx_kl", "clip_fraction")
+        for name, values in zip(names, list(zip(*parts, strict=True))[:4], strict=True):
+            model.logger.record(f"train/{name}", torch.stack(values).mean().item())
+        model.logger.record("train/std", self.flat.others[0].detach().exp().mean().item())
+        variance = explained_variance(rollout.values, rollout.returns)
+        model.logger.record("train/explained_variance", variance)
+
+    @torch.no_grad()  # the gradient is in closed form; recording for autograd costs a twentieth of a step
+    def train_on(self, batch: RolloutBufferSamples) -> Losses:
+        """Takes one optimiser step on the mini-batch `batch`; returns the losses before it."""
+        (network,), (log_std,) = self.flat.networks, self.flat.others
+        kept = network.activations(batch.observations)
+        parts = losses(kept[-1], log_std, Steps(*batch), self._hyper)
+        self.flat.backpropagate(kept, parts.outputs_gradient, [parts.log_std_gradient])
+        if self._trunks is not None:
+            network.gradient.mul_(self._trunks)
+        norm = torch.linalg.vector_norm(self.flat.gradient)
+        self.flat.gradient.mul_(torch.clamp(self._hyper.max_gradient_norm / (norm + 1e-6), max=1.0))
+        self.adam.step()
+        return parts
+
+
+NORMALISER_FILE = "normaliser.json"
+AVERAGE_FILE = "average.npy"
+
+START = "parameters"
+"""Key of the weights in a file to start from, beside the running statistics."""
+
+POLICY = "ppo"
+"""What saved policies say that they are; those of `StockPPO` say the same."""
+
+
+class PPO(StableBaselinesStudent[PPOHyperparameters, stable_baselines3.PPO]):
+    """Proximal policy optimisation: 2,000 steps, then 5 epochs over them.
+
+    Observations and rewards are normalised with running statistics, which evaluation uses without
+    changing them and which a reset keeps. The greedy action is the mean, clipped to the action space
+    (the original release evaluates with sampled actions). A time limit adds the value of the last
+    observation to the last reward (the release bootstraps from the next episode's first).
+    """
+
+    algorithm_version = PPOHyperparameters.algorithm_version
+    hyperparameters_type = PPOHyperparameters
+
+    def _make_model(self) -> stable_baselines3.PPO:
+        hyper = self.hyperparameters
+        return stable_baselines3.PPO(
+            "MlpPolicy",
+            env=None,  # type: ignore[arg-type]  # stepped by the run, not by the model
+            learning_rate=hyper.learning_rate,
+            n_steps=hyper.steps_per_update,
+            batch_size=hyper.batch_size,
+            n_epochs=hyper.epochs,
+            gamma=hyper.gamma,
+            gae_lambda=hyper.gae_lambda,
+            clip_range=hyper.clip_range,
+            clip_range_vf=hyper.value_clip_range,
+            ent_coef=hyper.entropy_coefficient,
+            vf_coef=hyper.value_coefficient,
+            max_grad_norm=hyper.max_gradient_norm,
+            policy_kwargs={
+                "net_arch": [],
+                "activation_fn": MODULES[hyper.activation],
+                "features_extractor_class": Trunk,
+                "features_extractor_kwargs": {
+                    "hidden_units": self._layout.sizes[1:-1],
+                    "activation": hyper.activation,
+                },
+            },
+            device=self.device,
+            _init_setup_model=False,
+        )
+
+    def _start(self) -> None:
+        hyper = self.hyperparameters
+        size, action_size = self.observation_space.shape[0], self.action_space.shape[0]
+        self._layout = hyper.layout(size, action_size)
+        self.normaliser = first_normaliser(hyper, size)
+        self._rollout = Rollout(hyper.steps_per_update, size, action_size, self._batches, self.device)
+        self._episode_starts = True
+
+    def _connect(self) -> None:
+        hyper = self.hyperparameters
+        policy: Any = self.model.policy
+        if hyper.separate_trunks:
+            with self._torch_stream.active():
+                separate(policy.features_extractor, policy.action_net, policy.value_net)
+        self.model.rollout_buffer = self._rollout  # type: ignore[assignment]
+        self._rollout.clear()
+        blocks = blocks_of(policy.features_extractor, policy.action_net, policy.value_net)
+        self._flat = FlatParameters([blocks], [policy.log_std], hyper.activation)
+        if hyper.start_from:
+            self._begin_with(json.loads(Path(hyper.start_from).read_text())[START])
+        self._prepare_update()
+        (self._network,) = self._flat.networks
+        self._acting = GreedyNetwork(self._network.parameters, self._layout, self._low.size)
+        self._greedy = self._acting
+        if hyper.averaged_steps:
+            self._average = self._network.parameters.detach().clone()
+            self._greedy = GreedyNetwork(self._average, self._layout, self._low.size)
+        self._refresh()
+
+    def _refresh(self) -> None:
+        self._acting.refresh()
+        self._greedy.refresh()
+        log_std: NDArray[np.float32] = self._flat.others[0].numpy(force=True).copy()
+        self._policy = log_std, np.stack([self._low, self._high])
+
+    def _prepare_update(self) -> None:
+        """Makes what `_train` needs for `self.model`."""
+        self._update = PPOUpdate(self.model, self._flat, self.hyperparameters)
+
+    def _restore_update(self) -> None:
+        self._update.restore()
+
+    def _train(self) -> None:
+        """Updates the networks with the finished rollout."""
+        self._update(self._rollout)
+
+    def act(self, observation: Observations) -> Actions:  # noqa: D102
+        if self._episode_starts:
+            self.normaliser.update(observation)
+        network = self._acting.row.arrays
+        self._step = exploring_step(network, self._policy, self.normaliser, observation, self._noise())
+        return self._step.action
+
+    def observe(self, transition: Transition) -> None:  # noqa: D102
+        ended = transition.terminated or transition.truncated
+        reward = self.normaliser.count_in(transition, self._value)
+        step = self._step
+        self._rollout.add(step.observation, step.sampled, reward, ended, step.judged)
+        self._episode_starts = ended
+        if self._rollout.is_full:
+            self._finish_rollout(transition.next_observation)
+
+    @property
+    def update(self) -> PPOUpdate:
+        """Network and optimiser, as flat parameters; whoever changes them calls `changed`."""
+        return self._update
+
+    @property
+    def rollout(self) -> Rollout:
+        """The steps since the last update."""
+        return self._rollout
+
+    @property
+    def average(self) -> NDArray[np.float32] | None:
+        """The average of the network's parameters (p,), None where `averaged_steps` is 0."""
+        return self._average.numpy(force=True).copy() if self.hyperparameters.averaged_steps else None
+
+    def put_average(self, average: NDArray[np.float32]) -> None:
+        """Evaluates with an `average` (p,) of elsewhere."""
+        self._average.copy_(torch.from_numpy(average))
+        self._greedy.refresh()
+
+    def changed(self, updates: int) -> None:
+        """Takes over parameters that were changed from outside, by so many `updates` in all."""
+        self.model._n_updates = updates
+        self._refresh()
+
+    def act_greedily(self, observations: Observations) -> Actions:  # noqa: D102
+        return self._clip(self._greedy(self.normaliser.normalise(observations), squash=False))
+
+    def sample_actions(self, observations: Observations, rng: np.random.Generator) -> Actions:  # noqa: D102
+        means = self._acting(self.normaliser.normalise(observations), squash=False)
+        return sampled_actions(means, self._policy, rng)
+
+    def state_values(self, observations: Observations) -> NDArray[np.float64]:
+        """Returns V(s) (n,) of `observations` (n, o), rescaled from normalised to raw rewards.
+
+        The original release asks the value head about raw observations, which it was not trained on.
+        """
+        return self._normalised_values(observations) * self.normaliser.reward_scale
+
+    def save_policy(self, folder: Path) -> None:
+        """Writes the layers to the mean action, and the statistics that normalise what goes in.
+
+        These are float64, the layers float32. To play elsewhere: ``clip((observation - mean) /
+        sqrt(variance + 1e-8), -observation_clip, observation_clip)``, the layers with the activation between,
+        and the result clipped to the action space. Separate trunks are layers with the value's half, too.
+        """
+        hyper = self.hyperparameters
+        values: dict[str, Any] = {
+            "hidden_units": list(self._layout.sizes[1:-1]),
+            "observation_clip": hyper.observation_clip,
+        }
+        if hyper.activation is not Activation.RELU:  # which files without the entry have
+            values["activation"] = hyper.activation.value
+        self._write_policy(
+            folder,
+            POLICY,
+            {**self._greedy.tensors(), **self.normaliser.tensors()},
+            values,
+        )
+
+    def save_start(self, path: Path) -> None:
+        """Writes what other students begin with by ``start_from``: JSON, for networks of the same layers."""
+        self.normaliser.save(path)
+        content = json.loads(path.read_text()) | {START: self._flat.values.tolist()}
+        path.write_text(json.dumps(content))
+
+    def _begin_with(self, parameters: list[float]) -> None:
+        if len(parameters) != len(self._flat.values):
+            raise ValueError(
+                f"{self.hyperparameters.start_from} has {len(parameters)} parameters, the networks here have "
+                f"{len(self._flat.values)}: start from a student of the same body and the same layers"
+            )
+        self._flat.values.copy_(torch.tensor(parameters))
+
+    @classmethod
+    def load_policy(cls, folder: Path, device: str = "cpu") -> Policy:  # noqa: D102
+        stored = _stored(folder)
+        clip = stored.hyperparameters["observation_clip"]
+        network = stored_network(stored, device)
+        mean, variance = (stored.tensors[name] for name in (MEAN_TENSOR, VARIANCE_TENSOR))
+        low, high = stored.action_space.low, stored.action_space.high
+
+        def act(observations: Observations) -> Actions:
+            check_rows(observations, len(mean))
+            rows = np.ascontiguousarray(observations)
+            means = network(scaled(rows, mean, variance, clip), squash=False)
+            actions: Actions = np.minimum(np.maximum(means, low), high)
+            return actions
+
+        return act
+
+    @classmethod
+    def policy_layers(cls, folder: Path) -> nn.Sequential:  # noqa: D102
+        stored = _stored(folder)
+        statistics = stored.tensors[MEAN_TENSOR], stored.tensors[VARIANCE_TENSOR]
+        first = Standardise(*statistics, stored.hyperparameters["observation_clip"])
+        last = Clamp(stored.action_space.low, stored.action_space.high)
+        return in_a_row([first, *as_modules(*stored_parameters(stored)), last])
+
+    def _save_experience(self, folder: Path, _incremental: bool) -> Experience:
+        self.normaliser.save(folder / NORMALISER_FILE)
+        np.savez(folder / "rollout.npz", **self._rollout.state())
+        if self.hyperparameters.averaged_steps:
+            np.save(folder / AVERAGE_FILE, self._average.numpy(force=True))
+        return Experience({})
+
+    def _load_experience(self, folder: Path, _counters: dict[str, Any]) -> None:
+        self.normaliser = Normaliser.load(folder / NORMALISER_FILE)
+        with np.load(folder / "rollout.npz") as state:
+            self._rollout.restore(dict(state))
+        if self.hyperparameters.averaged_steps:
+            self.put_average(np.load(folder / AVERAGE_FILE))
+        self._episode_starts = True  # states are saved at the end of an episode
+
+    def _finish_rollout(self, next_observation: Observations) -> None:
+        last_value = self._normalised_values(next_observation)[0]
+        self._rollout.finish(last_value, self.gamma, self.hyperparameters.gae_lambda)
+        with self._updating():
+            self._train()
+            if self.hyperparameters.averaged_steps:
+                self._average.lerp_(self._network.parameters.detach(), self.hyperparameters.averaging)
+        self._rollout.clear()
+
+    def _value(self, observation: Observations) -> float:
+        return float(self._normalised_values(observation).item())
+
+    def _normalised_values(self, observations: Observations) -> NDArray[np.float64]:
+        normalised = self.normaliser.normalise(observations)
+        if observations.ndim == 1:
+            return self._acting.row(normalised)[-1:].astype(np.float64)
+        with torch.no_grad():
+            outputs = self._network.frozen(as_batch(normalised, self.device))
+        return outputs[:, -1].numpy(force=True).astype(np.float64)
+
+    def _clip(self, actions: Actions) -> Actions:
+        clipped: Actions = np.minimum(np.maximum(actions, self._low), self._high)
+        return clipped
+
+
+class StockPPO(PPO):
+    """PPO whose update is stable-baselines3's own `train`; all else is alike."""
+
+    def _prepare_update(self) -> None:
+        """Keeps separate trunks apart, whose gradients are autograd's here."""
+        if self.hyperparameters.separate_trunks:
+            kept = torch.ones_like(self._flat.values)
+            trunks = torch.from_numpy(self._layout.trunks(self._low.size))
+            kept[: len(trunks)] = trunks.to(kept)
+            for parameter, own in zip(self._flat.parameters, self._flat.views(kept), strict=True):
+                parameter.register_hook(own.mul)  # type: ignore[no-untyped-call]
+
+    def _restore_update(self) -> None:
+        """Restores nothing: the model's optimiser is the only one."""
+
+    def _train(self) -> None:
+        self.model.train()
+
+
+def _stored(folder: Path) -> StoredPolicy:
+    """Returns the saved policy in `folder`, whose tensors and clip are sound."""
+    stored = read_policy(folder, POLICY)
+    stored.check({**tensor_kinds(stored), **Normaliser.tensor_kinds(*stored.observation_space.shape)})
+    clip = stored.hyperparameters.get("observation_clip")
+    if not isinstance(clip, float) or not clip > 0:
+        stored.refuse(f"observation_clip = {clip!r:.80}: expected a number over 0")
+    return stored

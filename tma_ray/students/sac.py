@@ -1,0 +1,426 @@
+"""SAC over stable-baselines3, with the paper's hyper-parameters."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any, NamedTuple, TypeAlias
+
+import numpy as np
+import stable_baselines3
+import torch
+from numpy.typing import NDArray
+from stable_baselines3.common.torch_layers import BaseFeaturesExtractor
+from stable_baselines3.common.type_aliases import PyTorchObs, ReplayBufferSamples
+from stable_baselines3.sac.policies import Actor, SACPolicy
+from torch import nn
+
+from tma_ray.students.base import Actions, Observations, Policy, Transition
+from tma_ray.students.hyperparameters import LogStd, SACHyperparameters
+from tma_ray.students.layers import (
+    GreedyNetwork,
+    check_rows,
+    in_a_row,
+    stored_network,
+    stored_parameters,
+    tensor_kinds,
+    unscale,
+)
+from tma_ray.students.mlp.network import FlatAdam, FlatParameters, as_batch, as_modules, blocks_of
+from tma_ray.students.players.sac import (
+    LOG_STD_RANGE,
+    between,
+    sampled_actions,
+    squashed_action,
+    uniform_actions,
+    updates_due,
+)
+from tma_ray.students.policy_files import read_policy
+from tma_ray.students.replay import ReplayBuffer
+from tma_ray.students.sb3.base import Experience, StableBaselinesStudent
+
+SQUASH_EPSILON = 1e-6
+"""Keeps the logarithm of the squashing's derivative finite, as in stable-baselines3."""
+
+_HALF_LOG_2PI = 0.5 * math.log(2 * math.pi)
+
+Pass: TypeAlias = Callable[[torch.Tensor], torch.Tensor]
+"""A network, as a function of its inputs."""
+
+
+class Transitions(NamedTuple):
+    """A batch of n transitions; stable-baselines3's samples have these attributes, too.
+
+    Attributes:
+        observations: (n, o).
+        actions: in [-1, 1] (n, a).
+        next_observations: (n, o).
+        dones: 1 where nothing follows (n, 1).
+        rewards: (n, 1).
+    """
+
+    observations: torch.Tensor
+    actions: torch.Tensor
+    next_observations: torch.Tensor
+    dones: torch.Tensor
+    rewards: torch.Tensor
+
+
+class Draw(NamedTuple):
+    """Actions drawn from the policy.
+
+    Attributes:
+        actions: squashed to [-1, 1] (n, a).
+        log_probabilities: of the actions (n, 1).
+    """
+
+    actions: torch.Tensor
+    log_probabilities: torch.Tensor
+
+
+def in_range(outputs: torch.Tensor, log_std: LogStd) -> torch.Tensor:
+    """Returns the log deviations, within `LOG_STD_RANGE`, of an actor's `outputs` for them."""
+    low, high = LOG_STD_RANGE
+    if log_std is LogStd.CLAMP:
+        return outputs.clamp(low, high)
+    return low + 0.5 * (high - low) * (outputs.tanh() + 1)
+
+
+def squashed_draw(outputs: torch.Tensor, noise: torch.Tensor, log_std: LogStd) -> Draw:
+    """Returns the tangent hyperbolic of normal variables, and its log density.
+
+    Args:
+        outputs: of the actor (n, 2a).
+        noise: standard normal (n, a).
+        log_std: map to the log deviations.
+    """
+    mean, log_deviation = outputs.chunk(2, dim=-1)
+    log_deviation = in_range(log_deviation, log_std)
+    actions = (mean + log_deviation.exp() * noise).tanh()
+    log_density = -0.5 * noise.square() - log_deviation - _HALF_LOG_2PI
+    log_squashing = (1 - actions.square() + SQUASH_EPSILON).log()
+    return Draw(actions, (log_density - log_squashing).sum(dim=-1, keepdim=True))
+
+
+def joined(critics: Sequence[Pass]) -> Pass:
+    """Returns the function that gives the values of all `critics` (n, c)."""
+    return lambda inputs: torch.cat([critic(inputs) for critic in critics], dim=-1)
+
+
+def soft_values(critics: Pass, observations: torch.Tensor, draw: Draw, alpha: float) -> torch.Tensor:
+    """Returns min Q - alpha log pi (n, 1) of the actions in `draw`."""
+    values = critics(torch.cat((observations, draw.actions), dim=-1))
+    return values.min(dim=-1, keepdim=True).values - alpha * draw.log_probabilities
+
+
+def critic_loss(critics: Pass, batch: Transitions, targets: torch.Tensor) -> torch.Tensor:
+    """Returns half the mean squared error of each critic, summed over the critics.
+
+    Args:
+        critics: to be trained.
+        batch: transitions.
+        targets: r + gamma (1 - done) V(s'), which no gradient passes (n, 1).
+    """
+    values = critics(torch.cat((batch.observations, batch.actions), dim=-1))
+    return 0.5 * (values - targets).square().mean(dim=-2).sum(dim=-1)
+
+
+def actor_loss(critics: Pass, observations: torch.Tensor, draw: Draw, alpha: float) -> torch.Tensor:
+    """Returns the mean of alpha log pi - min Q over the actions in `draw`, drawn from the actor."""
+    return -soft_values(critics, observations, draw, alpha).mean(dim=(-2, -1))
+
+
+class TanhActor(Actor):
+    """An actor whose log deviation is not clamped, but a tangent hyperbolic scaled to the same range."""
+
+    def get_action_dist_params(
+        self, obs: PyTorchObs
+    ) -> tuple[torch.Tensor, torch.Tensor, dict[str, torch.Tensor]]:
+        """Returns means (n, a) and log deviations (n, a) of the actions before squashing."""
+        latent = self.latent_pi(self.extract_features(obs, self.features_extractor))
+        log_std: Any = self.log_std
+        return self.mu(latent), in_range(log_std(latent), LogStd.TANH), {}
+
+
+class TanhPolicy(SACPolicy):
+    """A policy with a `TanhActor`."""
+
+    def make_actor(self, features_extractor: BaseFeaturesExtractor | None = None) -> Actor:
+        """Returns a new actor."""
+        keywords = self._update_features_extractor(self.actor_kwargs, features_extractor)
+        return TanhActor(**keywords).to(self.device)
+
+
+POLICIES: dict[LogStd, type[SACPolicy]] = {LogStd.TANH: TanhPolicy, LogStd.CLAMP: SACPolicy}
+"""stable-baselines3's policy for each map to the log deviation."""
+
+
+class SACUpdate:
+    """Trains the networks of `model`, which stays their owner, and the owner of the optimisers' states.
+
+    Args:
+        model: a set-up stable-baselines3 SAC with a fixed entropy coefficient.
+        actor: the parameters of its actor.
+        critics: the parameters of its critics.
+        hyperparameters: of the student.
+
+    Attributes:
+        actor: as given.
+        critics: as given.
+        targets: the parameters of the target critics.
+        actor_adam: optimiser of the actor.
+        critic_adam: optimiser of the critics.
+    """
+
+    def __init__(
+        self,
+        model: stable_baselines3.SAC,
+        actor: FlatParameters,
+        critics: FlatParameters,
+        hyperparameters: SACHyperparameters,
+    ) -> None:
+        self.actor, self.critics = actor, critics
+        self.targets = FlatParameters([blocks_of(network) for network in model.critic_target.q_networks])
+        self.actor_adam = FlatAdam(model.actor.optimizer, self.actor)
+        self.critic_adam = FlatAdam(model.critic.optimizer, self.critics)
+        self._model, self._hyper = model, hyperparameters
+
+    def restore(self) -> None:
+        """Takes over the optimisers' states after the model was loaded."""
+        self.actor_adam.restore()
+        self.critic_adam.restore()
+
+    def __call__(self, samples: ReplayBufferSamples) -> None:
+        """Takes one step of the critics, of the actor and of the targets; draws from torch's generator."""
+        batch = Transitions(*samples[:5])
+        noise, next_noise = (torch.randn_like(batch.actions) for _ in range(2))
+        critics = self._train_critics(batch, next_noise)
+        actor = self._train_actor(batch.observations, noise)
+        self.targets.values.lerp_(self.critics.values, self._hyper.target_rate)
+        self._model._n_updates += 1
+        self._model.logger.record("train/critic_loss", critics.item())
+        self._model.logger.record("train/actor_loss", actor.item())
+
+    def _train_critics(self, batch: Transitions, noise: torch.Tensor) -> torch.Tensor:
+        hyper, (actor,) = self._hyper, self.actor.networks
+        with torch.no_grad():
+            draw = squashed_draw(actor(batch.next_observations), noise, hyper.log_std)
+            targets = joined([network.frozen for network in self.targets.networks])
+            values = soft_values(targets, batch.next_observations, draw, hyper.entropy_coefficient)
+            goals = batch.rewards + (1 - batch.dones) * hyper.gamma * values
+        loss = critic_loss(joined(self.critics.networks), batch, goals)
+        self.critics.differentiate(loss)
+        self.critic_adam.step()
+        return loss
+
+    def _train_actor(self, observations: torch.Tensor, noise: torch.Tensor) -> torch.Tensor:
+        hyper, (actor,) = self._hyper, self.actor.networks
+        critics = joined([network.frozen for network in self.critics.networks])
+        draw = squashed_draw(actor(observations), noise, hyper.log_std)
+        loss = actor_loss(critics, observations, draw, hyper.entropy_coefficient)
+        self.actor.differentiate(loss)
+        self.actor_adam.step()
+        return loss
+
+
+POLICY = "sac"
+"""What saved policies say that they are; those of `StockSAC` say the same."""
+
+
+class SAC(StableBaselinesStudent[SACHyperparameters, stable_baselines3.SAC]):
+    """Soft actor-critic with a fixed entropy coefficient, as in Spinning Up 0.1.1, which the paper names.
+
+    The first 10,000 actions of the run are uniform. At the end of each episode, from the first one on,
+    the networks are updated once for every 10 steps of it, rounded up; an episode that the run's budget
+    cuts has no end and no updates. Batches are drawn with replacement: a buffer with fewer transitions
+    than a batch serves, too. Time limits bootstrap. The greedy action is the squashed mean.
+    stable-baselines3 has no V network (the original release has one): V(s) = E[min Q(s, a) - alpha log
+    pi(a|s)] is averaged over sampled actions.
+    """
+
+    algorithm_version = SACHyperparameters.algorithm_version
+    hyperparameters_type = SACHyperparameters
+
+    def _make_model(self) -> stable_baselines3.SAC:
+        hyper = self.hyperparameters
+        model = stable_baselines3.SAC(
+            POLICIES[hyper.log_std],
+            env=None,  # type: ignore[arg-type]  # stepped by the run, not by the model
+            learning_rate=hyper.learning_rate,
+            buffer_size=hyper.buffer_size,
+            learning_starts=hyper.exploration_steps,
+            batch_size=hyper.batch_size,
+            tau=hyper.target_rate,
+            gamma=hyper.gamma,
+            train_freq=hyper.steps_per_update,
+            gradient_steps=1,
+            ent_coef=hyper.entropy_coefficient,
+            target_entropy=0.0,  # only a learned coefficient has a target
+            policy_kwargs={"net_arch": list(hyper.hidden_units), "activation_fn": nn.ReLU},
+            device=self.device,
+            _init_setup_model=False,
+        )
+        model.replay_buffer = self._replay  # type: ignore[assignment]
+        return model
+
+    def _start(self) -> None:
+        sizes = self.observation_space.shape[0], self.action_space.shape[0]
+        self._replay = ReplayBuffer(self.hyperparameters.buffer_size, *sizes, self._batches, self.device)
+        self._steps, self._episode_steps = 0, 0
+
+    def _connect(self) -> None:
+        actor, critics = self.model.actor, self.model.critic.q_networks
+        self._replay.clear()
+        self._actor = FlatParameters([blocks_of(actor.latent_pi, actor.mu, actor.log_std)])  # type: ignore[arg-type]
+        self._critics = FlatParameters([blocks_of(critic) for critic in critics])
+        self._prepare_update()
+        layout = self._actor.networks[0].layout
+        self._greedy = GreedyNetwork(self._actor.values, layout, self._low.size)
+
+    def _refresh(self) -> None:
+        self._greedy.refresh()
+
+    def _prepare_update(self) -> None:
+        """Makes what `_train` needs for `self.model`."""
+        self._update = SACUpdate(self.model, self._actor, self._critics, self.hyperparameters)
+
+    def _restore_update(self) -> None:
+        self._update.restore()
+
+    def _train(self, updates: int) -> None:
+        """Updates the networks, each time with a new batch."""
+        for _ in range(updates):
+            self._update(self._replay.sample(self.hyperparameters.batch_size))
+
+    def act(self, observation: Observations) -> Actions:  # noqa: D102
+        if self._steps < self.hyperparameters.exploration_steps:
+            return self._exploration.uniform(self._low, self._high).astype(np.float32)
+        network, clamp = self._greedy.row.arrays, self.hyperparameters.log_std is LogStd.CLAMP
+        action = squashed_action(network, observation, self._noise(), LOG_STD_RANGE, clamp)
+        return self._unscale(action)
+
+    def observe(self, transition: Transition) -> None:  # noqa: D102
+        self._replay.add(transition, self._scale(transition.action))
+        self._steps += 1
+        self._episode_steps += 1
+        ended = transition.terminated or transition.truncated
+        updates = updates_due(self.hyperparameters, self._steps, self._episode_steps, ended)
+        if ended:
+            self._episode_steps = 0
+        if updates:
+            with self._updating():
+                self._train(updates)
+
+    @property
+    def update(self) -> SACUpdate:
+        """Networks and optimisers, as flat parameters; whoever changes them calls `changed`."""
+        return self._update
+
+    @property
+    def replay(self) -> ReplayBuffer:
+        """Stored transitions."""
+        return self._replay
+
+    @property
+    def steps(self) -> int:
+        """Environment steps so far; those of an unfinished episode are forgotten when it is set."""
+        return self._steps
+
+    @steps.setter
+    def steps(self, steps: int) -> None:
+        self._steps, self._episode_steps = steps, 0
+
+    def changed(self, updates: int) -> None:
+        """Takes over parameters that were changed from outside, by so many `updates` in all."""
+        self.model._n_updates = updates
+        self._refresh()
+
+    def act_greedily(self, observations: Observations) -> Actions:  # noqa: D102
+        return self._unscale(self._greedy(observations, squash=True))
+
+    def sample_actions(self, observations: Observations, rng: np.random.Generator) -> Actions:  # noqa: D102
+        bounds = self._low, self._high
+        if self._steps < self.hyperparameters.exploration_steps:
+            return uniform_actions(bounds, rng, len(observations))
+        clamp = self.hyperparameters.log_std is LogStd.CLAMP
+        return sampled_actions(self._greedy.outputs(observations), bounds, rng, clamp)
+
+    def state_values(self, observations: Observations) -> NDArray[np.float64]:
+        """Returns V(s) (n,) of `observations` (n, o), entropy bonus included."""
+        hyper, inputs = self.hyperparameters, as_batch(observations, self.device)
+        total = torch.zeros((len(inputs), 1), dtype=torch.float64, device=self.device)
+        with torch.no_grad():
+            outputs = self._actor.networks[0].frozen(inputs)
+            for noise in self.value_noise(len(inputs)):
+                draw = squashed_draw(outputs, torch.from_numpy(noise).to(self.device), hyper.log_std)
+                critics = joined([critic.frozen for critic in self._critics.networks])
+                total += soft_values(critics, inputs, draw, hyper.entropy_coefficient)
+        values: NDArray[np.float64] = (total[:, 0] / hyper.value_samples).numpy(force=True)
+        return values
+
+    def value_noise(self, states: int) -> NDArray[np.float32]:
+        """Returns standard normal noise (m, n, a) of the m actions that the value of each state averages."""
+        shape = self.hyperparameters.value_samples, states, self._low.size
+        noise: NDArray[np.float32] = self._values.standard_normal(shape, dtype=np.float32)
+        return noise
+
+    def save_policy(self, folder: Path) -> None:
+        """Writes the actor's layers to the mean.
+
+        To play elsewhere: the layers with ReLUs between, and the tangent hyperbolic of the result mapped from
+        [-1, 1] to the action space.
+        """
+        hyperparameters = {"hidden_units": list(self.hyperparameters.hidden_units)}
+        self._write_policy(folder, POLICY, self._greedy.tensors(), hyperparameters)
+
+    @classmethod
+    def load_policy(cls, folder: Path, device: str = "cpu") -> Policy:  # noqa: D102
+        stored = read_policy(folder, POLICY)
+        stored.check(tensor_kinds(stored))
+        network = stored_network(stored, device)
+        (size,) = stored.observation_space.shape
+        bounds = stored.action_space.low, stored.action_space.high
+        low, high = (np.asarray(bound, np.float32) for bound in bounds)
+
+        def act(observations: Observations) -> Actions:
+            check_rows(observations, size)
+            return between(low, high, network(observations, squash=True))
+
+        return act
+
+    @classmethod
+    def policy_layers(cls, folder: Path) -> nn.Sequential:  # noqa: D102
+        stored = read_policy(folder, POLICY)
+        stored.check(tensor_kinds(stored))
+        layers = as_modules(*stored_parameters(stored))
+        return in_a_row([*layers, nn.Tanh(), unscale(stored.action_space)])
+
+    def _save_experience(self, folder: Path, incremental: bool) -> Experience:
+        return Experience({"steps": self._steps}, self._replay.save(folder, incremental))
+
+    def _load_experience(self, folder: Path, counters: dict[str, Any]) -> None:
+        self._replay.load(folder)
+        self._steps = counters["steps"]
+        self._episode_steps = 0  # states are saved at the end of an episode, after its updates
+
+    def _scale(self, actions: Actions) -> Actions:
+        """Returns `actions` mapped from the action space to [-1, 1]."""
+        return 2 * ((actions - self._low) / (self._high - self._low)) - 1
+
+    def _unscale(self, actions: Actions) -> Actions:
+        """Returns `actions` mapped from [-1, 1] to the action space."""
+        return between(self._low, self._high, actions)
+
+
+class StockSAC(SAC):
+    """SAC whose update is stable-baselines3's own `train`; all else is alike."""
+
+    def _prepare_update(self) -> None:
+        """Prepares nothing."""
+
+    def _restore_update(self) -> None:
+        """Restores nothing: the model's optimisers are the only ones."""
+
+    def _train(self, updates: int) -> None:
+        self.model.train(gradient_steps=updates, batch_size=self.hyperparameters.batch_size)

@@ -1,1 +1,0 @@
-"""Soft actor-critic. Importing this package imports no torch."""

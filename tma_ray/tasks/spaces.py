@@ -1,0 +1,271 @@
+"""The box of tasks that a teacher chooses from, and the same box with its regions shuffled."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import TypeAlias
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from tma_ray.commands.arguments import check_finite, check_kind, check_names, check_pair, check_whole
+
+Task: TypeAlias = NDArray[np.float32]
+"""One task (d,) or several (n, d), float32 as every environment receives them."""
+
+
+@dataclass(frozen=True)
+class Dimension:
+    """One parameter of the procedural generation.
+
+    Attributes:
+        name: the parameter, as it is called in test sets and tables.
+        low: smallest value, in `unit`.
+        high: largest value, in `unit`; equal to `low` for a constant dimension.
+        unit: unit of the values ("m", "terrain steps"), empty for a pure number.
+    """
+
+    name: str
+    low: float
+    high: float
+    unit: str = ""
+
+    def __post_init__(self) -> None:
+        check_kind("name of a dimension", self.name, str, "a text")
+        check_kind("unit", self.unit, str, "a text")
+        if not self.name:
+            raise ValueError("a dimension needs a name, as it is called in test sets and tables")
+        check_finite(f"dimension {self.name!r}: low", self.low)
+        check_finite(f"dimension {self.name!r}: high", self.high)
+        if self.low > self.high:
+            raise ValueError(f"dimension {self.name!r}: low {self.low} is over high {self.high}; swap them")
+
+
+@dataclass(frozen=True)
+class TaskSpace:
+    """A box of tasks with named, bounded dimensions, some of which may have no width.
+
+    Examples:
+        >>> space = TaskSpace((Dimension("height", 0, 3), Dimension("spacing", 0, 6, "m")))
+        >>> space.contains([1.5, 7.0])
+        False
+        >>> space.clip([1.5, 7.0]).tolist()
+        [1.5, 6.0]
+        >>> space.normalise([1.5, 3.0]).tolist()
+        [0.5, 0.5]
+    """
+
+    dimensions: tuple[Dimension, ...]
+
+    def __post_init__(self) -> None:
+        check_names("dimensions", self.dimensions)
+        for dimension in self.dimensions:
+            check_kind("dimension", dimension, Dimension, "a Dimension(name, low, high)")
+        if not self.dimensions:
+            raise ValueError("a task space needs at least one dimension")
+        if len(set(self.names)) != len(self.names):
+            raise ValueError(f"dimension names must differ, got {list(self.names)}")
+
+    @classmethod
+    def from_bounds(
+        cls, bounds: dict[str, tuple[float, float]], units: dict[str, str] | None = None
+    ) -> TaskSpace:
+        """Returns the box with `bounds` (name to low and high) and optional `units` by name."""
+        units = units or {}
+        for name, each in bounds.items():
+            check_pair(f"bounds of {name!r}", each, "low and high")
+        return cls(tuple(Dimension(n, low, high, units.get(n, "")) for n, (low, high) in bounds.items()))
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the dimensions, in task order."""
+        return tuple(dimension.name for dimension in self.dimensions)
+
+    @property
+    def size(self) -> int:
+        """Number of dimensions d, constant ones included."""
+        return len(self.dimensions)
+
+    @cached_property
+    def low(self) -> Task:
+        """Lower bounds (d,)."""
+        return np.array([dimension.low for dimension in self.dimensions], dtype=np.float32)
+
+    @cached_property
+    def high(self) -> Task:
+        """Upper bounds (d,)."""
+        return np.array([dimension.high for dimension in self.dimensions], dtype=np.float32)
+
+    @cached_property
+    def width(self) -> NDArray[np.float64]:
+        """Ranges (d,), 0 for constant dimensions."""
+        return self.high.astype(np.float64) - self.low.astype(np.float64)
+
+    @property
+    def centre(self) -> NDArray[np.float64]:
+        """Middle of the box (d,)."""
+        return self.low + self.width / 2
+
+    def sample(self, rng: np.random.Generator, count: int | None = None) -> Task:
+        """Returns one uniform task (d,), or `count` of them (count, d)."""
+        check_kind("rng", rng, np.random.Generator, "a Generator of numpy's, as np.random.default_rng(0)")
+        check_whole("count", 0 if count is None else count, 0)
+        shape = self.size if count is None else (count, self.size)
+        return self.clip(self.low + rng.random(shape) * self.width)
+
+    def clip(self, tasks: ArrayLike) -> Task:
+        """Returns `tasks` (..., d) moved to the nearest point of the box, as float32."""
+        return np.clip(self._checked(tasks).astype(np.float32), self.low, self.high)
+
+    def contains(self, tasks: ArrayLike) -> bool:
+        """Tells whether every one of `tasks` (..., d) lies in the closed box; NaN never does."""
+        values = self._checked(tasks).astype(np.float32)
+        return bool(np.all((values >= self.low) & (values <= self.high)))
+
+    def normalise(self, tasks: ArrayLike) -> NDArray[np.float64]:
+        """Returns `tasks` (..., d) mapped from the box to [0, 1]; 0.5 in constant dimensions."""
+        offset = self._checked(tasks) - self.low.astype(np.float64)
+        free = self.width > 0
+        return np.where(free, offset / np.where(free, self.width, 1.0), 0.5)
+
+    def denormalise(self, points: ArrayLike) -> Task:
+        """Returns `points` (..., d) of the unit box mapped to tasks, clipped to the box."""
+        return self.clip(self.low + self._checked(points) * self.width)
+
+    def with_bounds(self, name: str, low: float, high: float) -> TaskSpace:
+        """Returns the same space with other bounds for the dimension called `name`."""
+        if name not in self.names:
+            raise ValueError(f"no dimension {name!r}; the space has {', '.join(self.names)}")
+        return TaskSpace(
+            tuple(Dimension(d.name, low, high, d.unit) if d.name == name else d for d in self.dimensions)
+        )
+
+    def _checked(self, tasks: ArrayLike) -> NDArray[np.float64]:
+        values = np.asarray(tasks, dtype=np.float64)
+        if values.ndim == 0 or values.shape[-1] != self.size:
+            raise ValueError(
+                f"tasks of shape {values.shape} do not fit a space of {self.size} dimensions "
+                f"({', '.join(self.names)}); expected (..., {self.size})"
+            )
+        return values
+
+
+def check_task(task: ArrayLike, domain: TaskSpace) -> Task:
+    """Returns `task` as float32 (d,) if an environment with this valid domain can build it.
+
+    Raises:
+        ValueError: wrong shape, not finite, or outside `domain`; the message names the dimension.
+    """
+    values = np.asarray(task, dtype=np.float32)
+    if values.shape != (domain.size,):
+        raise ValueError(f"a task has shape ({domain.size},) ({', '.join(domain.names)}), got {values.shape}")
+    for value, dimension in zip(values, domain.dimensions, strict=True):
+        if not np.float32(dimension.low) <= value <= np.float32(dimension.high):
+            raise ValueError(
+                f"task {_rounded(values)}: {dimension.name} = {value:g} is outside its valid domain "
+                f"[{dimension.low:g}, {dimension.high:g}]"
+            )
+    return values
+
+
+def _rounded(values: Sequence[float] | Task) -> list[float]:
+    return [round(float(value), 4) for value in values]
+
+
+CUTS = 4
+"""Intervals per dimension (paper, appendix C, rugged difficulty landscape)."""
+
+
+@dataclass(frozen=True, eq=False)
+class ShuffledSpace:
+    """The box a teacher works in, and where each of its tasks really lies.
+
+    Every dimension is cut into equal intervals, which change places within it, independently of the
+    other dimensions. The teacher sees the same box as before; a smooth path through it jumps wherever
+    it leaves an interval. A boundary between two intervals belongs to the lower one.
+
+    Both maps are linear within an interval and never leave the interval they lead to, whatever float32
+    rounds away; one undoes the other up to that rounding. Constant dimensions stay as they are.
+
+    Source: paper, appendix C, algorithms for cutting and shuffling and for interpolation.
+
+    Attributes:
+        space: the box of the teacher, and of the world.
+        order: (d, cuts), the world's interval that each of the teacher's intervals shows.
+
+    Examples:
+        >>> line = TaskSpace.from_bounds({"height": (0, 4)})
+        >>> swapped = ShuffledSpace(line, np.array([[2, 3, 0, 1]]))
+        >>> swapped.to_world([0.5]).tolist(), swapped.from_world([2.5]).tolist()
+        ([2.5], [0.5])
+    """
+
+    space: TaskSpace
+    order: NDArray[np.intp]
+
+    def __post_init__(self) -> None:
+        places = np.arange(self.order.shape[-1])
+        if self.order.shape != (self.space.size, places.size) or np.any(np.sort(self.order) != places):
+            raise ValueError(
+                f"order {self.order.tolist()}: expected {self.space.size} rows, each a permutation of the "
+                f"intervals 0 to {places.size - 1}"
+            )
+        crowded = (self.space.width > 0) & np.any(np.diff(self._edges) <= 0, axis=1)
+        if np.any(crowded):
+            dimension = self.space.dimensions[int(np.argmax(crowded))]
+            raise ValueError(
+                f"dimension {dimension.name!r} is too narrow to be cut into {places.size} intervals of "
+                f"float32 numbers: {dimension.low} to {dimension.high}"
+            )
+
+    @classmethod
+    def shuffle(cls, space: TaskSpace, rng: np.random.Generator, cuts: int = CUTS) -> ShuffledSpace:
+        """Returns `space` with `cuts` intervals per dimension in an order drawn from `rng`.
+
+        Raises:
+            ValueError: no cuts, or more than float32 can tell apart in some dimension.
+        """
+        if cuts < 1:
+            raise ValueError(f"cuts = {cuts}: expected at least 1 interval per dimension")
+        return cls(space, rng.permuted(np.tile(np.arange(cuts), (space.size, 1)), axis=1))
+
+    def to_world(self, tasks: ArrayLike) -> Task:
+        """Returns the tasks (..., d) that the world builds for `tasks` (..., d) of the teacher.
+
+        Raises:
+            ValueError: a task outside the space.
+        """
+        return self._move(tasks, self.order)
+
+    def from_world(self, tasks: ArrayLike) -> Task:
+        """Returns the teacher's tasks (..., d) that lead to `tasks` (..., d) of the world.
+
+        Raises:
+            ValueError: a task outside the space.
+        """
+        return self._move(tasks, np.argsort(self.order, axis=1))
+
+    @cached_property
+    def _edges(self) -> Task:
+        """Bounds of the intervals (d, cuts + 1), the outer ones exactly those of the space."""
+        return np.linspace(self.space.low, self.space.high, self.order.shape[1] + 1, axis=1, dtype=np.float32)
+
+    def _move(self, tasks: ArrayLike, order: NDArray[np.intp]) -> Task:
+        values = np.asarray(tasks, dtype=np.float32)
+        if not self.space.contains(values):
+            raise ValueError(
+                f"tasks {values.tolist()} exceed the shuffled space: bounds are "
+                f"{self.space.low.tolist()} to {self.space.high.tolist()}"
+            )
+        rows = np.arange(self.space.size)
+        here = np.sum(values[..., None] > self._edges[:, 1:-1], axis=-1)
+        there = order[rows, here]
+        low, high = self._edges[rows, here].astype(np.float64), self._edges[rows, here + 1]
+        new_low, new_high = self._edges[rows, there], self._edges[rows, there + 1]
+        share = (values - low) / np.where(high > low, high - low, 1.0)
+        moved = new_low + share * (new_high.astype(np.float64) - new_low)
+        first = np.where(there > 0, np.nextafter(new_low, new_high), new_low)
+        inside: Task = np.clip(moved.astype(np.float32), first, new_high)
+        return inside

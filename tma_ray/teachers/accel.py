@@ -1,0 +1,84 @@
+"""ACCEL: robust PLR that edits what it replays (Parker-Holder et al. 2022)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+
+from tma_ray.tasks import ExpertKnowledge, KnowledgeLevel, Proposal, Task, TaskSpace
+from tma_ray.teachers.prioritised_replay import PrioritisedReplay
+
+
+@dataclass
+class ACCEL(PrioritisedReplay):
+    """Robust PLR whose further new tasks are edits of those just replayed.
+
+    Each edit moves one coordinate, chosen at random, up or down or not at all; the edited task is played to
+    be scored, and enters the buffer if it scores high enough. New tasks otherwise come from the initial
+    Gaussian at high expert knowledge, since the method wants to start from easy ones; else they are uniform.
+
+    Sources: Parker-Holder et al. 2022, algorithm 1, and the authors' code of BipedalWalker.
+
+    Attributes:
+        replay_share: highest chance of a replay instead of a new task, in [0, 1]; it is the filled share of
+            the buffer while that is less (paper: p).
+        edit_share: chance that a replay is followed by an edit of its task, in [0, 1] (paper: q).
+        edits: coordinates moved in one edit, with repetitions (paper: number of edits).
+        edit_step: how far, as a share of the dimension's range.
+    """
+
+    algorithm_version: ClassVar[int | None] = 1
+    knowledge_levels: ClassVar[tuple[KnowledgeLevel, ...]] = (KnowledgeLevel.NONE, KnowledgeLevel.HIGH)
+    wants_evaluations: ClassVar[bool] = True
+    new_tasks_train: ClassVar[bool] = False
+
+    replay_share: float = 0.9
+    edit_share: float = 1.0
+    edits: int = 3
+    edit_step: float = 0.04
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if not 0 <= self.edit_share <= 1:
+            raise ValueError(f"edit_share = {self.edit_share} is a probability; expected it in [0, 1]")
+        if self.edits < 1:
+            raise ValueError(f"edits = {self.edits}: expected at least 1")
+        if not 0 < self.edit_step <= 1:
+            raise ValueError(f"edit_step = {self.edit_step}: expected a share over 0, at most 1")
+
+    def start(self, space: TaskSpace, knowledge: ExpertKnowledge, rng: np.random.Generator) -> None:
+        """Starts with an empty buffer."""
+        super().start(space, knowledge, rng)
+        self.edited_: Task | None = None
+
+    def sample(self) -> Task | Proposal:
+        """Returns the edit of the task just replayed if there is one, else what robust PLR would."""
+        if self.edited_ is None:
+            return super().sample()
+        task, self.edited_, self.replayed_ = self.edited_, None, None
+        return Proposal(task, trains=False)
+
+    def new_tasks(self, rng: np.random.Generator, count: int | None = None) -> Task:
+        """Returns a task (d,), or `count` of them (count, d).
+
+        They are of the initial Gaussian at high knowledge, else uniform.
+        """
+        if self.knowledge.level is KnowledgeLevel.HIGH:
+            return self.knowledge.initial.sample(self.space, rng, count)
+        return super().new_tasks(rng, count)
+
+    def after_replay(self, task: Task) -> None:
+        """Edits `task` (d,), to be played next."""
+        if self.rng.random() < self.edit_share:
+            self.edited_ = self._edit(task)
+
+    def _edit(self, task: Task) -> Task:
+        free = np.flatnonzero(self.space.width > 0)
+        moved = task.astype(np.float64)
+        if len(free):
+            dimensions = self.rng.choice(free, self.edits)
+            directions = self.rng.integers(-1, 2, self.edits)
+            np.add.at(moved, dimensions, directions * self.edit_step * self.space.width[dimensions])
+        return self.space.clip(moved)

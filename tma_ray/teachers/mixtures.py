@@ -1,0 +1,172 @@
+"""Gaussian mixtures chosen by AIC: the task distribution of the GMM teachers."""
+
+from __future__ import annotations
+
+import warnings
+from abc import abstractmethod
+from collections import deque
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+from threadpoolctl import threadpool_limits
+
+from tma_ray.tasks import (
+    Episode,
+    ExpertKnowledge,
+    KnowledgeLevel,
+    Task,
+    TaskSpace,
+    TeacherUpdate,
+    WeightedGaussian,
+)
+from tma_ray.teachers.base import Teacher
+from tma_ray.teachers.numerics import draw_in_proportion, shares_of
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class Mixture:
+    """A fitted mixture as plain arrays.
+
+    Attributes:
+        weights: (k,) share of the data in each component.
+        means: (k, c).
+        covariances: (k, c, c).
+    """
+
+    weights: Array
+    means: Array
+    covariances: Array
+
+    def __len__(self) -> int:
+        return len(self.weights)
+
+    def draw(self, component: int, rng: np.random.Generator) -> Array:
+        """Returns one point (c,) of `component`."""
+        factor = np.linalg.cholesky(self.covariances[component])
+        drawn: Array = self.means[component] + factor @ rng.standard_normal(self.means.shape[1])
+        return drawn
+
+
+def fit_mixture(rows: Array, most_components: int, seed: int) -> Mixture:
+    """Returns the full-covariance mixture of 2 to `most_components` components with the lowest AIC.
+
+    One EM initialisation each, without warm start. One thread, so that where a teacher runs does
+    not change what it fits.
+
+    Args:
+        rows: data (n, c); sizes beyond n - 1 components are not tried.
+        most_components: largest number of components, included.
+        seed: of scikit-learn's initialisation.
+    """
+    # Imported here: drivers and workers that name a teacher and fit nothing start sooner without it.
+    from sklearn.exceptions import ConvergenceWarning
+    from sklearn.mixture import GaussianMixture
+
+    sizes = range(2, min(most_components, len(rows) - 1) + 1)
+    with threadpool_limits(limits=1), warnings.catch_warnings():
+        # Twin rows and few episodes leave components empty: EM then stops early, which is fine here.
+        warnings.simplefilter("ignore", ConvergenceWarning)
+        fits = [GaussianMixture(size, covariance_type="full", random_state=seed).fit(rows) for size in sizes]
+        best = min(fits, key=lambda fit: float(fit.aic(rows)))
+    return Mixture(best.weights_, best.means_, best.covariances_)
+
+
+@dataclass
+class MixtureTeacher(Teacher):
+    """Samples from the components of a Gaussian mixture in proportion to their learning progress.
+
+    Every `fit_every` episodes the mixture is fitted on the latest rows: a task and the coordinates
+    that `measure` adds to it. Until the first fit tasks are uniform, or from the initial Gaussian at
+    high expert knowledge.
+
+    Sources: Portelas et al. 2019, algorithm 1; paper, appendix A and table of hyper-parameters. The
+    original release tries 2 to `most_components` - 1 components; here, as the paper says, the
+    maximum is included.
+
+    Attributes:
+        fit_every: episodes between two fits, and rows in each (paper: n).
+        most_components: largest mixture tried (paper: max_k).
+        explore: share of uniform tasks after the first fit, in [0, 1] (paper: r_p).
+    """
+
+    knowledge_levels: ClassVar[tuple[KnowledgeLevel, ...]] = (KnowledgeLevel.NONE, KnowledgeLevel.HIGH)
+
+    fit_every: int = 150
+    most_components: int = 10
+    explore: float = 0.05
+
+    def __post_init__(self) -> None:
+        if self.fit_every < 3:
+            raise ValueError(f"fit_every = {self.fit_every}: a mixture needs at least 3 episodes")
+        if self.most_components < 2:
+            raise ValueError(f"most_components = {self.most_components}: expected at least 2")
+        if not 0 <= self.explore <= 1:
+            raise ValueError(f"explore = {self.explore} is a share; expected a number in [0, 1]")
+
+    @abstractmethod
+    def measure(self, episode: Episode) -> tuple[float, ...]:
+        """Returns the coordinates that are appended to the task of `episode`."""
+
+    @abstractmethod
+    def progress_of(self, mixture: Mixture) -> Array:
+        """Returns the learning progress (k,) of each component, none negative."""
+
+    def start(self, space: TaskSpace, knowledge: ExpertKnowledge, rng: np.random.Generator) -> None:
+        """Starts with an empty history."""
+        super().start(space, knowledge, rng)
+        self.fit_seed_ = int(rng.integers(2**31))
+        self.recent_: deque[Array] = deque(maxlen=self.fit_every)
+        self.episodes_ = 0
+        self.mixture_: Mixture | None = None
+
+    def sample(self) -> Task:
+        """Returns a task (d,): bootstrap, uniform exploration, or a draw from the mixture."""
+        if self.mixture_ is None:
+            return self._bootstrap(self.rng)
+        if self.rng.random() < self.explore:
+            return self.space.sample(self.rng)
+        return self._exploit(self.mixture_, self.rng)
+
+    def observe(self, episode: Episode) -> None:
+        """Stores the task with what was measured, and fits a new mixture when due."""
+        self.recent_.append(np.array([*episode.task, *self.measure(episode)], dtype=np.float64))
+        self.episodes_ += 1
+        if self.episodes_ % self.fit_every == 0:
+            self.mixture_ = fit_mixture(np.array(self.recent_), self.most_components, self.fit_seed_)
+            self._log_fit(self.mixture_)
+
+    def probe(self, count: int) -> Task:
+        """Returns `count` tasks (count, d) from the mixture, or from the bootstrap before it."""
+        rng = self.probe_rng()
+        if self.mixture_ is None:
+            return np.stack([self._bootstrap(rng) for _ in range(count)])
+        return np.stack([self._exploit(self.mixture_, rng) for _ in range(count)])
+
+    def _bootstrap(self, rng: np.random.Generator) -> Task:
+        if self.knowledge.level is KnowledgeLevel.HIGH:
+            return self.knowledge.initial.sample(self.space, rng)
+        return self.space.sample(rng)
+
+    def _exploit(self, mixture: Mixture, rng: np.random.Generator) -> Task:
+        component = draw_in_proportion(self.progress_of(mixture), rng)
+        return self.space.clip(mixture.draw(component, rng)[: self.space.size])
+
+    def _log_fit(self, mixture: Mixture) -> None:
+        """Logs the components, weighted by the share of tasks that is drawn from each."""
+        size, progress = self.space.size, self.progress_of(mixture)
+        shares = shares_of(progress)
+        parts = zip(shares, mixture.means, mixture.covariances, strict=True)
+        self.log(
+            TeacherUpdate(
+                gaussians=tuple(WeightedGaussian(float(w), m[:size], c[:size, :size]) for w, m, c in parts),
+                scalars={
+                    "components": float(len(mixture)),
+                    "mean_progress": float(mixture.weights @ progress),
+                    "largest_progress": float(progress.max()),
+                },
+            )
+        )

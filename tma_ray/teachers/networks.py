@@ -1,0 +1,398 @@
+"""Networks of Goal-GAN and Setter-Solver: the one module of teachers that imports torch."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from contextlib import contextmanager
+from itertools import pairwise
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from torch import nn
+from torch.nn.functional import logsigmoid
+
+from tma_ray.optimisers import leave_compiler_out, take_step
+
+leave_compiler_out()
+
+
+def torch_generator(rng: np.random.Generator) -> torch.Generator:
+    """Returns a generator for initial weights, seeded by a draw from `rng`."""
+    return torch.Generator().manual_seed(int(rng.integers(2**63)))
+
+
+def linear(inputs: int, outputs: int, dtype: torch.dtype, generator: torch.Generator) -> nn.Linear:
+    """Returns a layer with Xavier's uniform weights (Glorot and Bengio 2010) and no bias yet."""
+    layer = nn.Linear(inputs, outputs, device="meta", dtype=dtype)  # draws no weights of its own
+    layer.weight, layer.bias = (
+        nn.Parameter(torch.empty(parameter.shape, dtype=dtype)) for parameter in (layer.weight, layer.bias)
+    )
+    nn.init.xavier_uniform_(layer.weight, generator=generator)
+    nn.init.zeros_(layer.bias)
+    return layer
+
+
+def descend(optimiser: torch.optim.Optimizer, loss: torch.Tensor) -> None:
+    """Takes one step of `optimiser` down the gradient of `loss`."""
+    for group in optimiser.param_groups:
+        for parameter in group["params"]:
+            parameter.grad = None
+    loss.backward()  # type: ignore[no-untyped-call]
+    take_step(optimiser)
+
+
+@contextmanager
+def training() -> Iterator[None]:
+    """Computes gradients on one thread inside the block, so that where a teacher runs changes nothing."""
+    with single_thread(), torch.enable_grad():
+        yield
+
+
+@contextmanager
+def inference() -> Iterator[None]:
+    """Computes no gradients inside the block, on one thread."""
+    with single_thread(), torch.no_grad():
+        yield
+
+
+@contextmanager
+def single_thread() -> Iterator[None]:
+    """Uses one thread inside the block, and as many as before after it."""
+    threads = torch.get_num_threads()
+    torch.set_num_threads(1)
+    try:
+        yield
+    finally:
+        torch.set_num_threads(threads)
+
+
+GENERATOR_UNITS = 256
+DISCRIMINATOR_UNITS = 128
+LEAK = 0.1
+
+SMOOTHING = 0.9
+"""Share of the mean square of gradients that RMSProp keeps at a step: the default of TensorFlow 1, which the
+original release ran with; torch's is 0.99."""
+
+
+class LeastSquaresGAN:
+    """A generator of points in [-1, 1] and a discriminator that tells wanted points from others.
+
+    Source: Florensa et al. 2018, section 4.2, after Mao et al. 2017: the discriminator is drawn to +1 on
+    wanted and to -1 on unwanted and on generated points, the generator to where it is +1.
+    Layers as in TeachMyAgent's paper, appendix A; initial weights, leaky units of the discriminator
+    and optimisers as in its release.
+
+    Args:
+        size: dimensions d of points and of the noise that they are generated from.
+        learning_rate: of both RMSProp optimisers.
+        batch_size: points per step, and as many generated ones.
+        rng: draws the initial weights.
+    """
+
+    def __init__(self, size: int, learning_rate: float, batch_size: int, rng: np.random.Generator) -> None:
+        seeded = torch_generator(rng)
+
+        def layer(inputs: int, outputs: int) -> nn.Linear:
+            return linear(inputs, outputs, torch.float32, seeded)
+
+        wide, narrow = GENERATOR_UNITS, DISCRIMINATOR_UNITS
+        self.generator = nn.Sequential(
+            layer(size, wide), nn.ReLU(), layer(wide, wide), nn.ReLU(), layer(wide, size), nn.Tanh()
+        )
+        self.discriminator = nn.Sequential(
+            layer(size, narrow),
+            nn.LeakyReLU(LEAK),
+            layer(narrow, narrow),
+            nn.LeakyReLU(LEAK),
+            layer(narrow, 1),
+        )
+        self._size, self._batch_size = size, batch_size
+        self._generator_optimiser, self._discriminator_optimiser = (
+            torch.optim.RMSprop(network.parameters(), learning_rate, alpha=SMOOTHING)
+            for network in (self.generator, self.discriminator)
+        )
+
+    def generate(self, count: int, rng: np.random.Generator) -> NDArray[np.float64]:
+        """Returns `count` points (count, d) in [-1, 1]."""
+        with inference():
+            points: NDArray[np.float32] = self.generator(self._noise(count, rng)).numpy()
+        return points.astype(np.float64)
+
+    def train(
+        self,
+        points: NDArray[np.float64],
+        wanted: NDArray[np.bool_],
+        iterations: int,
+        rng: np.random.Generator,
+    ) -> dict[str, float]:
+        """Takes one step of each network per iteration.
+
+        Args:
+            points: (n, d).
+            wanted: label (n,) of each.
+            iterations: number of steps.
+            rng: draws batches and noise.
+
+        Returns:
+            Mean losses of the steps by name.
+        """
+        inputs = torch.from_numpy(points.astype(np.float32))
+        targets = torch.from_numpy(np.where(wanted, 1.0, -1.0).astype(np.float32))[:, None]
+        losses = np.empty((iterations, 2))
+        with training():
+            for iteration in range(iterations):
+                batch = torch.from_numpy(rng.integers(len(points), size=self._batch_size))
+                losses[iteration] = self._step(inputs[batch], targets[batch], rng)
+        discriminator_loss, generator_loss = losses.mean(axis=0).tolist()
+        return {"discriminator_loss": discriminator_loss, "generator_loss": generator_loss}
+
+    def _step(
+        self, points: torch.Tensor, targets: torch.Tensor, rng: np.random.Generator
+    ) -> tuple[float, float]:
+        generated = self.generator(self._noise(self._batch_size, rng))
+        judged = self.discriminator(torch.cat([points, generated.detach()]))
+        aims = torch.cat([targets, torch.full_like(targets, -1.0)])
+        discriminator_loss = nn.functional.mse_loss(judged, aims)
+        descend(self._discriminator_optimiser, discriminator_loss)
+        self.discriminator.requires_grad_(False)
+        generator_loss = ((self.discriminator(generated) - 1) ** 2).mean()
+        descend(self._generator_optimiser, generator_loss)
+        self.discriminator.requires_grad_(True)
+        return discriminator_loss.item(), generator_loss.item()
+
+    def _noise(self, count: int, rng: np.random.Generator) -> torch.Tensor:
+        return torch.from_numpy(rng.standard_normal((count, self._size), dtype=np.float32))
+
+
+DTYPE = torch.float64
+"""Scales of all couplings multiply, which is too much for the inverse in single precision."""
+
+BLOCKS = 3
+GATED_LAYERS = 3
+SMALLEST_SCALE = 0.01
+
+UNIT_SCALE_INPUT = 0.9131652918237967
+"""Where `SMALLEST_SCALE` + `slow_softplus` is 1."""
+
+MARGIN = 1e-4
+"""Points keep this distance from the faces of the box, where the density of a sigmoid diverges."""
+
+
+class HighwayNetwork(nn.Module):
+    """Maps (n, inputs) to (n, outputs) by a tanh layer, three gated tanh layers and a linear one.
+
+    A gated layer mixes its input with a tanh layer of it (Srivastava et al. 2015). Before any training
+    every output is `start`.
+    """
+
+    def __init__(
+        self, inputs: int, hidden: int, outputs: int, start: float, generator: torch.Generator
+    ) -> None:
+        super().__init__()
+        self._first = linear(inputs, hidden, DTYPE, generator)
+        self._gates = nn.ModuleList(linear(hidden, hidden, DTYPE, generator) for _ in range(GATED_LAYERS))
+        self._layers = nn.ModuleList(linear(hidden, hidden, DTYPE, generator) for _ in range(GATED_LAYERS))
+        self._last = linear(hidden, outputs, DTYPE, generator)
+        nn.init.zeros_(self._last.weight)
+        nn.init.constant_(self._last.bias, start)
+
+    def forward(self, inputs: torch.Tensor) -> torch.Tensor:
+        """Returns (n, outputs)."""
+        hidden = torch.tanh(self._first(inputs))
+        for gate, layer in zip(self._gates, self._layers, strict=True):
+            hidden = torch.lerp(hidden, torch.tanh(layer(hidden)), torch.sigmoid(gate(hidden)))
+        outputs: torch.Tensor = self._last(hidden)
+        return outputs
+
+
+class AffineCoupling(nn.Module):
+    """Scales and shifts some coordinates by functions of the others and of a condition.
+
+    Before any training it is the identity. (With weights around 0, as they usually begin, each of the
+    couplings would shrink to a third, all of them together to nearly a point.)
+
+    Args:
+        moved: bool (d,), the coordinates that change.
+        hidden: units of each layer of both networks.
+        generator: draws the initial weights.
+    """
+
+    def __init__(self, moved: torch.Tensor, hidden: int, generator: torch.Generator) -> None:
+        super().__init__()
+        self._moved = moved
+        outputs = int(moved.sum())
+        inputs = len(moved) - outputs + 1
+        self._scale_network = HighwayNetwork(inputs, hidden, outputs, UNIT_SCALE_INPUT, generator)
+        self._shift_network = HighwayNetwork(inputs, hidden, outputs, 0.0, generator)
+
+    def forward(self, points: torch.Tensor, condition: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
+        """Returns new points (n, d) and the log-determinant (n,) of the Jacobian."""
+        scale, shift = self._scale_and_shift(points, condition)
+        return self._replaced(points, points[:, self._moved] * scale + shift), scale.log().sum(dim=1)
+
+    def inverse(self, points: torch.Tensor, condition: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
+        """Returns what leads to `points` (n, d), and the log-determinant (n,) of `forward` there."""
+        scale, shift = self._scale_and_shift(points, condition)
+        return self._replaced(points, (points[:, self._moved] - shift) / scale), scale.log().sum(dim=1)
+
+    def _scale_and_shift(
+        self, points: torch.Tensor, condition: torch.Tensor
+    ) -> tuple[torch.Tensor, torch.Tensor]:
+        inputs = torch.cat([points[:, ~self._moved], condition[:, None]], dim=1)
+        return SMALLEST_SCALE + slow_softplus(self._scale_network(inputs)), self._shift_network(inputs)
+
+    def _replaced(self, points: torch.Tensor, moved: torch.Tensor) -> torch.Tensor:
+        replaced = points.clone()
+        replaced[:, self._moved] = moved
+        return replaced
+
+
+class RealNVP(nn.Module):
+    """A density over the unit box for every condition in (0, 1).
+
+    Sources: Dinh et al. 2017 (couplings), Racaniere et al. 2020, appendix (three blocks of three
+    couplings: by halves, by the other halves, interlaced); scales, highway networks and precision as
+    in the original release. Its sigmoid is clipped as the paper says, and so is the density here.
+
+    Args:
+        size: dimensions d; a single one depends on the condition alone.
+        hidden: units of each hidden layer (paper: n_HIDDEN).
+        generator: draws the initial weights.
+    """
+
+    def __init__(self, size: int, hidden: int, generator: torch.Generator) -> None:
+        super().__init__()
+        self.size = size
+        index = torch.arange(size)
+        parts = [index >= size // 2, index < size // 2, index % 2 == 1]
+        if size == 1:
+            parts = [torch.tensor([True])] * len(parts)
+        self._couplings = nn.ModuleList(
+            AffineCoupling(moved, hidden, generator) for _ in range(BLOCKS) for moved in parts
+        )
+
+    def forward(self, latents: torch.Tensor, condition: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
+        """Returns the points (n, d) of `latents` (n, d) and their log-density (n,) under `condition` (n,)."""
+        points, log_density = latents, _standard_log_density(latents)
+        for coupling in self._couplings:
+            points, log_determinant = coupling(points, condition)
+            log_density = log_density - log_determinant
+        clipped = points.clamp(-_LIMIT, _LIMIT)
+        return torch.sigmoid(clipped), log_density - _log_slope(clipped)
+
+    def inverse(self, points: torch.Tensor, condition: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
+        """Returns the latents (n, d) of `points` (n, d), `MARGIN` inside, and their log-density (n,)."""
+        latents = torch.logit(points.clamp(MARGIN, 1 - MARGIN))
+        log_density = -_log_slope(latents)
+        for coupling in reversed(self._couplings):
+            assert isinstance(coupling, AffineCoupling)
+            latents, log_determinant = coupling.inverse(latents, condition)
+            log_density = log_density - log_determinant
+        return latents, log_density + _standard_log_density(latents)
+
+
+_LIMIT = math.log((1 - MARGIN) / MARGIN)
+
+
+def slow_softplus(inputs: torch.Tensor) -> torch.Tensor:
+    """Returns a positive function that is near max(0, x) but leaves 0 slowly: x (atan(x)/pi + 1/2) + 1/pi."""
+    return inputs * (torch.atan(inputs) / math.pi + 0.5) + 1 / math.pi
+
+
+def _standard_log_density(points: torch.Tensor) -> torch.Tensor:
+    return -0.5 * (points**2 + math.log(2 * math.pi)).sum(dim=1)
+
+
+def _log_slope(points: torch.Tensor) -> torch.Tensor:
+    """Returns the log-determinant (n,) of the sigmoid's Jacobian at `points` (n, d)."""
+    return (logsigmoid(points) + logsigmoid(-points)).sum(dim=1)
+
+
+JUDGE_UNITS = 64
+
+
+def new_networks(size: int, hidden_units: int, rng: np.random.Generator) -> tuple[nn.Sequential, RealNVP]:
+    """Returns a judge and a setter that have learned nothing.
+
+    Args:
+        size: dimensions of a task.
+        hidden_units: of each layer of the setter's networks.
+        rng: draws the initial weights.
+    """
+    seeded = torch_generator(rng)
+    return _judge(size, seeded), RealNVP(size, hidden_units, seeded)
+
+
+def adam(network: nn.Module, learning_rate: float) -> torch.optim.Optimizer:
+    """Returns the optimiser of a network."""
+    return torch.optim.Adam(network.parameters(), learning_rate)
+
+
+def propose(
+    setter: RealNVP, latents: NDArray[np.float64], feasibility: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """Returns points (n, d) of a feasibility (n,) each, from noise (n, d)."""
+    with inference():
+        points, _ = setter(torch.from_numpy(latents), torch.from_numpy(feasibility))
+    proposed: NDArray[np.float64] = points.numpy()
+    return proposed
+
+
+def update_judge(
+    judge: nn.Sequential,
+    optimiser: torch.optim.Optimizer,
+    points: NDArray[np.float64],
+    solved: NDArray[np.bool_],
+) -> float:
+    """Takes one step towards the successes (n,) on points (n, d); returns the loss."""
+    with training():
+        logits = judge(torch.from_numpy(points))[:, 0]
+        successes = torch.from_numpy(solved).to(DTYPE)
+        loss = nn.functional.binary_cross_entropy_with_logits(logits, successes)
+        descend(optimiser, loss)
+    return loss.item()
+
+
+def update_setter(
+    setter: RealNVP,
+    judge: nn.Sequential,
+    optimiser: torch.optim.Optimizer,
+    proposed: tuple[NDArray[np.float64], NDArray[np.float64]],
+    valid: tuple[NDArray[np.float64], NDArray[np.bool_]],
+) -> dict[str, float]:
+    """Takes one step; returns the losses.
+
+    Args:
+        setter: what is trained.
+        judge: what tells the feasibility of its points.
+        optimiser: of the setter.
+        proposed: noise (n, d) and feasibility (n,) that were proposed from.
+        valid: points (m, d) that were solved, with noise, and which (n,) of the proposed these are.
+    """
+    latents, feasibility = proposed
+    targets, solved = valid
+    with training():
+        wanted = torch.from_numpy(feasibility)
+        points, log_density = setter(torch.from_numpy(latents), wanted)
+        judged = judge(points)[:, 0]
+        losses = {
+            "feasibility_loss": ((judged - torch.logit(wanted)) ** 2).mean(),
+            "coverage_loss": log_density.mean(),
+        }
+        if len(targets):
+            _, likelihood = setter.inverse(torch.from_numpy(targets), wanted[torch.from_numpy(solved)])
+            losses["validity_loss"] = -likelihood.mean()
+        descend(optimiser, torch.stack(list(losses.values())).sum())
+    return {name: loss.item() for name, loss in losses.items()}
+
+
+def _judge(size: int, generator: torch.Generator) -> nn.Sequential:
+    """Returns three hidden layers (paper, appendix A) and the logit of success."""
+    widths = [size, JUDGE_UNITS, JUDGE_UNITS, JUDGE_UNITS]
+    layers: list[nn.Module] = []
+    for inputs, outputs in pairwise(widths):
+        layers += [linear(inputs, outputs, DTYPE, generator), nn.ReLU()]
+    return nn.Sequential(*layers, linear(JUDGE_UNITS, 1, DTYPE, generator))

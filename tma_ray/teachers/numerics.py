@@ -1,0 +1,83 @@
+"""Numerics that several teachers share: random choices, common units, a set of tasks as a Gaussian."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from tma_ray.tasks import Task, TaskSpace, WeightedGaussian
+
+
+def draw_in_proportion(scores: ArrayLike, rng: np.random.Generator) -> int:
+    """Returns an index drawn in proportion to `scores` (k,), none negative; uniform if all are 0."""
+    cumulative = np.cumsum(scores)
+    total = cumulative[-1]
+    if total <= 0:
+        return int(rng.integers(len(cumulative)))
+    return int(np.searchsorted(cumulative, rng.random() * total, side="right"))
+
+
+def shares_of(scores: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Returns the chances (k,) that `draw_in_proportion` gives `scores` (k,)."""
+    total = scores.sum()
+    return scores / total if total > 0 else np.full(len(scores), 1 / len(scores))
+
+
+def draw_in_box(space: TaskSpace, box: NDArray[np.float64], rng: np.random.Generator) -> Task:
+    """Returns a uniform task (d,) of a `box` in `space`, given by its lower and upper corner (2, d)."""
+    low, high = box
+    return space.clip(low + rng.random(space.size) * (high - low))
+
+
+class UnitBox:
+    """The dimensions of a space that have width, each scaled to [0, 1].
+
+    Args:
+        space: the space; its constant dimensions keep their value.
+
+    Attributes:
+        free: bool (d,), which dimensions have width.
+        size: number f of them.
+
+    Raises:
+        ValueError: no dimension has width.
+    """
+
+    def __init__(self, space: TaskSpace) -> None:
+        self._space = space
+        self.free = space.width > 0
+        self.size = int(self.free.sum())
+        if not self.size:
+            raise ValueError(
+                f"no dimension of the task space ({', '.join(space.names)}) has width: "
+                f"there is nothing to choose; widen one, or use the teacher 'random'"
+            )
+
+    def normalise(self, tasks: ArrayLike) -> NDArray[np.float64]:
+        """Returns the free coordinates (..., f) of `tasks` (..., d)."""
+        return self._space.normalise(tasks)[..., self.free]
+
+    def denormalise(self, points: NDArray[np.float64]) -> Task:
+        """Returns `points` (..., f) as tasks (..., d), clipped to the space."""
+        tasks = np.zeros((*points.shape[:-1], self.free.size))
+        tasks[..., self.free] = points
+        return self._space.denormalise(tasks)
+
+
+LEAST_STD_SHARE = 1e-3
+"""Standard deviation added to every dimension, as a share of its range: single tasks have none."""
+
+CONSTANT_STD = 1e-3
+"""Standard deviation of dimensions without width, in task units."""
+
+
+def cloud_gaussian(
+    space: TaskSpace, tasks: Task, weights: NDArray[np.float64] | None = None
+) -> WeightedGaussian:
+    """Returns the Gaussian with mean and covariance of `tasks` (n, d), which `weights` (n,) may weigh."""
+    points = tasks.astype(np.float64)
+    shares = np.full(len(points), 1 / len(points)) if weights is None else weights / weights.sum()
+    mean = shares @ points
+    centred = points - mean
+    least = np.where(space.width > 0, LEAST_STD_SHARE * space.width, CONSTANT_STD) ** 2
+    return WeightedGaussian(1.0, mean, centred.T @ (shares[:, None] * centred) + np.diag(least))

@@ -1,1 +1,0 @@
-"""The numerics of teachers: densities, mixtures, networks, regions, learning progress."""

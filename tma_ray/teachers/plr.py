@@ -1,0 +1,30 @@
+"""Prioritised level replay, and its robust form (Jiang et al. 2021a, 2021b)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+from tma_ray.teachers.prioritised_replay import PrioritisedReplay
+
+
+@dataclass
+class PLR(PrioritisedReplay):
+    """Replays tasks by the rank of their score and by staleness; new tasks are uniform, and train, too.
+
+    Source: Jiang et al. 2021a, algorithm 1, with the buffer and the scores of 2021b, appendix C.
+    """
+
+    algorithm_version: ClassVar[int | None] = 1
+
+
+@dataclass
+class RobustPLR(PrioritisedReplay):
+    """PLR whose student learns from replays alone: new tasks are played to be scored.
+
+    Source: Jiang et al. 2021b, algorithm 1. It halves the steps that train, of the same budget.
+    """
+
+    algorithm_version: ClassVar[int | None] = 1
+    wants_evaluations: ClassVar[bool] = True
+    new_tasks_train: ClassVar[bool] = False

@@ -1,0 +1,271 @@
+"""The base of the teachers that replay tasks of high regret."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from enum import StrEnum
+from typing import ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tma_ray.tasks import (
+    Episode,
+    ExpertKnowledge,
+    Proposal,
+    Query,
+    QueryKind,
+    Task,
+    TaskSpace,
+    TeacherUpdate,
+    Trajectory,
+)
+from tma_ray.teachers.base import PAPER_STEPS, Teacher, for_budget
+from tma_ray.teachers.numerics import cloud_gaussian
+
+
+class Score(StrEnum):
+    """Estimates of a task's regret from an episode of it (Jiang et al. 2021b, section 4.1 and appendix)."""
+
+    POSITIVE_VALUE_LOSS = "positive_value_loss"
+    """Mean over the steps of the generalised advantage estimates, those below 0 counted as 0."""
+
+    MAX_MC = "max_mc"
+    """Highest discounted return that was seen on the task, less the value of its first state."""
+
+
+def positive_value_loss(trajectory: Trajectory, values: NDArray[np.float64], gae_lambda: float) -> float:
+    """Returns the positive value loss of an episode of t steps.
+
+    Args:
+        trajectory: the episode.
+        values: of its observations (t + 1,); the last one does not count if the episode terminated.
+        gae_lambda: lambda of the estimates (arXiv:1506.02438).
+    """
+    from scipy.signal import lfilter  # imported here: who only names a teacher starts sooner without it
+
+    following = values[1:].copy()
+    if trajectory.terminated:
+        following[-1] = 0.0
+    errors = trajectory.rewards + trajectory.gamma * following - values[:-1]
+    advantages = lfilter([1.0], [1.0, -trajectory.gamma * gae_lambda], errors[::-1])
+    return float(np.maximum(advantages, 0.0).mean())
+
+
+Array = NDArray[np.float64]
+
+
+@dataclass
+class TaskBuffer:
+    """At most `capacity` tasks with what decides how often they are replayed.
+
+    Task i is replayed with the chance (1 - rho) P_S(i) + rho P_C(i), where P_S is proportional to
+    (1 / rank of its score) ** (1 / temperature), and P_C to the replays since it was played (Jiang et al.
+    2021a, section 3). A new task takes the place of the one that is replayed least, if it scores as high.
+
+    Attributes:
+        size: number d of dimensions of a task.
+        capacity: most tasks.
+        temperature: beta.
+        staleness_share: rho, in [0, 1].
+        tasks: float32 (k, d).
+        scores: (k,).
+        staleness: replays since the task was played (k,).
+        best: highest discounted return that was seen on the task (k,).
+    """
+
+    size: int
+    capacity: int
+    temperature: float
+    staleness_share: float
+    tasks: Task = field(init=False)
+    scores: Array = field(init=False)
+    staleness: Array = field(init=False)
+    best: Array = field(init=False)
+
+    def __post_init__(self) -> None:
+        self.tasks = np.empty((0, self.size), dtype=np.float32)
+        self.scores, self.staleness, self.best = np.empty(0), np.empty(0), np.empty(0)
+
+    def __len__(self) -> int:
+        return len(self.tasks)
+
+    @property
+    def filled(self) -> float:
+        """Share of the capacity that is taken."""
+        return len(self) / self.capacity
+
+    def chances(self) -> Array:
+        """Returns the chance of each task (k,) to be replayed next."""
+        ranks = np.empty(len(self))
+        ranks[np.argsort(-self.scores, kind="stable")] = np.arange(1, len(self) + 1)
+        by_score = ranks ** (-1 / self.temperature)
+        stale = self.staleness if self.staleness.any() else np.ones(len(self))
+        shares = np.array([1 - self.staleness_share, self.staleness_share])
+        chances: Array = shares @ np.stack([by_score / by_score.sum(), stale / stale.sum()])
+        return chances
+
+    def draw(self, rng: np.random.Generator, count: int) -> NDArray[np.int64]:
+        """Returns the places (count,) of tasks to replay; none of them grows staler by it."""
+        cumulative = np.cumsum(self.chances())
+        places: NDArray[np.int64] = np.searchsorted(
+            cumulative, rng.random(count) * cumulative[-1], side="right"
+        )
+        return places
+
+    def replay(self, place: int) -> Task:
+        """Returns the task (d,) at `place`, and makes all others staler."""
+        self.staleness += 1
+        self.staleness[place] = 0
+        task: Task = self.tasks[place].copy()
+        return task
+
+    def rescore(self, place: int, score: float, best: float) -> None:
+        """Takes over what an episode of the task at `place` gave."""
+        self.scores[place], self.best[place] = score, best
+
+    def offer(self, task: Task, score: float, best: float) -> None:
+        """Takes `task` (d,) in, unless the buffer is full and the task that would give way scores higher."""
+        if len(self) < self.capacity:
+            self.tasks = np.vstack([self.tasks, task])
+            added = (self.scores, score), (self.staleness, 0.0), (self.best, best)
+            self.scores, self.staleness, self.best = (np.append(column, value) for column, value in added)
+            return
+        place = int(self.chances().argmin())
+        if self.scores[place] <= score:
+            self.tasks[place], self.staleness[place] = task, 0.0
+            self.rescore(place, score, best)
+
+
+LOG_EVERY = 100
+"""Episodes between two log rows."""
+
+
+@dataclass
+class PrioritisedReplay(Teacher):
+    """Plays new tasks, keeps those of highest score in a buffer, and replays these.
+
+    Sources: Jiang et al. 2021a (prioritised level replay) and 2021b (replay-guided adversarial environment
+    design). Defaults are those of the authors' runs on a walker whose world has continuous parameters
+    (Parker-Holder et al. 2022, BipedalWalker). There a level is a fixed world; here the world of a task is
+    drawn anew at each replay.
+
+    Attributes:
+        replay_share: highest chance of a replay instead of a new task, in [0, 1]; it is the filled share of
+            the buffer while that is less (paper: p).
+        fill_first: filled share of the buffer before the first replay, in [0, 1] (authors' code: rho).
+        buffer_size: most tasks kept (paper: K).
+        score: estimate of a task's regret.
+        temperature: of the ranks; the lower, the more often the highest scores are replayed (paper: beta).
+        staleness_share: weight of staleness against score, in [0, 1] (paper: rho).
+        gae_lambda: lambda of the advantage estimates in the positive value loss.
+        budget: environment steps of the run, to which `for_budget` fits the buffer.
+    """
+
+    wants_trajectory: ClassVar[bool] = True
+    absent_at_default: ClassVar[frozenset[str]] = frozenset(("budget",))
+    new_tasks_train: ClassVar[bool] = True
+    """Whether the student learns from tasks that are not replayed."""
+
+    replay_share: float = 0.5
+    fill_first: float = 0.5
+    buffer_size: int = 1000
+    score: Score = Score.POSITIVE_VALUE_LOSS
+    temperature: float = 0.1
+    staleness_share: float = 0.5
+    gae_lambda: float = 0.9
+    budget: int = PAPER_STEPS
+
+    def __post_init__(self) -> None:
+        for name in ("replay_share", "fill_first", "staleness_share", "gae_lambda"):
+            if not 0 <= getattr(self, name) <= 1:
+                raise ValueError(f"{name} = {getattr(self, name)} is a share; expected it in [0, 1]")
+        if self.buffer_size < 1:
+            raise ValueError(f"buffer_size = {self.buffer_size}: expected at least 1 task")
+        if not self.temperature > 0:
+            raise ValueError(f"temperature = {self.temperature}: expected a number over 0")
+        for_budget(self.buffer_size, self.budget)
+
+    def start(self, space: TaskSpace, knowledge: ExpertKnowledge, rng: np.random.Generator) -> None:
+        """Starts with an empty buffer."""
+        super().start(space, knowledge, rng)
+        size = for_budget(self.buffer_size, self.budget)
+        self.buffer_ = TaskBuffer(space.size, size, self.temperature, self.staleness_share)
+        self.replayed_: int | None = (
+            None  # place of the task that is played, None for one that is not kept yet
+        )
+        self.episode_: Episode | None = None
+        self.trajectory_: Trajectory | None = None
+        self.episodes_ = 0
+
+    def sample(self) -> Task | Proposal:
+        """Returns a task (d,) of the buffer to train on, or a new one."""
+        self.replayed_ = None
+        if self._replays():
+            self.replayed_ = int(self.buffer_.draw(self.rng, 1)[0])
+            return self.buffer_.replay(self.replayed_)
+        task = self.new_tasks(self.rng)
+        return task if self.new_tasks_train else Proposal(task, trains=False)
+
+    def new_tasks(self, rng: np.random.Generator, count: int | None = None) -> Task:
+        """Returns a task (d,) that is not of the buffer, or `count` of them (count, d): uniform ones."""
+        return self.space.sample(rng, count)
+
+    def observe(self, episode: Episode) -> Query:
+        """Asks for what the score is made of."""
+        self.episode_, self.episodes_ = episode, self.episodes_ + 1
+        if self.score is Score.MAX_MC:
+            return Query(QueryKind.STATE_VALUES, episode.initial_observation[None])
+        return Query(QueryKind.TRAJECTORY)
+
+    def answer(self, answer: Trajectory | NDArray[np.float64]) -> Query | None:
+        """Takes the trajectory, then the values of its states; scores the task with them."""
+        if isinstance(answer, Trajectory):
+            self.trajectory_ = answer
+            return Query(QueryKind.STATE_VALUES, answer.observations)
+        assert self.episode_ is not None, "an answer follows an episode"
+        self._count_in(self.episode_, answer)
+        self.episode_ = self.trajectory_ = None
+        return None
+
+    def probe(self, count: int) -> Task:
+        """Returns `count` tasks (count, d) as they are replayed; new ones while the buffer is empty."""
+        rng = self.probe_rng()
+        if not len(self.buffer_):
+            return self.new_tasks(rng, count)
+        tasks: Task = self.buffer_.tasks[self.buffer_.draw(rng, count)]
+        return tasks
+
+    def after_replay(self, task: Task) -> None:
+        """Hears that `task` (d,) of the buffer was played and scored."""
+
+    def _replays(self) -> bool:
+        filled = self.buffer_.filled
+        return filled >= self.fill_first and self.rng.random() < min(filled, self.replay_share)
+
+    def _count_in(self, episode: Episode, values: NDArray[np.float64]) -> None:
+        best, place = episode.discounted_return, self.replayed_
+        if place is not None:
+            best = max(best, float(self.buffer_.best[place]))
+        if self.trajectory_ is None:
+            score = best - float(values[0])
+        else:
+            score = positive_value_loss(self.trajectory_, values, self.gae_lambda)
+        if place is None:
+            self.buffer_.offer(episode.task, score, best)
+        else:
+            self.buffer_.rescore(place, score, best)
+            self.after_replay(episode.task)
+        if self.episodes_ % LOG_EVERY == 0:
+            self._log()
+
+    def _log(self) -> None:
+        """Logs the Gaussian that replays resemble."""
+        chances = self.buffer_.chances()
+        scalars = {
+            "buffer_size": float(len(self.buffer_)),
+            "mean_score": float(self.buffer_.scores.mean()),
+            "replayed_score": float(chances @ self.buffer_.scores),
+        }
+        gaussian = cloud_gaussian(self.space, self.buffer_.tasks, chances)
+        self.log(TeacherUpdate(gaussians=(gaussian,), scalars=scalars))

@@ -1,0 +1,278 @@
+"""Trial plays of the conformance kit: many task spaces, trial students, plays continued elsewhere."""
+
+from __future__ import annotations
+
+import importlib
+import pickle
+import subprocess
+import sys
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, replace
+from enum import StrEnum
+from functools import cached_property, partial
+from operator import attrgetter
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tma_ray.tasks import (
+    MASTERY_RETURN,
+    Episode,
+    KnowledgeLevel,
+    Outcomes,
+    ShuffledSpace,
+    Task,
+    TaskSpace,
+    TeacherUpdate,
+    expert_knowledge,
+)
+from tma_ray.teachers import Teacher
+from tma_ray.testing.students import report_episode
+
+
+def check_tasks(tasks: Iterable[Any], space: TaskSpace, name: str) -> None:
+    """Refuses all but float32 tasks inside `space`."""
+    for task in tasks:
+        assert isinstance(task, np.ndarray), f"{name} gave {task!r}; expected a numpy array"
+        assert task.dtype == np.float32, f"{name} gave {task.dtype} tasks; expected float32 (space.clip)"
+        assert task.shape == (space.size,), f"{name} gave shape {task.shape}; expected ({space.size},)"
+        assert space.contains(task), (
+            f"{name} left its space with {task.tolist()}: bounds are {space.low.tolist()} to "
+            f"{space.high.tolist()}; clip with space.clip"
+        )
+
+
+def check_update(update: TeacherUpdate, space: TaskSpace, name: str) -> None:
+    """Refuses a log row that does not fit `space`, or cannot be drawn."""
+    square = (space.size, space.size)
+    for part in update.gaussians:
+        assert np.shape(part.mean) == (space.size,), f"{name} logs a mean of shape {np.shape(part.mean)}"
+        assert np.shape(part.covariance) == square, (
+            f"{name} logs a covariance of shape {np.shape(part.covariance)}; expected {square}"
+        )
+        numbers = [part.weight, *np.ravel(part.mean), *np.ravel(part.covariance)]
+        assert np.all(np.isfinite(numbers)), f"{name} logs a Gaussian that is not finite: {part}"
+        assert part.weight >= 0, f"{name} logs a Gaussian of negative weight: {part}"
+        assert np.allclose(part.covariance, np.transpose(part.covariance)), (
+            f"{name} logs an asymmetric {part}"
+        )
+        assert np.all(np.linalg.eigvalsh(part.covariance) > 0), (
+            f"{name} logs a covariance that is not positive definite: {part.covariance}"
+        )
+    for box in update.boxes:
+        assert np.shape(box.low) == np.shape(box.high) == (space.size,), f"{name} logs a misshapen {box}"
+        numbers = [box.score, *box.low, *box.high]
+        assert np.all(np.isfinite(numbers)), f"{name} logs a box that is not finite: {box}"
+        assert np.all(np.asarray(box.low) <= np.asarray(box.high)), f"{name} logs a box upside down: {box}"
+    for key, value in update.scalars.items():
+        assert np.isfinite(value), f"{name} logs {key} = {value}; expected a finite number"
+
+
+def first_difference(first: Iterable[Any], second: Iterable[Any]) -> int | None:
+    """Returns the index of the first task in which two plays differ, None if they do not."""
+    for index, (one, other) in enumerate(zip(first, second, strict=True)):
+        if not np.array_equal(one, other):
+            return index
+    return None
+
+
+STEPS = 1_000
+"""Length of every episode, so that a few hundred reach what teachers do every 100,000 steps."""
+
+VALUE_SHARE = 0.05
+"""Discounted return and value of a state as a share of the episodic return."""
+
+
+UNSTEADINESS = 60.0
+"""What the improving pupil returns more in every second episode and less in the others, so that some tasks
+are mastered now and then."""
+
+
+class TrialStudent(StrEnum):
+    """Source of a play's returns: a formula of task and episode, so that it can be resumed."""
+
+    IMPROVING = "improving"
+    """Masters a share of the tasks that grows with time, the easiest first; at the limit now and then."""
+
+    HOPELESS = "hopeless"
+    """Returns -100, whatever the task."""
+
+    PERFECT = "perfect"
+    """Returns 300, whatever the task."""
+
+
+@dataclass(frozen=True, eq=False)
+class Scenario:
+    """A task space to be taught.
+
+    Attributes:
+        name: what test ids call it.
+        space: the box of the teacher; its lower corner is the easiest task of the world.
+        rugged: whether the world's landscape is a shuffled one.
+    """
+
+    name: str
+    space: TaskSpace
+    rugged: bool = False
+
+    @cached_property
+    def landscape(self) -> ShuffledSpace:
+        """The real places of tasks; with one interval per dimension, those that the teacher sees."""
+        return ShuffledSpace.shuffle(self.space, np.random.default_rng(3), cuts=4 if self.rugged else 1)
+
+    def started(
+        self,
+        teacher: type[Teacher],
+        hyperparameters: Mapping[str, Any],
+        level: KnowledgeLevel,
+        seed: int = 0,
+    ) -> Teacher:
+        """Returns a new teacher of this space; the knowledge depends on `level` alone."""
+        easy_task = self.landscape.from_world(self.space.low)
+        knowledge = expert_knowledge(level, self.space, np.random.default_rng(7), easy_task)
+        new = teacher(**hyperparameters)
+        new.start(self.space, knowledge, np.random.default_rng(seed))
+        return new
+
+    def episode(self, task: Task, index: int, pupil: TrialStudent) -> Episode:
+        """Returns what a pupil makes of `task` as its episode number `index`, counted from 0."""
+        observation = np.array([self._difficulty(task), 0.2 + index / 1000], dtype=np.float32)
+        luck = UNSTEADINESS if index % 2 else -UNSTEADINESS
+        fixed = {TrialStudent.HOPELESS: -100.0, TrialStudent.PERFECT: 300.0}
+        episodic_return = fixed.get(pupil, float(_returns(observation[None])[0]) + luck)
+        return Episode(
+            task=task,
+            episodic_return=episodic_return,
+            success=episodic_return > MASTERY_RETURN,
+            length=STEPS,
+            initial_observation=observation,
+            discounted_return=VALUE_SHARE * episodic_return,
+            step=STEPS * (index + 1),
+        )
+
+    def outcomes(self, tasks: Task, index: int, pupil: TrialStudent) -> Outcomes:
+        """Returns what a pupil makes of `tasks` (n, d) after its episode number `index`."""
+        episodes = [self.episode(task, index, pupil) for task in tasks]
+        episodic_returns = np.array([each.episodic_return for each in episodes])
+        return Outcomes(
+            episodic_returns, episodic_returns > MASTERY_RETURN, np.full(len(tasks), STEPS, dtype=np.int64)
+        )
+
+    def _difficulty(self, task: Task) -> float:
+        """About uniform in [0, 1] for uniform tasks, in any number of dimensions."""
+        free = self.space.width > 0
+        task = self.space.clip(np.nan_to_num(task))  # the kit reports it; a pupil can play anything
+        mean = float(self.space.normalise(self.landscape.to_world(task))[free].mean())
+        return 1 / (1 + float(np.exp(-1.7 * np.sqrt(12 * free.sum()) * (mean - 0.5))))
+
+
+SCENARIOS = (
+    Scenario("line", TaskSpace.from_bounds({"x": (-1, 1)})),
+    Scenario("plane", TaskSpace.from_bounds({"stump_height": (0, 3), "obstacle_spacing": (0, 6)})),
+    Scenario("constant", TaskSpace.from_bounds({"a": (0, 1), "fixed": (10, 10), "b": (-500, 500)})),
+    Scenario("rugged", TaskSpace.from_bounds({"a": (0, 3), "fixed": (0, 0), "b": (0, 6)}), rugged=True),
+    Scenario("twenty", TaskSpace.from_bounds({f"x{index}": (-index, index + 0.5) for index in range(20)})),
+)
+"""One to twenty dimensions, of equal and of very different widths, with and without constants."""
+
+
+def play(
+    teacher: Teacher, scenario: Scenario, first: int, last: int, pupil: TrialStudent = TrialStudent.IMPROVING
+) -> list[Task]:
+    """Returns the tasks of the episodes numbered from `first` up to but not including `last`."""
+    tasks = []
+    for index in range(first, last):
+        proposal = teacher.propose()
+        tasks.append(proposal.task)
+        episode = replace(scenario.episode(proposal.task, index, pupil), trains=proposal.trains)
+        report_episode(teacher, episode, _state_values, partial(_evaluate, scenario, index, pupil))
+    return tasks
+
+
+def _evaluate(scenario: Scenario, index: int, pupil: TrialStudent, tasks: Task, _greedy: bool) -> Outcomes:
+    """Returns the outcomes of `tasks` (n, d), having refused any outside the space."""
+    check_tasks(tasks, scenario.space, "the query for an evaluation")
+    return scenario.outcomes(tasks, index, pupil)
+
+
+def _state_values(observations: NDArray[np.float32]) -> NDArray[np.float64]:
+    return VALUE_SHARE * _returns(observations)
+
+
+def _returns(observations: NDArray[np.float32]) -> NDArray[np.float64]:
+    """Returns the improving pupil's expectations (n,) of observations (n, 2): difficulty and skill."""
+    difficulty, skill = observations.astype(np.float64).T
+    returns: NDArray[np.float64] = 300 - 400 * np.clip(difficulty - skill, 0, 1)
+    return returns
+
+
+@dataclass(frozen=True)
+class Saved:
+    """A teacher's state after `episodes` of a scenario, pickled, to be played on to episode `last`."""
+
+    scenario: Scenario
+    state: bytes
+    episodes: int
+    last: int
+
+
+@dataclass(frozen=True)
+class Job:
+    """Instructions for the new process: where to find the teacher, and what to play on.
+
+    Attributes:
+        module: where the teacher is defined.
+        name: what it is called there, dotted when it is defined inside another class.
+        hyperparameters: that it is made with.
+        level: of its expert knowledge.
+        saved: the states to play on.
+    """
+
+    module: str
+    name: str
+    hyperparameters: Mapping[str, Any]
+    level: KnowledgeLevel
+    saved: tuple[Saved, ...]
+
+
+START = "import sys; sys.path[:] = sys.argv[1:]; from tma_ray.testing.trials import main; main()"
+"""The new process looks for modules where this one does."""
+
+OTHER_SEED = 99
+"""Whatever the new teacher draws at its start, the state replaces."""
+
+
+def continued(
+    teacher: type[Teacher],
+    hyperparameters: Mapping[str, Any],
+    level: KnowledgeLevel,
+    saved: tuple[Saved, ...],
+) -> list[Task]:
+    """Returns the tasks (n, d) that a new process plays on from each of `saved`.
+
+    Raises:
+        RuntimeError: the new process failed; the message holds its errors.
+    """
+    job = Job(teacher.__module__, teacher.__qualname__, hyperparameters, level, saved)
+    command = [sys.executable, "-c", START, *sys.path]
+    process = subprocess.run(command, input=pickle.dumps(job), capture_output=True, check=False)  # noqa: S603
+    if process.returncode:
+        raise RuntimeError(
+            f"{teacher.__name__} could not be continued in a new process, which has to find it as "
+            f"{teacher.__module__}.{teacher.__qualname__}:\n{process.stderr.decode()}"
+        )
+    tasks: list[Task] = pickle.loads(process.stdout)
+    return tasks
+
+
+def main() -> None:
+    """Plays the job on the standard input; writes a list of tasks (n, d) to the standard output."""
+    job: Job = pickle.load(sys.stdin.buffer)
+    teacher = attrgetter(job.name)(importlib.import_module(job.module))
+    results = []
+    for saved in job.saved:
+        new = saved.scenario.started(teacher, job.hyperparameters, job.level, OTHER_SEED)
+        new.load_state(pickle.loads(saved.state))
+        results.append(np.stack(play(new, saved.scenario, saved.episodes, saved.last)))
+    sys.stdout.buffer.write(pickle.dumps(results))
