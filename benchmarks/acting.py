@@ -8,6 +8,7 @@ thread, by processor time:
 
 from __future__ import annotations
 
+import argparse
 import json
 import platform
 import statistics
@@ -20,7 +21,6 @@ import numpy as np
 import torch
 from gymnasium import spaces
 
-from tma_ray.command_line import Parser
 from tma_ray.students import Student, make_student
 
 SPACES = spaces.Box(-np.inf, np.inf, (24,), np.float32), spaces.Box(-1, 1, (4,), np.float32)
@@ -78,7 +78,9 @@ def measure(name: str, size: int, calls: int, repeats: int) -> dict[str, Any]:
 
 def main() -> None:
     """Prints a line per student and batch size and writes all of it as JSON."""
-    parser = Parser(description=__doc__.splitlines()[0] if __doc__ else None)
+    parser = argparse.ArgumentParser(
+        allow_abbrev=False, description=__doc__.splitlines()[0] if __doc__ else None
+    )
     parser.add_argument("--students", nargs="+", default=["ppo", "sac"], choices=["ppo", "sac"])
     parser.add_argument("--calls", type=int, default=1_000)
     parser.add_argument("--repeats", type=int, default=7)

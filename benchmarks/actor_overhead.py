@@ -9,6 +9,7 @@ whole runs include the start of the teacher's process, about a second, during wh
 
 from __future__ import annotations
 
+import argparse
 import io
 import json
 import platform
@@ -27,7 +28,6 @@ from tma_ray.campaign.execution import run_campaign
 from tma_ray.campaign.executors.actors import RemoteTeacher
 from tma_ray.campaign.progress import ProgressView
 from tma_ray.campaign.settings import Settings, TeacherPlacement
-from tma_ray.command_line import Parser
 from tma_ray.commands.quantities import COUNT
 from tma_ray.results import Committer, Results, Table
 from tma_ray.runs import Cell, InlineTeacher, Schedule, TeacherLink, run_locally
@@ -88,7 +88,7 @@ def exchange_milliseconds(episodes: int) -> dict[str, float]:
 
 def main() -> None:
     """Measures the students in the three places, in turn."""
-    parser = Parser(description=__doc__)
+    parser = argparse.ArgumentParser(allow_abbrev=False, description=__doc__)
     parser.add_argument("--students", nargs="+", choices=STEPS, default=list(STEPS))
     parser.add_argument("--steps", type=COUNT, help="of each run (ppo 100,000, sac 4,000)")
     parser.add_argument("--episodes", type=COUNT, default=2_000, help="exchanged with a teacher")

@@ -9,6 +9,7 @@ makes all tables in a process of its own. `--seeds` and `--steps` make it smalle
 
 from __future__ import annotations
 
+import argparse
 import json
 import resource
 import subprocess
@@ -25,7 +26,6 @@ import pyarrow as pa
 
 from tma_ray.benchmark import TEACHERS, find_experiment
 from tma_ray.campaign import Plan, joined_plan, matrix_campaigns
-from tma_ray.command_line import Parser
 from tma_ray.commands.quantities import COUNT
 from tma_ray.results import (
     DATA_TABLES,
@@ -189,9 +189,11 @@ def measure(root: Path) -> dict[str, Any]:
     }
 
 
-def scale_parser(description: str | None, root: Path, output: Path) -> Parser:
+def scale_parser(description: str | None, root: Path, output: Path) -> argparse.ArgumentParser:
     """Returns a parser of the runs to write, of their place, and of the place of the figures."""
-    parser = Parser(description=description.splitlines()[0] if description else None)
+    parser = argparse.ArgumentParser(
+        allow_abbrev=False, description=description.splitlines()[0] if description else None
+    )
     parser.add_argument("--root", type=Path, default=root, help="(%(default)s)")
     parser.add_argument("--seeds", type=int, help="of each cell (all)")
     parser.add_argument("--steps", type=COUNT, help="of each run (those of the paper)")

@@ -2,26 +2,31 @@
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Callable
+from pathlib import Path
 
+from tma_ray import command_line
 from tma_ray.campaign import Campaign
-from tma_ray.campaign.options import add_options
+from tma_ray.campaign.options import CampaignOptions, campaign_defaults
 from tma_ray.campaign.script import execute
-from tma_ray.command_line import Parser
 
 
 def main(campaign: Campaign, description: str, report: Callable[[str], None]) -> int:
-    """Runs `campaign` as the command line changes it, then reports; returns the exit code.
+    """Run `campaign` as the command line changes it, then report; return the exit code.
 
     Args:
         campaign: the default; only runs whose results are missing are executed.
         description: text for ``--help``.
         report: called with the results root once all runs are done.
     """
-    parser = Parser(description=description)
-    add_options(parser, campaign)
-    options = parser.parse_args()
-    code = execute(campaign, options)
-    if code == 0 and not options.dry_run:
-        report(options.results)
-    return code
+
+    def run(*, options: CampaignOptions = CampaignOptions()) -> int:
+        code = execute(campaign, options)
+        if code == 0 and not options.dry_run:
+            report(options.results)
+        return code
+
+    run.__doc__ = description
+    command = command_line.command(name=Path(sys.argv[0]).name, defaults=campaign_defaults(campaign))
+    return command_line.run(command(run), sys.argv[1:], campaign.name)

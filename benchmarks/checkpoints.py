@@ -7,6 +7,7 @@ Prints JSON. Later checkpoints write only what has changed: compare them with th
 
 from __future__ import annotations
 
+import argparse
 import json
 import tempfile
 import time
@@ -16,7 +17,6 @@ from typing import Any
 
 import numpy as np
 
-from tma_ray.command_line import Parser
 from tma_ray.commands.quantities import COUNT
 from tma_ray.results import CHECKPOINTS, RunWriter, Store
 from tma_ray.runs import Cell, InlineTeacher, Schedule, effective_spec
@@ -86,7 +86,7 @@ def measure(student: str, transitions: int, more: Sequence[int]) -> dict[str, An
 
 def main() -> None:
     """Measures both students."""
-    parser = Parser(description=__doc__)
+    parser = argparse.ArgumentParser(allow_abbrev=False, description=__doc__)
     parser.add_argument("--transitions", type=COUNT, default=2_000_000, help="in the first checkpoint")
     parser.add_argument(
         "--more", type=COUNT, nargs="+", default=NEW_TRANSITIONS, help="before each of the next ones"

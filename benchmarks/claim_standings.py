@@ -7,6 +7,7 @@ Prints the tables of ``docs/statistics.md``.
 
 from __future__ import annotations
 
+import argparse
 from collections.abc import Callable
 
 import numpy as np
@@ -16,7 +17,6 @@ from analysis.baselines.catalogue import read
 from analysis.claims.judging import PaperSource, RootSource, judge
 from analysis.statistics import Comparison, stratified
 from analysis.statistics.samples import Standing, equivalent, greater
-from tma_ray.command_line import Parser
 
 DIFFERENCES = (0.0, 2.0, 10.0, 20.0)
 """True differences of two teachers, in points of mastered tasks."""
@@ -62,7 +62,7 @@ def of_the_paper(release: str) -> list[str]:
 
 def main() -> None:
     """Prints the paper's claims, then shares of simulated ones: supported / undecided / refuted."""
-    parser = Parser(description=__doc__)
+    parser = argparse.ArgumentParser(allow_abbrev=False, description=__doc__)
     parser.add_argument("--experiments", type=int, default=2_000, help="simulated for each row (%(default)s)")
     parser.add_argument("--release", default="lite-1", help="that claims are held against (%(default)s)")
     given = parser.parse_args()

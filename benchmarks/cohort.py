@@ -27,7 +27,6 @@ import whole_runs
 from gymnasium import spaces
 from stable_baselines3.common.type_aliases import ReplayBufferSamples, RolloutBufferSamples
 
-from tma_ray.command_line import Parser
 from tma_ray.students import ppo as student_ppo
 from tma_ray.students import sac as student_sac
 from tma_ray.students.cohort.ppo import PPONetworks, RolloutColumns, StackedPPO
@@ -240,9 +239,9 @@ def longest(options: argparse.Namespace, compiled: bool) -> float:
     return 3 * float(options.seconds) + (200.0 if compiled else 20.0)
 
 
-def parser() -> Parser:
+def parser() -> argparse.ArgumentParser:
     """Returns the options."""
-    parser = Parser(description=str(__doc__))
+    parser = argparse.ArgumentParser(allow_abbrev=False, description=str(__doc__))
     parser.add_argument("--device", default="cpu")
     parser.add_argument("--students", default="sac,ppo")
     parser.add_argument("--widths", default="4")

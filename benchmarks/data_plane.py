@@ -9,6 +9,7 @@ weights are there, and those of the learner's processor.
 
 from __future__ import annotations
 
+import argparse
 import tempfile
 import threading
 import time
@@ -21,7 +22,6 @@ import numpy as np
 import ray
 
 from tma_ray.campaign.cluster.joined import connect
-from tma_ray.command_line import Parser
 from tma_ray.students import Learner
 from tma_ray.students.cohort.server import LearnerServer
 from tma_ray.students.players import CohortSettings
@@ -108,7 +108,7 @@ def median(exchange: Callable[[], object], count: int) -> float:
 
 def main() -> int:
     """Measures and prints."""
-    parser = Parser(description=str(__doc__))
+    parser = argparse.ArgumentParser(allow_abbrev=False, description=str(__doc__))
     parser.add_argument("--exchanges", type=int, default=500, help="of each kind")
     count = parser.parse_args().exchanges
     with tempfile.TemporaryDirectory() as folder:

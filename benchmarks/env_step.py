@@ -10,6 +10,7 @@ turn within one run, by processor time.
 
 from __future__ import annotations
 
+import argparse
 import itertools
 import json
 import platform
@@ -25,7 +26,6 @@ import numba
 import numpy as np
 from numpy.typing import NDArray
 
-from tma_ray.command_line import Parser
 from tma_ray.embodiments import embodiment_names
 from tma_ray.envs.base import BodyEnvironment
 from tma_ray.envs.parkour import Parkour
@@ -151,7 +151,7 @@ def measure(world: str, body: str, task: list[float], steps: int, box2d: bool) -
 
 def main() -> None:
     """Measures every chosen body in every task of the chosen environments."""
-    parser = Parser(description=__doc__)
+    parser = argparse.ArgumentParser(allow_abbrev=False, description=__doc__)
     parser.add_argument("--steps", type=int, default=20_000, help="steps per task and repeat")
     parser.add_argument("--repeats", type=int, default=3, help="repeats, of which the median counts")
     parser.add_argument("--environments", nargs="+", choices=WORLDS, default=list(WORLDS))

@@ -8,6 +8,7 @@ of Stump Tracks. Both ways are measured in turn, by processor time.
 
 from __future__ import annotations
 
+import argparse
 import json
 import platform
 import statistics
@@ -18,7 +19,6 @@ from typing import Any
 import numpy as np
 
 from tma_ray.benchmark import find_challenge
-from tma_ray.command_line import Parser
 from tma_ray.envs import make_environment
 from tma_ray.runs import Cell, RunSpec, Schedule, effective_spec
 from tma_ray.runs.evaluation import Evaluation
@@ -105,7 +105,7 @@ def measure(student: Student, repeats: int) -> dict[str, Any]:
 
 def main() -> None:
     """Measures both ways in one run."""
-    parser = Parser(description=__doc__)
+    parser = argparse.ArgumentParser(allow_abbrev=False, description=__doc__)
     parser.add_argument("--training-steps", type=int, default=1_000_000)
     parser.add_argument("--repeats", type=int, default=3)
     parser.add_argument("--output", type=Path)

@@ -9,6 +9,7 @@ keeps its own spread and skew.
 
 from __future__ import annotations
 
+import argparse
 import itertools
 from collections.abc import Callable
 from typing import NamedTuple
@@ -22,7 +23,6 @@ from analysis.baselines.catalogue import find_baseline
 from analysis.measures.pooling import runs_after
 from analysis.measures.tested import MEASURES, compared_over_strata, scale_of
 from analysis.statistics import SIGNIFICANCE, Scale, holm
-from tma_ray.command_line import Parser
 
 SIZES = (3, 5, 10)
 PERMUTATIONS = 299
@@ -175,7 +175,7 @@ def coverage(release: Release, scale: Scale, seeds: int, experiments: int) -> fl
 
 def main() -> None:
     """Prints the pairs that each test decides, its false findings, and the coverage of intervals."""
-    parser = Parser(description=__doc__)
+    parser = argparse.ArgumentParser(allow_abbrev=False, description=__doc__)
     parser.add_argument("--experiments", type=int, default=1_000, help="simulated for each row (%(default)s)")
     parser.add_argument("--release", default="lite-1", help="release whose runs are taken (%(default)s)")
     given = parser.parse_args()

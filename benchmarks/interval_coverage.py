@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import argparse
 import math
 from collections.abc import Callable
 
@@ -17,7 +18,6 @@ from analysis.statistics.estimates import (
     performance_profile,
     probability_of_improvement,
 )
-from tma_ray.command_line import Parser
 
 SIZES = (2, 3, 5, 10, 32)
 STRATA = (1, 5)
@@ -86,7 +86,7 @@ def coverage(draw: Draw, strata: int, n: int, experiments: int) -> tuple[float, 
 
 def main() -> None:
     """Prints the table."""
-    parser = Parser(description=__doc__)
+    parser = argparse.ArgumentParser(allow_abbrev=False, description=__doc__)
     parser.add_argument("--experiments", type=int, default=4_000, help="simulated for each row (%(default)s)")
     experiments = parser.parse_args().experiments
     for draw in (normal, bounded, bimodal):

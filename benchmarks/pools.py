@@ -12,7 +12,6 @@ from dataclasses import replace
 
 from tma_ray.campaign.executors.processes import PoolReport, cohort, run_in_processes
 from tma_ray.campaign.plan import Plan, lease_holder
-from tma_ray.command_line import Parser
 from tma_ray.results import Committer, Lease
 from tma_ray.runs import Placement
 from tma_ray.students.players import CohortSettings
@@ -22,9 +21,9 @@ REPORT_SECONDS = 20.0
 """Time between two lines of progress, s."""
 
 
-def parser(description: str) -> Parser:
+def parser(description: str) -> argparse.ArgumentParser:
     """Returns a parser with the options of a pool."""
-    parser = Parser(description=description)
+    parser = argparse.ArgumentParser(allow_abbrev=False, description=description)
     parser.add_argument("--results", required=True, help="results root; what it holds is not done again")
     parser.add_argument("--processes", type=int, default=2, help="runs at a time")
     parser.add_argument("--cohort", type=int, default=0, help="slots of a cohort; 0: each run learns alone")

@@ -9,11 +9,10 @@ own; `interval_coverage.py` and `familywise_error.py` print tables of the docume
 
 from __future__ import annotations
 
+import argparse
 import subprocess
 import sys
 from pathlib import Path
-
-from tma_ray.command_line import Parser
 
 SMALLEST = {
     "env_step": "--steps 20 --repeats 1 --environments stump_tracks --bodies classic_bipedal",
@@ -33,7 +32,7 @@ SMALLEST = {
 
 def main() -> None:
     """Runs each script in a process of its own."""
-    parser = Parser(description=__doc__)
+    parser = argparse.ArgumentParser(allow_abbrev=False, description=__doc__)
     parser.add_argument("--output", type=Path, default=Path("build/benchmarks"), help="folder (%(default)s)")
     parser.add_argument(
         "--scripts", nargs="+", choices=SMALLEST, default=list(SMALLEST), help="(default: all)"

@@ -9,6 +9,7 @@ compare it with a bare Ray actor, measured in the same run.
 
 from __future__ import annotations
 
+import argparse
 import io
 import json
 import resource
@@ -28,7 +29,6 @@ from tma_ray.campaign.executors import cohorts
 from tma_ray.campaign.executors.actors import SeedActor
 from tma_ray.campaign.progress import ProgressView
 from tma_ray.campaign.settings import Resources, Settings, TeacherPlacement
-from tma_ray.command_line import Parser
 from tma_ray.results import Committer, PartFile, RunWriter, Store
 from tma_ray.runs import Cell, RunSpec, Schedule, effective_spec
 
@@ -138,7 +138,7 @@ def bare_actor_milliseconds(count: int) -> float:
 
 def main() -> None:
     """Measures both parts."""
-    parser = Parser(description=__doc__)
+    parser = argparse.ArgumentParser(allow_abbrev=False, description=__doc__)
     parser.add_argument("--runs", type=int, default=10_000, help="in shared processes (%(default)s)")
     parser.add_argument("--processes", type=int, default=20, help="runs in their own (%(default)s)")
     parser.add_argument("--output", type=Path)

@@ -11,6 +11,7 @@ episode, since a short stretch may hold none; the number of updates is the same 
 
 from __future__ import annotations
 
+import argparse
 import json
 import platform
 import statistics
@@ -25,7 +26,6 @@ import torch
 from stable_baselines3.common.vec_env import DummyVecEnv, VecNormalize
 from torch import nn
 
-from tma_ray.command_line import Parser
 from tma_ray.students import Student, Transition, default_hyperparameters, make_student
 from tma_ray.students.hyperparameters import MatmulPrecision
 from tma_ray.students.ppo import Trunk
@@ -133,7 +133,9 @@ def measure(name: str, precision: str, env_name: str, steps: int, repeats: int) 
 
 def main() -> None:
     """Prints a line per student and writes all of it as JSON."""
-    parser = Parser(description=__doc__.splitlines()[0] if __doc__ else None)
+    parser = argparse.ArgumentParser(
+        allow_abbrev=False, description=__doc__.splitlines()[0] if __doc__ else None
+    )
     parser.add_argument("--students", nargs="+", default=["ppo", "sac"], choices=["ppo", "sac"])
     parser.add_argument(
         "--precisions", nargs="+", default=["highest", "medium"], choices=list(MatmulPrecision)

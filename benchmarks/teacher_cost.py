@@ -9,6 +9,7 @@ on the machine matter less.
 
 from __future__ import annotations
 
+import argparse
 import json
 import platform
 import time
@@ -18,7 +19,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tma_ray.benchmark import find_challenge
-from tma_ray.command_line import Parser
 from tma_ray.tasks import Episode, KnowledgeLevel, Outcomes, Task, expert_knowledge
 from tma_ray.teachers import TEACHERS, make_teacher
 from tma_ray.testing.students import report_episode
@@ -81,7 +81,7 @@ def evaluated(tasks: Task, _greedy: bool) -> Outcomes:
 
 def main() -> None:
     """Measures every teacher of the catalogue, or those asked for."""
-    parser = Parser(description=__doc__)
+    parser = argparse.ArgumentParser(allow_abbrev=False, description=__doc__)
     parser.add_argument("--episodes", type=int, default=40_000, help="of each teacher (%(default)s)")
     parser.add_argument("--teachers", nargs="+", default=TEACHERS.names())
     parser.add_argument("--output", type=Path)

@@ -9,6 +9,7 @@ Speeds are multiples of that of stable-baselines3's DummyVecEnv in the same turn
 
 from __future__ import annotations
 
+import argparse
 import json
 import platform
 import resource
@@ -25,7 +26,6 @@ from numpy.typing import NDArray
 from stable_baselines3.common.vec_env import DummyVecEnv
 
 import tma_ray  # noqa: F401  (registers the environments)
-from tma_ray.command_line import Parser
 
 ID = "tma_ray/StumpTracks-v0"
 TASK = np.array([1.5, 3.0])
@@ -138,7 +138,7 @@ def measure(number: int, threads: list[int], steps: int, repeats: int) -> dict[s
 
 def main() -> None:
     """Measures vectors of several sizes in one run."""
-    parser = Parser(description=__doc__)
+    parser = argparse.ArgumentParser(allow_abbrev=False, description=__doc__)
     parser.add_argument(
         "--numbers", type=int, nargs="+", default=[1, 4, 8, 16, 64], help="environments in a vector"
     )

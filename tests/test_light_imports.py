@@ -29,7 +29,7 @@ STEPS = (
         "from tma_ray import cli\n"
         "with contextlib.redirect_stdout(io.StringIO()), contextlib.suppress(SystemExit):\n"
         "    cli.main(['--help'])",
-        LEARNING | PLOTTING | {"ray", "pandas", "pyarrow", "numba", "rich", "scipy", "analysis", "gymnasium"},
+        LEARNING | PLOTTING | {"ray", "pandas", "pyarrow", "numba", "scipy", "analysis", "gymnasium"},
     ),
     Step(
         "names of everything",

@@ -1,20 +1,43 @@
-"""Parsers of command lines: helps with defaults and examples, and options that are added when needed.
+"""Command lines by cyclopts: typed functions whose docstrings are the help.
 
 Metavars follow one rule: one word in capitals names the kind of value (`METAVARS` lists them), ``NAME,...``
 is a list of it, and ``NAME=VALUE`` an assignment. Alternatives are explained in the sentence, and a fixed set
-of values is shown as ``{a,b}``.
+of values is shown as ``{a,b}``. Every value is read by a parser of ours, never by the library's conversion
+of types, which accepts more.
 """
 
 from __future__ import annotations
 
-import argparse
+import inspect
+import io
 import sys
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+import textwrap
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
+from functools import partial
 from itertools import takewhile
-from typing import Any, NoReturn
+from typing import TYPE_CHECKING, Any
 
-from tma_ray.commands.exits import REFUSED
+from cyclopts import (
+    App,
+    Argument,
+    CoercionError,
+    CycloptsError,
+    Group,
+    MissingArgumentError,
+    Parameter,
+    Token,
+    UnknownOptionError,
+    UnusedCliTokensError,
+)
+from cyclopts.help import PlainFormatter
+from cyclopts.utils import is_option_like
+
+from tma_ray.commands.exits import REFUSED, exit_code
 from tma_ray.part_names import nearest
+
+if TYPE_CHECKING:
+    from cyclopts.help import HelpPanel
+    from rich.console import Console, ConsoleOptions
 
 METAVARS: Mapping[str, str] = {
     "NAME": "a name, as 'tma-ray list' prints them, or module:Name",
@@ -30,7 +53,6 @@ METAVARS: Mapping[str, str] = {
     "SPACE": "bounds of dimensions, DIMENSION=LOW:HIGH,...",
     "FOLDER": "a folder",
     "FILE": "a file",
-    "SOURCE": "a file or a folder to read",
     "ADDRESS": "the address of a Ray cluster",
     "DEVICE": "torch's name of a device",
     "LICENCE": "a licence, as SPDX names it",
@@ -40,138 +62,254 @@ METAVARS: Mapping[str, str] = {
     "WIDTH": "the number of slots of a cohort, or off",
     "X": "a number",
     "SECONDS": "a time in s",
-    "MIB": "a size in MiB",
     "GIB": "a size in GiB",
     "VALUE": "a value",
 }
 """Kinds of values in helps."""
 
+HELP_COLUMN = 22
+"""Column at which the sentences of a help begin."""
 
-class HelpFormatter(argparse.HelpFormatter):
-    """Adds the default to the help of every option that has one; keeps the lines of longer texts."""
-
-    def add_argument(self, action: argparse.Action) -> None:
-        """Adds what helps with an argument; the names of commands count with their whole indentation."""
-        super().add_argument(action)
-        names = [self._format_action_invocation(each) for each in self._iter_indented_subactions(action)]
-        indented = self._current_indent + self._indent_increment
-        self._action_max_length = max(self._action_max_length, *(indented + len(each) for each in names), 0)
-
-    def _fill_text(self, text: str, width: int, indent: str) -> str:
-        return text if "\n" in text else super()._fill_text(text, width, indent)
-
-    def _get_help_string(self, action: argparse.Action) -> str | None:
-        text = action.help
-        takes_a_value = action.nargs != 0 and action.option_strings and not action.required
-        without = action.default is None or action.default is argparse.SUPPRESS
-        if text is None or without or not takes_a_value or "default" in text:
-            return text
-        return f"{text} (default: %(default)s)"
+Parse = Callable[[str], Any]
 
 
-class Parser(argparse.ArgumentParser):
-    """A parser that refuses in one sentence, which names what is meant; no option may be abbreviated.
+class UsageError(ValueError):
+    """A command line that cannot be understood; its message begins with the command."""
+
+
+def value(parse: Parse, metavar: str, **settings: Any) -> Parameter:
+    """Return the annotation of an option or argument with one value; of several the last counts.
 
     Args:
-        kwargs: as of `argparse.ArgumentParser`.
+        parse: reads the text of a value; raises ValueError for what it refuses.
+        metavar: kind of the value, of `METAVARS`.
+        settings: of `cyclopts.Parameter`.
     """
 
-    def __init__(self, **kwargs: Any) -> None:
-        super().__init__(formatter_class=HelpFormatter, allow_abbrev=False, **kwargs)
+    def convert(_type: Any, tokens: Sequence[Token]) -> Any:
+        return parse(tokens[-1].value)
 
-    def parse_known_args(self, args: Any = None, namespace: Any = None) -> Any:  # noqa: D102
-        words = sys.argv[1:] if args is None else list(args)
-        self._refuse_unknown_options(words)
-        return super().parse_known_args(words, namespace)
-
-    def error(self, message: str) -> NoReturn:
-        """Ends the process with one sentence."""
-        self.exit(REFUSED, f"{self.prog}: {message}\n")
-
-    def _refuse_unknown_options(self, words: Sequence[str]) -> None:
-        """Names a misspelt option before what is missing because of it, and says which one may be meant."""
-        if any(isinstance(action, argparse._SubParsersAction) for action in self._actions):
-            mine: Iterable[str] = takewhile(lambda word: word.startswith("-"), words)
-        else:
-            mine = takewhile(lambda word: word != "--", words)
-        known = [option for option in self._option_string_actions if option.startswith("--")]
-        for name in (word.partition("=")[0] for word in mine):
-            if name.startswith("--") and " " not in name and name not in known:
-                longer = [option for option in known if option.startswith(name)]
-                hint = f"did you mean {' or '.join(longer)}? " if longer else nearest(name, known)
-                self.error(f"unknown option {name}: {hint}'{self.prog} --help' lists all")
-
-    def _get_value(self, action: argparse.Action, arg_string: str) -> Any:
-        if action.type is not None and action.choices is not None:  # its own refusal lists none
-            self._check_value(action, arg_string)
-        return super()._get_value(action, arg_string)
-
-    def _check_value(self, action: argparse.Action, value: Any) -> None:
-        if action.choices is not None and value not in action.choices:
-            choices = [str(choice) for choice in action.choices]
-            raise argparse.ArgumentError(
-                action, f"{str(value)!r}: {nearest(str(value), choices)}expected one of {', '.join(choices)}"
-            )
-
-    def _get_values(self, action: argparse.Action, arg_strings: list[str]) -> Any:
-        if action.option_strings and "--" in arg_strings:  # argparse would take it for no value at all
-            raise argparse.ArgumentError(action, "'--' ends the options; expected a value")
-        return super()._get_values(action, arg_strings)
+    return _parameter(convert, parse, metavar, settings)
 
 
-class CommandParser(Parser):
-    """A parser of a command, whose options are added when it first parses or prints something.
+def values(parse: Parse, metavar: str, **settings: Any) -> Parameter:
+    """Return the annotation of an option that may be repeated, and is a tuple; see `value`."""
 
-    Options of one command may need imports that take longer than all others together.
+    def convert(_type: Any, tokens: Sequence[Token]) -> tuple[Any, ...]:
+        return tuple(parse(token.value) for token in tokens)
+
+    return _parameter(convert, parse, metavar, settings)
+
+
+def choice(among: Iterable[str], **settings: Any) -> Parameter:
+    """Return the annotation of an option with a fixed set of values; see `value`."""
+    known = {str(each): each for each in among}
+
+    def parse(text: str) -> str:
+        if text not in known:
+            raise ValueError(_not_among(text, known))
+        return known[text]
+
+    return value(parse, "", choices=tuple(known), **settings)
+
+
+def _parameter(convert: Callable[..., Any], parse: Parse, metavar: str, settings: Any) -> Parameter:
+    convert.parse = parse  # type: ignore[attr-defined]
+    return Parameter(converter=convert, metavar=metavar, n_tokens=1, allow_repeating=True, **settings)
+
+
+class HelpFormatter(PlainFormatter):
+    """Plain text in two columns, with the default of each option that has one.
 
     Args:
-        populate: adds the options to this parser.
-        examples: command lines, shown at the end of the help.
-        kwargs: as of `argparse.ArgumentParser`.
-
-    Attributes:
-        examples: as given.
+        defaults: defaults that are told otherwise than by their values, by the names of options.
     """
 
-    def __init__(
-        self,
-        *,
-        populate: Callable[[CommandParser], None] | None = None,
-        examples: Sequence[str] = (),
-        **kwargs: Any,
-    ) -> None:
-        if examples:
-            kwargs["epilog"] = "\n  ".join(["examples:", *examples])
-        super().__init__(**kwargs)
-        self.examples = tuple(examples)
-        self._populate = populate
-        self.add_argument(
-            "--debug", action="store_true", default=argparse.SUPPRESS, help="print tracebacks of errors, too"
+    def __init__(self, defaults: Mapping[str, str] | None = None) -> None:
+        super().__init__()
+        self.defaults = defaults or {}
+
+    def __call__(self, console: Console, options: ConsoleOptions, panel: HelpPanel) -> None:  # noqa: ARG002
+        """Print a group of commands, arguments or options."""
+        if not panel.entries:
+            return
+        lines = [f"{panel.title}:"]
+        for entry in panel.entries:
+            text = " ".join(entry.description.primary_renderable.plain.split())
+            name = entry.positional_label or ", ".join((*entry.positive_shorts, *entry.positive_names))
+            kind = f"{{{','.join(entry.choices)}}}" if entry.choices else entry.metavar
+            if kind and not entry.positional_label:
+                name = f"{name} {kind}"
+                default = self.defaults.get(next(iter(entry.positive_names)), entry.default)
+                if default is not None and not entry.required and "(default: " not in text:
+                    text += f" (default: {default})"
+            head = f"  {name}"
+            wrapped = textwrap.wrap(text, console.width - HELP_COLUMN) or [""]
+            if len(head) + 2 <= HELP_COLUMN:
+                head += " " * (HELP_COLUMN - len(head)) + wrapped.pop(0)
+            lines += [head.rstrip(), *(" " * HELP_COLUMN + line for line in wrapped)]
+        console.print("\n".join(lines), markup=False, highlight=False, soft_wrap=True)
+        console.print()
+
+
+def command(
+    *, name: str = "", defaults: Mapping[str, str] | None = None, **settings: Any
+) -> Callable[[Callable[..., int]], App]:
+    """Return the decorator of a function that makes it a command line; its docstring is the help.
+
+    Positional-only parameters are arguments, keyword-only ones options; it returns the exit code. Its
+    docstring may end in examples.
+
+    Args:
+        name: last word of the command; by default the function's name.
+        defaults: see `HelpFormatter`.
+        settings: of `cyclopts.App`.
+    """
+
+    def decorate(function: Callable[..., int]) -> App:
+        docstring = inspect.getdoc(function) or ""
+        _, _, examples = docstring.partition("\n\nExamples:\n")
+        app = App(
+            name=name or function.__name__,
+            help=description(docstring),
+            help_epilogue=f"examples:\n{examples.replace('    ', '  ')}" if examples else "",
+            **_settings(defaults),
+            **settings,
         )
+        app.default(function)
+        return app
 
-    def populated(self) -> CommandParser:
-        """Returns this parser with its options."""
-        populate, self._populate = self._populate, None
-        if populate is not None:
-            populate(self)
-        return self
+    return decorate
 
-    def parse_known_args(self, args: Any = None, namespace: Any = None) -> Any:  # noqa: D102
-        self.populated()
-        return super().parse_known_args(args, namespace)
 
-    def format_help(self) -> str:  # noqa: D102
-        self.populated()
-        return super().format_help()
+def description(docstring: str) -> str:
+    """Return what a docstring says before its sections, a line for each paragraph."""
+    paragraphs = takewhile(lambda text: not text.startswith(("Args:", "Examples:")), docstring.split("\n\n"))
+    return "\n\n".join(" ".join(each.split()) for each in paragraphs)
 
-    def format_usage(self) -> str:  # noqa: D102
-        self.populated()
-        return super().format_usage()
 
-    def commands(self) -> Iterator[CommandParser]:
-        """Yields this parser and all below it, with their options."""
-        yield self.populated()
-        for action in self._actions:
-            if isinstance(action, argparse._SubParsersAction):
-                for below in action.choices.values():
-                    yield from below.commands()
+def group(name: str, help_: str, **settings: Any) -> App:
+    """Return a command that consists of others."""
+    return App(name=name, help=help_, group_commands=Group("commands"), **(_settings() | settings))
+
+
+def _settings(defaults: Mapping[str, str] | None = None) -> dict[str, Any]:
+    return {
+        "default_parameter": Parameter(negative=(), allow_repeating=True),
+        "group_arguments": Group("arguments", sort_key=0),
+        "group_parameters": Group("options", sort_key=1),
+        "help_format": "plaintext",
+        "help_formatter": HelpFormatter(defaults),
+        "result_action": "return_value",
+        "version_flags": (),
+    }
+
+
+def run(
+    app: App, words: Sequence[str], name: str | None = None, before: Callable[[], None] | None = None
+) -> int:
+    """Run what a command line asks for; return its exit code, see `tma_ray.commands.exits`.
+
+    Args:
+        app: command line.
+        words: its words without the program; ``--debug`` among them prints tracebacks of refusals, too.
+        name: word before a refusal; by default the program's.
+        before: preparation that follows the reading of the words.
+    """
+
+    def execute() -> int:
+        try:
+            call = read(app, [word for word in words if word != "--debug"])
+        except UsageError as error:
+            sys.stderr.write(f"{error}\n")
+            return REFUSED
+        if before is not None and call.func.__module__ != "cyclopts.core":  # a help, or the version
+            before()
+        return call() or 0
+
+    return exit_code(name or app.name[0], execute, debug="--debug" in words)
+
+
+def read(app: App, words: Sequence[str]) -> partial[int | None]:
+    """Return the call that a command line asks for, with its values read.
+
+    Raises:
+        UsageError: an unknown word or option, one that is missing, or a value that is refused.
+    """
+    chain, apps, rest = app.parse_commands(words)
+    program = " ".join((app.name[0], *(name for name in chain if not name.startswith("-"))))
+    if not chain or not chain[-1].startswith("-"):
+        _check_options(program, apps[-1], rest)
+    try:
+        function, bound, _ = app.parse_args(words, exit_on_error=False, print_error=False)
+    except CycloptsError as error:
+        raise UsageError(f"{program}: {_refusal(error)}") from error
+    return partial(function, *bound.args, **bound.kwargs)
+
+
+def commands(app: App) -> Iterator[tuple[tuple[str, ...], App]]:
+    """Yield the words that choose each command below `app`, itself included, and its own command line."""
+    yield (), app
+    for name in app:
+        if not name.startswith("-"):
+            for words, below in commands(app[name]):
+                yield (name, *words), below
+
+
+def arguments(app: App, *, described: bool = False) -> list[Argument]:
+    """Return the arguments and options of a command, without the groups that hold some of them."""
+    found = app.assemble_argument_collection(parse_docstring=described)
+    return [each for each in found if each.names != ("*",)]
+
+
+def help_text(app: App, words: Iterable[str] = (), width: int = 80) -> str:
+    """Return the help of a command."""
+    from rich.console import Console
+
+    text = io.StringIO()
+    app.help_print(list(words), console=Console(file=text, width=width))
+    return "\n".join(line.rstrip() for line in text.getvalue().rstrip().splitlines()) + "\n"
+
+
+def _check_options(program: str, app: App, words: Sequence[str]) -> None:
+    """Refuse unknown options, before what is missing because of them, and a wrong number of values."""
+    known = {name: each for each in arguments(app) for name in each.names} if app.default_command else {}
+    mine = list(takewhile(lambda word: word != "--", words))
+    given = [(name, bool(assigned)) for name, assigned, _ in (word.partition("=") for word in mine)]
+    for name, _ in given:
+        if (
+            name.startswith("--")
+            and " " not in name
+            and name not in (*known, *app.help_flags, *app.version_flags)
+        ):
+            longer = [option for option in known if option.startswith(name)]
+            hint = f"did you mean {' or '.join(longer)}? " if longer else nearest(name, known)
+            raise UsageError(f"{program}: unknown option {name}: {hint}'{program} --help' lists all")
+    if not app.default_command and not {*mine} & {*app.help_flags, *app.version_flags}:
+        below = [name for name in app if not name.startswith("-")]
+        hint = f"{words[0]!r}: {nearest(words[0], below)}" if words else ""
+        raise UsageError(f"{program}: argument COMMAND: {hint}expected one of {', '.join(below)}")
+    for (name, assigned), following in zip(given, (*words[1:], "--"), strict=False):
+        is_flag = name in known and known[name].hint is bool
+        if is_flag and assigned:
+            raise UsageError(f"{program}: argument {name}: expected no value, since it is given or left out")
+        if name in known and not is_flag and not assigned and is_option_like(following):
+            raise UsageError(f"{program}: argument {name}: expected a value")
+
+
+def _refusal(error: CycloptsError) -> str:
+    argument = f"argument {'/'.join(reversed(error.argument.names))}: " if error.argument else ""
+    if isinstance(error, MissingArgumentError):
+        return f"{argument}expected a value"
+    if isinstance(error, UnusedCliTokensError):
+        return f"unexpected argument {(error.unused_tokens or [''])[0]!r}"
+    if isinstance(error, UnknownOptionError):
+        return f"unknown option {error.token.keyword or error.token.value}"
+    if isinstance(error, CoercionError) and error.token is not None and error.argument is not None:
+        choices = error.argument.get_choices() or ()
+        return f"{argument}{error.msg or _not_among(error.token.value, choices)}"
+    return f"{argument}{error}"
+
+
+def _not_among(text: str, known: Collection[str]) -> str:
+    return f"{text!r:.60}: {nearest(text, known)}expected one of {', '.join(known)}"

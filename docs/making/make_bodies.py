@@ -5,6 +5,7 @@ python docs/making/make_bodies.py --output docs/images/bodies.png
 
 from __future__ import annotations
 
+import argparse
 from pathlib import Path
 
 import matplotlib.pyplot as plt
@@ -15,7 +16,6 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Circle, Patch, Polygon, Rectangle
 from numpy.typing import NDArray
 
-from tma_ray.command_line import Parser
 from tma_ray.embodiments import BodyType, Embodiment, embodiment_names, load_embodiment
 from tma_ray.physics.base import settings_for
 from tma_ray.physics.chipmunk import settled
@@ -97,7 +97,7 @@ def caption(body: Embodiment) -> str:
 
 def main() -> None:
     """Writes the picture."""
-    parser = Parser(description=__doc__)
+    parser = argparse.ArgumentParser(allow_abbrev=False, description=__doc__)
     parser.add_argument("--bodies", nargs="*", default=embodiment_names(), metavar="NAME")
     parser.add_argument("--output", type=Path, default=Path("docs/images/bodies.png"))
     options = parser.parse_args()

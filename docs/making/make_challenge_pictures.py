@@ -5,6 +5,7 @@ python docs/making/make_challenge_pictures.py --output docs/images
 
 from __future__ import annotations
 
+import argparse
 from pathlib import Path
 
 import matplotlib.pyplot as plt
@@ -15,7 +16,6 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
 
 from tma_ray.benchmark import STUMP_TRACKS_CHALLENGES, find_challenge, load_test_set
-from tma_ray.command_line import Parser
 from tma_ray.embodiments import load_embodiment
 from tma_ray.envs import make_environment
 from tma_ray.runs import Schedule
@@ -168,7 +168,7 @@ PICTURES = {
 
 def main() -> None:
     """Writes a PNG for each of `PICTURES`, and stump_tracks_start.png."""
-    parser = Parser(description=__doc__)
+    parser = argparse.ArgumentParser(allow_abbrev=False, description=__doc__)
     parser.add_argument("--output", type=Path, default=Path("docs/images"))
     options = parser.parse_args()
     plt.rcParams.update({"font.size": 8.5, "axes.titlesize": 9.5, "savefig.dpi": 130})

@@ -7,6 +7,7 @@ Each teacher is shown by its run with the first seed, so that pictures stay true
 
 from __future__ import annotations
 
+import argparse
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -19,14 +20,13 @@ from analysis.data.curricula import curricula_of_runs, task_axes
 from analysis.data.frames import Frames
 from analysis.figures.curricula import MOST_SHOTS, REPORT_WIDTH, Shot, animation, film_strip
 from analysis.names import label, teacher_order
-from tma_ray.command_line import Parser
 
 FRAMES, DPI, COLOURS = 9, 90, 64
 
 
 def main() -> None:
     """Writes NAME-CHALLENGE.png and NAME-CHALLENGE.gif."""
-    parser = Parser(description=__doc__)
+    parser = argparse.ArgumentParser(allow_abbrev=False, description=__doc__)
     parser.add_argument("release", help="name, folder or address of a release with curricula")
     parser.add_argument("--output", type=Path, required=True, metavar="FOLDER", help="made if missing")
     options = parser.parse_args()

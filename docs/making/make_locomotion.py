@@ -5,6 +5,7 @@ python docs/making/make_locomotion.py build/locomotion --output docs/images
 
 from __future__ import annotations
 
+import argparse
 import sys
 from pathlib import Path
 
@@ -12,7 +13,6 @@ import matplotlib.pyplot as plt
 import pandas as pd
 from matplotlib.axes import Axes
 
-from tma_ray.command_line import Parser
 from tma_ray.results import Results, Table
 from tma_ray.viewing.rendering import EpisodeSettings, render
 
@@ -63,7 +63,7 @@ def film(challenge: str, rows: pd.DataFrame, folder: Path) -> Path:
 
 def main() -> None:
     """Writes locomotion.png and a film of each challenge."""
-    parser = Parser(description=__doc__)
+    parser = argparse.ArgumentParser(allow_abbrev=False, description=__doc__)
     parser.add_argument(
         "roots", type=Path, nargs="+", help="finished results roots, each challenge in one only"
     )

@@ -8,14 +8,13 @@ A part that `--transcript` has already is not run again. What fails ends the hou
 
 from __future__ import annotations
 
+import argparse
 import os
 import re
 import subprocess
 import time
 from pathlib import Path
 from typing import Final, NamedTuple
-
-from tma_ray.command_line import Parser
 
 ROOT: Final = Path(__file__).parents[2]
 
@@ -140,7 +139,7 @@ def read(file: Path) -> list[Entry]:
 
 def main() -> None:
     """Runs what the transcript lacks, then writes the page."""
-    parser = Parser(description=__doc__)
+    parser = argparse.ArgumentParser(allow_abbrev=False, description=__doc__)
     parser.add_argument("binaries", type=Path, help="where the environment has tma-ray and pip")
     parser.add_argument("folder", type=Path, help="where to type; empty at first")
     parser.add_argument("--transcript", type=Path, required=True)

@@ -9,6 +9,7 @@ It takes the first seeds of every cell, and of the saved policies that of the ru
 
 from __future__ import annotations
 
+import argparse
 import shutil
 import tempfile
 from pathlib import Path
@@ -18,7 +19,6 @@ import pandas as pd
 from analysis.baselines import release
 from analysis.data.frames import Frames, load
 from analysis.measures.run_measures import run_measures
-from tma_ray.command_line import Parser
 from tma_ray.results import Store, Table
 from tma_ray.results.layout import POLICIES, TABLES, manifest_path
 from tma_ray.results.parquet import decode, encode
@@ -30,7 +30,7 @@ LEFT_BEHIND = ("checkpoints", "staging", "logs", "tmp", "lease.json", "heartbeat
 
 def main() -> None:
     """Writes the folder `NAME`, a results root of its own."""
-    parser = Parser(description=__doc__)
+    parser = argparse.ArgumentParser(allow_abbrev=False, description=__doc__)
     parser.add_argument("root", type=Path, help="results root of the campaign, in a folder")
     parser.add_argument("--output", type=Path, required=True, metavar="FOLDER", help=f"{NAME} is made in it")
     parser.add_argument("--seeds", type=int, default=2, metavar="N", help="of each cell (%(default)s)")

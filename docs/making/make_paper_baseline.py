@@ -7,6 +7,7 @@ Run it again whenever those tables or the schema change. A test compares the shi
 
 from __future__ import annotations
 
+import argparse
 from dataclasses import replace
 from datetime import UTC, datetime
 from importlib.metadata import version
@@ -17,7 +18,6 @@ from analysis.baselines.card import CARD_FILE, card, holdings
 from analysis.baselines.catalogue import BASELINE_FILE
 from analysis.data.reference import PAPER, PAPER_ENGINE, paper_frame
 from analysis.tables.paper_tables import published_table_results, result_tables
-from tma_ray.command_line import Parser
 from tma_ray.results import PUBLISHED_FILE, SCHEMA_VERSION, Store, write_published
 
 MADE = (
@@ -42,7 +42,7 @@ LICENCE = "Facts from the paper, which is to be cited for them."
 
 def main() -> None:
     """Writes the folder."""
-    parser = Parser(description=__doc__)
+    parser = argparse.ArgumentParser(allow_abbrev=False, description=__doc__)
     parser.add_argument(
         "--output", type=Path, required=True, metavar="FOLDER", help="paper-2021 is made in it"
     )

@@ -5,6 +5,7 @@ python docs/making/make_parkour.py --output docs/images
 
 from __future__ import annotations
 
+import argparse
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from fractions import Fraction
@@ -17,7 +18,6 @@ from matplotlib.axes import Axes
 from numpy.typing import NDArray
 from PIL import Image
 
-from tma_ray.command_line import Parser
 from tma_ray.embodiments import Embodiment, load_embodiment
 from tma_ray.envs.drawing import Renderer, height_at
 from tma_ray.envs.scene import scene_of
@@ -271,7 +271,7 @@ def moving(path: Path) -> None:
 
 def main() -> None:
     """Writes parkour.png and parkour.gif."""
-    parser = Parser(description=__doc__)
+    parser = argparse.ArgumentParser(allow_abbrev=False, description=__doc__)
     parser.add_argument("--output", type=Path, default=Path("docs/images"))
     options = parser.parse_args()
     sheet(options.output / "parkour.png")

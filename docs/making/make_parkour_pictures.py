@@ -5,6 +5,7 @@ python docs/making/make_parkour_pictures.py --output docs/images
 
 from __future__ import annotations
 
+import argparse
 from pathlib import Path
 
 import matplotlib.pyplot as plt
@@ -13,7 +14,6 @@ from matplotlib.axes import Axes
 from matplotlib.patches import Rectangle
 
 from tma_ray.benchmark import find_challenge, load_test_set
-from tma_ray.command_line import Parser
 from tma_ray.terrain import Terrain
 from tma_ray.terrain.base import STEP
 from tma_ray.terrain.parkour import CPPN, TRACK_POINTS, demands, difficulty, parkour
@@ -121,7 +121,7 @@ def order_of_difficulty() -> plt.Figure:
 
 def main() -> None:
     """Writes parkour_inputs.png, parkour_test_sets.png and parkour_difficulty.png."""
-    parser = Parser(description=__doc__)
+    parser = argparse.ArgumentParser(allow_abbrev=False, description=__doc__)
     parser.add_argument("--output", type=Path, default=Path("docs/images"))
     options = parser.parse_args()
     pictures = {"inputs": inputs, "test_sets": examples, "difficulty": order_of_difficulty}

@@ -8,13 +8,13 @@ another delta. Prints the shares of random tasks that are feasible, and where th
 
 from __future__ import annotations
 
+import argparse
 from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 
 from tma_ray.benchmark import find_challenge
-from tma_ray.command_line import Parser
 from tma_ray.tasks import TestSet
 from tma_ray.terrain.parkour import CPPN, demands, difficulty, parkour
 
@@ -111,7 +111,7 @@ def make(name: str, seed: int, cppn: CPPN) -> TestSet:
 
 def main() -> None:
     """Writes the three files."""
-    parser = Parser(description=__doc__)
+    parser = argparse.ArgumentParser(allow_abbrev=False, description=__doc__)
     parser.add_argument("--output", type=Path, default=Path("tma_ray/benchmark/test_sets"))
     options = parser.parse_args()
     cppn = CPPN.load()

@@ -5,13 +5,13 @@ python docs/making/make_pictures.py results --output docs/images
 
 from __future__ import annotations
 
+import argparse
 import shutil
 from pathlib import Path
 
 import matplotlib.image
 import numpy as np
 
-from tma_ray.command_line import Parser
 from tma_ray.envs import make_environment
 from tma_ray.results import Results, Table, policy_folder
 from tma_ray.students import load_policy
@@ -47,7 +47,7 @@ def walk(root: Path) -> np.ndarray:
 
 def main() -> None:
     """Writes walker.png and curriculum.png."""
-    parser = Parser(description=__doc__)
+    parser = argparse.ArgumentParser(allow_abbrev=False, description=__doc__)
     parser.add_argument("root", type=Path, help="results root of a finished quickstart with a report")
     parser.add_argument("--output", type=Path, default=Path("docs/images"))
     options = parser.parse_args()

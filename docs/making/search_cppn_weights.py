@@ -9,13 +9,13 @@ each; as the columns of the last layer are independent of them, many are tried f
 
 from __future__ import annotations
 
+import argparse
 import dataclasses
 from pathlib import Path
 
 import numpy as np
 from scipy.stats import truncnorm
 
-from tma_ray.command_line import Parser
 from tma_ray.terrain.base import STEP
 from tma_ray.terrain.parkour import CPPN, POINTS, SHAPES, softplus
 
@@ -218,7 +218,7 @@ def search(first: int, seeds: int) -> tuple[int, int, int]:
 
 def main() -> None:
     """Searches, prints the figures beside their targets, and writes the weights."""
-    parser = Parser(description=__doc__)
+    parser = argparse.ArgumentParser(allow_abbrev=False, description=__doc__)
     parser.add_argument("--first", type=int, default=0, help="the first seed")
     parser.add_argument("--seeds", type=int, default=1000, help="how many sets of hidden layers to try")
     parser.add_argument("--only", type=int, nargs=3, metavar=("SEED", "GROUND", "CEILING"), help="no search")

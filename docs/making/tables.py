@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import os
 import re
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from typing import Any
@@ -12,10 +11,9 @@ import pyarrow as pa
 from release_tables import leaderboard, simulated_students
 
 from analysis.commands.findings import shipped_findings
-from tma_ray import cli
+from tma_ray import cli, command_line
 from tma_ray.benchmark import CHALLENGES, KNOWLEDGE_REQUIREMENTS, challenges_of, load_test_set
-from tma_ray.cli.json_output import KEYS
-from tma_ray.command_line import METAVARS
+from tma_ray.cli.records import KEYS
 from tma_ray.embodiments import embodiment_names, load_embodiment
 from tma_ray.envs import ENVIRONMENTS, make_environment
 from tma_ray.results import SCHEMAS, Table
@@ -201,19 +199,17 @@ def json_keys() -> str:
 
 
 def metavars() -> str:
-    """Returns what the words in capitals in helps stand for."""
-    return markdown(("word", "value"), [(f"`{word}`", meaning) for word, meaning in METAVARS.items()])
+    """Returns the words in capitals in helps, and their meaning."""
+    return markdown(
+        ("word", "value"), [(f"`{word}`", meaning) for word, meaning in command_line.METAVARS.items()]
+    )
 
 
 def helps() -> Iterator[tuple[str, str]]:
     """Yields every command with its help, 80 characters wide."""
-    before = os.environ.get("COLUMNS")
-    os.environ["COLUMNS"] = "82"  # argparse leaves two free
-    try:
-        for parser in cli._parser().commands():
-            yield parser.prog, parser.format_help()
-    finally:
-        os.environ.pop("COLUMNS") if before is None else os.environ.update(COLUMNS=before)
+    app = cli.app()
+    for words, _ in command_line.commands(app):
+        yield " ".join(("tma-ray", *words)), command_line.help_text(app, words)
 
 
 def _cell(value: object) -> str:

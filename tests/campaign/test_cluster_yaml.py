@@ -16,6 +16,7 @@ from tma_ray import cli
 from tma_ray.campaign import Campaign, cells_of
 from tma_ray.campaign.executors.cohorts import kinds_of, learner_resources, room_of
 from tma_ray.campaign.settings import Resources, Settings
+from tma_ray.command_line import read
 from tma_ray.envs import ENVIRONMENTS
 
 FILE = Path(__file__).parents[2] / "cluster.yaml"
@@ -140,6 +141,6 @@ def test_every_environment_is_compiled_where_runs_train(commands: list[str]) -> 
     loop, _, rest = warm.partition("; do ")
     assert set(loop.split(" in ")[1].split()) == set(ENVIRONMENTS.names())
     arguments = rest.removesuffix("; done").replace("$(mktemp -d)", "FOLDER").split()[1:]
-    options = cli._parser().parse_args(arguments)
+    options = read(cli.app(), arguments).keywords["options"]
     assert (options.steps, options.evaluation_interval) == (1000, 1000)
     assert warm == commands[-1], "what it needs is installed before"

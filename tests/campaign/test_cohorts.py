@@ -29,7 +29,7 @@ from tma_ray.campaign.executors.cohorts import (
     learner_resources,
     room_of,
 )
-from tma_ray.campaign.placing.options import parse_cohort
+from tma_ray.campaign.options import parse_cohort
 from tma_ray.campaign.settings import GIB, PLAYER, Resources, Settings, TeacherPlacement
 from tma_ray.results import Committer, Store, Table
 from tma_ray.runs import Cell, Placement, run_locally

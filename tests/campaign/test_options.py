@@ -1,6 +1,5 @@
 from __future__ import annotations
 
-import argparse
 import io
 import math
 import socket
@@ -11,12 +10,12 @@ from rich.console import Console
 
 from tma_ray.campaign import Campaign, cells_of
 from tma_ray.campaign.cluster.base import check_address
-from tma_ray.campaign.option_values import parse_seeds
-from tma_ray.campaign.options import add_options, chosen_address, chosen_campaign
+from tma_ray.campaign.options import CampaignOptions, chosen_address, chosen_campaign, parse_seeds
 from tma_ray.campaign.progress import ActiveRun, ProgressView, Snapshot, duration
+from tma_ray.campaign.script import script
 from tma_ray.campaign.settings import Resources, Settings
 from tma_ray.cli import main
-from tma_ray.command_line import Parser
+from tma_ray.command_line import read
 from tma_ray.commands.quantities import COUNT
 from tma_ray.physics import engine_in_use
 from tma_ray.runs import Status
@@ -25,9 +24,11 @@ CAMPAIGN = Campaign("small", cells_of(("random", "alp_gmm"), ("ppo",)), seeds=(0
 
 
 def chosen(*arguments: str) -> Campaign:
-    parser = Parser()
-    add_options(parser, CAMPAIGN)
-    return chosen_campaign(CAMPAIGN, parser.parse_args(arguments))
+    return chosen_campaign(CAMPAIGN, options(*arguments))
+
+
+def options(*arguments: str) -> CampaignOptions:
+    return read(script(CAMPAIGN), arguments).keywords.get("options", CampaignOptions())
 
 
 def test_flags_replace_what_they_name_and_nothing_else() -> None:
@@ -44,7 +45,7 @@ def test_flags_replace_what_they_name_and_nothing_else() -> None:
 
 @pytest.mark.parametrize("text", ["", "0", "x", "5-3", "-1", "1,-2", "1.5"])
 def test_seeds_that_are_none_are_refused(text: str) -> None:
-    with pytest.raises(argparse.ArgumentTypeError):
+    with pytest.raises(ValueError, match="expected a number"):
         parse_seeds(text)
 
 
@@ -53,7 +54,7 @@ def test_numbers_of_steps() -> None:
         500_000, 500_000, 20_000_000, 500_000, 7,
     ]  # fmt: skip
     for text in ("0", "-5", "1.5", "many", ""):
-        with pytest.raises(argparse.ArgumentTypeError):
+        with pytest.raises(ValueError, match="expected a whole number"):
             COUNT(text)
 
 
@@ -174,9 +175,7 @@ def test_a_campaign_that_cannot_start_says_what_to_change(
 
 def test_the_address_comes_from_the_environment_and_local_wins(monkeypatch: pytest.MonkeyPatch) -> None:
     def address(*arguments: str) -> str | None:
-        parser = Parser()
-        add_options(parser, CAMPAIGN)
-        return chosen_address(parser.parse_args(arguments))
+        return chosen_address(options(*arguments))
 
     monkeypatch.setenv("RAY_ADDRESS", "10.0.0.5:6379")  # as Ray sets it for a job
     assert address() == "10.0.0.5:6379"

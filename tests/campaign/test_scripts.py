@@ -8,24 +8,25 @@ from pathlib import Path
 
 import pytest
 
+from tma_ray import cli
 from tma_ray.benchmark import EXPERIMENTS, find_experiment
 from tma_ray.campaign import Campaign, Plan, cells_of, experiments, joined_plan, matrix_campaigns
 from tma_ray.campaign.costs.estimation import Cost, estimate
 from tma_ray.campaign.costs.known import quick_speeds
 from tma_ray.campaign.costs.speed import Throughput
-from tma_ray.campaign.experiments import add_experiment_options, experiment_plan
+from tma_ray.campaign.experiments import experiment_plan
+from tma_ray.campaign.options import ExperimentOptions
 from tma_ray.campaign.settings import Resources, Settings
 from tma_ray.cli import main
-from tma_ray.command_line import Parser
+from tma_ray.command_line import read
 from tma_ray.runs import Schedule
 
 SCRIPTS = Path(__file__).parents[2] / "experiments"
 
 
 def planned(name: str, *arguments: str) -> Plan:
-    parser = Parser()
-    add_experiment_options(parser)
-    return experiment_plan(find_experiment(name), parser.parse_args(arguments))
+    call = read(cli.app(), ["plan", name, *arguments])
+    return experiment_plan(find_experiment(name), call.keywords.get("options", ExperimentOptions()))
 
 
 def values(plan: Plan, column: str) -> set[object]:

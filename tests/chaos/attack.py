@@ -9,6 +9,7 @@ Prints what was lost, and exits with 1 if that is anything, or if a kind did not
 
 from __future__ import annotations
 
+import argparse
 import random
 import signal
 import sys
@@ -25,8 +26,6 @@ if __name__ == "__main__":
 from faults import Fault, Site, private_environment, table, undisturbed_files  # noqa: E402  # from above
 from kinds import KINDS, WIDTHS, Scene  # noqa: E402
 from nodes import Nodes  # noqa: E402
-
-from tma_ray.command_line import Parser  # noqa: E402
 
 INJECTIONS, SEED = 3, 0
 """Defaults: of each kind, and of all instants and victims."""
@@ -78,7 +77,7 @@ def say(text: str) -> None:
 
 def main() -> int:
     """Attacks as the command line says; returns the exit code."""
-    parser = Parser(description=__doc__)
+    parser = argparse.ArgumentParser(allow_abbrev=False, description=__doc__)
     parser.add_argument("--injections", type=int, default=INJECTIONS, help="of each kind (default: 3)")
     parser.add_argument("--seed", type=int, default=SEED, help="of instants and victims (default: 0)")
     parser.add_argument("--kinds", default=",".join(KINDS), help="which (default: %(default)s)")

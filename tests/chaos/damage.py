@@ -11,6 +11,7 @@ of undisturbed ones.
 
 from __future__ import annotations
 
+import argparse
 import contextlib
 import io
 import itertools
@@ -36,7 +37,6 @@ if __name__ == "__main__":
 from small_runs import data_files, small_spec  # noqa: E402  # from above
 
 from tma_ray.cli import main as command  # noqa: E402
-from tma_ray.command_line import Parser  # noqa: E402
 from tma_ray.results import Committer, DamagedFileError, Results, ResultsRootError  # noqa: E402
 from tma_ray.runs import Placement, RunSpec, run_locally  # noqa: E402
 
@@ -214,7 +214,7 @@ def small_root(folder: Path) -> tuple[Path, list[RunSpec], dict[str, bytes]]:
 
 def main() -> int:
     """Damages as the command line says; returns the exit code."""
-    parser = Parser(description=__doc__)
+    parser = argparse.ArgumentParser(allow_abbrev=False, description=__doc__)
     parser.add_argument("--files", type=int, default=500, help="to damage (default: 500)")
     parser.add_argument("--seed", type=int, default=0, help="of files and damage (default: 0)")
     options = parser.parse_args()

@@ -8,6 +8,7 @@ Prints how many ended as they should, and exits with 1 if any did not.
 
 from __future__ import annotations
 
+import argparse
 import os
 import random
 import signal
@@ -19,8 +20,6 @@ from collections import Counter
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
-
-from tma_ray.command_line import Parser
 
 HOUSE = Path(__file__).parents[2]
 
@@ -119,7 +118,7 @@ def interrupted(words: str, after: float, folder: Path) -> Try:
 
 def main() -> int:
     """Interrupts as the command line says; returns the exit code."""
-    parser = Parser(description=__doc__)
+    parser = argparse.ArgumentParser(allow_abbrev=False, description=__doc__)
     parser.add_argument("--tries", type=int, default=100, help="commands to interrupt (default: 100)")
     parser.add_argument("--seed", type=int, default=0, help="of commands and instants (default: 0)")
     options = parser.parse_args()

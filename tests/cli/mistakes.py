@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import argparse
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from tma_ray import cli
-from tma_ray.command_line import CommandParser
+from cyclopts import App, Argument
+
+from tma_ray import cli, command_line
 
 LONG = "x" * 300
 """A name that no file can have."""
@@ -105,7 +105,6 @@ BY_KIND: Mapping[str, Sequence[str]] = {
         "",
         f"{LONG}.gif",
     ),
-    "SOURCE": ("~nosuchuser/x", "{missing}", "{empty}", "{file}", "{loop}", "/dev/null", "nul\0", ""),
     "ADDRESS": ("", "host", "host:port", "host:99999", "http://x", "::", "ray://127.0.0.1:10001"),
     "DEVICE": ("", "gpu", "cuda:-1", "cuda:9", "cpu:1", "CPU", "tpu", "meta"),
     "LICENCE": ("", " ", "\n", "my own", LONG, "CC BY 4.0", "+5", "5", "-", "MIT OR"),
@@ -115,7 +114,6 @@ BY_KIND: Mapping[str, Sequence[str]] = {
     "WIDTH": (*NO_NUMBERS, *TOO_MANY, "0", "0.5", "of", "OFF"),
     "X": (*NO_NUMBERS, *TOO_MANY, "1,5"),
     "SECONDS": (*NO_NUMBERS, *TOO_MANY, "1,5"),
-    "MIB": (*NO_NUMBERS, *TOO_MANY, "0.5"),
     "GIB": (*NO_NUMBERS, *TOO_MANY, "1,5"),
     "NAME=VALUE": ("", "a", "=1", "aa=", "nothing=1"),
 }
@@ -170,9 +168,6 @@ VALID: Mapping[str, str] = {
     "NAME": "random",
     "FOLDER": "{new}",
     "FILE": "{new}.gif",
-    "SOURCE": "{source}",
-    "weights SOURCE": "{weights}",
-    "weights FILE": "{new}.npz",
 }
 """Values of what has to be given."""
 
@@ -194,92 +189,86 @@ class Mistake:
 
 def mistakes() -> Iterator[Mistake]:
     """Yields every mistake: values of each option of each command, and options that are none."""
-    for path, parser in commands():
-        rest = valid_rest(path, parser, None)
+    for path, app in commands():
+        rest = valid_rest(path, app, None)
         yield Mistake((*path, *rest, "--no-such-option"), ("--no-such-option",), "unknown option")
         if len(rest) == 0:
             yield Mistake((*path, "no", "such", "word"), ("no such word", "'no'"), "unknown word")
-        for action in parser._actions:
-            if not isinstance(action, argparse._HelpAction | argparse._VersionAction):
-                yield from _of_option(path, parser, action)
+        for argument in command_line.arguments(app):
+            yield from _of_option(path, app, argument)
 
 
-def commands(
-    parser: CommandParser | None = None, path: tuple[str, ...] = ()
-) -> Iterator[tuple[tuple[str, ...], CommandParser]]:
-    """Yields the words that choose each command, and its parser."""
-    parser = (parser or cli._parser()).populated()
-    below = [action for action in parser._actions if isinstance(action, argparse._SubParsersAction)]
-    if not below:
-        yield path, parser
-    for action in below:
-        for name, each in action.choices.items():
-            yield from commands(each, (*path, name))
+def commands() -> Iterator[tuple[tuple[str, ...], App]]:
+    """Yields the words that choose each command, and its command line."""
+    for path, app in command_line.commands(cli.app()):
+        if app.default_command is not None:
+            yield path, app
 
 
-def valid_rest(path: tuple[str, ...], parser: CommandParser, leave: argparse.Action | None) -> list[str]:
+def flags(argument: Argument) -> list[str]:
+    """The names of an option, short ones first; none of a position."""
+    return sorted((name for name in argument.names if name.startswith("-")), key=len)
+
+
+def valid_rest(path: tuple[str, ...], app: App, leave: Argument | None) -> list[str]:
     """The rest of a valid and small command line; the place of `leave`, if it has one, is an empty word."""
     words = list(SMALL.get(" ".join(path), ()))
-    for option in leave.option_strings if leave is not None else ():
+    left = leave.names if leave is not None else ()
+    for option in left:
         if option in words:
             place = words.index(option)
             del words[place : place + 2]
-    for action in parser._actions:
-        if action is leave and not action.option_strings:
+    for argument in command_line.arguments(app):
+        if argument.names == left and not flags(argument):
             words.append("")
-        elif action is not leave and action.nargs not in (0, "?", "*"):
-            choices = [str(choice) for choice in action.choices or ()]
-            value = (
-                choices[0]
-                if choices
-                else VALID.get(f"{path[-1]} {action.metavar}", VALID.get(str(action.metavar), ""))
-            )
-            if not action.option_strings:
+        elif argument.names != left and argument.required:
+            metavar = argument.parameter.metavar
+            choices = argument.get_choices()
+            value = choices[0] if choices else VALID.get(str(metavar), "")
+            if not flags(argument):
                 words.append(value)
-            elif action.required and not set(action.option_strings) & set(words):
-                words += [action.option_strings[-1], value]
+            elif not set(flags(argument)) & set(words):
+                words += [flags(argument)[-1], value]
     return words
 
 
-def _of_option(path: tuple[str, ...], parser: CommandParser, action: argparse.Action) -> Iterator[Mistake]:
-    rest, option = valid_rest(path, parser, action), (action.option_strings or [""])[-1]
+def _of_option(path: tuple[str, ...], app: App, argument: Argument) -> Iterator[Mistake]:
+    rest, option = valid_rest(path, app, argument), (flags(argument) or [""])[-1]
     if option:
         misspelt = f"{option[:3]}{option[4:]}" if len(option) > 6 else f"{option}q"
         yield Mistake((*path, *rest, misspelt), (misspelt,), "misspelt option")
-    if action.nargs == 0:
-        yield Mistake((*path, *rest, f"{option}=1"), (option,), "value of a flag")
+    if argument.hint is bool:
+        for value in ("1", "true", "no", ""):
+            yield Mistake((*path, *rest, f"{option}={value}"), (option,), "value of a flag")
+        yield Mistake((*path, *rest, f"--no-{option[2:]}"), (f"--no-{option[2:]}",), "unknown option")
         return
     if option:
         yield Mistake((*path, *rest, option), (option,), "option without its value")
-    for value in _values(path[-1], action):
+    for value in _values(path[-1], argument):
         words = (*rest, f"{option}={value}") if option else tuple(word or value for word in rest)
         if not option and value not in words:  # an optional position at the end
             words = (*words, value)
-        yield Mistake((*path, *words), _names(action, value), str(action.metavar or "choice"))
+        kind = str(argument.parameter.metavar or "choice")
+        yield Mistake((*path, *words), _names(argument, value), kind)
 
 
-def _values(command: str, action: argparse.Action) -> Sequence[str]:
-    if action.choices:
+def _values(command: str, argument: Argument) -> Sequence[str]:
+    if argument.get_choices():
         return ("", "nothing", "None")
-    kind, several = str(action.metavar).removesuffix(",..."), str(action.metavar).endswith(",...")
-    name = action.dest.removesuffix("s") if several else action.dest
+    metavar, chosen = str(argument.parameter.metavar), argument.names[0].strip("-").replace("-", "_").lower()
+    kind, several = metavar.removesuffix(",..."), metavar.endswith(",...")
+    name = chosen.removesuffix("s") if several else chosen
     further = () if (command, name) in NOT_READ else BY_OPTION.get(name, ())
     values = (*BY_KIND[kind], *further)
-    empty_is_valid = action.dest == "embodiments"
-    return [
-        value for value in values if value.strip() or not (empty_is_valid or _takes_an_empty_word(action))
-    ]
+    # an empty word at a position would be taken for one that is left out by `valid_rest`
+    empty_is_valid = chosen in ("embodiments", "embodiment") or not flags(argument)
+    return [value for value in values if value.strip() or not empty_is_valid]
 
 
-def _takes_an_empty_word(action: argparse.Action) -> bool:
-    """Positions: an empty word would be taken for one that is left out by `valid_rest`."""
-    return not action.option_strings
-
-
-def _names(action: argparse.Action, value: str) -> tuple[str, ...]:
+def _names(argument: Argument, value: str) -> tuple[str, ...]:
     parts = [part for part in value.replace(":", "=").split("=") if len(part) > 1]
     shown = (value[:50] or "''", repr(value), value.strip("{}") or "''")
-    return (*action.option_strings, *shown, *parts, f"argument {action.metavar}")
+    return (*flags(argument), *shown, *parts, f"argument {argument.parameter.metavar}")
 
 
 def fill(text: str, places: Mapping[str, Any]) -> str:

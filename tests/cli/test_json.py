@@ -12,7 +12,7 @@ import pytest
 from tma_ray.campaign.costs import estimation
 from tma_ray.campaign.costs.speed import Throughput
 from tma_ray.cli import main
-from tma_ray.cli.json_output import KEYS, json_value
+from tma_ray.cli.records import KEYS, json_value
 from tma_ray.results import RunStatus
 
 ARGUMENTS: dict[str, list[str]] = {

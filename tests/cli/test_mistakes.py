@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import argparse
 import contextlib
 import io
 import os
@@ -15,22 +14,20 @@ from decimal import Decimal
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
-from mistakes import Mistake, commands, fill, mistakes, valid_rest
+from mistakes import Mistake, commands, fill, flags, mistakes, valid_rest
 
 from tma_ray.campaign import execution, single
 from tma_ray.campaign.costs import estimation
 from tma_ray.campaign.costs.speed import Throughput
 from tma_ray.campaign.progress import Snapshot
 from tma_ray.cli import main
-from tma_ray.command_line import METAVARS
+from tma_ray.command_line import METAVARS, arguments
 from tma_ray.commands import quantities
 from tma_ray.commands.quantities import Quantity
 from tma_ray.results import AttemptOutcome, Results, Store, check_usable
-from tma_ray.terrain.parkour import SHAPES
 
 SECONDS = 1.0
 """Processor time within which a mistake is refused, s."""
@@ -39,7 +36,7 @@ MEASURED = Throughput("measured", 1e6, 1e6, 100)
 
 QUANTITIES = [each for each in vars(quantities).values() if isinstance(each, Quantity)]
 
-NUMBERS = ("N", "X", "SECONDS", "MIB", "GIB")
+NUMBERS = ("N", "X", "SECONDS", "GIB")
 
 MISTAKES = sorted(set(mistakes()), key=lambda mistake: mistake.words)
 
@@ -77,9 +74,6 @@ def places(root: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Mappi
     (tmp_path / "foreign" / "precious.txt").write_text("not ours\n")
     (tmp_path / "source" / "tasks.csv").write_text("0,6\n1.5,3\n")
     (tmp_path / "loop").symlink_to(tmp_path / "loop")
-    np.savez(
-        tmp_path / "weights.npz", **{name: np.zeros(shape, np.float32) for name, shape in SHAPES.items()}
-    )
     named = {
         name: tmp_path / name
         for name in (
@@ -95,7 +89,6 @@ def places(root: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Mappi
             "busy",
         )
     }
-    named["weights"] = tmp_path / "weights.npz"
     return {**named, "root": root, "run": Results.open(root).runs()[0].run.run_id}
 
 
@@ -133,20 +126,21 @@ def warm(places: Mapping[str, Any]) -> Mapping[str, Any]:
 def test_every_kind_of_value_has_mistakes() -> None:
     kinds = {mistake.kind.removesuffix(",...") for mistake in MISTAKES}
     used = {
-        str(action.metavar).removesuffix(",...")
-        for _, parser in commands()
-        for action in parser._actions
-        if action.metavar
+        str(argument.parameter.metavar).removesuffix(",...")
+        for _, app in commands()
+        for argument in arguments(app)
+        if argument.parameter.metavar
     }
     assert used <= kinds
     assert used - {"NAME=VALUE"} <= set(METAVARS)
 
 
 def test_every_number_is_of_the_one_grammar() -> None:
-    for path, parser in commands():
-        for action in parser._actions:
-            if action.metavar in NUMBERS:
-                assert isinstance(action.type, Quantity), f"{' '.join(path)} {action.option_strings}"
+    for path, app in commands():
+        for argument in arguments(app):
+            if argument.parameter.metavar in NUMBERS:
+                parse = argument.parameter.converter.parse  # type: ignore[union-attr]
+                assert isinstance(parse, Quantity), f"{' '.join(path)} {argument.names}"
 
 
 @settings(max_examples=60, deadline=None, derandomize=True, suppress_health_check=list(HealthCheck))
@@ -156,10 +150,12 @@ def test_mistakes_are_refused_by_name(warm: Mapping[str, Any], mistake: Mistake)
 
 
 WRITERS = [
-    (path, parser, action)
-    for path, parser in commands()
-    for action in parser._actions
-    if action.metavar == "ROOT" and "to write" in str(action.help) and path != ("plan",)
+    (path, app, argument)
+    for path, app in commands()
+    for argument in arguments(app, described=True)
+    if argument.parameter.metavar == "ROOT"
+    and "to write" in str(argument.parameter.help)
+    and path != ("plan",)
 ]
 """Commands that write a results root, and their options that name it."""
 
@@ -171,9 +167,9 @@ def test_no_command_makes_a_root_where_others_have_files(
     monkeypatch.setenv("HOME", str(places["home"]))
     (places["busy"] / "tmp" / "notes.txt").write_text("mine")
     assert len(WRITERS) == 5
-    for path, parser, action in WRITERS:
-        words = [word for word in valid_rest(path, parser, action) if word != "--dry-run"]
-        end = ending((*path, *words, f"{action.option_strings[-1]}={place}"), places)
+    for path, app, argument in WRITERS:
+        words = [word for word in valid_rest(path, app, argument) if word != "--dry-run"]
+        end = ending((*path, *words, f"{flags(argument)[-1]}={place}"), places)
         assert end.code == 2, (path, end.said)
         assert re.search("results need a folder of their own|empty", end.said), (path, end.said)
     assert not [*Path.cwd().rglob("root.json"), *Path.cwd().rglob("lease.json"), *Path("/").glob("root.json")]
@@ -205,7 +201,7 @@ def assert_read_or_refused(quantity: Quantity, text: str, value: Decimal | None)
         assert quantity(text) == pytest.approx(float(value or 0), rel=1e-12)
         quantity.check("it", quantity(text))
     else:
-        with pytest.raises(argparse.ArgumentTypeError, match="expected"):
+        with pytest.raises(ValueError, match="expected"):
             quantity(text)
 
 
@@ -246,11 +242,13 @@ def test_values_are_checked_where_nothing_needs_them(
 
 def test_every_refusal_of_a_choice_names_all_choices(places: Mapping[str, Any]) -> None:
     chosen = 0
-    for path, parser in commands():
-        for action in (action for action in parser._actions if action.choices):
-            rest, option = valid_rest(path, parser, action), action.option_strings[-1:]
+    for path, app in commands():
+        for argument in arguments(app):
+            if not (choices := argument.get_choices()):
+                continue
+            rest, option = valid_rest(path, app, argument), flags(argument)[-1:]
             end = ending((*path, *(word or "nothing" for word in rest), *option, "nothing"), places)
             assert end.code == 2
-            assert ", ".join(map(str, action.choices)) in end.said, (path, option, end.said)
+            assert ", ".join(choices) in end.said, (path, option, end.said)
             chosen += 1
     assert chosen > 10

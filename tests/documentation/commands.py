@@ -19,6 +19,7 @@ from blocks import ROOT
 from packaging.requirements import Requirement
 
 from tma_ray import cli
+from tma_ray.command_line import read
 
 TINY = ["--steps", "300", "--evaluation-interval", "300", "--test-set", "one.csv"]
 
@@ -83,9 +84,9 @@ def understood(words: Sequence[str]) -> None:
         program, arguments = "tma-ray", arguments[2:]
     if program == "tma-ray":
         if len(arguments) < 2:  # names a command
-            assert any(prog == " ".join(["tma-ray", *arguments]) for prog in _names()), arguments
+            assert not arguments or arguments[0] in cli.app(), arguments
         else:
-            cli._parser().parse_args(arguments)
+            read(cli.app(), arguments)
     elif program == "python":
         assert (ROOT / arguments[0]).is_file(), arguments[0]
     elif program == "make":
@@ -181,13 +182,6 @@ def _export(arguments: list[str]) -> int:
         name, _, value = setting.partition("=")
         os.environ[name] = value
     return 0
-
-
-def _names() -> Iterator[str]:
-    yield cli._parser().prog
-    for action in cli._parser()._actions:
-        if hasattr(action.choices, "values"):
-            yield from (parser.prog for parser in action.choices.values())
 
 
 PROGRAMS: dict[str, Callable[[list[str]], int]] = {

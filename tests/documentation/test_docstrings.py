@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 
-from tma_ray import cli
+from tma_ray import cli, command_line
 from tma_ray.embodiments import embodiment_names, load_embodiment
 from tma_ray.envs import ENVIRONMENTS
 from tma_ray.part_names import base_name, split_name
@@ -79,13 +79,13 @@ def test_names_with_settings_are_taken(file: str, name: str) -> None:
 
 @pytest.mark.parametrize(("file", "command"), COMMANDS)
 def test_commands_and_their_options_exist(file: str, command: str) -> None:
-    known = {parser.prog: parser for parser in cli._parser().commands()}
+    known = {" ".join(("tma-ray", *words)): app for words, app in command_line.commands(cli.app())}
     words = command.split()
     verb = next(
         " ".join(("tma-ray", *words[:end])) for end in (2, 1) if " ".join(("tma-ray", *words[:end])) in known
     )
     given = {word.partition("=")[0] for word in words if word.startswith("--")}
-    assert given <= set(known[verb]._option_string_actions)
+    assert given <= {name for each in command_line.arguments(known[verb]) for name in each.names}
 
 
 def test_there_are_examples_of_each_kind() -> None:

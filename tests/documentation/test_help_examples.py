@@ -9,12 +9,12 @@ from pathlib import Path
 import pytest
 from commands import execute
 
-from tma_ray import cli
+from tma_ray import cli, command_line
 
 EXAMPLES = [
     example
-    for parser in cli._parser().commands()
-    for example in parser.examples
+    for _, app in command_line.commands(cli.app())
+    for example in map(str.strip, str(app.help_epilogue or "").splitlines())
     if example.startswith("tma-ray") and ">" not in example
 ]
 

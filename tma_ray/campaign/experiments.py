@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import argparse
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any
@@ -10,29 +9,24 @@ from typing import Any
 from rich.console import Console
 from rich.table import Table
 
-from tma_ray.benchmark import Experiment, Matrix, Size, Tier, select
+from tma_ray.benchmark import Experiment, Matrix, Size, select
 from tma_ray.campaign.costs.estimation import estimate
-from tma_ray.campaign.option_values import parse_levels
 from tma_ray.campaign.options import (
-    LISTS,
-    SCHEDULE,
-    add_choice_options,
-    add_execution_options,
-    add_results_option,
+    ExperimentOptions,
     chosen_nodes,
     chosen_settings,
+    parse_levels,
     replace_schedule,
 )
 from tma_ray.campaign.plan import Plan, joined_plan, matrix_campaigns
 from tma_ray.campaign.script import run_plan
-from tma_ray.commands.texts import named
 from tma_ray.part_names import nearest
 from tma_ray.results import Store, check_usable
 from tma_ray.runs import Schedule
 from tma_ray.terminal import terminal
 
 
-def execute_experiment(experiment: Experiment, options: argparse.Namespace) -> int:
+def execute_experiment(experiment: Experiment, options: ExperimentOptions) -> int:
     """Runs what `options` choose of `experiment`, having said what it comes to and what it costs.
 
     Returns:
@@ -51,23 +45,7 @@ def execute_experiment(experiment: Experiment, options: argparse.Namespace) -> i
     return run_plan(plan, options.results, options, cost.throughputs)
 
 
-def add_experiment_options(parser: argparse.ArgumentParser) -> None:
-    """Adds the options that choose how much of an experiment to run, and how."""
-    what = add_choice_options(parser, dict.fromkeys((*LISTS, "seeds", *SCHEDULE), "the experiment's"))
-    what.add_argument(
-        "--tier", type=Tier, choices=list(Tier), default=Tier.PAPER, help="size of the experiment"
-    )
-    what.add_argument(
-        "--stage",
-        type=named("the name of a stage"),
-        metavar="NAME",
-        help="part of an experiment that has stages, as core (default: all)",
-    )
-    add_execution_options(parser)
-    add_results_option(parser)
-
-
-def experiment_plan(experiment: Experiment, options: argparse.Namespace) -> Plan:
+def experiment_plan(experiment: Experiment, options: ExperimentOptions) -> Plan:
     """Returns the runs of what the flags choose of `experiment`.
 
     Stage, challenges, bodies and levels select; students take the place of the experiment's; teachers do
@@ -93,7 +71,7 @@ def experiment_plan(experiment: Experiment, options: argparse.Namespace) -> Plan
     )
 
 
-def chosen_matrices(experiment: Experiment, size: Size, options: argparse.Namespace) -> tuple[Matrix, ...]:
+def chosen_matrices(experiment: Experiment, size: Size, options: ExperimentOptions) -> tuple[Matrix, ...]:
     """Returns what the flags leave of the experiment's matrices at a size.
 
     Raises:
@@ -109,7 +87,7 @@ def chosen_matrices(experiment: Experiment, size: Size, options: argparse.Namesp
     return tuple(_narrowed(matrix, size.of(matrix), options) for matrix in matrices)
 
 
-def _narrowed(whole: Matrix, small: Matrix, options: argparse.Namespace) -> Matrix:
+def _narrowed(whole: Matrix, small: Matrix, options: ExperimentOptions) -> Matrix:
     """Returns `small`, which a size left of `whole`, with what the flags say instead."""
     levels = parse_levels(options.expert_knowledge or ())
     bodies = options.embodiments or whole.embodiments
@@ -191,7 +169,7 @@ def planned_experiments(plan: Plan) -> list[PlannedExperiment]:
     return parts
 
 
-def show_plan(experiment: Experiment, options: argparse.Namespace, console: Console | None = None) -> Plan:
+def show_plan(experiment: Experiment, options: ExperimentOptions, console: Console | None = None) -> Plan:
     """Prints what the flags choose of `experiment`, and what it costs; returns it.
 
     Raises:

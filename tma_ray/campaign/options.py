@@ -1,231 +1,412 @@
-"""The options that every campaign shares, as a script or as a command."""
+"""Options that campaigns, experiments and single runs share, as scripts or as commands."""
 
 from __future__ import annotations
 
-import argparse
 import os
-from collections.abc import Mapping, Sequence
-from dataclasses import fields, replace
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass, fields, replace
+from typing import Annotated, Any
 
-from tma_ray.campaign.cluster.base import check_address
-from tma_ray.campaign.option_values import (
-    bodies,
-    names,
-    parse_address,
-    parse_assignment,
-    parse_levels,
-    parse_results,
-    parse_seeds,
-    parse_source,
-    parse_space,
-)
-from tma_ray.campaign.placing.options import add_placing_options, placed
+from cyclopts import Group, Parameter
+
+from tma_ray.benchmark import Tier
+from tma_ray.campaign.cluster.base import check_address, host_and_port
 from tma_ray.campaign.plan import CampaignSpec
-from tma_ray.campaign.settings import Nodes, Settings
-from tma_ray.commands.quantities import COUNT, SECONDS
-from tma_ray.commands.texts import named
-from tma_ray.part_names import join_name
-from tma_ray.runs import Cell, Schedule
-
-LISTS = {
-    "teachers": ("NAME", "teachers, with hyper-parameters if wanted, as in alp_gmm:fit_every=100,riac"),
-    "students": ("NAME", "students, with hyper-parameters if wanted, as in sac:learning_rate=3e-4,ppo"),
-    "challenges": ("NAME", "challenges of the environment"),
-    "embodiments": (
-        "NAME",
-        "bodies or paths of their files, with parameters if wanted, as in spider:size=1.2",
-    ),
-    "expert-knowledge": ("LEVEL", "levels of expert knowledge offered to the teachers: none, low, high"),
-}
-"""Options that take lists: the kind of their entries, and what they choose."""
-
-SCHEDULE = {
-    "steps": "training budget of each run, in environment steps",
-    "evaluation-interval": "environment steps between two evaluations on the test set",
-    "probe-interval": "environment steps between two probes of the curriculum",
-    "probe-size": "tasks that a probe asks the teacher for",
-    "training-window": "environment steps in a window of training statistics",
-}
-"""Options of the schedule, and what they set."""
-
-YES = (
-    "start what takes over an hour on this machine; without it that is asked at a terminal, and refused "
-    "elsewhere or with --address"
+from tma_ray.campaign.settings import COHORT_WIDTH, PLAYER, Nodes, Resources, Settings, TeacherPlacement
+from tma_ray.command_line import choice, value, values
+from tma_ray.commands.places import root
+from tma_ray.commands.quantities import (
+    COORDINATE,
+    CORES,
+    COUNT,
+    GPUS,
+    MEMORY,
+    PROCESSES,
+    SECONDS,
+    SEED,
+    WIDTH,
 )
+from tma_ray.commands.texts import named, refused
+from tma_ray.part_names import join_name, nearest
+from tma_ray.results import Store, check_root
+from tma_ray.runs import Cell, Placement, Schedule
+from tma_ray.runs.placement import check_device
+from tma_ray.tasks import KnowledgeLevel
+
+MOST_SEEDS = 100_000
+"""Seeds that one option may name."""
+
+OFF = "off"
+"""Value of ``--cohort`` for runs that learn alone."""
+
+SCHEDULE = tuple(field.name for field in fields(Schedule))
+"""Options of the schedule, as attributes."""
 
 
-def add_options(parser: argparse.ArgumentParser, campaign: CampaignSpec) -> None:
-    """Adds the options of a campaign: what to run, by default what `campaign` has, and how."""
-    defaults = _defaults(campaign)
-    what = add_choice_options(parser, defaults)
-    what.add_argument(
-        "--environment",
-        type=named("the name of an environment"),
-        metavar="NAME",
-        help=f"registered name or module:Name (default: {defaults['environment']})",
-    )
-    add_cell_options(what)
-    add_execution_options(parser)
-    add_results_option(parser)
+def names(text: str) -> tuple[str, ...]:
+    """Return a list of names."""
+    found = bodies(text)
+    if not all(found):
+        raise refused(text, "expected names, separated by commas")
+    return found
 
 
-def add_choice_options(
-    parser: argparse.ArgumentParser, defaults: Mapping[str, str]
-) -> argparse._ArgumentGroup:
-    """Adds the options that choose what to run of anything, and returns their group.
+def bodies(text: str) -> tuple[str, ...]:
+    """Return a list of bodies; an empty text is the one empty name, of an environment without bodies."""
+    return tuple(name.strip() for name in text.split(","))
 
-    Args:
-        parser: where to.
-        defaults: what holds without each option, by its name, for the help.
+
+def parse_assignment(text: str) -> tuple[str, str]:
+    """Return the two sides of NAME=VALUE.
+
+    Examples:
+        >>> parse_assignment("swinging_creepers=true")
+        ('swinging_creepers', 'true')
     """
-    what = parser.add_argument_group("what to run")
-    for name, (kind, choice) in LISTS.items():
-        what.add_argument(
-            f"--{name}",
-            type=bodies if name == "embodiments" else names,
-            metavar=f"{kind},...",
-            help=f"{choice} (default: {defaults[name]})",
-        )
-    what.add_argument(
-        "--seeds",
-        type=parse_seeds,
-        metavar="SEEDS",
-        help=f"how many seeds (4), or which: a range (8-11) or a list (0,5) (default: {defaults['seeds']})",
-    )
-    add_schedule_options(what, defaults)
-    what.add_argument(
-        "--independent-levels",
-        action="store_true",
-        help="repeat runs with other random numbers that cells of several levels could share",
-    )
-    return what
+    name, separator, value = text.partition("=")
+    if not (name and separator):
+        raise ValueError(f"{text!r}: expected NAME=VALUE")
+    return name, value
 
 
-def add_schedule_options(group: argparse._ActionsContainer, defaults: Mapping[str, str]) -> None:
-    """Adds the options of the budget and its intervals; see `add_choice_options` for `defaults`."""
-    for name, meaning in SCHEDULE.items():
-        group.add_argument(
-            f"--{name}", type=COUNT, metavar="N", help=f"{meaning} (default: {defaults[name]})"
+def parse_space(text: str) -> dict[str, tuple[float, float]]:
+    """Return bounds of a task space.
+
+    Examples:
+        >>> parse_space("stump_height=0:0.3,obstacle_spacing=3:6")
+        {'stump_height': (0.0, 0.3), 'obstacle_spacing': (3.0, 6.0)}
+    """
+    space: dict[str, tuple[float, float]] = {}
+    for name, bounds in map(parse_assignment, text.split(",")):
+        try:
+            low, high = map(COORDINATE, bounds.split(":"))
+        except ValueError:
+            raise ValueError(
+                f"{name}={bounds}: expected DIMENSION=LOW:HIGH, as in stump_height=0:0.3"
+            ) from None
+        if low > high:
+            raise ValueError(f"{name}={bounds}: the low bound is over the high one")
+        if name in space:
+            raise ValueError(f"{name} is given twice; give its bounds once")
+        space[name] = (low, high)
+    return space
+
+
+def parse_seeds(text: str) -> tuple[int, ...]:
+    """Return the first seeds of a number ("4"), or given ones ("8-11", "0,5").
+
+    Examples:
+        >>> parse_seeds("3"), parse_seeds("8-10"), parse_seeds("0,5")
+        ((0, 1, 2), (8, 9, 10), (0, 5))
+    """
+    numbers = tuple(map(int, re.findall(r"\d{1,19}", text, re.ASCII)))
+    seeds: Sequence[int] = ()
+    if re.fullmatch(r"\d{1,19}-\d{1,19}", text, re.ASCII):
+        seeds = range(numbers[0], numbers[1] + 1)
+    elif re.fullmatch(r"\d{1,19}(,\d{1,19})+", text, re.ASCII):
+        seeds = numbers
+    elif re.fullmatch(r"\d{1,19}", text, re.ASCII):
+        seeds = range(numbers[0])
+    if not seeds or seeds[-1] > SEED.most:
+        raise refused(text, "expected a number (4), a range (8-11) or a list (0,5)")
+    if len(seeds) > MOST_SEEDS or len(set(seeds)) < len(seeds):
+        reason = f"more than {MOST_SEEDS:,} seeds" if len(seeds) > MOST_SEEDS else "a seed is given twice"
+        raise refused(text, reason)
+    return tuple(seeds)
+
+
+def parse_levels(given: Sequence[str]) -> tuple[KnowledgeLevel, ...]:
+    """Return levels of expert knowledge by their names.
+
+    Raises:
+        ValueError: one that does not exist.
+    """
+    unknown = [level for level in given if level not in list(KnowledgeLevel)]
+    if unknown:
+        raise ValueError(
+            f"unknown level of expert knowledge {unknown[0]!r}: {nearest(unknown[0], KnowledgeLevel)}"
+            f"expected one of {', '.join(KnowledgeLevel)}"
         )
+    return tuple(KnowledgeLevel(level) for level in given)
+
+
+def parse_device(text: str) -> str:
+    """Return torch's name of a device, which need not exist here."""
+    check_device(text)
+    return text
+
+
+def parse_results(text: str) -> str:
+    """Return a results root to write to: a folder, there or to be made, or an address.
+
+    Raises:
+        ValueError: it cannot be one.
+    """
+    if "://" not in root(text):
+        Store.open(text).check_place()
+    return text
+
+
+def parse_source(text: str) -> str:
+    """Return a results root or a release to read, which has to be one."""
+    try:
+        check_root(Store.open(root(text)))
+    except OSError as error:
+        raise ValueError(str(error)) from error
+    return text
+
+
+def parse_address(text: str) -> str:
+    """Return the address of a Ray cluster, which need not answer."""
+    host_and_port(text)
+    return text
+
+
+def parse_cohort(text: str) -> int:
+    """Return the width of a cohort, 0 for "off".
+
+    Examples:
+        >>> parse_cohort("48"), parse_cohort("off")
+        (48, 0)
+    """
+    if text == OFF:
+        return 0
+    try:
+        width: int = WIDTH(text)
+    except ValueError:
+        width = 0
+    if not width:
+        raise refused(text, f"expected a number of slots such as {COHORT_WIDTH}, or {OFF}")
+    return width
+
+
+WHAT = {"group": Group("what to run", sort_key=2)}
+HOW = {"group": Group("how to run it", sort_key=3)}
+"""Groups of options in helps."""
+
+Names = Annotated[tuple[str, ...] | None, value(names, "NAME,...", **WHAT)]
+Steps = Annotated[int | None, value(COUNT, "N", **WHAT)]
+Results = Annotated[str, value(parse_results, "ROOT")]
+Device = Annotated[str, value(parse_device, "DEVICE", **HOW)]
+Seconds = Annotated[float, value(SECONDS, "SECONDS", **HOW)]
+Yes = Annotated[
+    bool,
+    Parameter(
+        help="start what takes over an hour on this machine; without it that is asked at a terminal, and "
+        "refused elsewhere or with --address",
+        **HOW,
+    ),
+]
+
+
+@Parameter(name="*")
+@dataclass(frozen=True, kw_only=True)
+class ScheduleOptions:
+    """Options of the budget and its intervals; None is the default of the run.
+
+    Attributes:
+        steps: training budget of each run, in environment steps
+        evaluation_interval: environment steps between two evaluations on the test set
+        probe_interval: environment steps between two probes of the curriculum
+        probe_size: tasks that a probe asks the teacher for
+        training_window: environment steps in a window of training statistics
+    """
+
+    steps: Steps = None
+    evaluation_interval: Steps = None
+    probe_interval: Steps = None
+    probe_size: Steps = None
+    training_window: Steps = None
+
+
+@Parameter(name="*")
+@dataclass(frozen=True, kw_only=True)
+class CellOptions:
+    """Options with one value for all cells.
+
+    Attributes:
+        space: other bounds of the task space, as in stump_height=0:0.3,obstacle_spacing=3:6 (default: the
+            challenge's)
+        environment_option: option of the environment, as in swinging_creepers=true; repeatable (default: the
+            environment's)
+        test_set: shipped test set, or path of a CSV file (default: the challenge's)
+    """
+
+    space: Annotated[dict[str, tuple[float, float]] | None, value(parse_space, "SPACE", **WHAT)] = None
+    environment_option: Annotated[
+        tuple[tuple[str, str], ...], values(parse_assignment, "NAME=VALUE", **WHAT)
+    ] = ()
+    test_set: Annotated[str | None, value(named("the name of a test set"), "NAME", **WHAT)] = None
+
+
+@Parameter(name="*")
+@dataclass(frozen=True, kw_only=True)
+class RunOptions(CellOptions, ScheduleOptions):
+    """Options of a single run.
+
+    Attributes:
+        environment: registered name or module:Name
+        challenge: challenge of the environment
+        embodiment: body or path of its file, with parameters if wanted, as in spider:size=1.2
+        student: student, with hyper-parameters if wanted, as in sac:learning_rate=3e-4
+        teacher: teacher, with hyper-parameters if wanted, as in alp_gmm:fit_every=100
+        expert_knowledge: knowledge of the teacher: none, low or high
+        seed: seed of the run
+        device: device of the networks, as cpu or cuda
+        threads: number of torch's threads
+        checkpoint_seconds: longest time between two checkpoints
+        results: folder, s3:// or gs:// to write to
+    """
+
+    environment: Annotated[str, value(named("the name of an environment"), "NAME", **WHAT)] = Cell.environment
+    challenge: Annotated[str, value(named("the name of a challenge"), "NAME", **WHAT)] = Cell.challenge
+    embodiment: Annotated[str, value(str, "NAME", **WHAT)] = Cell.embodiment
+    student: Annotated[str, value(named("the name of a student"), "NAME", **WHAT)] = Cell.student
+    teacher: Annotated[str, value(named("the name of a teacher"), "NAME", **WHAT)] = Cell.teacher
+    expert_knowledge: Annotated[str, value(named("the name of a level"), "LEVEL", **WHAT)] = str(
+        Cell.expert_knowledge
+    )
+    seed: Annotated[int, value(SEED, "N", **WHAT)] = 0
+    device: Device = Placement.device
+    threads: Annotated[int, value(PROCESSES, "N", **HOW)] = Placement.threads
+    checkpoint_seconds: Seconds = Placement.checkpoint_seconds
+    yes: Yes = False
+    results: Results = "results"
+
+
+@Parameter(name="*")
+@dataclass(frozen=True, kw_only=True)
+class ChoiceOptions(ScheduleOptions):
+    """Options that choose among cells; None is what there is.
+
+    Attributes:
+        teachers: teachers, with hyper-parameters if wanted, as in alp_gmm:fit_every=100,riac
+        students: students, with hyper-parameters if wanted, as in sac:learning_rate=3e-4,ppo
+        challenges: challenges of the environment
+        embodiments: bodies or paths of their files, with parameters if wanted, as in spider:size=1.2
+        expert_knowledge: levels of expert knowledge offered to the teachers: none, low, high
+        seeds: number of seeds (4), or given ones: a range (8-11) or a list (0,5)
+        independent_levels: repeat runs with other random numbers that cells of several levels could share
+    """
+
+    teachers: Names = None
+    students: Names = None
+    challenges: Names = None
+    embodiments: Annotated[tuple[str, ...] | None, value(bodies, "NAME,...", **WHAT)] = None
+    expert_knowledge: Annotated[tuple[str, ...] | None, value(names, "LEVEL,...", **WHAT)] = None
+    seeds: Annotated[tuple[int, ...] | None, value(parse_seeds, "SEEDS", **WHAT)] = None
+    independent_levels: Annotated[bool, Parameter(**WHAT)] = False
+
+
+@Parameter(name="*")
+@dataclass(frozen=True, kw_only=True)
+class ExecutionOptions:
+    """Options that choose how to run something on Ray.
+
+    Attributes:
+        local: start a Ray on this machine, whatever RAY_ADDRESS says
+        address: host:port of a Ray cluster's head, or auto (default: RAY_ADDRESS, else a Ray on this machine)
+        autoscaling: accept runs that fit no node of today's, since the cluster adds nodes
+        cpus_per_run: cores that a run occupies
+        gpus_per_run: GPUs that a run occupies which learns alone: a share of one, as 0.25, or a whole number
+        memory_per_run: memory that a run occupies
+        device: device of the networks, as cpu or cuda
+        cohort: runs that learn together, one learner for each WIDTH or for each GPU; or off
+        teacher_placement: teachers in actors of their own, or in the processes of their runs
+        checkpoint_seconds: longest time between two checkpoints of a run
+        outage_seconds: time without the storage of the results after which runs count as lost
+        unreachable_seconds: time without an answer after which a run or a cohort's learner counts as lost
+        start_from: results root or release whose runs are copied first and not repeated (default: none)
+        dry_run: print the size of what would run, and stop
+    """
+
+    local: Annotated[bool, Parameter(**HOW)] = False
+    address: Annotated[str | None, value(parse_address, "ADDRESS", **HOW)] = None
+    autoscaling: Annotated[bool, Parameter(**HOW)] = False
+    cpus_per_run: Annotated[float | None, value(CORES, "X", **HOW)] = None
+    gpus_per_run: Annotated[float, value(GPUS, "X", **HOW)] = Resources.gpus
+    memory_per_run: Annotated[float | None, value(MEMORY, "GIB", **HOW)] = None
+    device: Device = Settings.device
+    cohort: Annotated[int | None, value(parse_cohort, "WIDTH", **HOW)] = None
+    teacher_placement: Annotated[TeacherPlacement, choice(TeacherPlacement, **HOW)] = TeacherPlacement.ACTOR
+    checkpoint_seconds: Seconds = Settings.checkpoint_seconds
+    outage_seconds: Seconds = Settings.outage_seconds
+    unreachable_seconds: Seconds = Settings.unreachable_seconds
+    start_from: Annotated[str | None, value(parse_source, "ROOT", **HOW)] = None
+    dry_run: Annotated[bool, Parameter(**HOW)] = False
+    yes: Yes = False
+
+    def __post_init__(self) -> None:
+        if self.local and self.address:
+            raise ValueError("argument --address: not allowed with --local, which is a Ray on this machine")
+
+
+@Parameter(name="*")
+@dataclass(frozen=True, kw_only=True)
+class CampaignOptions(ExecutionOptions, CellOptions, ChoiceOptions):
+    """Options of a campaign.
+
+    Attributes:
+        environment: registered name or module:Name
+        results: folder, s3:// or gs:// to write to
+    """
+
+    environment: Annotated[str | None, value(named("the name of an environment"), "NAME", **WHAT)] = None
+    results: Results = "results"
+
+
+@Parameter(name="*")
+@dataclass(frozen=True, kw_only=True)
+class ExperimentOptions(ExecutionOptions, ChoiceOptions):
+    """Options of an experiment of the benchmark.
+
+    Attributes:
+        tier: size of the experiment
+        stage: part of an experiment that has stages, as core (default: all)
+        results: folder, s3:// or gs:// to write to
+    """
+
+    tier: Annotated[Tier, choice(Tier, **WHAT)] = Tier.PAPER
+    stage: Annotated[str | None, value(named("the name of a stage"), "NAME", **WHAT)] = None
+    results: Results = "results"
+
+
+EXECUTION_DEFAULTS = {
+    "--cpus-per-run": f"{Resources.cpus:g}, in a cohort {PLAYER.cpus:g}",
+    "--memory-per-run": f"{Resources.memory_gib:g}, in a cohort {PLAYER.memory_gib:g}",
+    "--cohort": f"{COHORT_WIDTH} with --device cuda, else {OFF}",
+}
+"""Defaults of `ExecutionOptions` for a help, by the names of options."""
+
+EXPERIMENT_DEFAULTS = EXECUTION_DEFAULTS | {
+    f"--{field.name.replace('_', '-')}": "the experiment's" for field in fields(ChoiceOptions)
+}
+"""Defaults of `ExperimentOptions` for a help, by the names of options."""
 
 
 def schedule_defaults(schedule: Schedule) -> dict[str, str]:
-    """Returns the values of a schedule as the help shows them, by the names of their options."""
-    return {name: f"{getattr(schedule, name.replace('-', '_')):,}" for name in SCHEDULE}
+    """Return the values of a schedule for a help, by the names of options."""
+    return {f"--{name.replace('_', '-')}": f"{getattr(schedule, name):,}" for name in SCHEDULE}
 
 
-def _defaults(campaign: CampaignSpec) -> dict[str, str]:
-    """Returns what a campaign has, as the help shows it, by the names of options."""
-    fields_of = {
-        **{name: name.removesuffix("s") for name in LISTS},
-        "expert-knowledge": "expert_knowledge",
-        "environment": "environment",
-    }
+def campaign_defaults(campaign: CampaignSpec) -> dict[str, str]:
+    """Return the values of a campaign for a help, by the names of options."""
+    options = ("teachers", "students", "challenges", "embodiments", "expert_knowledge", "environment")
     listed = {
-        name: ",".join(dict.fromkeys(str(getattr(cell, field)) for cell in campaign.cells))
-        for name, field in fields_of.items()
+        f"--{name.replace('_', '-')}": ",".join(
+            dict.fromkeys(str(getattr(cell, name.removesuffix("s"))) for cell in campaign.cells)
+        )
+        or "none"
+        for name in options
     }
     first = campaign.seeds == tuple(range(len(campaign.seeds)))
     seeds = str(len(campaign.seeds)) if first else ",".join(map(str, campaign.seeds))
-    defaults = {**listed, "seeds": seeds, **schedule_defaults(campaign.schedule)}
-    return {name: value.replace("%", "%%") or "none" for name, value in defaults.items()}
+    return {**EXECUTION_DEFAULTS, **listed, "--seeds": seeds, **schedule_defaults(campaign.schedule)}
 
 
-def add_cell_options(group: argparse._ActionsContainer) -> None:
-    """Adds the options of cells that have one value for all of them."""
-    group.add_argument(
-        "--space",
-        type=parse_space,
-        metavar="SPACE",
-        help="other bounds of the task space, as in stump_height=0:0.3,obstacle_spacing=3:6 (default: the "
-        "challenge's)",
-    )
-    group.add_argument(
-        "--environment-option",
-        dest="environment_options",
-        type=parse_assignment,
-        action="append",
-        metavar="NAME=VALUE",
-        help="option of the environment, as in swinging_creepers=true; repeatable (default: the "
-        "environment's)",
-    )
-    group.add_argument(
-        "--test-set",
-        type=named("the name of a test set"),
-        metavar="NAME",
-        help="shipped test set, or path of a CSV file (default: the challenge's)",
-    )
-
-
-def add_results_option(parser: argparse.ArgumentParser) -> None:
-    """Adds the option that says where results are written."""
-    parser.add_argument(
-        "--results",
-        type=parse_results,
-        default="results",
-        metavar="ROOT",
-        help="folder, s3:// or gs:// to write to",
-    )
-
-
-def add_execution_options(parser: argparse.ArgumentParser) -> argparse._ArgumentGroup:
-    """Adds the options that choose how to run it, and returns their group."""
-    how = parser.add_argument_group("how to run it")
-    where = how.add_mutually_exclusive_group()
-    where.add_argument(
-        "--local", action="store_true", help="start a Ray on this machine, whatever RAY_ADDRESS says"
-    )
-    where.add_argument(
-        "--address",
-        type=parse_address,
-        metavar="ADDRESS",
-        help="host:port of a Ray cluster's head, or auto (default: RAY_ADDRESS, else a Ray on this machine)",
-    )
-    how.add_argument(
-        "--autoscaling",
-        action="store_true",
-        help="the cluster adds nodes: accept runs that fit none of today's",
-    )
-    add_placing_options(how)
-    _add_times(how)
-    how.add_argument(
-        "--start-from",
-        type=parse_source,
-        metavar="ROOT",
-        help="results root or release whose runs are copied first and not repeated (default: none)",
-    )
-    how.add_argument("--dry-run", action="store_true", help="print what would run, and stop")
-    how.add_argument("--yes", action="store_true", help=YES)
-    return how
-
-
-def _add_times(group: argparse._ActionsContainer) -> None:
-    """Adds the options that say how long something may take."""
-    group.add_argument(
-        "--checkpoint-seconds",
-        type=SECONDS,
-        default=Settings.checkpoint_seconds,
-        metavar="SECONDS",
-        help="longest time between two checkpoints of a run",
-    )
-    group.add_argument(
-        "--outage-seconds",
-        type=SECONDS,
-        default=Settings.outage_seconds,
-        metavar="SECONDS",
-        help="how long the storage of the results may be unavailable before runs count as lost",
-    )
-    group.add_argument(
-        "--unreachable-seconds",
-        type=SECONDS,
-        default=Settings.unreachable_seconds,
-        metavar="SECONDS",
-        help="how long a run or a cohort's learner may not answer before it counts as lost",
-    )
-
-
-def chosen_campaign(campaign: CampaignSpec, options: argparse.Namespace) -> CampaignSpec:
-    """Returns `campaign` with what the flags replace: each combination of the values given."""
+def chosen_campaign(campaign: CampaignSpec, options: CampaignOptions) -> CampaignSpec:
+    """Return `campaign` with what the flags replace: each combination of the values given."""
     return replace(
         campaign,
         cells=_replace_cells(campaign.cells, options),
@@ -235,24 +416,30 @@ def chosen_campaign(campaign: CampaignSpec, options: argparse.Namespace) -> Camp
     )
 
 
-def chosen_settings(options: argparse.Namespace) -> Settings:
-    """Returns how the flags want a campaign executed."""
-    settings = Settings(
+def chosen_settings(options: ExecutionOptions) -> Settings:
+    """Return how the flags want a campaign executed."""
+    given = {"cpus": options.cpus_per_run, "memory_gib": options.memory_per_run}
+    own = {name: number for name, number in given.items() if number is not None}
+    return Settings(
+        resources=Resources(**own, gpus=options.gpus_per_run),
+        player=replace(PLAYER, **own),
+        device=options.device,
+        cohort=options.cohort,
+        teachers=options.teacher_placement,
         checkpoint_seconds=options.checkpoint_seconds,
         outage_seconds=options.outage_seconds,
         unreachable_seconds=options.unreachable_seconds,
         autoscaling=options.autoscaling,
     )
-    return placed(options, settings)
 
 
-def chosen_address(options: argparse.Namespace) -> str | None:
-    """Returns the cluster's address, None for a Ray on this machine."""
+def chosen_address(options: ExecutionOptions) -> str | None:
+    """Return the cluster's address, None for a Ray on this machine."""
     return None if options.local else options.address or os.environ.get("RAY_ADDRESS") or None
 
 
-def chosen_nodes(options: argparse.Namespace) -> Nodes | None:
-    """Returns the nodes of the cluster that would execute a campaign; None for this machine, and a dry run.
+def chosen_nodes(options: ExecutionOptions) -> Nodes | None:
+    """Return the nodes of the cluster that would execute a campaign; None for this machine, and a dry run.
 
     Raises:
         ValueError: an address that cannot be a cluster's.
@@ -268,20 +455,20 @@ def chosen_nodes(options: argparse.Namespace) -> Nodes | None:
     return cluster_nodes(address, gpus=gpus, autoscaling=options.autoscaling)
 
 
-def environment_name(name: str, options: argparse.Namespace) -> str:
-    """Returns the name of an environment with the options that the command line adds to it."""
-    return name + "".join(join_name("", {key: value}) for key, value in options.environment_options or ())
+def environment_name(name: str, options: CellOptions) -> str:
+    """Return the name of an environment with the options that the command line adds to it."""
+    return name + "".join(join_name("", {key: text}) for key, text in options.environment_option)
 
 
-def replace_schedule(schedule: Schedule, options: argparse.Namespace) -> Schedule:
-    """Returns `schedule` with what the flags replace."""
-    given = {field.name: getattr(options, field.name) for field in fields(Schedule)}
-    return replace(schedule, **{name: value for name, value in given.items() if value is not None})
+def replace_schedule(schedule: Schedule, options: ScheduleOptions) -> Schedule:
+    """Return `schedule` with what the flags replace."""
+    given = {name: getattr(options, name) for name in SCHEDULE}
+    return replace(schedule, **{name: number for name, number in given.items() if number is not None})
 
 
-def _replace_cells(cells: Sequence[Cell], options: argparse.Namespace) -> tuple[Cell, ...]:
-    """Gives every cell each combination of the given values; equal cells come out once."""
-    choices = {
+def _replace_cells(cells: Sequence[Cell], options: CampaignOptions) -> tuple[Cell, ...]:
+    """Return every cell with each combination of the given values; equal cells once."""
+    choices: dict[str, Sequence[Any] | None] = {
         "environment": (options.environment,) if options.environment else None,
         "challenge": options.challenges,
         "embodiment": options.embodiments,
@@ -292,9 +479,9 @@ def _replace_cells(cells: Sequence[Cell], options: argparse.Namespace) -> tuple[
         "space": (options.space,) if options.space else None,
     }
     result = list(cells)
-    for name, values in choices.items():
-        if values is not None:
-            result = [replace(cell, **{name: value}) for cell in result for value in values]
+    for name, chosen in choices.items():
+        if chosen is not None:
+            result = [replace(cell, **{name: each}) for cell in result for each in chosen]
     result = [replace(cell, environment=environment_name(cell.environment, options)) for cell in result]
     unique: list[Cell] = []
     for cell in result:

@@ -2,14 +2,19 @@
 
 from __future__ import annotations
 
-import argparse
 import json
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
 from tma_ray.campaign.costs.estimation import estimate
-from tma_ray.campaign.options import SCHEDULE, chosen_nodes, chosen_settings
+from tma_ray.campaign.options import (
+    SCHEDULE,
+    CampaignOptions,
+    ExecutionOptions,
+    chosen_nodes,
+    chosen_settings,
+)
 from tma_ray.campaign.plan import Plan, cell_row
 from tma_ray.campaign.script import run_plan
 from tma_ray.commands.texts import counted
@@ -197,25 +202,26 @@ DECIDED = (
     *(
         "students",
         "embodiments",
-        "expert-knowledge",
+        "expert_knowledge",
         "environment",
         "space",
-        "environment-options",
-        "test-set",
+        "environment_option",
+        "test_set",
     ),
     *SCHEDULE,
-    "independent-levels",
+    "independent_levels",
 )
 """Options whose values the release has."""
 
 
-def run_like(place: str, core: Collection[str], options: argparse.Namespace) -> int:
+def run_like(name: str, place: str, core: Collection[str], options: CampaignOptions) -> int:
     """Runs what ``--teachers``, ``--challenges`` and ``--seeds`` choose of a release; returns the exit code.
 
     Args:
+        name: campaign's name in the results.
         place: folder or address of the release.
         core: campaigns of it that are repeated; empty for all.
-        options: parsed options of ``tma-ray campaign``.
+        options: choice of teachers, challenges and seeds, and the execution.
 
     Raises:
         ValueError: no teacher, an option whose value the release has, or what `like_plan` refuses.
@@ -223,7 +229,7 @@ def run_like(place: str, core: Collection[str], options: argparse.Namespace) -> 
         ConnectionError: no cluster answers.
         RootInUseError: another campaign is running on the results root.
     """
-    given = [f"--{name}" for name in DECIDED if getattr(options, name.replace("-", "_"))]
+    given = [f"--{name.replace('_', '-')}" for name in DECIDED if getattr(options, name)]
     if given:
         raise ValueError(
             f"--like takes {', '.join(given)} from the release; --teachers, --challenges and --seeds choose"
@@ -231,7 +237,7 @@ def run_like(place: str, core: Collection[str], options: argparse.Namespace) -> 
     if not options.teachers:
         raise ValueError("which teachers? Name them with --teachers, as in --teachers mine:Teacher")
     plan = like_plan(
-        options.name,
+        name,
         Results.open(place),
         options.teachers,
         core,
@@ -249,13 +255,13 @@ NAME = "rerun"
 """What a rerun is called where a campaign has its name."""
 
 
-def rerun(options: argparse.Namespace) -> int:
-    """Runs what the flags of ``tma-ray rerun`` name, from their checkpoints if they have some.
+def rerun(root: str, names: Sequence[str], options: ExecutionOptions, *, failed: bool) -> int:
+    """Run unfinished runs of a root, from their checkpoints if they have some; see `rerun_plan`.
 
     Raises:
         ValueError: nothing is named, no such run, or a plug-in that was edited since.
     """
-    return run_plan(rerun_plan(options.root, options.runs, failed=options.failed), options.root, options)
+    return run_plan(rerun_plan(root, names, failed=failed), root, options)
 
 
 def rerun_plan(root: str, names: Sequence[str], *, failed: bool) -> Plan:

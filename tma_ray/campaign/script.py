@@ -2,18 +2,22 @@
 
 from __future__ import annotations
 
-import argparse
 import sys
 from collections.abc import Mapping, Sequence
+from pathlib import Path
 
+from cyclopts import App
 from rich.console import Console
 
+from tma_ray import command_line
 from tma_ray.campaign.costs.confirmation import confirm, long_cost, terminal_question
 from tma_ray.campaign.costs.known import Kind
 from tma_ray.campaign.costs.speed import Throughput
 from tma_ray.campaign.failures import HeadLostError, OutageError
 from tma_ray.campaign.options import (
-    add_options,
+    CampaignOptions,
+    ExecutionOptions,
+    campaign_defaults,
     chosen_address,
     chosen_campaign,
     chosen_nodes,
@@ -21,8 +25,7 @@ from tma_ray.campaign.options import (
 )
 from tma_ray.campaign.plan import CampaignSpec, Plan
 from tma_ray.campaign.progress import Snapshot
-from tma_ray.command_line import CommandParser
-from tma_ray.commands.exits import FAILED, RAY_LOST, exit_code
+from tma_ray.commands.exits import FAILED, RAY_LOST
 from tma_ray.commands.interrupts import INTERRUPTED
 from tma_ray.commands.texts import counted
 from tma_ray.results import Store, check_usable, start_from
@@ -30,27 +33,32 @@ from tma_ray.terminal import terminal
 
 
 def main(campaign: CampaignSpec, arguments: Sequence[str] | None = None) -> int:
-    """Runs `campaign` as the command line says; returns the exit code.
+    """Run `campaign` as the command line says; return the exit code.
 
     0: all runs are done; 1: some failed, or the results could not be written any more; 2: refused before
     anything ran; 75: Ray died or was stopped, resumable; 130: stopped, resumable.
     """
-    parser = CommandParser(description=f"Runs the campaign {campaign.name!r}.")
-    add_options(parser, campaign)
-    return execute(campaign, parser.parse_args(arguments))
+    words = sys.argv[1:] if arguments is None else arguments
+    return command_line.run(script(campaign), words, campaign.name)
 
 
-def execute(campaign: CampaignSpec, options: argparse.Namespace) -> int:
-    """Runs what `options` choose of `campaign`; returns the exit code as `main`."""
+def script(campaign: CampaignSpec) -> App:
+    """Return the command line of the script of a campaign."""
 
-    def run() -> int:
-        return run_plan(chosen_campaign(campaign, options).plan(), options.results, options)
+    def run(*, options: CampaignOptions = CampaignOptions()) -> int:
+        return execute(campaign, options)
 
-    return exit_code(campaign.name, run, debug="debug" in options)
+    run.__doc__ = f"Run the campaign {campaign.name!r}."
+    return command_line.command(name=Path(sys.argv[0]).name, defaults=campaign_defaults(campaign))(run)
+
+
+def execute(campaign: CampaignSpec, options: CampaignOptions) -> int:
+    """Run what `options` choose of `campaign`; return the exit code as `main`."""
+    return run_plan(chosen_campaign(campaign, options).plan(), options.results, options)
 
 
 def run_plan(
-    plan: Plan, results: str, options: argparse.Namespace, known: Mapping[Kind, Throughput] | None = None
+    plan: Plan, results: str, options: ExecutionOptions, known: Mapping[Kind, Throughput] | None = None
 ) -> int:
     """Prints the size of `plan` and runs it as the options for execution say.
 
@@ -60,7 +68,7 @@ def run_plan(
     Args:
         plan: what to run.
         results: results root.
-        options: parsed options of `options.add_execution_options`.
+        options: placement, times and limits of the execution.
         known: speeds that have been measured and shown.
 
     Returns:

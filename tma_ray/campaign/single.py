@@ -2,13 +2,9 @@
 
 from __future__ import annotations
 
-import argparse
-from dataclasses import fields
-
 from tma_ray.campaign.costs.confirmation import confirm, long_cost, terminal_question
 from tma_ray.campaign.failures import StopSignals
-from tma_ray.campaign.option_values import parse_levels
-from tma_ray.campaign.options import environment_name
+from tma_ray.campaign.options import RunOptions, environment_name, parse_levels, replace_schedule
 from tma_ray.campaign.plan import CampaignSpec, Plan, lease_holder
 from tma_ray.campaign.progress import ActiveRun, ProgressView, PublishedProgress, Snapshot
 from tma_ray.campaign.settings import Resources, Settings
@@ -21,7 +17,7 @@ from tma_ray.terminal import terminal
 CAMPAIGN = "single_runs"
 
 
-def run_single(options: argparse.Namespace) -> int:
+def run_single(options: RunOptions) -> int:
     """Runs what the flags of ``tma-ray run`` name; returns the exit code.
 
     Raises:
@@ -38,8 +34,7 @@ def run_single(options: argparse.Namespace) -> int:
         test_set=options.test_set,
         space=options.space or {},
     )
-    given = {field.name: getattr(options, field.name, None) for field in fields(Schedule)}
-    schedule = Schedule(**{name: value for name, value in given.items() if value is not None})
+    schedule = replace_schedule(Schedule(), options)
     plan = CampaignSpec(CAMPAIGN, (cell,), (options.seed,), schedule).plan()
     placement = Placement(options.device, options.threads, options.checkpoint_seconds)
     check_available(options.device)
@@ -68,7 +63,7 @@ def run_single(options: argparse.Namespace) -> int:
     return 0 if done else INTERRUPTED
 
 
-def _confirm(plan: Plan, options: argparse.Namespace, placement: Placement) -> None:
+def _confirm(plan: Plan, options: RunOptions, placement: Placement) -> None:
     """Asks before what takes over an hour.
 
     Raises:

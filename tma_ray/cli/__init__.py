@@ -1,59 +1,107 @@
-"""The command `tma-ray`. Each command imports what it needs when it is used."""
+"""The command `tma-ray`. Each command is imported when it is used."""
 
 from __future__ import annotations
 
-import argparse
 import gc
 import sys
 import warnings
-from collections.abc import Callable, Sequence
+from collections.abc import Mapping, Sequence
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Final
 
+from cyclopts import App
+
 from tma_ray import __version__
-from tma_ray.benchmark import BENCHMARK_VERSION
-from tma_ray.cli import (
-    completion,
-    experimenting,
-    looking,
-    naming,
-    policies,
-    publishing,
-    running,
-    simulating,
-    verifying,
-)
-from tma_ray.command_line import CommandParser
-from tma_ray.commands.exits import RefusedError, exit_code
-from tma_ray.registry import search_current_folder
+from tma_ray.command_line import description, group, run
+from tma_ray.commands.exits import RefusedError
+from tma_ray.docstrings import docstring_of
 
 GARBAGE_OBJECTS: Final = 200_000
 """New objects after which Python looks for circular garbage, instead of 700: what commands read of thousands
 of runs stays until its end, and looking through it over and over takes a tenth of the time."""
 
+COMMANDS: Mapping[str, str] = {
+    "run": "running:run",
+    "campaign": "running:campaign",
+    "plan": "running:plan",
+    "rerun": "running:rerun",
+    "stop": "running:stop",
+    "simulate": "running:simulate",
+    "experiment": "running:experiment",
+    "quickstart": "running:quickstart",
+    "status": "looking:status",
+    "logs": "looking:logs",
+    "report": "reporting:report",
+    "leaderboard": "reporting:leaderboard",
+    "ranking": "reporting:ranking",
+    "claims": "reporting:claims",
+    "search": "reporting:search",
+    "tensorboard": "reporting:tensorboard",
+    "wandb": "reporting:wandb",
+    "render": "policies:render",
+    "verify": "looking:verify",
+    "compact": "looking:compact",
+    "export": "policies:export",
+    "play": "policies:play",
+    "tables": "reporting:tables",
+    "figures": "reporting:figures",
+    "compare": "reporting:compare",
+    "baselines list": "publishing:baselines_list",
+    "baselines path": "publishing:baselines_path",
+    "baselines verify": "publishing:baselines_verify",
+    "release": "publishing:release",
+    "doctor": "looking:doctor",
+    "list": "looking:list_",
+    "completion": "looking:completion",
+}
+"""Modules and functions of commands, in the order of the help."""
+
+GROUPS: Mapping[str, str] = {
+    "baselines": "List, find and verify released results.",
+}
+"""Commands that consist of others, and their helps."""
+
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Runs one command; returns its exit code: see `tma_ray.commands.exits`."""
+    """Run one command; return its exit code, see `tma_ray.commands.exits`."""
     words = sys.argv[1:] if arguments is None else list(arguments)
     gc.set_threshold(GARBAGE_OBJECTS)
-    return exit_code("tma-ray", lambda: _run(words), debug="--debug" in words)
+    return run(app(), words, before=_prepare)
 
 
-def _run(words: Sequence[str]) -> int:
-    try:
-        options = _parser().parse_args(words)
-    except SystemExit as ended:  # after --help, or a sentence of the parser's
-        return int(ended.code or 0)
+def app() -> App:
+    """Return the command line; commands are imported when they are used, or their own help is asked for."""
+    root = group(
+        "tma-ray",
+        "Compare automatic curriculum learning teachers of deep RL students.",
+        version=_version,
+        version_flags="--version",
+        help_epilogue="'tma-ray COMMAND --help' describes one; --debug prints tracebacks of errors, too.",
+    )
+    groups = {"": root}
+    for place, (words, target) in enumerate(COMMANDS.items()):
+        above, _, name = words.rpartition(" ")
+        if above not in groups:
+            groups[above] = group(above, GROUPS[above], sort_key=place)
+            root.command(groups[above])
+        module, _, function = f"tma_ray.cli.{target}".partition(":")
+        help_ = description(docstring_of(module, function) or "")
+        groups[above].command(f"{module}:{function}", name=name, help=help_, sort_key=place)
+    return root
+
+
+def _prepare() -> None:
+    """Make what lies in the current folder known as plug-ins, once nothing hides a package of ours."""
+    from tma_ray.registry import search_current_folder
+
     _refuse_shadow()
     search_current_folder()
-    command: Callable[[argparse.Namespace], int] = options.command
     warnings.showwarning = _show_warning
-    return command(options)
 
 
 def _refuse_shadow() -> None:
-    """Refuses what Python finds in the place of the package `analysis`, which lies next to this one.
+    """Refuse what Python finds in the place of the package `analysis`, which lies next to this one.
 
     Raises:
         RefusedError: the message names it.
@@ -67,30 +115,9 @@ def _refuse_shadow() -> None:
         )
 
 
-def _parser() -> CommandParser:
-    parser = CommandParser(
-        prog="tma-ray", description="Compare automatic curriculum learning teachers of deep RL students."
-    )
-    parser.add_argument("--version", action="version", version=_version())
-    commands = parser.add_subparsers(title="commands", required=True, metavar="COMMAND")
-    groups = (
-        running,
-        simulating,
-        experimenting,
-        looking,
-        verifying,
-        policies,
-        publishing,
-        naming,
-        completion,
-    )
-    for group in groups:
-        group.add_commands(commands)
-    parser.set_defaults(parser=parser)
-    return parser
-
-
 def _version() -> str:
+    from tma_ray.benchmark import BENCHMARK_VERSION
+
     return f"tma_ray {__version__}, benchmark version {BENCHMARK_VERSION}"
 
 

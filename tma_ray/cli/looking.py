@@ -1,269 +1,228 @@
-"""Commands that show what has been run."""
+"""Commands that show what has been run and what there is, and check or merge the files of a root."""
 
 from __future__ import annotations
 
-import argparse
-from contextlib import closing
-from typing import TYPE_CHECKING, Any
+from collections.abc import Callable, Mapping
+from dataclasses import asdict
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Literal, get_args
 
-from tma_ray.cli.json_output import add_json_option, print_json
-from tma_ray.cli.playing import TASK, add_episode, add_scene
-from tma_ray.cli.records import any_failed, claims_record, ranking_record, status_record
-from tma_ray.cli.reporting import add_report_commands
-from tma_ray.cli.sources import add_measure, add_sources, chosen_sources
-from tma_ray.command_line import CommandParser
+from tma_ray.cli.options import Folder, Json, Root, RunResults
+from tma_ray.cli.records import any_failed, doctor_record, list_record, print_json, status_record
+from tma_ray.command_line import choice, command, value
 from tma_ray.commands.exits import FAILED
-from tma_ray.commands.places import folder, new_file, root
-from tma_ray.commands.quantities import SHARE
-from tma_ray.commands.texts import named
+from tma_ray.commands.texts import counted, named
 
 if TYPE_CHECKING:
-    from analysis.tracking.points import Tracker
+    from analysis.baselines import Baseline
+
+DAMAGED = 1
+
+Shell = Literal["bash", "zsh", "fish"]
+
+KINDS = ("teachers", "students", "environments", "embodiments", "challenges", "test-sets", "experiments")
 
 
-def add_commands(commands: Any) -> None:
-    """Adds them to the subparsers `commands`."""
-    commands.add_parser(
-        "status",
-        help="print the progress of the campaigns of a results root",
-        description="Print the progress of the campaigns of a results root, their speed, and why runs "
-        "failed. It may be called from any machine that sees the root. The exit code is 1 if runs have "
-        "failed.",
-        populate=_add_status,
-    )
-    commands.add_parser(
-        "logs",
-        help="print the history of a run, with the error that ended it",
-        description="Print the attempts at a run, their outcomes, and the traceback of the error that "
-        "ended it.",
-        populate=_add_logs,
-    )
-    add_report_commands(commands)
-    _add_findings(commands)
+@command()
+def status(root: Root, /, *, cells: bool = False, watch: bool = False, json: Json = False) -> int:
+    """Print the progress of the campaigns of a results root.
 
+    It shows their speed and why runs failed, and may be called from any machine that sees the root. The exit
+    code is 1 if runs have failed.
 
-def _add_findings(commands: Any) -> None:
-    commands.add_parser(
-        "ranking",
-        help="rank the teachers on each challenge by mastered tasks",
-        description="Rank the teachers of a results root on each challenge by mastered test tasks, with "
-        "tests against Random.",
-        populate=_add_ranking,
-        examples=(
-            "tma-ray ranking results",
-            "tma-ray ranking results --baseline colleague",
-            "tma-ray ranking results --share 0.5",
-            "tma-ray ranking results --json",
-        ),
-    )
-    commands.add_parser(
-        "claims",
-        help="check the paper's claims against a results root",
-        description="Check each of the paper's claims against a results root.",
-        populate=_add_claims,
-    )
-    commands.add_parser(
-        "search",
-        help="print the best hyper-parameters of a search",
-        description="Print the best hyper-parameters of the searches of a results root, beside the "
-        "paper's choice.",
-        populate=_add_search,
-    )
-    commands.add_parser(
-        "tensorboard",
-        help="export the scalars of a results root as event files",
-        description="Export the scalars of a results root as event files for TensorBoard.",
-        populate=_add_tensorboard,
-    )
-    commands.add_parser(
-        "wandb",
-        help="send the scalars of a results root to Weights & Biases",
-        description="Send the scalars of a results root to a project of Weights & Biases, each run under "
-        "its own ID, in groups of runs that differ in their seed alone. The same command continues.",
-        populate=_add_wandb,
-        examples=("tma-ray wandb results --project tma_ray --offline",),
-    )
-    commands.add_parser(
-        "render",
-        help="render an episode as a video or a picture",
-        description="Render an episode of a saved policy, of random actions or of none as a video or a "
-        "picture.",
-        populate=_add_render,
-    )
-
-
-def _add_status(parser: CommandParser) -> None:
-
-    parser.add_argument("root", type=root, metavar="ROOT", help="results root")
-    parser.add_argument("--cells", action="store_true", help="print a line for every cell")
-    parser.add_argument("--watch", action="store_true", help="print it again every few seconds, until Ctrl-C")
-    add_json_option(parser)
-    parser.set_defaults(command=_status)
-
-
-def _add_logs(parser: CommandParser) -> None:
-    parser.add_argument(
-        "run",
-        type=named("the ID of a run"),
-        metavar="RUN",
-        help="ID of a run, or an unambiguous beginning of it",
-    )
-    parser.add_argument(
-        "--results", type=root, default="results", metavar="ROOT", help="results root of the run"
-    )
-    parser.set_defaults(command=_logs)
-
-
-def _add_ranking(parser: CommandParser) -> None:
-
-    add_sources(parser)
-    parser.add_argument(
-        "--share", type=SHARE, default=1.0, metavar="X", help="share of the budget after which runs are read"
-    )
-    add_measure(parser)
-    add_json_option(parser)
-    parser.set_defaults(command=_ranking)
-
-
-def _add_claims(parser: CommandParser) -> None:
-
-    add_sources(parser)
-    parser.add_argument("--details", action="store_true", help="print every statement, with its numbers")
-    add_json_option(parser)
-    parser.set_defaults(command=_claims)
-
-
-def _add_search(parser: CommandParser) -> None:
-    parser.add_argument("root", type=root, metavar="ROOT", help="results root")
-    parser.set_defaults(command=_search)
-
-
-def _add_tensorboard(parser: CommandParser) -> None:
-    parser.add_argument("root", type=root, metavar="ROOT", help="results root")
-    parser.add_argument(
-        "folder", type=folder, metavar="FOLDER", help="folder to write to, for TensorBoard's --logdir"
-    )
-    parser.add_argument("--watch", action="store_true", help="follow the campaign, until Ctrl-C")
-    parser.set_defaults(command=_tensorboard)
-
-
-def _add_wandb(parser: CommandParser) -> None:
-    parser.add_argument("root", type=root, metavar="ROOT", help="results root")
-    parser.add_argument(
-        "--project", type=named("a project"), default="tma_ray", metavar="NAME", help="project to send to"
-    )
-    parser.add_argument(
-        "--entity",
-        type=named("a user or team"),
-        metavar="NAME",
-        help="user or team that has the project (default: the one logged in)",
-    )
-    parser.add_argument(
-        "--folder", type=folder, default="wandb", metavar="FOLDER", help="where the library writes"
-    )
-    parser.add_argument(
-        "--offline", action="store_true", help="write to the folder only; 'wandb sync' sends it later"
-    )
-    parser.add_argument("--watch", action="store_true", help="follow the campaign, until Ctrl-C")
-    parser.set_defaults(command=_wandb)
-
-
-def _add_render(parser: CommandParser) -> None:
-    add_scene(parser)
-    parser.add_argument(
-        "--task", type=named("a task"), metavar="TASK", help=f"{TASK} (default: the middle of the task space)"
-    )
-    add_episode(parser)
-    parser.add_argument(
-        "-o",
-        "--output",
-        type=new_file,
-        required=True,
-        metavar="FILE",
-        help="video (.mp4, .gif) or picture (.png)",
-    )
-    parser.set_defaults(command=_render)
-
-
-def _render(options: argparse.Namespace) -> int:
-    from tma_ray.viewing.rendering import EpisodeSettings, render
-
-    given = {
-        name: value for name, value in vars(options).items() if name in EpisodeSettings.__dataclass_fields__
-    }
-    episode = render(EpisodeSettings(**given), options.output)
-    success = "mastered" if episode.success else "not mastered"
-    end = f"ended after {episode.steps}" if episode.ended else f"left after {episode.steps}"
-    print(f"{options.output}: {end} steps, return {episode.episodic_return:.1f}, {success}")
-    return 0
-
-
-def _status(options: argparse.Namespace) -> int:
-    if options.json:
-        record = status_record(options.root)
+    Args:
+        root: results root
+        cells: print a line for every cell
+        watch: print it again every few seconds, until Ctrl-C
+    """
+    if json:
+        record = status_record(root)
         print_json("status", record)
         return FAILED if any_failed(record) else 0
     from tma_ray.campaign.monitor import show_status, watch_status
 
-    if options.watch:
-        watch_status(options.root, options.cells)
-    return FAILED if show_status(options.root, options.cells) else 0
+    if watch:
+        watch_status(root, cells)
+    return FAILED if show_status(root, cells) else 0
 
 
-def _logs(options: argparse.Namespace) -> int:
+@command()
+def logs(
+    run: Annotated[str, value(named("the ID of a run"), "RUN")], /, *, results: RunResults = "results"
+) -> int:
+    """Print the history of a run, with the error that ended it.
+
+    These are the attempts at the run, their outcomes, and the traceback of the error.
+
+    Args:
+        run: ID of a run, or an unambiguous beginning of it
+    """
     from tma_ray.campaign.monitor import show_history
 
-    show_history(options.run, options.results)
+    show_history(run, results)
     return 0
 
 
-def _ranking(options: argparse.Namespace) -> int:
-    if options.json:
-        print_json("ranking", ranking_record(chosen_sources(options), options.share, options.measure))
+@command()
+def verify(root: Root, /, *, complete: bool = False, json: Json = False) -> int:
+    """Compare a results root or a release with what was written.
+
+    Every file is compared with the manifests: checksums, row counts, specs with the IDs of their runs. This
+    finds accidents of disks, copies and editors, not malice. The exit code is 1 if something is damaged; the
+    campaign's own command repeats such runs.
+
+    Args:
+        root: results root, or folder or name of a release
+        complete: check also that a release is complete: every planned run, equal seeds, a licence, no names
+            of machines
+
+    Examples:
+        tma-ray verify results
+        tma-ray verify results --json
+    """
+    from analysis.baselines import as_baseline
+    from analysis.baselines import verify as verify_release
+    from tma_ray.results import Store, verify_root
+
+    baseline = as_baseline(root)
+    if complete and baseline is None:
+        raise ValueError(f"{root} is not a release, which --complete is about; see 'tma-ray release'")
+    if baseline is not None:
+        released = verify_release(root)
+        runs, files = baseline.manifest.holds.get("runs", 0), len(baseline.manifest.files)
+        damage, unlisted = released.damage, tuple[str, ...]()
+    else:
+        found = verify_root(Store.open(root))
+        runs, files, damage, unlisted = found.runs, len(found.files), found.damage, found.unlisted
+    lacks = _lacking(baseline) if complete and not damage else []
+    if json:
+        record = {"root": root, "whole": not damage, "runs": runs, "files": files}
+        rest = {"damage": [asdict(each) for each in damage], "unlisted": unlisted, "lacking": lacks}
+        print_json("verify", record | rest)
+    else:
+        ignored = (f"{path}: it belongs to no run and is ignored" for path in unlisted)
+        state = f"damaged: {len(damage):,} problems" if damage else "whole"
+        whole = f"{root} is {state}; {counted(runs, 'run')}, {counted(files, 'file')}"
+        print(*map(str, damage), *ignored, *lacks, whole, sep="\n")
+        if complete and not damage:
+            print(f"it is incomplete: {len(lacks)} things are missing" if lacks else "it is complete")
+    return DAMAGED if damage or lacks else 0
+
+
+def _lacking(baseline: Baseline | None) -> list[str]:
+    from analysis.baselines.verification import lacking
+
+    return lacking(baseline) if baseline is not None else []
+
+
+@command()
+def compact(root: Root, /) -> int:
+    """Merge the files of finished runs, by experiment.
+
+    The result is one file per table and experiment.
+
+    Args:
+        root: results root
+    """
+    from tma_ray.results import compact as merge
+
+    done = merge(root)
+    print(
+        f"{done.runs:,} runs merged: {done.files_before:,} files of tables became {done.files_after:,}, "
+        f"{done.bytes_before:,} bytes {done.bytes_after:,}"
+    )
+    return 0
+
+
+@command()
+def doctor(*, results: Folder = Path("results"), json: Json = False) -> int:
+    """Describe what this machine offers a campaign.
+
+    These are versions, physics engine, CPU, memory, GPU, Ray and free disk.
+
+    Args:
+        results: folder of results, whose disk is examined
+    """
+    if json:
+        print_json("doctor", doctor_record(results))
         return 0
-    from analysis.commands.ranking import show_ranking
+    from tma_ray.campaign.doctor import show
 
-    show_ranking(chosen_sources(options), options.share, measure=options.measure)
+    show(results)
     return 0
 
 
-def _claims(options: argparse.Namespace) -> int:
-    if options.json:
-        print_json("claims", claims_record(chosen_sources(options)))
+@command(name="list")
+def list_(kind: Annotated[str, choice(KINDS)] = "", /, *, json: Json = False) -> int:
+    """List teachers, students, environments and all else that has a name.
+
+    Each has a description; bodies, challenges, test sets and experiments are among them.
+
+    Args:
+        kind: one kind only
+    """
+    descriptions = {each: _descriptions(each) for each in ([kind] if kind else KINDS)}
+    if json:
+        print_json("list", list_record(descriptions))
         return 0
-    from analysis.commands.claims import show_claims
+    from rich.table import Table
 
-    show_claims(chosen_sources(options), options.details)
+    from tma_ray.terminal import terminal
+
+    console = terminal()
+    for each, described in descriptions.items():
+        table = Table(box=None, show_header=False, padding=(0, 2, 0, 2), pad_edge=True)
+        table.add_column(no_wrap=True)
+        table.add_column()
+        for name, text in described.items():
+            table.add_row(name, text)
+        console.print(f"{each}:", highlight=False)
+        console.print(table, highlight=False, markup=False)
     return 0
 
 
-def _search(options: argparse.Namespace) -> int:
-    from analysis.commands.search import show_search
+def _descriptions(kind: str) -> Mapping[str, str]:
+    """Return the names of a kind, each with one line that describes it."""
+    from tma_ray.benchmark import CHALLENGES, EXPERIMENTS, load_test_set, shipped_test_sets
+    from tma_ray.embodiments import embodiment_names, load_embodiment
+    from tma_ray.envs import ENVIRONMENTS
+    from tma_ray.students import STUDENTS
+    from tma_ray.teachers import TEACHERS
 
-    show_search(options.root)
-    return 0
+    def body(name: str) -> str:
+        made = load_embodiment(name)
+        return f"{made.body_type.capitalize()} of {len(made.parts)} parts with {len(made.motors)} motors."
+
+    def test_set(name: str) -> str:
+        tests = load_test_set(name)
+        return f"{len(tests)} tasks of {len(tests.dimensions)} dimensions."
+
+    found: dict[str, Callable[[], Mapping[str, str]]] = {
+        "teachers": TEACHERS.summaries,
+        "students": STUDENTS.summaries,
+        "environments": ENVIRONMENTS.summaries,
+        "embodiments": lambda: {name: body(name) for name in embodiment_names()},
+        "challenges": lambda: {f"{each.name} ({each.environment})": f"{each.title}." for each in CHALLENGES},
+        "test-sets": lambda: {name: test_set(name) for name in shipped_test_sets()},
+        "experiments": lambda: {each.name: f"{each.title}." for each in EXPERIMENTS},
+    }
+    return found[kind]()
 
 
-def _tensorboard(options: argparse.Namespace) -> int:
-    from analysis.tracking.event_folder import EventFolder
+@command()
+def completion(shell: Annotated[Shell, choice(get_args(Shell))], /) -> int:
+    """Print a completion script for a shell.
 
-    with closing(EventFolder(options.root, options.folder)) as events:
-        return _track(events, f"; to look at them: tensorboard --logdir {options.folder}", options.watch)
+    It completes commands, options and paths, and belongs into the shell's start-up file.
 
+    Args:
+        shell: shell to complete in
 
-def _wandb(options: argparse.Namespace) -> int:
-    from analysis.tracking.wandb_project import WandbProject
+    Examples:
+        eval "$(tma-ray completion bash)"   # in ~/.bashrc
+        tma-ray completion zsh > ~/.zfunc/_tma-ray
+    """
+    from tma_ray.cli import app
 
-    place = options.root, options.project, options.entity, options.folder
-    later = f"; to send them: wandb sync {options.folder}/wandb/offline-run-*" if options.offline else ""
-    return _track(WandbProject(*place, offline=options.offline), later, options.watch)
-
-
-def _track(tracker: Tracker, hint: str, follow: bool) -> int:
-    """Hands over what has been published, once or until Ctrl-C."""
-    from analysis.tracking.points import watch
-
-    print(f"runs with news: {tracker.update()}{hint}", flush=True)
-    for count in watch(tracker) if follow else ():
-        print(f"runs with news: {count}", flush=True)
+    print(app().generate_completion(shell=shell))
     return 0

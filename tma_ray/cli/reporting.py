@@ -1,21 +1,24 @@
-"""The commands that write the report of a results root and print the leaderboard of releases."""
+"""Commands that read results: reports, rankings, claims, tables, figures, trackers."""
 
 from __future__ import annotations
 
-import argparse
 import sys
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
+from contextlib import closing
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Annotated
 
-from tma_ray.cli.sources import add_sources, chosen_sources
-from tma_ray.command_line import CommandParser
-from tma_ray.commands.places import expanded, folder
+from tma_ray.cli.options import Baseline, Baselines, Count, Folder, Json, Measure, Output, Root, Roots
+from tma_ray.cli.records import claims_record, print_json, ranking_record
+from tma_ray.command_line import choice, command, value, values
+from tma_ray.commands.places import expanded
+from tma_ray.commands.quantities import SHARE
 from tma_ray.commands.texts import named
 
 if TYPE_CHECKING:
     from analysis.pages.videos import Video, WantedVideo
+    from analysis.tracking.points import Tracker
 
 RELOAD_SECONDS, LOOK_SECONDS = 30, 10.0
 """Time after which the open page of a report that is watched reads itself again, and between two looks, s."""
@@ -27,73 +30,51 @@ EVERY = {".mp4": 3, ".gif": 8}
 """Steps from one frame to the next; a .gif takes far more room."""
 
 
-def add_report_commands(commands: Any) -> None:
-    """Adds ``report`` and ``leaderboard`` to the subparsers `commands`."""
-    commands.add_parser(
-        "report",
-        help="write the report of a results root",
-        description="Write the report of a results root: a page with tables, tests, learning curves and "
-        "curricula.",
-        populate=_add_report,
-        examples=(
-            "tma-ray report results",
-            "tma-ray report results colleague",
-            "tma-ray report results --output pages --latex",
-            "tma-ray report results --watch",
-        ),
-    )
-    commands.add_parser(
-        "leaderboard",
-        help="print ranks, results and cost of the teachers of releases",
-        description="Print the leaderboard of releases: the ranks of teachers over all challenges with what "
-        "of them is certain, their results on each challenge with intervals, and what their runs cost.",
-        populate=_add_leaderboard,
-        examples=("tma-ray leaderboard", "tma-ray leaderboard colleague"),
-    )
+@command()
+def report(
+    *root: Roots,
+    baseline: Baselines = (),
+    output: Output | None = None,
+    videos: bool = False,
+    latex: bool = False,
+    watch: bool = False,
+) -> int:
+    """Write the report of a results root.
 
+    It is a page with tables, tests, learning curves and curricula.
 
-def _add_report(parser: CommandParser) -> None:
-    add_sources(parser)
-    parser.add_argument(
-        "-o",
-        "--output",
-        type=folder,
-        metavar="FOLDER",
-        help="folder to write to (default: report in the first ROOT)",
-    )
-    parser.add_argument(
-        "--videos", action="store_true", help="embed videos of the best and the worst seed of every teacher"
-    )
-    parser.add_argument("--latex", action="store_true", help="also write LaTeX, with all tables and figures")
-    parser.add_argument(
-        "--watch",
-        action="store_true",
-        help="write it anew when runs have published more, until Ctrl-C; the open page follows",
-    )
-    parser.set_defaults(command=_report)
+    Args:
+        root: results root, or the name of a baseline with runs; several are read as one
+        output: folder to write to (default: report in the first ROOT)
+        videos: embed videos of the best and the worst seed of every teacher
+        latex: write LaTeX, too, with all tables and figures
+        watch: write it again when runs have published more, until Ctrl-C; the open page follows
 
-
-def _report(options: argparse.Namespace) -> int:
+    Examples:
+        tma-ray report results
+        tma-ray report results colleague
+        tma-ray report results --output pages --latex
+        tma-ray report results --watch
+    """
     from analysis.pages.report import report_folder, write_report
 
-    sources = chosen_sources(options)
-    folder = report_folder(sources, options.output)
-    videos = list(_videos(sources, folder / "videos")) if options.videos else []
-    print(write_report(sources, folder, videos, RELOAD_SECONDS if options.watch else 0), flush=True)
-    if options.latex:
+    sources = (*root, *baseline)
+    folder = report_folder(sources, output)
+    shown = list(_videos(sources, folder / "videos")) if videos else []
+    print(write_report(sources, folder, shown, RELOAD_SECONDS if watch else 0), flush=True)
+    if latex:
         from analysis.commands.latex import write_latex  # matplotlib, which takes a while to import
 
-        latex = write_latex(sources, folder / "latex")
-        for warning in latex.warnings:
-            sys.stderr.write(f"tma-ray: warning: {warning}\n")
-        print(latex.document)
-    for _ in changes(sources) if options.watch else ():
-        write_report(sources, folder, videos, RELOAD_SECONDS)
+        written = write_latex(sources, folder / "latex")
+        _warn(written.warnings)
+        print(written.document)
+    for _ in changes(sources) if watch else ():
+        write_report(sources, folder, shown, RELOAD_SECONDS)
     return 0
 
 
 def changes(sources: Sequence[str], seconds: float = LOOK_SECONDS) -> Iterator[None]:
-    """Yields whenever runs of results roots have published more; never ends.
+    """Yield whenever runs of results roots have published more; never ends.
 
     Args:
         sources: results roots, or baselines, which do not change.
@@ -112,7 +93,7 @@ def changes(sources: Sequence[str], seconds: float = LOOK_SECONDS) -> Iterator[N
 
 
 def _videos(sources: Sequence[str], folder: Path) -> Iterator[Video]:
-    """Renders what the report wants to show; what cannot be rendered is named and left out."""
+    """Render what the report wants to show; what cannot be rendered is named and left out."""
     from analysis.baselines.catalogue import read
     from analysis.comparisons.measured import measure
     from analysis.pages.videos import wanted_videos
@@ -123,7 +104,7 @@ def _videos(sources: Sequence[str], folder: Path) -> Iterator[Video]:
         try:
             yield _video(str(frames.results_of(wanted.run_id).store), wanted, folder)
         except ValueError as error:  # no policy was saved, or its world cannot be drawn
-            sys.stderr.write(f"tma-ray: warning: no video of {wanted.run_id}: {error}\n")
+            _warn([f"no video of {wanted.run_id}: {error}"])
 
 
 def _video(root: str, wanted: WantedVideo, folder: Path) -> Video:
@@ -143,19 +124,217 @@ def _video(root: str, wanted: WantedVideo, folder: Path) -> Video:
     return Video(wanted, file, render(settings, file).episodic_return)
 
 
-def _add_leaderboard(parser: CommandParser) -> None:
-    parser.add_argument(
-        "releases",
-        nargs="*",
-        type=named("a baseline"),
-        metavar="BASELINE",
-        help="releases, or folders or addresses of results (default: those that ship with runs)",
-    )
-    parser.set_defaults(command=_leaderboard)
+@command()
+def leaderboard(*baseline: Baseline) -> int:
+    """Print ranks, results and cost of the teachers of releases.
 
+    These are the ranks of teachers over all challenges with what of them is certain, their results on each
+    challenge with intervals, and what their runs cost.
 
-def _leaderboard(options: argparse.Namespace) -> int:
+    Args:
+        baseline: releases, or folders or addresses of results (default: those that ship with runs)
+
+    Examples:
+        tma-ray leaderboard
+        tma-ray leaderboard colleague
+    """
     from analysis.commands.leaderboard import show_leaderboards
 
-    show_leaderboards(options.releases)
+    show_leaderboards(baseline)
     return 0
+
+
+@command()
+def ranking(
+    *root: Roots,
+    baseline: Baselines = (),
+    share: Annotated[float, value(SHARE, "X")] = 1.0,
+    measure: Measure = "mastered_percent",
+    json: Json = False,
+) -> int:
+    """Rank the teachers on each challenge by mastered tasks.
+
+    They are tested against Random.
+
+    Args:
+        root: results root, or the name of a baseline with runs; several are read as one
+        share: share of the budget after which runs are read
+
+    Examples:
+        tma-ray ranking results
+        tma-ray ranking results --baseline colleague
+        tma-ray ranking results --share 0.5
+        tma-ray ranking results --json
+    """
+    if json:
+        print_json("ranking", ranking_record((*root, *baseline), share, measure))
+        return 0
+    from analysis.commands.ranking import show_ranking
+
+    show_ranking((*root, *baseline), share, measure=measure)
+    return 0
+
+
+@command()
+def claims(*root: Roots, baseline: Baselines = (), details: bool = False, json: Json = False) -> int:
+    """Check the paper's claims against a results root.
+
+    Args:
+        root: results root, or the name of a baseline with runs; several are read as one
+        details: print every statement, with its numbers
+    """
+    if json:
+        print_json("claims", claims_record((*root, *baseline)))
+        return 0
+    from analysis.commands.claims import show_claims
+
+    show_claims((*root, *baseline), details)
+    return 0
+
+
+@command()
+def search(root: Root, /) -> int:
+    """Print the best hyper-parameters of a search, and the paper's choice.
+
+    Args:
+        root: results root
+    """
+    from analysis.commands.search import show_search
+
+    show_search(root)
+    return 0
+
+
+@command()
+def tables(
+    *root: Roots,
+    baseline: Baselines = (),
+    step: Count | None = None,
+    format: Annotated[str, choice(("markdown", "latex", "csv"))] = "markdown",  # noqa: A002
+    output: Output | None = None,
+) -> int:
+    """Write the paper's tables for any results.
+
+    Args:
+        root: results root, or the name of a baseline, as paper-2021; several are read as one
+        step: steps after which runs are read (default: at their end)
+        format: format of the tables
+        output: folder for a file per table (default: print them)
+    """
+    from analysis.commands.tables import write_tables
+
+    written = write_tables((*root, *baseline), step, format, output)
+    _warn(written.warnings)
+    print("\n".join(map(str, written.files)) if written.files else written.text)
+    return 0
+
+
+@command()
+def figures(
+    *root: Roots,
+    baseline: Baselines = (),
+    output: Output,
+    format: Annotated[str, choice(("pdf", "svg"))] = "pdf",  # noqa: A002
+    only: Annotated[str | None, value(named("the beginning of a figure's name"), "NAME")] = None,
+) -> int:
+    """Write the paper's figures for any results.
+
+    Args:
+        root: results root, or the name of a baseline, as paper-2021; several are read as one
+        output: folder to write to
+        format: vector format, written next to PNG
+        only: beginning of the figures' names, as radar (default: all)
+    """
+    from analysis.commands.figures import write_figures
+
+    written = write_figures((*root, *baseline), output, format, only or "")
+    _warn((*written.warnings, *(f"left out: {text}" for text in written.left_out)))
+    print("\n".join(map(str, written.files)))
+    return 0
+
+
+@command()
+def compare(
+    *root: Roots,
+    baseline: Annotated[tuple[str, ...], values(named("a baseline"), "BASELINE")],
+    output: Output | None = None,
+    measure: Measure = "mastered_percent",
+) -> int:
+    """Write a page that compares results with released baselines.
+
+    Args:
+        root: results root of your runs; several are read as one
+        baseline: name of a baseline, as paper-2021, or folder or address of results; repeatable
+        output: folder to write to, where the page has a folder named by its baselines (default: compare in
+            the first ROOT)
+
+    Examples:
+        tma-ray compare results --baseline paper-2021
+        tma-ray compare results --baseline colleague --output comparison
+    """
+    from analysis.pages.compare import write_comparison
+
+    print(write_comparison(root, baseline, output, print, measure))
+    return 0
+
+
+@command()
+def tensorboard(root: Root, folder: Folder, /, *, watch: bool = False) -> int:
+    """Export the scalars of a results root as event files.
+
+    Args:
+        root: results root
+        folder: folder to write to, for TensorBoard's --logdir
+        watch: follow the campaign, until Ctrl-C
+    """
+    from analysis.tracking.event_folder import EventFolder
+
+    with closing(EventFolder(root, folder)) as events:
+        return _track(events, f"; to look at them: tensorboard --logdir {folder}", watch)
+
+
+@command()
+def wandb(
+    root: Root,
+    /,
+    *,
+    project: Annotated[str, value(named("a project"), "NAME")] = "tma_ray",
+    entity: Annotated[str | None, value(named("a user or team"), "NAME")] = None,
+    folder: Folder = Path("wandb"),
+    offline: bool = False,
+    watch: bool = False,
+) -> int:
+    """Send the scalars of a results root to Weights & Biases.
+
+    Each run has its own ID, and runs that differ in their seed alone are a group. The same command continues.
+
+    Args:
+        root: results root
+        project: project to send to
+        entity: user or team that has the project (default: the one logged in)
+        folder: folder that the library writes to
+        offline: write to the folder only; 'wandb sync' sends it later
+        watch: follow the campaign, until Ctrl-C
+
+    Examples:
+        tma-ray wandb results --project tma_ray --offline
+    """
+    from analysis.tracking.wandb_project import WandbProject
+
+    later = f"; to send them: wandb sync {folder}/wandb/offline-run-*" if offline else ""
+    return _track(WandbProject(root, project, entity, folder, offline=offline), later, watch)
+
+
+def _track(tracker: Tracker, hint: str, follow: bool) -> int:
+    """Export what has been published, once or until Ctrl-C."""
+    from analysis.tracking.points import watch
+
+    print(f"runs with news: {tracker.update()}{hint}", flush=True)
+    for count in watch(tracker) if follow else ():
+        print(f"runs with news: {count}", flush=True)
+    return 0
+
+
+def _warn(warnings: Iterable[str]) -> None:
+    for warning in warnings:
+        sys.stderr.write(f"tma-ray: warning: {warning}\n")

@@ -1,236 +1,313 @@
-"""Commands that run something: one run, campaigns, plans."""
+"""Commands that run something: one run, campaigns, experiments, simulated students."""
 
 from __future__ import annotations
 
-import argparse
-from typing import TYPE_CHECKING, Any
+import sys
+import time
+from collections.abc import Callable
+from contextlib import closing
+from dataclasses import replace
+from pathlib import Path
+from typing import Annotated
 
-from tma_ray.cli.json_output import add_json_option, print_json
-from tma_ray.cli.records import plan_record
-from tma_ray.command_line import CommandParser
-from tma_ray.commands.places import root
-from tma_ray.commands.quantities import PROCESSES, SECONDS, SEED
-from tma_ray.commands.texts import named
+from tma_ray.benchmark import EXPERIMENTS, find_experiment
+from tma_ray.campaign import Campaign
+from tma_ray.campaign.options import (
+    EXECUTION_DEFAULTS,
+    EXPERIMENT_DEFAULTS,
+    CampaignOptions,
+    ExecutionOptions,
+    ExperimentOptions,
+    RunOptions,
+    campaign_defaults,
+    names,
+    parse_levels,
+    parse_seeds,
+    schedule_defaults,
+)
+from tma_ray.campaign.plan import QUICKSTART
+from tma_ray.cli.options import Count, Json, Name, NewFile, Root
+from tma_ray.cli.records import plan_record, print_json
+from tma_ray.command_line import command, value
+from tma_ray.commands.exits import FAILED
+from tma_ray.commands.quantities import PROCESSES
+from tma_ray.commands.texts import counted, named
+from tma_ray.runs import Cell, Schedule
+from tma_ray.testing import EPISODES
 
-if TYPE_CHECKING:
-    from tma_ray.campaign import Campaign
-
-ONE_OF_EACH = {
-    "environment": "registered name or module:Name",
-    "challenge": "challenge of the environment",
-    "embodiment": "body or path of its file, with parameters if wanted, as in spider:size=1.2",
-    "student": "student, with hyper-parameters if wanted, as in sac:learning_rate=3e-4",
-    "teacher": "teacher, with hyper-parameters if wanted, as in alp_gmm:fit_every=100",
-    "expert-knowledge": "what the teacher is told: none, low or high",
-}
-"""Options that choose a cell."""
-
-
-def add_commands(commands: Any) -> None:
-    """Adds them to the subparsers `commands`."""
-    commands.add_parser(
-        "run",
-        help="train one student under one teacher, without Ray",
-        description="Train one student under one teacher in this process, without Ray. The results go "
-        "where those of campaigns go, and the same command continues a run that was interrupted.",
-        populate=_add_run,
-        examples=(
-            "tma-ray run --teacher alp_gmm --student ppo --steps 200k",
-            "tma-ray run --student ppo:learning_rate=1e-4:hidden_units=64x64 --steps 200k",
-            "tma-ray run --student ppo --space stump_height=0:0.3,obstacle_spacing=3:6 --steps 200k",
-        ),
-    )
-    commands.add_parser(
-        "campaign",
-        help="run a matrix of cells with their seeds on Ray",
-        description="Run every combination of teachers, students, challenges, bodies and levels of "
-        "expert knowledge, with its seeds, on Ray. Runs that are done are not repeated: the same command "
-        "continues.",
-        populate=_add_campaign,
-        examples=(
-            "tma-ray campaign --teachers random,alp_gmm --students ppo --seeds 4 --steps 500k",
-            "tma-ray campaign --teachers alp_gmm,alp_gmm:fit_every=100 --students ppo --seeds 4 --steps 500k",
-            "tma-ray campaign --teachers random,riac --seeds 2 --dry-run",
-            "tma-ray campaign --like colleague --teachers random --results mine --dry-run",
-        ),
-    )
-    _add_comparing(commands)
+ExperimentName = Annotated[
+    str,
+    value(
+        named("the name of an experiment"),
+        "EXPERIMENT",
+        help=f"one of {', '.join(experiment.name for experiment in EXPERIMENTS)}",
+    ),
+]
 
 
-def _add_comparing(commands: Any) -> None:
-    commands.add_parser(
-        "plan",
-        help="print the size and the cost of an experiment of the benchmark",
-        description="Print the cells, runs and steps of an experiment of the benchmark, the hours, disk "
-        "and memory that they take at the speed of this machine, and the differences that its seeds can "
-        "detect.",
-        populate=_add_plan,
-    )
-    commands.add_parser(
-        "rerun",
-        help="run failed or unfinished runs of a results root again",
-        description="Run failed or unfinished runs of a results root again, from their checkpoints where "
-        "they have some.",
-        populate=_add_rerun,
-    )
-    commands.add_parser(
-        "stop",
-        help="stop the campaign on a results root; its runs leave checkpoints",
-        description="Ask the campaign on a results root to stop: its runs leave checkpoints, and the "
-        "command that started it continues them.",
-        populate=_add_stop,
-    )
+ONE_CELL = Campaign("campaign", cells=(Cell(),))
+"""Campaign whose values the options of ``tma-ray campaign`` replace."""
 
 
-def _add_run(parser: CommandParser) -> None:
-    from tma_ray.campaign.options import (
-        YES,
-        add_cell_options,
-        add_results_option,
-        add_schedule_options,
-        schedule_defaults,
-    )
-    from tma_ray.campaign.placing.options import add_device_option
-    from tma_ray.runs import Cell, Placement, Schedule
+@command(defaults=schedule_defaults(Schedule()))
+def run(*, options: RunOptions = RunOptions()) -> int:
+    """Train one student under one teacher, without Ray.
 
-    what = parser.add_argument_group("what to run")
-    for name, meaning in ONE_OF_EACH.items():
-        kind = "LEVEL" if name == "expert-knowledge" else "NAME"
-        default = str(getattr(Cell, name.replace("-", "_")))
-        text = str if name == "embodiment" else named(f"the name of a {name.replace('-', ' ')}")
-        what.add_argument(f"--{name}", type=text, default=default, metavar=kind, help=meaning)
-    add_cell_options(what)
-    what.add_argument("--seed", type=SEED, default=0, metavar="N", help="seed of the run")
-    add_schedule_options(what, schedule_defaults(Schedule()))
-    how = parser.add_argument_group("how to run it")
-    add_device_option(how, Placement.device)
-    how.add_argument(
-        "--threads", type=PROCESSES, default=Placement.threads, metavar="N", help="torch's threads"
-    )
-    how.add_argument(
-        "--checkpoint-seconds",
-        type=SECONDS,
-        default=Placement.checkpoint_seconds,
-        metavar="SECONDS",
-        help="longest time between two checkpoints",
-    )
-    how.add_argument("--yes", action="store_true", help=YES)
-    add_results_option(parser)
-    parser.set_defaults(command=_run)
+    The results go where those of campaigns go, and the same command continues a run that was interrupted.
 
-
-def _add_campaign(parser: CommandParser) -> None:
-    from tma_ray.campaign.options import add_options
-
-    parser.add_argument(
-        "--name",
-        type=named("a name"),
-        default="campaign",
-        metavar="NAME",
-        help="name of the campaign in the results",
-    )
-    parser.add_argument(
-        "--like",
-        type=named("a release"),
-        metavar="BASELINE",
-        help="release whose cells, seeds and settings are repeated for --teachers; --challenges and --seeds "
-        "narrow them (default: none)",
-    )
-    add_options(parser, _one_cell("campaign"))
-    parser.set_defaults(command=_campaign)
-
-
-def _add_plan(parser: CommandParser) -> None:
-    from tma_ray.benchmark import EXPERIMENTS
-    from tma_ray.campaign.experiments import add_experiment_options
-
-    known = ", ".join(experiment.name for experiment in EXPERIMENTS)
-    expected = named("the name of an experiment")
-    parser.add_argument("experiment", type=expected, metavar="EXPERIMENT", help=f"one of {known}")
-    add_experiment_options(parser)
-    add_json_option(parser)
-    parser.set_defaults(command=_plan)
-
-
-def _add_rerun(parser: CommandParser) -> None:
-    from tma_ray.campaign.options import add_execution_options
-
-    parser.add_argument("root", type=root, metavar="ROOT", help="results root of the runs")
-    parser.add_argument(
-        "runs",
-        nargs="*",
-        type=named("the ID of a run"),
-        metavar="RUN",
-        help="IDs of runs, or unambiguous beginnings of them",
-    )
-    parser.add_argument("--failed", action="store_true", help="all runs that failed")
-    add_execution_options(parser)
-    parser.set_defaults(command=_rerun)
-
-
-def _add_stop(parser: CommandParser) -> None:
-    parser.add_argument("root", type=root, metavar="ROOT", help="results root of the campaign")
-    parser.set_defaults(command=_stop)
-
-
-def _run(options: argparse.Namespace) -> int:
+    Examples:
+        tma-ray run --teacher alp_gmm --student ppo --steps 200k
+        tma-ray run --student ppo:learning_rate=1e-4:hidden_units=64x64 --steps 200k
+        tma-ray run --student ppo --space stump_height=0:0.3 --steps 200k
+    """
     from tma_ray.campaign.single import run_single
 
     return run_single(options)
 
 
-def _campaign(options: argparse.Namespace) -> int:
-    from tma_ray.campaign.script import execute
+@command(defaults=campaign_defaults(ONE_CELL))
+def campaign(
+    *,
+    name: Name = "campaign",
+    like: Annotated[str | None, value(named("a release"), "BASELINE")] = None,
+    options: CampaignOptions = CampaignOptions(),
+) -> int:
+    """Run a matrix of cells with their seeds on Ray.
 
-    if options.like:
-        return _campaign_like(options)
-    return execute(_one_cell(options.name), options)
+    These are all combinations of teachers, students, challenges, bodies and levels of expert knowledge. Runs
+    that are done are not repeated: the same command continues.
 
+    Args:
+        name: name of the campaign in the results
+        like: release whose cells, seeds and settings are repeated for --teachers; --challenges and --seeds
+            narrow them (default: none)
 
-def _campaign_like(options: argparse.Namespace) -> int:
+    Examples:
+        tma-ray campaign --teachers random,alp_gmm --students ppo --steps 500k
+        tma-ray campaign --teachers alp_gmm:fit_every=100 --students ppo --steps 500k
+        tma-ray campaign --teachers random,riac --seeds 2 --dry-run
+        tma-ray campaign --like colleague --teachers random --results mine --dry-run
+    """
+    if like is None:
+        from tma_ray.campaign.script import execute
+
+        return execute(replace(ONE_CELL, name=name), options)
     from analysis.baselines import as_baseline
     from tma_ray.campaign.repeating import run_like
 
-    baseline = as_baseline(options.like)
-    place, core = (baseline.place, baseline.manifest.core) if baseline else (options.like, ())
-    return run_like(place, core, options)
+    baseline = as_baseline(like)
+    place, core = (baseline.place, baseline.manifest.core) if baseline else (like, ())
+    return run_like(name, place, core, options)
 
 
-def _one_cell(name: str) -> Campaign:
-    """Returns the campaign whose values the options replace."""
-    from tma_ray.campaign import Campaign
-    from tma_ray.runs import Cell
+@command(defaults=EXPERIMENT_DEFAULTS)
+def plan(
+    experiment: ExperimentName,
+    /,
+    *,
+    options: ExperimentOptions = ExperimentOptions(),
+    json: Json = False,
+) -> int:
+    """Print the size and the cost of an experiment of the benchmark.
 
-    return Campaign(name, cells=(Cell(),))
-
-
-def _plan(options: argparse.Namespace) -> int:
+    These are its cells, runs and steps, the hours, disk and memory that they take at the speed of this
+    machine, and the differences that its seeds can detect.
+    """
     from analysis.commands.planning import show_detectable_differences
-    from tma_ray.benchmark import find_experiment
     from tma_ray.campaign.experiments import show_plan
     from tma_ray.results import Store, check_usable
 
-    experiment = find_experiment(options.experiment)
+    found = find_experiment(experiment)
     check_usable(Store.open(options.results))
-    if options.json:
-        print_json("plan", plan_record(experiment, options))
+    if json:
+        print_json("plan", plan_record(found, options))
         return 0
-    plan = show_plan(experiment, options)
+    plan = show_plan(found, options)
     show_detectable_differences(plan.cell_rows, plan.largest_budget)
     return 0
 
 
-def _stop(options: argparse.Namespace) -> int:
+@command(defaults=EXPERIMENT_DEFAULTS)
+def experiment(experiment: ExperimentName, /, *, options: ExperimentOptions = ExperimentOptions()) -> int:
+    """Run an experiment of the benchmark and print its results.
+
+    Print its size and its cost, train what is missing on Ray, and print the ranking of the teachers, or the
+    best points of a search. The same command continues.
+
+    Examples:
+        tma-ray experiment stump_tracks_challenges --tier smoke --results smoke
+        tma-ray experiment full_benchmark --tier lite --results lite
+        tma-ray experiment parkour --teachers random,alp_gmm --seeds 2 --dry-run
+    """
+    from analysis.commands.ranking import show_ranking
+    from analysis.commands.search import show_search
+    from tma_ray.campaign.experiments import execute_experiment
+
+    found = find_experiment(experiment)
+    code = execute_experiment(found, options)
+    if code or options.dry_run:
+        return code
+    if found.searches:
+        show_search(options.results)
+    else:
+        show_ranking(options.results, found.read_at)
+    return 0
+
+
+@command(defaults=campaign_defaults(QUICKSTART))
+def quickstart(*, options: CampaignOptions = CampaignOptions()) -> int:
+    """Train a first small campaign and write its report.
+
+    Compile the physics, train PPO under the teachers Random and ALP-GMM with three seeds each, and write a
+    report: some minutes in all. The same command continues.
+    """
+    from analysis.pages.report import write_report
+    from tma_ray.campaign.costs.estimation import estimate
+    from tma_ray.campaign.costs.known import patient_speeds
+    from tma_ray.campaign.options import chosen_campaign, chosen_nodes, chosen_settings
+    from tma_ray.campaign.script import execute
+    from tma_ray.results import Store, check_usable
+
+    if options.dry_run:
+        return execute(QUICKSTART, options)
+    check_usable(Store.open(options.results))
+    plan, settings = chosen_campaign(QUICKSTART, options).plan(), chosen_settings(options)
+    stages = _Stages(3)
+    print(stages.begin("compilation (once)", "Compiling the physics: about half a minute, once per machine"))
+    cost = estimate(plan, settings, find_speeds=patient_speeds, nodes=chosen_nodes(options))
+    print(stages.begin("training", f"Training: {cost.summary()}; Ctrl-C stops, the same command continues"))
+    if code := execute(QUICKSTART, options):
+        return code
+    print(stages.begin("report", "Writing the report: a few seconds"))
+    page = write_report(options.results, Path("report") if "://" in options.results else None)
+    print(stages.summary())
+    print(f"Next: open {page} in a browser, then type\n  tma-ray ranking {options.results}")
+    return 0
+
+
+@command(defaults=EXECUTION_DEFAULTS)
+def rerun(
+    root: Root,
+    /,
+    *run: Annotated[str, value(named("the ID of a run"), "RUN")],
+    failed: bool = False,
+    options: ExecutionOptions = ExecutionOptions(),
+) -> int:
+    """Run failed or unfinished runs of a results root again.
+
+    They continue from their checkpoints where they have some.
+
+    Args:
+        root: results root of the runs
+        run: IDs of runs, or unambiguous beginnings of them
+        failed: choose all runs that failed
+    """
+    from tma_ray.campaign.repeating import rerun as run_again
+
+    return run_again(root, run, options, failed=failed)
+
+
+@command()
+def stop(root: Root, /) -> int:
+    """Stop the campaign on a results root; its runs leave checkpoints.
+
+    The command that started it continues them.
+
+    Args:
+        root: results root of the campaign
+    """
     from tma_ray.results import Store, ask_to_stop
 
     print(
-        f"asked {ask_to_stop(Store.open(options.root))} to stop; its runs leave checkpoints and it ends. "
-        f"Next: 'tma-ray status {options.root}' shows when; the command that started it continues it"
+        f"asked {ask_to_stop(Store.open(root))} to stop; its runs leave checkpoints and it ends. "
+        f"Next: 'tma-ray status {root}' shows when; the command that started it continues it"
     )
     return 0
 
 
-def _rerun(options: argparse.Namespace) -> int:
-    from tma_ray.campaign.repeating import rerun
+@command()
+def simulate(
+    *,
+    teachers: Annotated[tuple[str, ...], value(names, "NAME,...")] = (),
+    challenges: Annotated[tuple[str, ...], value(names, "NAME,...")] = (),
+    expert_knowledge: Annotated[tuple[str, ...], value(names, "LEVEL,...")] = (),
+    seeds: Annotated[tuple[int, ...], value(parse_seeds, "SEEDS")] = tuple(range(10)),
+    episodes: Count = EPISODES,
+    jobs: Annotated[int, value(PROCESSES, "N")] = 1,
+    output: NewFile | None = None,
+    results: Root | None = None,
+) -> int:
+    """Compare teachers on simulated students, without physics.
 
-    return rerun(options)
+    This takes minutes instead of days.
+
+    Args:
+        teachers: teachers, with hyper-parameters if wanted, as in alp_gmm:fit_every=100,riac (default: all)
+        challenges: simulated challenges (default: all six)
+        expert_knowledge: levels offered (default: none,low,high)
+        seeds: number of seeds (4), or given ones: a range (8-11) or a list (0,5) (default: 10)
+        episodes: number of episodes of each run
+        jobs: number of processes
+        output: CSV or Parquet file with a row a run (default: none)
+        results: results root to write each run to as it ends; runs that it has are not played again (default:
+            none)
+    """
+    from rich.progress import track
+
+    from analysis.commands import simulated
+    from tma_ray.campaign.simulated import SimulatedRoot
+    from tma_ray.tasks import KnowledgeLevel
+    from tma_ray.teachers import TEACHERS, canonical_teacher
+    from tma_ray.terminal import terminal
+    from tma_ray.testing import SIMULATED_CHALLENGES, find_simulated_challenge, matrix
+
+    if output:
+        simulated.check_file(output)
+    chosen = challenges or [challenge.name for challenge in SIMULATED_CHALLENGES]
+    cells = matrix.cells_of(
+        [canonical_teacher(name) for name in teachers or TEACHERS.names()],
+        [find_simulated_challenge(name) for name in chosen],
+        parse_levels(expert_knowledge or tuple(KnowledgeLevel)),
+    )
+    asked = cells, seeds, episodes
+    root = SimulatedRoot(results, *asked) if results else None
+    played = root.kept() if root else []
+    total = matrix.run_count(cells, seeds) - len(played)
+    runs = matrix.run_cells(*asked, jobs, tuple(played))
+    try:
+        with closing(runs):
+            for run in track(runs, "simulating", total, console=terminal(stderr=True)):
+                if root:
+                    root.add(run)
+                played.append(run)
+    except matrix.ProcessLostError as error:
+        following = "the same command plays the others" if root else "with --results they would be kept"
+        sys.stderr.write(f"tma-ray: {error}; done so far: {counted(len(played), 'run')}; {following}\n")
+        return FAILED
+    frame = matrix.tabulate(cells, played)
+    if output:
+        simulated.write(frame, output)
+    simulated.show(frame)
+    return 0
+
+
+class _Stages:
+    """Stages of a command that follow one another: announced, numbered and timed."""
+
+    def __init__(self, number: int, clock: Callable[[], float] = time.monotonic) -> None:
+        self._number, self._clock = number, clock
+        self._begun: list[tuple[str, float]] = []
+
+    def begin(self, name: str, announcement: str) -> str:
+        """Return the line that announces the next stage."""
+        self._begun.append((name, self._clock()))
+        return f"[{len(self._begun)}/{self._number}] {announcement}"
+
+    def summary(self) -> str:
+        """Return the duration of each stage; the last ends now."""
+        stages, starts = zip(*self._begun, strict=True)
+        ends = (*starts[1:], self._clock())
+        taken = [(name, round(end - start)) for name, start, end in zip(stages, starts, ends, strict=True)]
+        width = max(map(len, stages))
+        lines = (f"  {name:{width}}  {seconds // 60} min {seconds % 60:02} s" for name, seconds in taken)
+        return "\n".join(("", "Where the time went:", *lines))

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import argparse
 import os
 import stat
 from pathlib import Path
@@ -19,7 +18,7 @@ def root(text: str) -> str:
     """Returns the results root that `text` names: a folder, there or to be made, or an address.
 
     Raises:
-        argparse.ArgumentTypeError: it cannot be one.
+        ValueError: it cannot be one.
     """
     check_visible(text, "a folder, s3://bucket/folder or gs://bucket/folder")
     if "://" not in text:
@@ -39,7 +38,7 @@ def folder(text: str) -> Path:
     """Returns the folder that `text` names, there or to be made.
 
     Raises:
-        argparse.ArgumentTypeError: it cannot be one.
+        ValueError: it cannot be one.
     """
     if "://" in text:
         raise refused(text, "expected a folder of this machine")
@@ -53,7 +52,7 @@ def new_file(text: str) -> Path:
     """Returns the file to write that `text` names.
 
     Raises:
-        argparse.ArgumentTypeError: it cannot be one.
+        ValueError: it cannot be one.
     """
     mode = _mode(text, "a file")
     if mode is not None and stat.S_ISDIR(mode):
@@ -82,7 +81,7 @@ def _mode(text: str, expected: str) -> int | None:
     try:
         path = expanded(text)
     except ValueError as error:
-        raise argparse.ArgumentTypeError(str(error)) from error
+        raise ValueError(str(error)) from error
     try:
         for place in (path, *path.absolute().parents):
             if place.is_symlink() or place.exists():

@@ -19,7 +19,7 @@ _FACTORS: Final = {"": 1, "k": 1_000, "K": 1_000, "M": 1_000_000}
 class Quantity:
     """A kind of number.
 
-    Calling one parses text, as argparse's ``type=`` wants it. Numbers are written as 500000, 500_000, 5e5,
+    Calling one parses text. Numbers are written as 500000, 500_000, 5e5,
     500k, 500K or 20M, without a plus; infinities and NaN are none.
 
     Attributes:
@@ -40,7 +40,7 @@ class Quantity:
         """Returns the number that `text` says.
 
         Raises:
-            argparse.ArgumentTypeError: it says none of this kind.
+            ValueError: it says none of this kind.
         """
         found = _NUMBER.fullmatch(text.strip())
         if found is not None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import argparse
 import re
 from collections.abc import Callable, Iterable
 from typing import Any, Final
@@ -21,10 +20,10 @@ _LICENCE: Final = re.compile(rf"{_IDENTIFIER}( (AND|OR|WITH) {_IDENTIFIER})*", r
 _LONGEST_LICENCE: Final = 200
 
 
-def refused(text: str, reason: str) -> argparse.ArgumentTypeError:
+def refused(text: str, reason: str) -> ValueError:
     """Returns the error of a text that is refused for a `reason`, which follows the text."""
     shown = text if len(text) <= SHOWN else f"{text[:SHOWN]}…"
-    return argparse.ArgumentTypeError(f"{shown!r}: {reason}")
+    return ValueError(f"{shown!r}: {reason}")
 
 
 def counted(number: int, one: str, many: str | None = None) -> str:
@@ -80,14 +79,14 @@ def check_visible(text: str, expected: str) -> None:
     """Refuses an empty text, and control characters.
 
     Raises:
-        argparse.ArgumentTypeError: the message says what was `expected`.
+        ValueError: the message says what was `expected`.
     """
     if not text.strip() or min(text) < " ":
         raise refused(text, f"expected {expected}")
 
 
 def named(expected: str) -> Callable[[str], str]:
-    """Returns a parser of texts that are not empty, as argparse's ``type=`` wants it.
+    """Returns a parser of texts that are not empty.
 
     Args:
         expected: what a refusal says was expected, as "the name of a run".
@@ -104,7 +103,7 @@ def licence(text: str) -> str:
     """Returns the licence that `text` names, an SPDX expression without parentheses.
 
     Raises:
-        argparse.ArgumentTypeError: it names none.
+        ValueError: it names none.
 
     Examples:
         >>> licence("CC-BY-4.0"), licence("MIT OR Apache-2.0")

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-from argparse import ArgumentTypeError
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 from fractions import Fraction
@@ -341,7 +340,7 @@ def parse_task(text: str | None, space: TaskSpace, domain: TaskSpace, rng: np.ra
             raise ValueError(f"task {text!r}: no dimension {name!r}: {hint}known: {', '.join(space.names)}")
         try:
             values[name.strip()] = COORDINATE(value)
-        except ArgumentTypeError:
+        except ValueError:
             raise ValueError(f"task {text!r}: {name} = {value!r}: expected a number") from None
     return check_task(list(values.values()), domain)
 

@@ -1,0 +1,47 @@
+"""Options and arguments that several commands share."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+from cyclopts import Parameter
+
+from tma_ray.command_line import choice, value, values
+from tma_ray.commands.places import folder, new_file, root
+from tma_ray.commands.quantities import COUNT, SEED
+from tma_ray.commands.texts import licence, named
+
+Root = Annotated[str, value(root, "ROOT")]
+Roots = Annotated[str, value(root, "ROOT", required=True)]
+Folder = Annotated[Path, value(folder, "FOLDER")]
+Output = Annotated[Path, value(folder, "FOLDER", alias="-o")]
+NewFile = Annotated[Path, value(new_file, "FILE", alias="-o")]
+Name = Annotated[str, value(named("a name"), "NAME")]
+Baseline = Annotated[str, value(named("a baseline"), "BASELINE")]
+Policy = Annotated[str, value(named("a policy"), "POLICY")]
+Licence = Annotated[str, value(licence, "LICENCE")]
+Count = Annotated[int, value(COUNT, "N")]
+Seed = Annotated[int, value(SEED, "N")]
+
+Baselines = Annotated[
+    tuple[str, ...],
+    values(
+        named("a baseline"),
+        "BASELINE",
+        help="also the runs of this baseline: its name, folder or address; repeatable (default: none)",
+    ),
+]
+
+Measure = Annotated[
+    str,
+    choice(
+        ("mastered_percent", "last_three", "mastered_area"),
+        help="quantity that teachers are ranked by and tested on: test tasks mastered at the last "
+        "evaluation, at the last three on average, or over training (area under the curve)",
+    ),
+]
+
+RunResults = Annotated[str, value(root, "ROOT", help="results root of the run")]
+
+Json = Annotated[bool, Parameter(help="print JSON for scripts instead of text")]
