@@ -22,7 +22,7 @@ from tma_ray.cli import main
 from tma_ray.embodiments import embodiment_names
 from tma_ray.envs import make_environment
 from tma_ray.export import Export, export
-from tma_ray.export.onnx_file import NotExpressibleError, largest_difference, onnx_model
+from tma_ray.export.onnx_file import NotExpressibleError
 from tma_ray.results import Table
 from tma_ray.runs import Cell, RunSpec, Schedule, effective_spec
 from tma_ray.runs.saved_policies import find_policy
@@ -92,6 +92,7 @@ def test_the_onnx_file_says_what_it_is(student: str, root: Path, exports: dict[s
         "physics_version": str(spec.physics_version),
         "tma_ray_version": __version__,
     }
+    assert b"/" not in b"".join(node.SerializeToString() for node in model.graph.node)  # no paths of files
     for value, name, size in (
         (model.graph.input[0], "observations", 24),
         (model.graph.output[0], "actions", 4),
@@ -258,8 +259,8 @@ def test_what_cannot_be_exported_is_refused_before_anything_is_written(
 def test_a_failure_on_the_way_leaves_nothing(
     root: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("tma_ray.export.exporting.policy_layers", lambda *_: nn.Sequential(nn.PReLU()))
-    with pytest.raises(NotExpressibleError, match="layer PReLU"):
+    monkeypatch.setattr("tma_ray.export.exporting.policy_layers", lambda *_: nn.Sequential(nn.Linear(7, 4)))
+    with pytest.raises(NotExpressibleError, match="torch cannot export the policy"):
         export("ppo_alp", tmp_path / "out", root)
     monkeypatch.setattr("tma_ray.export.exporting.policy_layers", lambda *_: nn.Sequential(nn.Linear(24, 4)))
     with pytest.raises(NotExpressibleError, match="differ by up to"):
@@ -277,35 +278,6 @@ def test_folders_beside_the_output_stay(root: Path, tmp_path: Path) -> None:
     assert theirs.read_text() == "mine"
     assert (tmp_path / "out").is_symlink()
     assert (tmp_path / "place" / "README.md").exists()
-
-
-@pytest.mark.parametrize(
-    "activation",
-    [
-        nn.ELU(0.7),
-        nn.GELU(),
-        nn.GELU("tanh"),
-        nn.Hardtanh(-0.5, 0.7),
-        nn.Identity(),
-        nn.LeakyReLU(0.2),
-        nn.Mish(),
-        nn.ReLU6(),
-        nn.SELU(),
-        nn.SiLU(),
-        nn.Sigmoid(),
-        nn.Softsign(),
-    ],
-    ids=str,
-)
-def test_activations(activation: nn.Module) -> None:
-    with torch.random.fork_rng():
-        torch.manual_seed(0)
-        layers = nn.Sequential(nn.Linear(3, 8), activation, nn.Linear(8, 2, bias=False)).requires_grad_(False)
-    observations = np.random.default_rng(0).normal(0, 4, (30, 3)).astype(np.float32)
-    model = onnx_model(layers, (3, 2), {})
-    widths = np.ones(2, np.float32)
-    apart = largest_difference(model, lambda x: layers(torch.from_numpy(x)).numpy(), observations, widths)
-    assert apart < 1e-5
 
 
 @pytest.mark.parametrize("environment", ["stump_tracks", "parkour"])

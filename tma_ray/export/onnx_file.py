@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+import logging
+import warnings
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
 from functools import partial
 from typing import TYPE_CHECKING, Any, Final
 
@@ -20,68 +22,89 @@ if TYPE_CHECKING:
 OPSET: Final = 20
 """Version of ONNX's operators: the first with GELU."""
 
-IR_VERSION: Final = 9
-"""Of the file format: the one that came with these operators."""
-
 INPUT, OUTPUT = "observations", "actions"
-"""Names in the graph."""
+"""Names of the graph's input and output."""
 
 TOLERANCE: Final = 1e-4
-"""How far actions of the file may be from the policy's, as a share of the range of each."""
+"""Largest difference between actions of the file and of the policy, as a share of the range of each."""
 
 
 class NotExpressibleError(ValueError):
-    """A policy that cannot be said in ONNX, or not well enough."""
+    """A policy that ONNX cannot express, or not accurately enough."""
 
 
 def require_onnx() -> None:
-    """Refuses to go on without the package.
+    """Refuses to go on without the packages that write ONNX files.
 
     Raises:
-        ValueError: it is not installed.
+        ValueError: onnx or onnxscript is not installed.
     """
     try:
         import onnx  # noqa: F401
+        import onnxscript  # noqa: F401  (torch's exporter imports it)
     except ImportError as error:
         raise ValueError(
-            "an ONNX file needs the package onnx: pip install 'tma_ray[onnx]', or leave it out with --no-onnx"
+            f"an ONNX file needs the package {error.name}: pip install 'tma_ray[onnx]', or leave it out with "
+            f"--no-onnx"
         ) from error
 
 
 def onnx_model(
     layers: nn.Sequential, sizes: tuple[int, int], properties: Mapping[str, str]
 ) -> onnx.ModelProto:
-    """Returns `layers` as a model; the same ones give the same bytes.
+    """Returns `layers` as a model; the same layers give the same bytes.
 
     Args:
-        layers: as `tma_ray.students.policy_layers` returns them.
-        sizes: of an observation and of an action.
-        properties: what the file says of itself.
+        layers: module that `tma_ray.students.policy_layers` returns.
+        sizes: lengths of an observation and of an action.
+        properties: metadata of the file.
 
     Raises:
-        NotExpressibleError: a layer has no counterpart here.
+        NotExpressibleError: torch cannot export a layer.
     """
-    from onnx import TensorProto, checker, helper
+    import torch
+    from onnx import checker, helper
 
-    graph = _Graph()
-    value = INPUT
-    for layer in layers:
-        value = graph.append(layer, value)
-    graph.node("Identity", value, name=OUTPUT)
-    ends = [
-        helper.make_tensor_value_info(name, TensorProto.FLOAT, ["n", size])
-        for name, size in zip((INPUT, OUTPUT), sizes, strict=True)
-    ]
-    model = helper.make_model(
-        helper.make_graph(graph.nodes, "policy", ends[:1], ends[1:], graph.tensors),
-        opset_imports=[helper.make_opsetid("", OPSET)],
-        ir_version=IR_VERSION,
-        producer_name="tma_ray",
-        producer_version=__version__,
-    )
+    try:
+        with _quiet():
+            program = torch.onnx.export(
+                layers,
+                (torch.zeros(2, sizes[0]),),
+                dynamo=True,
+                verbose=False,
+                opset_version=OPSET,
+                input_names=[INPUT],
+                output_names=[OUTPUT],
+                dynamic_shapes=({0: torch.export.Dim("n")},),
+            )
+    except torch.onnx.OnnxExporterError as error:
+        reason = str(error.__cause__ or error).strip().partition("\n")[0]
+        raise NotExpressibleError(
+            f"torch cannot export the policy to ONNX: {reason}; leave it out with --no-onnx"
+        ) from error
+    assert program is not None
+    model: onnx.ModelProto = program.model_proto
+    graph = model.graph
+    for part in (graph, *graph.node, *graph.input, *graph.output, *graph.value_info, *graph.initializer):
+        del part.metadata_props[:]  # paths of this machine's files among them
+    model.producer_name, model.producer_version = "tma_ray", __version__
     helper.set_model_props(model, dict(properties))
     checker.check_model(model, full_check=True)
     return model
+
+
+@contextmanager
+def _quiet() -> Iterator[None]:
+    """Context without the exporter's remarks on operators of packages that are not installed."""
+    logger = logging.getLogger("torch.onnx")
+    level = logger.level
+    logger.setLevel(logging.ERROR)
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            yield
+    finally:
+        logger.setLevel(level)
 
 
 def largest_difference(
@@ -94,7 +117,7 @@ def largest_difference(
     Args:
         model: the policy as ONNX.
         policy: the policy.
-        observations: what both act on (n, o), together and one by one.
+        observations: inputs of both (n, o), together and one by one.
         widths: range of each action (a,).
 
     Raises:
@@ -130,85 +153,3 @@ def _runtimes(model: onnx.ModelProto) -> list[Callable[[NDArray[np.float32]], ND
 def _run(session: Any, batch: NDArray[np.float32]) -> NDArray[np.float32]:
     actions: NDArray[np.float32] = session.run([OUTPUT], {INPUT: batch})[0]
     return actions
-
-
-@dataclass
-class _Graph:
-    """Operators in a row, and the numbers that they hold."""
-
-    nodes: list[Any] = field(default_factory=list)
-    tensors: list[Any] = field(default_factory=list)
-
-    def node(self, operator: str, *inputs: str, name: str = "", **attributes: Any) -> str:
-        """Appends an operator; returns the name of what it computes."""
-        from onnx import helper
-
-        output = name or f"{operator.lower()}_{len(self.nodes)}"
-        self.nodes.append(helper.make_node(operator, list(inputs), [output], **attributes))
-        return output
-
-    def tensor(self, values: Any) -> str:
-        """Stores numbers; returns their name."""
-        from onnx import numpy_helper
-
-        name = f"tensor_{len(self.tensors)}"
-        array = values.numpy(force=True) if hasattr(values, "numpy") else np.asarray(values, np.float32)
-        self.tensors.append(numpy_helper.from_array(array, name))
-        return name
-
-    def append(self, layer: nn.Module, value: str) -> str:
-        """Appends a layer that takes `value`; returns the name of what it computes."""
-        write = _writers().get(type(layer))
-        if write is None:
-            raise NotExpressibleError(
-                f"a layer {type(layer).__name__} of the policy is not known in ONNX; "
-                f"leave it out with --no-onnx"
-            )
-        return write(self, layer, value)
-
-
-def _writers() -> dict[type, Callable[[_Graph, Any, str], str]]:
-    """Returns how each kind of layer is written."""
-    from torch import nn
-
-    from tma_ray.students.layers import Affine, Clamp, Standardise
-
-    return {
-        Standardise: _standardise,
-        Affine: lambda g, layer, x: g.node(
-            "Add", g.node("Mul", x, g.tensor(layer.weight)), g.tensor(layer.bias)
-        ),
-        Clamp: lambda g, layer, x: g.node("Min", g.node("Max", x, g.tensor(layer.low)), g.tensor(layer.high)),
-        nn.Linear: _linear,
-        nn.Identity: lambda _, __, x: x,
-        nn.Dropout: lambda _, __, x: x,  # at rest in a policy that does not learn
-        nn.ReLU: lambda g, _, x: g.node("Relu", x),
-        nn.Tanh: lambda g, _, x: g.node("Tanh", x),
-        nn.Sigmoid: lambda g, _, x: g.node("Sigmoid", x),
-        nn.SiLU: lambda g, _, x: g.node("Mul", x, g.node("Sigmoid", x)),
-        nn.GELU: lambda g, layer, x: g.node("Gelu", x, approximate=layer.approximate),
-        nn.Mish: lambda g, _, x: g.node("Mish", x),
-        nn.Softsign: lambda g, _, x: g.node("Softsign", x),
-        nn.ELU: lambda g, layer, x: g.node("Elu", x, alpha=float(layer.alpha)),
-        nn.SELU: lambda g, _, x: g.node("Selu", x),
-        nn.LeakyReLU: lambda g, layer, x: g.node("LeakyRelu", x, alpha=float(layer.negative_slope)),
-        nn.Hardtanh: lambda g, layer, x: g.node("Clip", x, g.tensor(layer.min_val), g.tensor(layer.max_val)),
-        nn.ReLU6: lambda g, layer, x: g.node("Clip", x, g.tensor(layer.min_val), g.tensor(layer.max_val)),
-    }
-
-
-def _linear(graph: _Graph, layer: Any, value: str) -> str:
-    inputs = [value, graph.tensor(layer.weight)]
-    if layer.bias is not None:
-        inputs.append(graph.tensor(layer.bias))
-    return graph.node("Gemm", *inputs, transB=1)
-
-
-def _standardise(graph: _Graph, layer: Any, value: str) -> str:
-    from onnx import TensorProto
-
-    double = graph.node("Cast", value, to=TensorProto.DOUBLE)
-    centred = graph.node("Sub", double, graph.tensor(layer.mean))
-    scaled = graph.node("Div", centred, graph.tensor(layer.deviation))
-    bounds = [graph.tensor(layer.mean.new_tensor(side * layer.clip)) for side in (-1, 1)]
-    return graph.node("Cast", graph.node("Clip", scaled, *bounds), to=TensorProto.FLOAT)
