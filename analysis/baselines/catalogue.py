@@ -20,7 +20,7 @@ from tma_ray.commands.arguments import check_kind
 from tma_ray.commands.places import expanded
 from tma_ray.decoding import DamagedFileError, Natural, Sha256, decode_json
 from tma_ray.part_names import nearest
-from tma_ray.results import RecordedStore, Results, ResultsRootError, Store, check_path
+from tma_ray.results import Results, ResultsRootError, Store, check_path
 
 BASELINE_FILE: Final = "baseline.json"
 FORMAT: Final = "tma_ray baseline"
@@ -218,7 +218,7 @@ class Baseline:
         store = Store.open(self.place)
         if "://" not in self.place:
             return store
-        return RecordedStore(store, {file.path: file.sha256 for file in self.manifest.files})
+        return store.recorded({file.path: file.sha256 for file in self.manifest.files})
 
 
 def baselines() -> tuple[Baseline, ...]:

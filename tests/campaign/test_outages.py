@@ -10,7 +10,8 @@ from small_runs import small_spec
 
 from tma_ray.campaign.failures import OutageError, RetryingCommitter
 from tma_ray.results import Committer, RootInUseError, StorageError, Store
-from tma_ray.results.storage import errors as storage_errors
+from tma_ray.results.storage import FolderStore
+from tma_ray.results.storage import base as storage_errors
 
 
 @pytest.fixture(autouse=True)
@@ -20,7 +21,7 @@ def short_pauses(monkeypatch: pytest.MonkeyPatch) -> None:
 
 def refusing(monkeypatch: pytest.MonkeyPatch, times: float) -> list[str]:
     """Has the storage refuse that often; returns the list of what it refused."""
-    write, refused = Store.write_bytes, []
+    write, refused = FolderStore.write_bytes, []
 
     def refuse(store: Store, path: str, data: bytes) -> None:
         if len(refused) < times:
@@ -28,7 +29,7 @@ def refusing(monkeypatch: pytest.MonkeyPatch, times: float) -> list[str]:
             raise StorageError("the disk is full")
         write(store, path, data)
 
-    monkeypatch.setattr(Store, "write_bytes", refuse)
+    monkeypatch.setattr(FolderStore, "write_bytes", refuse)
     return refused
 
 

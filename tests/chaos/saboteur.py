@@ -20,7 +20,8 @@ import corridor
 import numpy as np
 
 from tma_ray.results import Store
-from tma_ray.results.storage import disk as storing
+from tma_ray.results.storage import BucketStore, FolderStore
+from tma_ray.results.storage import folder as storing
 from tma_ray.runs.evaluation import Evaluation
 from tma_ray.tasks import Episode
 from tma_ray.teachers.alp_gmm import ALPGMM
@@ -131,9 +132,10 @@ def _evaluate(evaluate: Callable[..., Any]) -> Callable[..., Any]:
 
 
 def _lay_mines() -> None:
-    Store.write_bytes = _before(Store.write_bytes, _write)
+    for kind in (FolderStore, BucketStore):
+        kind.write_bytes = _before(kind.write_bytes, _write)
+        kind.move = _before(kind.move, _move)
     storing.write_file = _before(storing.write_file, _write_file)
-    Store.move = _before(Store.move, _move)
     Evaluation.__call__ = _evaluate(Evaluation.__call__)
 
 

@@ -1,19 +1,26 @@
 """How roots in object stores are named, and what is refused before anything is sent."""
 
 import pickle
-from datetime import timedelta
+import sys
+from pathlib import Path
 
 import pytest
 
-from tma_ray.results import Store
-from tma_ray.results.storage.object_store import GCS_RETRY_SECONDS, S3_ATTEMPTS, open_bucket
+from tma_ray.results import ObjectStoreError, Store
+from tma_ray.results.storage.bucket import ATTEMPTS, BucketStore
 
 SECRET = "wJalrXUtnFEMI/K7MDENG+secret"
 
 
 @pytest.fixture(autouse=True)
 def environment(monkeypatch: pytest.MonkeyPatch) -> None:
-    for name in ("AWS_ENDPOINT_URL", "AWS_ENDPOINT_URL_S3", "AWS_REGION", "AWS_DEFAULT_REGION"):
+    for name in (
+        "AWS_ENDPOINT_URL",
+        "AWS_ENDPOINT_URL_S3",
+        "AWS_REGION",
+        "AWS_DEFAULT_REGION",
+        "AWS_PROFILE",
+    ):
         monkeypatch.delenv(name, raising=False)
     monkeypatch.setenv("AWS_ACCESS_KEY_ID", "AKIAEXAMPLE")
     monkeypatch.setenv("AWS_SECRET_ACCESS_KEY", SECRET)
@@ -53,9 +60,9 @@ def test_a_bucket_is_needed(uri: str) -> None:
 @pytest.mark.parametrize(
     ("variables", "query", "endpoint", "region"),
     [
-        ({"AWS_REGION": "eu-west-1"}, "", "", "eu-west-1"),
-        ({"AWS_DEFAULT_REGION": "eu-west-2", "AWS_REGION": "eu-west-1"}, "", "", "eu-west-1"),
-        ({"AWS_REGION": "eu-west-1"}, "?region=eu-north-1", "", "eu-north-1"),
+        ({"AWS_REGION": "eu-west-1"}, "", None, "eu-west-1"),
+        ({"AWS_DEFAULT_REGION": "eu-west-2", "AWS_REGION": "eu-west-1"}, "", None, "eu-west-1"),
+        ({"AWS_REGION": "eu-west-1"}, "?region=eu-north-1", None, "eu-north-1"),
         ({"AWS_ENDPOINT_URL": "http://one:1"}, "", "http://one:1", "us-east-1"),
         (
             {"AWS_ENDPOINT_URL": "http://one:1", "AWS_ENDPOINT_URL_S3": "http://s:3"},
@@ -67,17 +74,13 @@ def test_a_bucket_is_needed(uri: str) -> None:
     ],
 )
 def test_the_address_goes_before_the_environment(
-    variables: dict[str, str], query: str, endpoint: str, region: str, monkeypatch: pytest.MonkeyPatch
+    variables: dict[str, str], query: str, endpoint: str | None, region: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     for name, value in variables.items():
         monkeypatch.setenv(name, value)
-    filesystem, base, _ = open_bucket(f"s3://bucket/some/folder/{query}")
-    _, (settings,) = filesystem.__reduce__()
-    assert (base, filesystem.region, settings["endpoint_override"]) == (
-        "bucket/some/folder",
-        region,
-        endpoint,
-    )
+    store = BucketStore.at(f"s3://bucket/some/folder/{query}")
+    config = store._objects.config
+    assert (store.base, config["region"], config.get("endpoint")) == ("bucket/some/folder", region, endpoint)
 
 
 def test_a_travelling_store_carries_its_place_and_no_credentials(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -87,10 +90,7 @@ def test_a_travelling_store_carries_its_place_and_no_credentials(monkeypatch: py
     assert b"AKIAEXAMPLE" not in sent
     monkeypatch.delenv("AWS_ENDPOINT_URL")
     arrived = pickle.loads(sent)
-    _, (settings,) = arrived.filesystem.__reduce__()
-    assert settings["endpoint_override"] == "http://127.0.0.1:9"
-    assert settings["background_writes"], "else a large upload that fails leaves a truncated object"
-    assert settings["allow_delayed_open"], "else a small object takes three requests"
+    assert arrived._objects.config["endpoint"] == "http://127.0.0.1:9"
     assert str(arrived) == "s3://bucket/a folder"
 
 
@@ -100,6 +100,55 @@ def test_google_cloud_storage_is_addressed_alike_and_retries_for_as_long() -> No
     for each in (store, again):
         assert each.full_path("tables/x") == "bucket/some/folder/tables/x"
         assert each.where("tables/x") == "gs://bucket/some/folder/tables/x"
-        _, (settings,) = each.filesystem.__reduce__()
-        assert settings["retry_time_limit"] == timedelta(seconds=GCS_RETRY_SECONDS)
-    assert S3_ATTEMPTS > 5
+        assert each._objects.retry_config["max_retries"] == ATTEMPTS - 1
+
+
+@pytest.fixture
+def aws_files(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A folder with AWS's own two files, and no keys in the environment."""
+    monkeypatch.delenv("AWS_ACCESS_KEY_ID")
+    monkeypatch.setenv("AWS_REGION", "eu-west-1")
+    for variable, name in (("AWS_CONFIG_FILE", "config"), ("AWS_SHARED_CREDENTIALS_FILE", "credentials")):
+        monkeypatch.setenv(variable, str(tmp_path / name))
+    return tmp_path
+
+
+def keys(uri: str) -> tuple[str, str, str | None]:
+    found = Store.open(uri)._objects.credential_provider()
+    return found["access_key_id"], found["secret_access_key"], found["token"]
+
+
+def test_keys_of_a_profile_come_from_the_files_of_aws(
+    aws_files: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (aws_files / "credentials").write_text(
+        "[default]\naws_access_key_id = one\naws_secret_access_key = 1%\n"
+        "[work]\naws_access_key_id = two\naws_secret_access_key = 2\naws_session_token = t\n"
+    )
+    assert keys("s3://bucket/root") == ("one", "1%", None)
+    monkeypatch.setenv("AWS_PROFILE", "work")
+    assert keys("s3://bucket/root") == ("two", "2", "t")
+
+
+def test_a_profile_may_name_a_process_that_prints_keys(
+    aws_files: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    program = aws_files / "program.py"
+    program.write_text('print(\'{"Version": 1, "AccessKeyId": "a", "SecretAccessKey": "b"}\')')
+    text = f"[profile work]\ncredential_process = {sys.executable} {program}\n"
+    (aws_files / "config").write_text(text)
+    monkeypatch.setenv("AWS_PROFILE", "work")
+    assert keys("s3://bucket/root") == ("a", "b", None)
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [("", "no such profile"), ("[profile work]\nrole_arn = x\n", "export-credentials --profile work")],
+)
+def test_a_profile_that_cannot_be_used_is_refused(
+    aws_files: Path, monkeypatch: pytest.MonkeyPatch, text: str, message: str
+) -> None:
+    (aws_files / "config").write_text(text)
+    monkeypatch.setenv("AWS_PROFILE", "work")
+    with pytest.raises(ObjectStoreError, match=message):
+        Store.open("s3://bucket/root")

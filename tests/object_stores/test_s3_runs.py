@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import json
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
+from threading import Barrier
 
 import pytest
 from s3_proxy import Proxy
@@ -10,8 +13,13 @@ from small_runs import data_files, run, short_run
 
 from analysis.tracking.event_folder import EventFolder
 from tma_ray.results import CHECKPOINTS, Lease, Results, RootInUseError, Store, Table
-from tma_ray.results.storage import object_store
+from tma_ray.results.layout import LEASE_FILE
+from tma_ray.results.storage import bucket
 from tma_ray.runs import Placement, RunSpec
+
+FORTY = 40
+
+EXPIRED = json.dumps({"holder": "dead", "token": "old", "renewed_at": 0.0, "process": None}).encode()
 
 OFTEN = Placement(checkpoint_seconds=0.0)
 
@@ -91,7 +99,7 @@ def test_an_outage_ends_the_attempt_and_the_next_one_continues(
     stage: str,
 ) -> None:
     spec, expected = short
-    monkeypatch.setattr(object_store, "S3_ATTEMPTS", 2)
+    monkeypatch.setattr(bucket, "ATTEMPTS", 2)
     assert run(spec, s3_root, stop_after=5) == "stopped"
     proxy.refuse = lambda method, path: method == "PUT" and stage in path
     with pytest.raises(ConnectionError, match=stage):
@@ -112,3 +120,23 @@ def test_a_lease_in_a_bucket_holds_off_a_second_campaign(s3_root: str, tmp_path:
     with Lease(store, "the third one"):
         pass
     assert store.files() == ()
+
+
+@pytest.mark.parametrize("left", [None, EXPIRED, b"{"], ids=["nothing", "an expired lease", "a damaged one"])
+def test_exactly_one_of_forty_gets_the_lease_of_a_bucket(s3_root: str, left: bytes | None) -> None:
+    store, barrier = Store.open(s3_root), Barrier(FORTY)
+    if left is not None:
+        store.write_bytes(LEASE_FILE, left)
+
+    def ask(number: int) -> bool:
+        lease = Lease(Store.open(s3_root), f"campaign {number}")
+        barrier.wait(60)
+        try:
+            lease.acquire()
+        except RootInUseError:
+            return False
+        lease.renew()
+        return True
+
+    with ThreadPoolExecutor(FORTY) as threads:
+        assert sum(threads.map(ask, range(FORTY))) == 1

@@ -9,7 +9,7 @@ import pytest
 from s3_proxy import Proxy
 
 from tma_ray.results import ObjectStoreError, Results, Store, check_usable
-from tma_ray.results.storage import object_store
+from tma_ray.results.storage import bucket
 
 LARGE = bytes(11_000_000)
 """Two parts of an upload."""
@@ -17,7 +17,7 @@ LARGE = bytes(11_000_000)
 
 @pytest.fixture
 def impatient(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(object_store, "S3_ATTEMPTS", 3)
+    monkeypatch.setattr(bucket, "ATTEMPTS", 3)
 
 
 def test_objects_are_written_replaced_listed_moved_and_deleted(s3_root: str) -> None:
@@ -41,38 +41,21 @@ def test_requests_are_few(s3_root: str, proxy: Proxy) -> None:
     for action, most in (
         (lambda: store.write_bytes("a", b"small"), 1),
         (lambda: store.write_bytes("b", LARGE), 4),
-        (lambda: store.read_bytes("b"), 3),
+        (lambda: store.read_bytes("b"), 1),
         (lambda: store.exists("a"), 1),
         (lambda: store.files(), 1),
-        (lambda: store.move("a", "c"), 3),
+        (lambda: store.move("a", "c"), 2),
+        (lambda: store.delete("c"), 2),
     ):
         proxy.seen.clear()
         action()
         assert len(proxy.seen) <= most, proxy.seen
 
 
-@pytest.mark.parametrize("content", [b"longer than before", b"short", b"same as"])
-def test_an_object_replaced_while_it_is_read_is_read_whole(
-    s3_root: str, s3_environment: str, proxy: Proxy, monkeypatch: pytest.MonkeyPatch, content: bytes
-) -> None:
-    store = Store.open(s3_root)
-    monkeypatch.setenv("AWS_ENDPOINT_URL", s3_environment)
-    other = Store.open(s3_root)
-    store.write_bytes("manifest", b"one two")
-
-    def replace(method: str, path: str) -> bool:
-        if method == "GET" and other.read_bytes("manifest") == b"one two":  # between its size and its bytes
-            other.write_bytes("manifest", content)
-        return False
-
-    proxy.refuse = replace
-    assert store.read_bytes("manifest") == content
-
-
 @pytest.mark.parametrize("fault", ["refuse", pytest.param("drop", marks=pytest.mark.slow)])
 def test_throttling_and_lost_connections_are_waited_out(s3_root: str, proxy: Proxy, fault: str) -> None:
     store = Store.open(s3_root)
-    left = dict.fromkeys(("PUT", "GET", "HEAD", "DELETE"), 2)
+    left = dict.fromkeys(("PUT", "GET", "HEAD", "POST"), 2)
 
     def strike(method: str, path: str) -> bool:
         left[method] -= 1
@@ -82,13 +65,14 @@ def test_throttling_and_lost_connections_are_waited_out(s3_root: str, proxy: Pro
     store.write_bytes("file", b"content")
     assert store.read_bytes("file") == b"content"
     assert store.files() == ("file",)
+    assert store.exists("file")
     store.delete("file")
     assert max(left.values()) < 0, "every kind of request was struck"
 
 
 @pytest.mark.slow
 def test_pauses_grow_and_differ(s3_root: str, proxy: Proxy, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(object_store, "S3_ATTEMPTS", 5)
+    monkeypatch.setattr(bucket, "ATTEMPTS", 5)
     store, times = Store.open(s3_root), []
 
     def refuse(method: str, path: str) -> bool:
@@ -144,7 +128,7 @@ def test_a_missing_bucket_is_refused_by_name(s3_root: str) -> None:
     store = Store.open("s3://no-such-bucket/root")
     for check in (lambda: check_usable(store), lambda: Results(store)):
         with pytest.raises(
-            ObjectStoreError, match="s3://no-such-bucket/root: the bucket does not exist; create"
+            ObjectStoreError, match=r"s3://no-such-bucket/root\S*: the bucket does not exist; create"
         ):
             check()
 
@@ -152,7 +136,7 @@ def test_a_missing_bucket_is_refused_by_name(s3_root: str) -> None:
 def test_missing_rights_are_refused_before_anything_starts(s3_root: str, proxy: Proxy) -> None:
     denied = b"<Error><Code>AccessDenied</Code><Message>Access Denied</Message></Error>"
     proxy.refusal = (403, denied)
-    for right in ("GET", "PUT", "DELETE"):
+    for right in ("GET", "PUT", "POST"):
         proxy.refuse = lambda method, path, right=right: method == right
         with pytest.raises(ObjectStoreError, match="rights to list, read, write and delete"):
             check_usable(Store.open(s3_root))

@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 
 from tma_ray.results import RunRecord, Store, Table, teacher_log_row
+from tma_ray.results.storage import BucketStore
 from tma_ray.tasks import ScoredBox, TeacherUpdate, WeightedGaussian
 
 TASKS_PER_EVALUATION = 5
@@ -59,6 +60,13 @@ def _episode_row(rng: np.random.Generator, step: int, *, shuffled: bool) -> dict
         "length": 7,
         "success": bool(rng.random() > 0.5),
     }
+
+
+def sibling(store: Store, suffix: str) -> Store:
+    """A store whose root lies next to that of another, with `suffix` after its name."""
+    if isinstance(store, BucketStore):
+        return BucketStore(store._objects, f"{store}{suffix}")
+    return type(store).at(f"{store}{suffix}")
 
 
 def tree(store: Store, *, keep: Callable[[str], bool] = lambda path: True) -> dict[str, bytes]:

@@ -8,8 +8,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from pyarrow import fs
-from results_examples import make_record, make_rows, tree
+from obstore.store import MemoryStore
+from results_examples import make_record, make_rows, sibling, tree
 
 from tma_ray.results import (
     DATA_TABLES,
@@ -32,6 +32,7 @@ from tma_ray.results import (
     manifest,
     merging,
 )
+from tma_ray.results.storage import BucketStore
 
 RUNS = {"first": ["run-00", "run-01", "run-02", "run-03"], "second": ["run-00a"]}
 
@@ -53,7 +54,7 @@ def store(request: pytest.FixtureRequest, tmp_path: Path) -> Store:
         return OPEN(tmp_path / "root")
     if request.param == "s3":
         return OPEN(request.getfixturevalue("s3_root"))
-    return Store(fs._MockFileSystem(), "bucket/root")
+    return BucketStore(MemoryStore(), "s3://bucket/root")
 
 
 @pytest.fixture(autouse=True)
@@ -206,7 +207,7 @@ def test_a_kill_anywhere_leaves_a_root_that_reads_the_same(
         left = [allowed]
 
         def counted(method: str, left: list[int] = left) -> object:
-            original = getattr(Store, method)
+            original = getattr(type(root), method)
 
             def call(self: Store, *arguments: object) -> object:
                 if arguments[0] not in ("lease.json", "stop.json"):
@@ -219,7 +220,7 @@ def test_a_kill_anywhere_leaves_a_root_that_reads_the_same(
 
         with monkeypatch.context() as patch:
             for method in ("write_bytes", "delete"):
-                patch.setattr(Store, method, counted(method))
+                patch.setattr(type(root), method, counted(method))
             try:
                 compact(root)
             except KilledError:
@@ -295,11 +296,11 @@ def test_a_copy_holds_all_that_is_said_of_the_runs(root: Store, tmp_path: object
     root.write_bytes("policies/run-01/policy.json", b"{}")
     root.write_bytes("policies/run-01/policy.pkl", b"danger")
     before = content(root)
-    target = Store(root.filesystem, f"{root.base}-copy")
+    target = sibling(root, "-copy")
     assert copy_merged(Results(root), target) == Copy(("policies/run-01/policy.pkl",), ())
     assert content(target) == before
     assert content(root) == before
     assert target.files("policies") == ("policies/run-01/policy.json",)
     assert not target.files("staging")
     with pytest.raises(ResultsRootError, match="neither empty"):
-        copy_merged(Results(root), Store(root.filesystem, f"{root.base}-copy/tables"))
+        copy_merged(Results(root), sibling(root, "-copy/tables"))

@@ -26,12 +26,6 @@ class Clock:
         return self.now
 
 
-@pytest.fixture(autouse=True)
-def hurry(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Lets leases in object stores settle at once: nobody else writes there."""
-    monkeypatch.setattr("tma_ray.results.lease.SETTLING_SECONDS", 0.0)
-
-
 @pytest.fixture
 def clock() -> Clock:
     return Clock()

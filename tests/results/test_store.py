@@ -7,6 +7,7 @@ import pytest
 from pyarrow import fs
 
 from tma_ray.results import StorageError, Store
+from tma_ray.results.storage import AddressStore
 
 
 def test_files_are_written_replaced_listed_and_deleted(store: Store) -> None:
@@ -40,6 +41,19 @@ def test_reading_and_moving_what_is_not_there_says_so(store: Store) -> None:
         store.read_bytes("missing")
     with pytest.raises(FileNotFoundError):
         store.move("missing", "anywhere")
+
+
+def test_of_two_conditional_writes_the_second_is_refused(store: Store) -> None:
+    assert store.create("file", b"first")
+    assert not store.create("file", b"second")
+    content, version = store.read_version("file")
+    assert content == b"first"
+    assert store.replace("file", b"third", version)
+    assert not store.replace("file", b"fourth", version)
+    assert store.read_bytes("file") == b"third"
+    store.delete("file")
+    assert not store.replace("file", b"fifth", version)
+    assert not store.exists("file")
 
 
 @pytest.mark.parametrize("path", ["", ".", "/etc/passwd", "../out", "a/../../out", "a\\..\\out"])
@@ -84,7 +98,7 @@ def test_a_store_can_be_sent_to_another_process(tmp_path: Path) -> None:
 
 
 def test_the_root_may_be_that_of_the_file_system(tmp_path: Path) -> None:
-    store = Store(fs.SubTreeFileSystem(str(tmp_path), fs.LocalFileSystem()), "")
+    store = AddressStore(fs.SubTreeFileSystem(str(tmp_path), fs.LocalFileSystem()), "")
     store.write_bytes("a/b", b"x")
     store.move("a/b", "c/d")
     assert store.files() == store.files("c") == ("c/d",)

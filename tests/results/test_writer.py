@@ -6,11 +6,12 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from pyarrow import fs
+from obstore.store import MemoryStore
 from results_examples import make_rows, tree
 
 from tma_ray.results import DATA_TABLES, DamagedFileError, PartFile, RunWriter, Store, Table
 from tma_ray.results.parquet import decode
+from tma_ray.results.storage import BucketStore
 
 INTERVALS = 8
 ROWS = [make_rows(np.random.default_rng(step), step) for step in range(0, 10 * INTERVALS, 10)]
@@ -21,7 +22,7 @@ def canonical_bytes(store: Store, final: tuple[PartFile, ...]) -> dict[Table, by
 
 
 def memory() -> Store:
-    return Store(fs._MockFileSystem(), "root")
+    return BucketStore(MemoryStore(), "s3://bucket/root")
 
 
 def written_whole(store: Store) -> dict[Table, bytes]:

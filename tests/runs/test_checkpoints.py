@@ -15,8 +15,8 @@ from tma_ray.results import (
     Store,
     retry,
 )
-from tma_ray.results.storage import errors as storage_errors
-from tma_ray.results.storage.errors import StorageError
+from tma_ray.results.storage import FolderStore, StorageError
+from tma_ray.results.storage import base as storage_errors
 from tma_ray.runs import Placement, RunSpec
 from tma_ray.runs.attempt import Attempt
 from tma_ray.runs.checkpoints import Checkpoints
@@ -100,7 +100,7 @@ def test_after_a_checkpoint_that_could_not_be_written_the_next_one_is_complete(
     checkpoints.save(one, (), "here")
     play(one, 30)
     with monkeypatch.context() as patch:
-        patch.setattr(Store, "write_bytes", full_disk)
+        patch.setattr(FolderStore, "write_bytes", full_disk)
         with pytest.raises(StorageError):
             checkpoints.save(one, (), "here")
     checkpoints.save(one, (), "here")
@@ -156,7 +156,7 @@ def test_a_run_outlasts_a_full_disk_wherever_it_strikes(
     spec = small_spec(tmp_path, teacher="alp_gmm", steps=400, evaluation_interval=200)
     run(spec, tmp_path / "undisturbed", placement=EVERY_EPISODE)
     monkeypatch.setattr(storage_errors, "FIRST_PAUSE", 0.01)
-    write, count = Store.write_bytes, 0
+    write, count = FolderStore.write_bytes, 0
 
     def now_and_then(store: Store, path: str, data: bytes) -> None:
         nonlocal count
@@ -167,7 +167,7 @@ def test_a_run_outlasts_a_full_disk_wherever_it_strikes(
         write(store, path, data)
 
     with monkeypatch.context() as patch:
-        patch.setattr(Store, "write_bytes", now_and_then)
+        patch.setattr(FolderStore, "write_bytes", now_and_then)
         assert run(spec, tmp_path / "full", placement=EVERY_EPISODE) == "done"
     assert count > 100
     assert data_files(tmp_path / "full") == data_files(tmp_path / "undisturbed")
@@ -179,7 +179,7 @@ def test_a_disk_that_stays_full_ends_the_attempt_which_can_be_taken_up_again(
     spec = small_spec(tmp_path, teacher="alp_gmm", steps=1_000)
     run(spec, tmp_path / "undisturbed")
     monkeypatch.setattr(storage_errors, "FIRST_PAUSE", 0.01)
-    write = Store.write_bytes
+    write = FolderStore.write_bytes
 
     def no_checkpoint(store: Store, path: str, data: bytes) -> None:
         if path.startswith("checkpoints"):
@@ -187,7 +187,7 @@ def test_a_disk_that_stays_full_ends_the_attempt_which_can_be_taken_up_again(
         write(store, path, data)
 
     with monkeypatch.context() as patch:
-        patch.setattr(Store, "write_bytes", no_checkpoint)
+        patch.setattr(FolderStore, "write_bytes", no_checkpoint)
         with pytest.raises(StorageError, match="full"):
             run(spec, tmp_path / "full", placement=Placement(checkpoint_seconds=0.0, outage_seconds=0.05))
     assert run(spec, tmp_path / "full") == "done"

@@ -72,10 +72,15 @@ from tma_ray.results.records import (
     write_progress,
 )
 from tma_ray.results.schema import DATA_TABLES, SCHEMA_VERSION, SCHEMAS, Table, teacher_log_row
-from tma_ray.results.storage.errors import DISK_FULL, ResultsRootError, StorageError, explained_disk, retry
-from tma_ray.results.storage.object_store import ObjectStoreError
-from tma_ray.results.storage.recorded_store import RecordedStore
-from tma_ray.results.storage.store import Store
+from tma_ray.results.storage import (
+    DISK_FULL,
+    ObjectStoreError,
+    ResultsRootError,
+    StorageError,
+    Store,
+    explained_disk,
+    retry,
+)
 from tma_ray.results.verification import Damage, Inspector, RootVerification, damage_reason, verify_root
 from tma_ray.results.writer import RunWriter
 
@@ -117,7 +122,6 @@ __all__ = [
     "NotRunningError",
     "ObjectStoreError",
     "PartFile",
-    "RecordedStore",
     "Results",
     "ResultsRootError",
     "RootInUseError",

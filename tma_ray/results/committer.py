@@ -35,8 +35,7 @@ from tma_ray.results.records import (
     withdraw,
 )
 from tma_ray.results.schema import DATA_TABLES, SCHEMAS, Table, to_arrow
-from tma_ray.results.storage.errors import StorageError
-from tma_ray.results.storage.store import Store
+from tma_ray.results.storage import StorageError, Store
 from tma_ray.results.verification import Inspector
 
 TEMPORARY_SECONDS: Final = 3600.0

@@ -16,7 +16,7 @@ from tma_ray.decoding import MOST_BYTES, DamagedFileError, Sha256, decode_json
 from tma_ray.plugin_source import PluginSource
 from tma_ray.results.layout import INPUTS
 from tma_ray.results.records import RunRecord
-from tma_ray.results.storage.store import Store
+from tma_ray.results.storage import Store
 
 
 @dataclass(frozen=True)

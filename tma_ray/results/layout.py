@@ -15,8 +15,8 @@ from tma_ray.commands.arguments import check_kind
 from tma_ray.decoding import DamagedFileError, DamagedFileWarning, Natural, decode_json
 from tma_ray.results.parquet import schema_version
 from tma_ray.results.schema import SCHEMA_VERSION, Table
-from tma_ray.results.storage.errors import ResultsRootError
-from tma_ray.results.storage.store import TEMPORARY, Store
+from tma_ray.results.storage import ResultsRootError, Store
+from tma_ray.results.storage.base import TEMPORARY
 
 FORMAT: Final = "tma_ray results"
 ROOT_FILE: Final = "root.json"
@@ -70,8 +70,9 @@ def _check_content(store: Store) -> None:
     if store.exists(ROOT_FILE) or _version_of_tables(store) is not None:
         check_root(store)
         return
-    foreign = [path for path in store.entries() if path != TEMPORARY or store.exists(path)]
-    foreign += [path for path in store.entries(TEMPORARY) if not store.is_temporary(path)]
+    foreign = [name for name in sorted(store.names()) if name != TEMPORARY or store.exists(name)]
+    inner = (f"{TEMPORARY}/{name}" for name in sorted(store.names(TEMPORARY)))
+    foreign += [path for path in inner if not store.is_temporary(path)]
     if foreign:
         raise ResultsRootError(
             f"{store} is neither empty ({foreign[0]}) nor a results root; choose a new or empty folder"
@@ -140,7 +141,7 @@ def _version_of_tables(store: Store) -> int | None:
 def _refuse(store: Store, problem: DamagedFileError | None) -> NoReturn:
     if problem is not None:
         raise ResultsRootError(f"{problem}; no table tells its version either") from problem
-    store.check_bucket()
+    store.check_listable()
     raise ResultsRootError(
         f"{store} is not a results root: {ROOT_FILE} is missing; give the folder or address that was passed "
         f"to --results"

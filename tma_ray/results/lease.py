@@ -20,8 +20,8 @@ from tma_ray.commands.arguments import check_kind
 from tma_ray.commands.exits import RefusedError
 from tma_ray.decoding import DamagedFileError, Natural, Seconds, SmallNatural, decode_json
 from tma_ray.results.layout import HEARTBEAT_FILE, LEASE_FILE, STOP_FILE
-from tma_ray.results.storage.errors import StorageError
-from tma_ray.results.storage.store import Store
+from tma_ray.results.storage import StorageError, Store
+from tma_ray.results.storage.base import Version
 
 
 @dataclass(frozen=True)
@@ -208,10 +208,10 @@ class LeaseFile:
         Raises:
             DamagedFileError: there is one that cannot be read.
         """
-        try:
-            return decode_json(store.read_bytes(LEASE_FILE), cls, store.where(LEASE_FILE))
-        except FileNotFoundError:
-            return None
+        found, _ = _look(store)
+        if isinstance(found, DamagedFileError):
+            raise found
+        return found
 
     def standing(self, now: float, seconds: float) -> Standing:
         """Returns whether the holder lives.
@@ -223,10 +223,6 @@ class LeaseFile:
         if now - self.renewed_at >= seconds or (self.process is not None and self.process.is_dead()):
             return Standing.DEAD
         return Standing.AHEAD if self.renewed_at - now >= seconds else Standing.ALIVE
-
-    def to_bytes(self) -> bytes:
-        """Returns the content of the file."""
-        return json.dumps(asdict(self)).encode()
 
 
 @dataclass(frozen=True)
@@ -264,9 +260,6 @@ LEASE_SECONDS: Final = 120.0
 STOP_CHECK_SECONDS: Final = 3.0
 """How often a campaign looks whether it was asked to stop, s."""
 
-SETTLING_SECONDS: Final = 1.0
-"""Time in an object store after which what others wrote at the same instant has arrived, as a rule, s."""
-
 logger = logging.getLogger(__name__)
 
 
@@ -281,11 +274,10 @@ class RootInUseError(RefusedError):
 class Lease:
     """Holds a results root as long as it is renewed, several times within `seconds`.
 
-    On a disk of this machine exactly one of several that ask at once gets it: it is looked at and written
-    under a lock of the folder, and a new one is made by an exclusive link. An object store has neither
-    through pyarrow: the lease is written, and read again after `SETTLING_SECONDS`, so that two get it only
-    if the request of one of them took longer than that. The first renewal then refuses one, a quarter of
-    `seconds` later at most. A folder shared over a network has the link, and the lock where it offers locks.
+    Exactly one of several that ask at once gets it, in a folder of this machine and in a bucket: a new lease
+    is made, and an old one replaced, only if nobody was faster (`Store.create`, `Store.replace`). A folder
+    shared over a network needs locks for that once a lease has run out; where it has none, the lease is read
+    back, and its first renewal refuses a second holder.
 
     The lease of a process that is known to be dead, because it ran on this machine, is free at once. So is
     one that cannot be read, unless a heartbeat shows that a campaign lives; a holder that finds its own
@@ -339,15 +331,10 @@ class Lease:
         """
         self.store.check_place()
         silent = self._watched()
-        with self.store.locked():
-            current = self._takeable(silent)
-            if current is not None:
-                self._write()
-            elif not self.store.create(LEASE_FILE, self._content()):
-                self._refuse(LeaseFile.load(self.store))
-        if self.store.is_object_store:
-            self._sleep(SETTLING_SECONDS)
-        self.renew()  # reads back what another one may have written within the same instant
+        found, version = _look(self.store)
+        self._refuse_living(found, silent)
+        if not self._write(found, version) or not self._is_ours(_look(self.store)[0]):
+            self._refuse(_readable(self.store))
 
     def renew(self) -> None:
         """Gives a sign of life; to be called before anything is published after a pause.
@@ -355,16 +342,13 @@ class Lease:
         Raises:
             RootInUseError: another campaign has taken the lease over; publish nothing more.
         """
-        with self.store.locked():
-            try:
-                current = LeaseFile.load(self.store)
-            except DamagedFileError as error:
-                logger.warning("%s; it is written anew", error)
-            else:
-                if current is None or current.token != self._token:
-                    taker = current.holder if current else "nobody: its lease file is gone"
-                    raise RootInUseError(f"{self.holder} has lost {self.store} to {taker}; start it again")
-            self._write()
+        found, version = _look(self.store)
+        if isinstance(found, DamagedFileError):
+            logger.warning("%s; it is written again", found)
+        elif not self._is_ours(found):
+            self._refuse_renewal(found)
+        if not self._write(found, version):
+            self._refuse_renewal(_readable(self.store))
 
     def keep(self) -> None:
         """Renews the lease if a quarter of its time has passed; cheap enough for every turn of a loop.
@@ -377,15 +361,12 @@ class Lease:
 
     def release(self) -> None:
         """Gives the lease back; one that was taken over stays with its holder."""
-        with self.store.locked():
-            try:
-                current = LeaseFile.load(self.store)
-                ours = current is not None and current.token == self._token
-            except DamagedFileError:
-                ours = True
-            if ours:
-                self.store.delete(STOP_FILE)
-                self.store.delete(LEASE_FILE)
+        try:
+            self.renew()  # nobody can take it over for a while: what is deleted next is ours
+        except RootInUseError:
+            return
+        self.store.delete(STOP_FILE)
+        self.store.delete(LEASE_FILE)
 
     def asked_to_stop(self) -> bool:
         """Tells whether `ask_to_stop` was called for this holder; cheap enough for every turn of a loop."""
@@ -418,25 +399,24 @@ class Lease:
         self._sleep(self.seconds / 2)
         return current
 
-    def _takeable(self, silent: LeaseFile | None) -> LeaseFile | Exception | None:
-        """Returns what is to be replaced, None if there is nothing; `silent` may be taken over.
+    def _refuse_living(self, found: LeaseFile | DamagedFileError | None, silent: LeaseFile | None) -> None:
+        """Refuses a root whose lease is held; one that is `silent` after it was watched may be replaced.
 
         Raises:
-            RootInUseError: its holder lives.
+            RootInUseError: the holder lives.
         """
-        try:
-            current = LeaseFile.load(self.store)
-        except DamagedFileError as error:
+        if isinstance(found, DamagedFileError):
             heartbeat = Heartbeat.load(self.store)
             if heartbeat is not None and heartbeat.alive(self._clock()):
                 self._refuse(LeaseFile(heartbeat.holder, "", heartbeat.at))
-            logger.warning("%s; no campaign gives signs of life: it is taken over", error)
-            return error
-        if current is None or current.token == self._token or current == silent:
-            return current
-        if current.standing(self._clock(), self.seconds) is not Standing.DEAD:
-            self._refuse(current)
-        return current
+            logger.warning("%s; no campaign gives signs of life: it is replaced", found)
+        elif (
+            found is not None
+            and found != silent
+            and not self._is_ours(found)
+            and found.standing(self._clock(), self.seconds) is not Standing.DEAD
+        ):
+            self._refuse(found)
 
     def _refuse(self, current: LeaseFile | None) -> NoReturn:
         if current is None:
@@ -447,12 +427,27 @@ class Lease:
             f"stop that campaign, wait {self.seconds - age:.0f} s if it is dead, or use another root"
         )
 
-    def _content(self) -> bytes:
-        self._renewed_at = self._clock()
-        return LeaseFile(self.holder, self._token, self._renewed_at, Process.this()).to_bytes()
+    def _refuse_renewal(self, taker: LeaseFile | None) -> NoReturn:
+        name = taker.holder if taker else "nobody: its lease file is gone"
+        raise RootInUseError(f"{self.holder} has lost {self.store} to {name}; start it again")
 
-    def _write(self) -> None:
-        self.store.write_bytes(LEASE_FILE, self._content())
+    def _is_ours(self, found: LeaseFile | DamagedFileError | None) -> bool:
+        return isinstance(found, LeaseFile) and found.token == self._token
+
+    def _write(self, found: LeaseFile | DamagedFileError | None, version: Version) -> bool:
+        """Writes our lease in place of what was found; returns False if somebody else was faster."""
+        self._renewed_at = self._clock()
+        lease = LeaseFile(self.holder, self._token, self._renewed_at, Process.this())
+        data = json.dumps(asdict(lease)).encode()
+        if found is None:
+            written = self.store.create(LEASE_FILE, data)
+        elif version is None:
+            self.store.write_bytes(LEASE_FILE, data)
+            written = True
+        else:
+            written = self.store.replace(LEASE_FILE, data, version)
+        # The answer to a request may be lost, and its repetition then finds what it has written itself.
+        return written or self._is_ours(_look(self.store)[0])
 
 
 def ask_to_stop(store: Store, seconds: float = LEASE_SECONDS) -> str:
@@ -501,8 +496,20 @@ def holder_of(store: Store, seconds: float = LEASE_SECONDS) -> str | None:
     return current.holder if standing is Standing.ALIVE else beating if standing is Standing.AHEAD else None
 
 
-def _readable(store: Store) -> LeaseFile | None:
+def _look(store: Store) -> tuple[LeaseFile | DamagedFileError | None, Version]:
+    """Returns the lease of a root or why it cannot be read, and its version; None for what there is not."""
     try:
-        return LeaseFile.load(store)
-    except DamagedFileError:
-        return None
+        data, version = store.read_version(LEASE_FILE)
+    except FileNotFoundError:
+        return None, None
+    except DamagedFileError as error:  # no file at all
+        return error, None
+    try:
+        return decode_json(data, LeaseFile, store.where(LEASE_FILE)), version
+    except DamagedFileError as error:
+        return error, version
+
+
+def _readable(store: Store) -> LeaseFile | None:
+    found, _ = _look(store)
+    return found if isinstance(found, LeaseFile) else None

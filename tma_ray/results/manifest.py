@@ -17,7 +17,7 @@ from tma_ray.results.layout import TABLES, check_path, manifest_path, staging_fo
 from tma_ray.results.parquet import decode, decode_rows, unreadable_rows
 from tma_ray.results.records import RunRecord, RunStatus, check_spec
 from tma_ray.results.schema import Table
-from tma_ray.results.storage.store import Store
+from tma_ray.results.storage import Store
 
 MOST_RUN_ROWS: Final = 50_000_000
 """Rows of one run in a table beyond which its manifest is not believed."""

@@ -33,8 +33,7 @@ from tma_ray.results.parquet import decode, decode_rows, encode, encode_together
 from tma_ray.results.reader import Results
 from tma_ray.results.records import RunStatus
 from tma_ray.results.schema import DATA_TABLES, SCHEMAS, Table, to_arrow
-from tma_ray.results.storage.errors import ResultsRootError
-from tma_ray.results.storage.store import Store
+from tma_ray.results.storage import ResultsRootError, Store
 from tma_ray.results.verification import Inspector
 
 SINGLE_RUNS = "single_runs"
@@ -455,7 +454,7 @@ def _free_name(store: Store, experiment: str, run_ids: Collection[str]) -> str:
 
 
 def _files(store: Store) -> dict[str, int]:
-    return {path: store.size(path) for path in store.files(TABLES)}
+    return {path: size or 0 for path, (_, size) in store.stamps(TABLES).items()}
 
 
 @dataclass(frozen=True)

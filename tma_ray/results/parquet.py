@@ -17,7 +17,7 @@ import pyarrow.parquet as pq
 
 from tma_ray.decoding import MOST_BYTES, DamagedFileError
 from tma_ray.results.schema import SCHEMA_VERSION, SCHEMAS, VERSION_KEY, Table, completed, selected
-from tma_ray.results.storage.store import Store
+from tma_ray.results.storage import Store
 
 _Fields: TypeAlias = dict[int, Any]
 """Numbers and structures of Thrift by the number of their field."""

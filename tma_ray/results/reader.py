@@ -28,7 +28,7 @@ from tma_ray.results.manifest import (
 )
 from tma_ray.results.parquet import decode
 from tma_ray.results.schema import DATA_TABLES, SCHEMAS, Table, to_arrow
-from tma_ray.results.storage.store import Store
+from tma_ray.results.storage import Store
 from tma_ray.results.verification import damage_reason, lost_manifests
 
 S = TypeVar("S")

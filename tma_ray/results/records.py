@@ -12,8 +12,8 @@ from enum import StrEnum
 from typing import Any, Final
 
 from tma_ray.decoding import DamagedFileError, Natural, SmallNatural, decode_json
-from tma_ray.results.layout import manifest_path, progress_path
-from tma_ray.results.storage.store import Store
+from tma_ray.results.layout import MANIFESTS, manifest_path, progress_path
+from tma_ray.results.storage import Store
 
 HASHED_ID: Final = re.compile(r".*-s\d+-([0-9a-f]{12})")
 """An id that `run_id` of a spec has made: its end is the spec's `digest`."""
@@ -230,5 +230,6 @@ def unheard(store: Store, run_id: str, attempt: int) -> AttemptRecord:
 
     It has published nothing but its number, so that the run's manifest tells when it was started.
     """
-    started_at = store.modified_at(manifest_path(run_id)) or datetime.now(UTC)
+    written_at, _ = store.stamps(MANIFESTS).get(manifest_path(run_id), (None, None))
+    started_at = datetime.fromtimestamp(written_at / 1e9, UTC) if written_at else datetime.now(UTC)
     return AttemptRecord(run_id, attempt, started_at, 0.0, 0.0, "", "{}", AttemptOutcome.LOST)

@@ -31,8 +31,7 @@ from tma_ray.results.manifest import UNREADABLE, Manifest, PartFile, damaged_row
 from tma_ray.results.parquet import decode, opened
 from tma_ray.results.records import RunStatus
 from tma_ray.results.schema import DATA_TABLES, SCHEMAS, Table
-from tma_ray.results.storage.errors import StorageError
-from tma_ray.results.storage.store import Store
+from tma_ray.results.storage import StorageError, Store
 
 TRACES: Final = (*(f"{TABLES}/{table}" for table in DATA_TABLES), POLICIES, LOGS, CHECKPOINTS, STAGING)
 """Folders in which something is called like a run only after the run got its manifest."""

@@ -11,7 +11,7 @@ from tma_ray.results.layout import final_path, part_number, part_path, staging_f
 from tma_ray.results.manifest import PartFile
 from tma_ray.results.parquet import decode, encode
 from tma_ray.results.schema import DATA_TABLES, SCHEMAS, Table, completed, to_arrow
-from tma_ray.results.storage.store import Store
+from tma_ray.results.storage import Store
 
 
 class RunWriter:

@@ -1,1 +1,19 @@
-"""Files of a results root, on a disk or in an object store."""
+"""Storage of a results root: one contract, implemented by a folder, a bucket, and other addresses."""
+
+from tma_ray.results.storage.addresses import AddressStore
+from tma_ray.results.storage.base import ObjectStoreError, ResultsRootError, StorageError, Store, retry
+from tma_ray.results.storage.bucket import BucketStore
+from tma_ray.results.storage.folder import DISK_FULL, FolderStore, explained_disk
+
+__all__ = [
+    "DISK_FULL",
+    "AddressStore",
+    "BucketStore",
+    "FolderStore",
+    "ObjectStoreError",
+    "ResultsRootError",
+    "StorageError",
+    "Store",
+    "explained_disk",
+    "retry",
+]

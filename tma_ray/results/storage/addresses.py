@@ -6,15 +6,19 @@ is not there. Here a file is missing only if the place itself said so.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, contextmanager, suppress
+from pathlib import PurePosixPath
 from textwrap import shorten
-from typing import Any, Final, cast
+from typing import Any, Final, TypeVar, cast
 
 import pyarrow as pa
 from pyarrow import fs
 
-from tma_ray.results.storage.object_store import ObjectStoreError
+from tma_ray.decoding import MOST_TEXT_BYTES, check_size
+from tma_ray.results.storage.base import ObjectStoreError, Stamp, Store, Version
+
+T = TypeVar("T")
 
 ABSENT: Final = (404, 410)
 """HTTP answers of a place that lacks the file."""
@@ -31,6 +35,115 @@ EXPECTED: Final = (
     NotADirectoryError,
 )
 """What file systems raise of a request that makes no sense to them: no matter of the connection."""
+
+
+class AddressStore(Store, schemes=("*",)):
+    """A folder at an address of a file system that pyarrow or fsspec knows, mostly to read releases.
+
+    Such file systems have no conditional writes: `create` and `replace` look first, and exclude nobody.
+
+    Args:
+        filesystem: any `pyarrow.fs.FileSystem`.
+        base: path of the root in it.
+    """
+
+    def __init__(self, filesystem: Any, base: str) -> None:
+        super().__init__(base.rstrip("/"))
+        self.filesystem = filesystem
+        self.is_object_store = filesystem.type_name == "abfs"
+
+    @classmethod
+    def at(cls, uri: str) -> AddressStore:
+        """Returns the store at an address.
+
+        Raises:
+            ObjectStoreError: neither library knows its scheme, or one is missing.
+        """
+        return cls(*open_address(uri))
+
+    def __str__(self) -> str:
+        name = self.filesystem.type_name.removeprefix("py::fsspec+")
+        return self.base if "://" in self.base else f"{name}://{self.base.lstrip('/')}"
+
+    def _read(self, path: str, most_bytes: int) -> bytes:
+        with self.filesystem.open_input_file(self.full_path(path)) as file:  # a stream would ask bit by bit
+            check_size(self.where(path), file.size(), most_bytes)
+            return cast("bytes", file.read())
+
+    def _read_parts(self, path: str, read: Callable[[Any], T]) -> T:
+        with self.filesystem.open_input_file(self.full_path(path)) as file:
+            return read(file)
+
+    def read_version(self, path: str) -> tuple[bytes, Version]:
+        """Returns the content of a small file, which is its version too."""
+        data = self._read(path, MOST_TEXT_BYTES)
+        return data, data
+
+    def write_bytes(self, path: str, data: bytes) -> None:
+        """Writes or replaces a file.
+
+        Raises:
+            ObjectStoreError: addresses of this kind can only be read.
+        """
+        try:
+            self._make_parent(path)
+            with self.filesystem.open_output_stream(self.full_path(path), compression=None) as stream:
+                stream.write(data)  # one write: an object store publishes even an interrupted stream
+        except NotImplementedError as error:
+            raise ObjectStoreError(f"{self}: results at an address of this kind can only be read") from error
+
+    def create(self, path: str, data: bytes) -> bool:
+        """Writes a new file; False if there is one. Two may write at the same instant."""
+        if self.exists(path):
+            return False
+        self.write_bytes(path, data)
+        return True
+
+    def replace(self, path: str, data: bytes, version: Version) -> bool:
+        """Replaces a file of this `version`; False if it is another. Two may write at the same instant."""
+        if not self.exists(path) or self.read_version(path)[1] != version:
+            return False
+        self.write_bytes(path, data)
+        return True
+
+    def exists(self, path: str) -> bool:
+        """True if there is a file at `path`."""
+        return bool(self._info(path).type == fs.FileType.File)
+
+    def stamps(self, folder: str = "") -> dict[str, Stamp]:
+        """Returns the `Stamp` of each of `files` below `folder`, by path, sorted."""
+        found = self._listed(folder, recursive=True)
+        files = [info for info in found if info.type == fs.FileType.File]
+        return dict(sorted((f.path.removeprefix(self._prefix), (f.mtime_ns, f.size)) for f in files))
+
+    def _names(self, folder: str) -> set[str]:
+        return {info.base_name for info in self._listed(folder)}
+
+    def _listed(self, folder: str, *, recursive: bool = False) -> list[fs.FileInfo]:
+        full = self.full_path(folder) if folder else self.base
+        selector = fs.FileSelector(full, recursive=recursive, allow_not_found=True)
+        return cast("list[fs.FileInfo]", self.filesystem.get_file_info(selector))
+
+    def move(self, source: str, destination: str) -> None:
+        """Moves a file, replacing what is at `destination`."""
+        self._make_parent(destination)
+        self.filesystem.move(self.full_path(source), self.full_path(destination))
+
+    def delete(self, path: str) -> None:
+        """Deletes a file, or a folder with all it holds."""
+        kind = self._info(path).type
+        if kind == fs.FileType.File:
+            self.filesystem.delete_file(self.full_path(path))
+        elif kind == fs.FileType.Directory:
+            self.filesystem.delete_dir(self.full_path(path))
+
+    def _info(self, path: str) -> fs.FileInfo:
+        return self.filesystem.get_file_info(self.full_path(path))
+
+    def _make_parent(self, path: str) -> None:
+        if not self.is_object_store:  # which has no folders to make
+            parent = str(PurePosixPath(self.full_path(path)).parent)
+            self.filesystem.create_dir(parent, recursive=True)
 
 
 def open_address(uri: str) -> tuple[Any, str]:

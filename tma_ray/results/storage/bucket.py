@@ -1,0 +1,402 @@
+"""Buckets of S3 and Google Cloud Storage: addressing, credentials, retries, plain errors."""
+
+from __future__ import annotations
+
+import configparser
+import io
+import json
+import os
+import re
+import shlex
+import subprocess
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager, suppress
+from datetime import UTC, datetime, timedelta
+from pathlib import Path
+from textwrap import shorten
+from typing import Any, Final, TypeVar
+from urllib.parse import SplitResult, parse_qsl, unquote, urlencode, urlsplit
+
+import pyarrow as pa
+
+from tma_ray.decoding import MOST_TEXT_BYTES, check_size
+from tma_ray.results.storage.base import ObjectStoreError, Stamp, StorageError, Store, Version
+
+T = TypeVar("T")
+
+ATTEMPTS: Final = 10
+"""Tries of one request, with random pauses that grow up to `LONGEST_PAUSE`: about a minute in all."""
+
+FIRST_PAUSE: Final = timedelta(seconds=0.5)
+LONGEST_PAUSE: Final = timedelta(seconds=20)
+PAUSE_GROWTH: Final = 3.5
+"""A pause is drawn uniformly between the first one and this many times the one before."""
+
+SILENCE: Final = timedelta(seconds=30)
+"""Silence after which a request counts as lost: a store may take long to copy a large object."""
+
+CONNECT_TIME: Final = timedelta(seconds=10)
+"""Time that a connection may take."""
+
+REQUEST_TIME: Final = timedelta(hours=1)
+"""Time that one request may take, however slow the connection is."""
+
+PART_BYTES: Final = 10 * 2**20
+"""Size from which an object is uploaded in parts, and of each part."""
+
+READ_AHEAD_BYTES: Final = 2**20
+"""Bytes that are read at a time of an object that is read in parts."""
+
+FILE_CREDENTIALS_TIME: Final = timedelta(minutes=5)
+"""Time after which keys in AWS's own files are read again: others may renew them."""
+
+REASON_LENGTH: Final = 300
+"""Most characters of an answer of the store that are shown."""
+
+PARAMETERS: Final = {"s3": ("region", "scheme", "endpoint_override"), "gs": ("scheme", "endpoint_override")}
+"""Parameters of a URI, after its question mark."""
+
+_ADVICE: Final = {
+    "NoSuchBucket": "the bucket does not exist; create it, or correct the root",
+    "NoSuchUpload": "the upload was aborted by somebody else; run the same command again",
+    "AccessDenied": "the credentials in the environment do not allow it; a root needs the rights to list, "
+    "read, write and delete",
+    "InvalidAccessKeyId": "the store does not know the credentials in the environment",
+    "SignatureDoesNotMatch": "the secret key in the environment does not belong to the access key",
+    "ExpiredToken": "the credentials in the environment have expired; renew them and run the same again",
+}
+_CREDENTIALS: Final = {
+    "s3": "AWS_ACCESS_KEY_ID and AWS_SECRET_ACCESS_KEY (or a role)",
+    "gs": "GOOGLE_APPLICATION_CREDENTIALS (or a role)",
+}
+
+
+class BucketStore(Store, schemes=("s3", "gs")):
+    """A folder of a bucket: a small object is one PUT, a large one an upload whose end makes it visible.
+
+    Args:
+        objects: the bucket, a store of obstore.
+        address: scheme, bucket and folder of the root, for messages.
+        uri: address that leads another process there, without credentials.
+    """
+
+    is_object_store = True
+
+    def __init__(self, objects: Any, address: str, uri: str = "") -> None:
+        self._scheme, _, base = address.partition("://")
+        super().__init__(base)
+        self._folder = base.partition("/")[2]
+        self._objects = objects
+        self._uri = uri
+
+    @classmethod
+    def at(cls, uri: str) -> BucketStore:
+        """Returns the store at ``s3://bucket/folder`` or ``gs://bucket/folder``.
+
+        Credentials come from the environment. The region and the endpoint found here are part of what another
+        process is sent.
+
+        Raises:
+            ValueError: a URI with credentials, without bucket, or with a parameter not in `PARAMETERS`.
+            ObjectStoreError: the region of the bucket cannot be found out.
+        """
+        _refuse_credentials(uri)
+        parts = urlsplit(uri)
+        options = _parameters(parts)
+        path = "/".join([parts.netloc, *(name for name in unquote(parts.path).split("/") if name)])
+        if parts.scheme == "s3":
+            options = _s3_options(parts.netloc, options)
+        objects = _open(parts.scheme, parts.netloc, options)
+        query = f"?{urlencode(options)}" if options else ""
+        return cls(objects, f"{parts.scheme}://{path}", f"{parts.scheme}://{parts.netloc}{parts.path}{query}")
+
+    def __str__(self) -> str:
+        return f"{self._scheme}://{self.base}"
+
+    def __getstate__(self) -> dict[str, Any]:
+        return {**vars(self), "_objects": None} if self._uri else vars(self)
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        vars(self).update(state)
+        if self._uri:
+            self._objects = BucketStore.at(self._uri)._objects
+
+    def _read(self, path: str, most_bytes: int) -> bytes:
+        return self._get(path, most_bytes)[0]
+
+    def read_version(self, path: str) -> tuple[bytes, Version]:
+        """Returns content and tag of a small object."""
+        data, meta = self._get(path, MOST_TEXT_BYTES)
+        return data, {name: meta[name] for name in ("e_tag", "version") if meta.get(name)}
+
+    def _get(self, path: str, most_bytes: int) -> tuple[bytes, Mapping[str, Any]]:
+        with _explained(self.where(path)):
+            answer = self._objects.get(self._key(path))
+            check_size(self.where(path), answer.meta["size"], most_bytes)
+            return bytes(answer.bytes()), answer.meta
+
+    def _read_parts(self, path: str, read: Callable[[Any], T]) -> T:
+        with _explained(self.where(path)):
+            size = self._objects.head(self._key(path))["size"]
+            file = io.BufferedReader(_ObjectFile(self._objects, self._key(path), size), READ_AHEAD_BYTES)
+            return read(pa.PythonFile(file, mode="r"))
+
+    def write_bytes(self, path: str, data: bytes) -> None:
+        """Writes or replaces an object."""
+        with _explained(self.where(path)):
+            self._objects.put(self._key(path), data, chunk_size=PART_BYTES)
+
+    def create(self, path: str, data: bytes) -> bool:
+        """Writes a new object by a conditional request; False if there is one."""
+        return self._put_if(path, data, "create")
+
+    def replace(self, path: str, data: bytes, version: Version) -> bool:
+        """Replaces an object of this `version` by a conditional request; False if it is another."""
+        return self._put_if(path, data, version)
+
+    def _put_if(self, path: str, data: bytes, condition: Any) -> bool:
+        from obstore.exceptions import AlreadyExistsError, PreconditionError
+
+        with _explained(self.where(path)):
+            try:
+                self._objects.put(self._key(path), data, mode=condition)
+            except (AlreadyExistsError, PreconditionError):
+                return False
+            return True
+
+    def exists(self, path: str) -> bool:
+        """True if there is an object at `path`."""
+        try:
+            with _explained(self.where(path)):
+                self._objects.head(self._key(path))
+        except FileNotFoundError:
+            return False
+        return True
+
+    def stamps(self, folder: str = "") -> dict[str, Stamp]:
+        """Returns the `Stamp` of each of `files` below `folder`, by path, sorted."""
+        with _explained(self.where(folder)):
+            found = {each["path"]: each for each in self._listed(folder)}
+        parents = {path.rpartition("/")[0] for path in found} | {self._prefix_of(folder)}
+        start = len(self._folder) + 1 if self._folder else 0
+        return {
+            path[start:]: (int(each["last_modified"].timestamp() * 1e9), each["size"])
+            for path, each in sorted(found.items())
+            if each["size"] or path not in parents  # other programs mark folders by empty objects
+        }
+
+    def _names(self, folder: str) -> set[str]:
+        with _explained(self.where(folder)):
+            found = self._objects.list_with_delimiter(self._prefix_of(folder))
+        paths = (*found["common_prefixes"], *(each["path"] for each in found["objects"]))
+        return {path.rpartition("/")[2] for path in paths} - {""}
+
+    def move(self, source: str, destination: str) -> None:
+        """Copies an object, then deletes it at `source`."""
+        with _explained(self.where(source)):
+            self._objects.rename(self._key(source), self._key(destination))
+
+    def delete(self, path: str) -> None:
+        """Deletes an object, and all below a folder of this name."""
+        key = self._key(path)
+        with _explained(self.where(path)):
+            inner = [each["path"] for each in self._listed(path)]
+            if inner:
+                self._objects.delete(inner)
+            with suppress(FileNotFoundError):
+                self._objects.delete(key)
+
+    def check_listable(self) -> None:
+        """Refuses a bucket that does not exist or cannot be listed."""
+        self._names("")
+
+    def _listed(self, folder: str) -> Iterator[Mapping[str, Any]]:
+        return (each for batch in self._objects.list(self._prefix_of(folder)) for each in batch)
+
+    def _key(self, path: str) -> str:
+        """Returns `path` from the top of the bucket."""
+        return self.full_path(path).partition("/")[2]
+
+    def _prefix_of(self, folder: str) -> str:
+        return self._key(folder) if folder else self._folder
+
+
+class _ObjectFile(io.RawIOBase):
+    """An object that is read in parts."""
+
+    def __init__(self, objects: Any, key: str, size: int) -> None:
+        self._objects, self._key, self._size, self._at = objects, key, size, 0
+
+    def readable(self) -> bool:
+        return True
+
+    def seekable(self) -> bool:
+        return True
+
+    def seek(self, offset: int, whence: int = io.SEEK_SET) -> int:
+        self._at = offset + {io.SEEK_SET: 0, io.SEEK_CUR: self._at, io.SEEK_END: self._size}[whence]
+        return self._at
+
+    def readinto(self, buffer: Any) -> int:
+        count = min(len(buffer), self._size - self._at)
+        if count <= 0:
+            return 0
+        buffer[:count] = bytes(self._objects.get_range(self._key, start=self._at, length=count))
+        self._at += count
+        return count
+
+
+@contextmanager
+def _explained(where: str) -> Iterator[None]:
+    """Turns what obstore raises within the block into errors that name `where` and say what to do.
+
+    Raises:
+        FileNotFoundError: the object is not there.
+        ObjectStoreError: everything else that the store answered, after all tries.
+    """
+    from obstore.exceptions import BaseError
+
+    try:
+        yield
+    except StorageError:
+        raise
+    except (BaseError, OSError) as error:
+        text = str(error).partition("\n\nDebug source")[0]
+        if isinstance(error, FileNotFoundError) and "NoSuchBucket" not in text:
+            raise FileNotFoundError(f"{where} is not there") from error
+        raise ObjectStoreError(f"{where}: {_advice(text)} ({shorten(text, REASON_LENGTH)})") from error
+
+
+def _advice(text: str) -> str:
+    for code, advice in _ADVICE.items():
+        if code in text:
+            return advice
+    return (
+        "the object store went on failing after all retries; what was published before is safe, and the same "
+        "command continues from there"
+    )
+
+
+def _refuse_credentials(uri: str) -> None:
+    scheme, _, rest = uri.partition("://")
+    bucket = re.split("[/?#]", rest)[0]
+    # A colon is enough: a secret may hold a slash, after which the rest of it looks like a path.
+    if "@" in bucket or ":" in bucket or "@" in uri.partition("?")[2]:
+        raise ValueError(
+            f"a {scheme}:// root must not hold credentials, since roots are shown and logged: give "
+            f"{scheme}://bucket/folder, and {_CREDENTIALS[scheme]} in the environment"
+        )
+
+
+def _parameters(parts: SplitResult) -> dict[str, str]:
+    if not parts.netloc:
+        raise ValueError(f"a {parts.scheme}:// root needs a bucket: {parts.scheme}://bucket/folder")
+    given = dict(parse_qsl(parts.query, keep_blank_values=True))
+    unknown = sorted(set(given) - set(PARAMETERS[parts.scheme]))
+    if unknown or parts.fragment:
+        raise ValueError(
+            f"{parts.scheme}://{parts.netloc} cannot take the parameter {(unknown or ['#'])[0]!r}; known are "
+            f"{', '.join(PARAMETERS[parts.scheme])}, and credentials belong in the environment"
+        )
+    return given
+
+
+def _s3_options(bucket: str, given: dict[str, str]) -> dict[str, str]:
+    """Returns where the bucket is: as the URI says, else the environment, else as AWS itself says."""
+    environment = os.environ.get
+    endpoint = (
+        given.get("endpoint_override")
+        or environment("AWS_ENDPOINT_URL_S3")
+        or environment("AWS_ENDPOINT_URL")
+    )
+    region = given.get("region") or environment("AWS_REGION") or environment("AWS_DEFAULT_REGION")
+    if endpoint:
+        scheme = {"scheme": given["scheme"]} if "scheme" in given else {}
+        return {"region": region or "us-east-1", "endpoint_override": endpoint, **scheme}
+    if region is None:
+        from pyarrow import fs  # obstore does not ask AWS for the region
+
+        with _explained(f"s3://{bucket}"):
+            region = fs.resolve_s3_region(bucket)
+    return {"region": region}
+
+
+def _open(scheme: str, bucket: str, options: Mapping[str, str]) -> Any:
+    """Returns the bucket as obstore knows it."""
+    from obstore.store import GCSStore, S3Store
+
+    endpoint = options.get("endpoint_override", "")
+    if endpoint and "://" not in endpoint:
+        endpoint = f"{options.get('scheme', 'https')}://{endpoint}"
+    client: Any = {
+        "allow_http": endpoint.startswith("http://"),
+        "connect_timeout": CONNECT_TIME,
+        "read_timeout": SILENCE,
+        "timeout": REQUEST_TIME,
+    }
+    retries: Any = {
+        "max_retries": ATTEMPTS - 1,
+        "retry_timeout": REQUEST_TIME,
+        "backoff": {"init_backoff": FIRST_PAUSE, "max_backoff": LONGEST_PAUSE, "base": PAUSE_GROWTH},
+    }
+    config: Any = {"endpoint" if scheme == "s3" else "base_url": endpoint} if endpoint else {}
+    if scheme == "gs":
+        return GCSStore(bucket, config=config, client_options=client, retry_config=retries)
+    provider: Any = _profile_credentials()
+    config["region"] = options["region"]
+    return S3Store(
+        bucket, config=config, client_options=client, retry_config=retries, credential_provider=provider
+    )
+
+
+def _profile_credentials() -> Callable[[], dict[str, Any]] | None:
+    """Returns a reader of the keys of a profile in AWS's own files, None where obstore finds others.
+
+    Raises:
+        ObjectStoreError: the profile has no keys and no process that prints some.
+    """
+    environment = os.environ.get
+    if any(environment(name) for name in ("AWS_ACCESS_KEY_ID", "AWS_WEB_IDENTITY_TOKEN_FILE")):
+        return None
+    name = environment("AWS_PROFILE", "default")
+    if not _profile(name):
+        if name == "default":
+            return None
+        raise ObjectStoreError(f"AWS_PROFILE={name}: AWS's own files have no such profile; correct it")
+    if {"aws_access_key_id", "credential_process"}.isdisjoint(_profile(name)):
+        if {"role_arn", "sso_session", "sso_start_url"}.isdisjoint(_profile(name)):
+            return None
+        raise ObjectStoreError(
+            f"the profile {name!r} needs AWS's own tools: "
+            f'eval "$(aws configure export-credentials --profile {name} --format env)" first'
+        )
+    return lambda: _keys(_profile(name))
+
+
+def _profile(name: str) -> dict[str, str]:
+    """Returns the settings of a profile in AWS's configuration and credentials files."""
+    found: dict[str, str] = {}
+    for variable, place, section in (
+        ("AWS_CONFIG_FILE", "~/.aws/config", name if name == "default" else f"profile {name}"),
+        ("AWS_SHARED_CREDENTIALS_FILE", "~/.aws/credentials", name),
+    ):
+        parser = configparser.RawConfigParser()
+        parser.read(Path(os.environ.get(variable, place)).expanduser())
+        if parser.has_section(section):
+            found |= dict(parser[section])
+    return found
+
+
+def _keys(profile: Mapping[str, str]) -> dict[str, Any]:
+    """Returns the keys of a profile as obstore takes them, with the time at which it asks again."""
+    expires: Any = datetime.now(UTC) + FILE_CREDENTIALS_TIME
+    if "aws_access_key_id" in profile:
+        names = "aws_access_key_id", "aws_secret_access_key", "aws_session_token"
+        key, secret, token = (profile.get(name) for name in names)
+    else:
+        command = shlex.split(profile["credential_process"])
+        answer = json.loads(subprocess.run(command, check=True, capture_output=True).stdout)  # noqa: S603
+        key, secret, token = (answer.get(name) for name in ("AccessKeyId", "SecretAccessKey", "SessionToken"))
+        if "Expiration" in answer:
+            expires = datetime.fromisoformat(answer["Expiration"])
+    return {"access_key_id": key, "secret_access_key": secret, "token": token, "expires_at": expires}

@@ -1,0 +1,391 @@
+"""A folder: files written durably and whole, made exclusively, replaced under locks of the system."""
+
+from __future__ import annotations
+
+import errno
+import fcntl
+import hashlib
+import os
+import shutil
+import stat
+import time
+from collections.abc import Callable, Collection, Iterator
+from contextlib import contextmanager, suppress
+from pathlib import Path, PurePosixPath
+from typing import Any, Final, TypeVar
+from urllib.parse import unquote, urlsplit
+
+import pyarrow as pa
+
+from tma_ray.commands.places import expanded
+from tma_ray.decoding import MOST_TEXT_BYTES, DamagedFileError, check_file, read_file
+from tma_ray.results.storage.base import TEMPORARY, ResultsRootError, Stamp, StorageError, Store, Version
+
+T = TypeVar("T")
+
+DISK_FULL: Final = (errno.ENOSPC, errno.EDQUOT)
+"""Error numbers of a disk, or one's share of it, that is full."""
+
+_ADVICE: Final = {
+    errno.ENOSPC: "free some space there",
+    errno.EDQUOT: "your quota there is used up; free some space",
+    errno.EROFS: "it is mounted read-only",
+    errno.EACCES: "you may not do that there",
+    errno.ENOTDIR: "part of it is a file, not a folder",
+    errno.ELOOP: "its symbolic links lead in a circle",
+    errno.ENAMETOOLONG: "a name in it is too long",
+}
+
+CHECKOUT: Final = (".git", "pyproject.toml")
+"""Names of which the top folder of a source checkout has one."""
+
+LOCK_SECONDS: Final = 5.0
+"""How long to wait for a lock that another process keeps, which may be frozen, s."""
+
+LOCK_PAUSE: Final = 0.005
+"""Between two tries to get it, s."""
+
+FILE_ENDINGS: Final = (".json", ".parquet", ".safetensors", ".log")
+"""Endings of names that no folder of a root has."""
+
+
+class FolderStore(Store, schemes=("", "file")):
+    """A folder of a file system: files are written aside, synced and renamed.
+
+    Nothing is read, written, moved or deleted through a symbolic link that leads out of the root. What cannot
+    be deleted at once is moved to the folder of temporary files and swept later.
+    """
+
+    @classmethod
+    def at(cls, uri: str) -> FolderStore:
+        """Returns the store at a path or a ``file://`` address."""
+        path = unquote(urlsplit(uri).path) if uri.startswith("file://") else uri
+        return cls(expanded(path).absolute().as_posix())
+
+    def __str__(self) -> str:
+        return self.base
+
+    def _read(self, path: str, most_bytes: int) -> bytes:
+        self._refuse_links_out(path)
+        with explained_disk(self.where(path)):
+            return read_file(self.full_path(path), most_bytes)
+
+    def _read_parts(self, path: str, read: Callable[[Any], T]) -> T:
+        self._refuse_links_out(path)
+        with explained_disk(self.where(path)):
+            check_file(self.full_path(path))
+            with pa.OSFile(self.full_path(path)) as file:
+                return read(file)
+
+    def read_version(self, path: str) -> tuple[bytes, Version]:
+        """Returns content and checksum of a small file."""
+        data = self._read(path, MOST_TEXT_BYTES)
+        return data, hashlib.sha256(data).hexdigest()
+
+    def write_bytes(self, path: str, data: bytes) -> None:
+        """Writes or replaces a file."""
+        target = self._own_path(path)
+        with explained_disk(self.where(path)):
+            write_file(target, self._aside(), data)
+
+    def create(self, path: str, data: bytes) -> bool:
+        """Writes a new file by an exclusive link, which needs no locks; False if there is one."""
+        target = self._own_path(path)
+        with explained_disk(self.where(path)):
+            return write_file(target, self._aside(), data, exclusive=True)
+
+    def replace(self, path: str, data: bytes, version: Version) -> bool:
+        """Replaces a file of this `version` under the lock of the root's folder; False if it is another."""
+        with explained_disk(self.where(path)), locked_folder(Path(self.base)):
+            try:
+                if self.read_version(path)[1] != version:
+                    return False
+            except FileNotFoundError:
+                return False
+            self.write_bytes(path, data)
+            return True
+
+    def exists(self, path: str) -> bool:
+        """True if there is a file at `path`."""
+        with explained_disk(self.where(path)):
+            return Path(self.full_path(path)).is_file()
+
+    def holds(self, path: str) -> bool:
+        """True if anything lies at `path`: a file, or something else in its place."""
+        return os.path.lexists(self.full_path(path))
+
+    def stamps(self, folder: str = "") -> dict[str, Stamp]:
+        """Returns the `Stamp` of each of `files` below `folder`, by path, sorted."""
+        full = self.full_path(folder) if folder else self.base
+        self._refuse_links_out(folder)
+        with explained_disk(self.where(folder)), suppress(FileNotFoundError):
+            return dict(sorted(stamps_below(self.base, full or "/")))
+        return {}
+
+    def _names(self, folder: str) -> set[str]:
+        full = self.full_path(folder) if folder else self.base
+        with explained_disk(self.where(folder)), suppress(FileNotFoundError, NotADirectoryError):
+            return set(os.listdir(full))  # noqa: PTH208 - thousands of names
+        return set()
+
+    def move(self, source: str, destination: str) -> None:
+        """Moves a file, replacing what is at `destination`."""
+        old, new = self._own_path(source), self._own_path(destination)
+        with explained_disk(self.where(source)):
+            make_folder(new.parent)
+            old.replace(new)
+            sync_folder(new.parent)
+            sync_folder(old.parent)
+
+    def delete(self, path: str) -> None:
+        """Deletes a file, a link but not its target, or a folder at once, even while it is written to."""
+        here = self._own_path(path)
+        with explained_disk(self.where(path)):
+            if here.is_dir() and not here.is_symlink():
+                here = here.replace(self._aside())
+            delete(here)
+
+    def check_place(self, *folders: str) -> None:
+        """Refuses a folder that cannot be a results root, and links in `folders` that lead out of it."""
+        with explained_disk(self.where("")):
+            refuse_place(Path(self.base))
+        for folder in folders:
+            self._refuse_links_out(folder)
+
+    def check_access(self) -> None:
+        """Refuses a folder that cannot be a results root."""
+        self.check_place()
+
+    def clear_temporaries(self, older_than: float) -> None:
+        """Deletes temporary files of this root that are older than `older_than` s."""
+        self._refuse_links_out(TEMPORARY)
+        for name in sorted(self._names(TEMPORARY)):
+            if self.is_temporary(f"{TEMPORARY}/{name}"):
+                file = Path(self.base, TEMPORARY, name)
+                with suppress(FileNotFoundError):  # finished meanwhile
+                    if time.time() - file.lstat().st_mtime > older_than:
+                        delete(file)
+
+    def temporary(self) -> str:
+        """Returns a new path for a temporary file, whose folder is made; the name has the root's inode.
+
+        Raises:
+            DamagedFileError: the folder is a symbolic link that leads out of the root.
+        """
+        self._refuse_links_out(TEMPORARY)
+        make_folder(Path(self.base, TEMPORARY))
+        return super().temporary()
+
+    def _mark(self) -> str:
+        return f"tma_ray-{Path(self.base).stat().st_ino}-"
+
+    def _refuse_links_out(self, path: str) -> None:
+        """Refuses symbolic links that lead out of the root: it may be others' who made it."""
+        if links_out(self.base, path):
+            raise DamagedFileError(
+                f"{self.where(path)} is damaged: a symbolic link leads out of the root or nowhere"
+            )
+
+    def _own_path(self, path: str) -> Path:
+        """Returns the full path, unless a link in its folder leads out of the root."""
+        full = self.full_path(path)
+        self._refuse_links_out(str(PurePosixPath(path).parent))
+        return Path(full)
+
+    def _aside(self) -> Path:
+        return Path(self.full_path(self.temporary()))
+
+
+@contextmanager
+def explained_disk(where: str, kinds: Collection[int] | None = None) -> Iterator[None]:
+    """Turns what the operating system raises within the block into errors that name `where`.
+
+    Args:
+        where: name of the file or folder.
+        kinds: error numbers that are explained; None for all.
+
+    Raises:
+        FileNotFoundError: as it came.
+        DamagedFileError: a folder lies where the file should be.
+        StorageError: everything else.
+        OSError: as it came, of another kind.
+    """
+    try:
+        yield
+    except (FileNotFoundError, StorageError):
+        raise
+    except IsADirectoryError as error:  # which no patience mends
+        raise DamagedFileError(f"{where} is damaged: a folder lies in its place") from error
+    except OSError as error:
+        if kinds is not None and error.errno not in kinds:
+            raise
+        advice = _ADVICE.get(error.errno or 0, "the disk refuses it")
+        raise StorageError(
+            f"{where}: {advice} ({error}); what was published before is safe, and the same command continues "
+            f"from there"
+        ) from error
+
+
+def write_file(target: Path, temporary: Path, data: bytes, *, exclusive: bool = False) -> bool:
+    """Writes a file by way of a `temporary` one, atomically and durably.
+
+    Args:
+        target: where to.
+        temporary: a name in an existing folder of the same file system; nothing is left there.
+        data: the content.
+        exclusive: only if the file does not exist yet.
+
+    Returns:
+        False if it was to be new and is not.
+    """
+    make_folder(target.parent)
+    try:
+        with temporary.open("wb") as file:
+            file.write(data)
+            file.flush()
+            os.fsync(file.fileno())
+        if exclusive:
+            target.hardlink_to(temporary)
+        else:
+            temporary.replace(target)
+    except FileExistsError:
+        return False
+    finally:
+        temporary.unlink(missing_ok=True)
+    sync_folder(target.parent)
+    return True
+
+
+@contextmanager
+def locked_folder(folder: Path) -> Iterator[None]:
+    """Keeps other processes out of blocks under the lock of the same folder, which is made if need be.
+
+    The lock ends with its process. Where the file system has none, or it is not to be had for `LOCK_SECONDS`,
+    the block is entered without.
+    """
+    make_folder(folder)
+    descriptor = os.open(folder, os.O_RDONLY)
+    try:
+        _lock(descriptor)
+        yield
+    finally:
+        os.close(descriptor)
+
+
+def make_folder(folder: Path) -> None:
+    """Makes a folder and its parents durably: each new name is synced in the folder that holds it."""
+    missing = [path for path in (folder, *folder.parents) if not path.exists()]
+    for path in reversed(missing):
+        path.mkdir(exist_ok=True)
+        sync_folder(path.parent)
+
+
+def sync_folder(folder: Path) -> None:
+    """Makes the names in a folder survive a crash of the machine."""
+    descriptor = os.open(folder, os.O_RDONLY)
+    try:
+        os.fsync(descriptor)
+    finally:
+        os.close(descriptor)
+
+
+def _lock(descriptor: int) -> None:
+    """Locks an open folder, unless its file system has no locks or another process keeps it too long."""
+    deadline = time.monotonic() + LOCK_SECONDS
+    while time.monotonic() < deadline:
+        try:
+            fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            time.sleep(LOCK_PAUSE)
+        except OSError:
+            return
+        else:
+            return
+
+
+def links_out(base: str, path: str) -> bool:
+    """Tells whether a symbolic link between the folder `base` and `path` leads out of it, or nowhere."""
+    place, linked = base, False
+    for part in path.split("/"):
+        place = f"{place}/{part}"
+        linked = linked or os.path.islink(place)  # noqa: PTH114 - five times as fast, for thousands of files
+    if not linked:
+        return False
+    try:
+        return not Path(place).resolve().is_relative_to(Path(base).resolve())
+    except (OSError, RuntimeError):  # a circle
+        return True
+
+
+def stamps_below(base: str, folder: str) -> Iterator[tuple[str, tuple[int | None, int | None]]]:
+    """Yields paths from `base`, times of writing (ns since 1970) and bytes of all files below `folder`.
+
+    Time and bytes are None of what lies in the place of a file: pipes, sockets and devices, links that lead
+    nowhere, in a circle or out of `base`, folders that are called like a file or cannot be listed.
+
+    Raises:
+        OSError: `folder` itself cannot be listed.
+    """
+    with os.scandir(folder) as entries:
+        for entry in entries:
+            path = entry.path[len(base) + 1 :]
+            try:
+                found = entry.stat()
+            except OSError as error:
+                if entry.is_symlink() or not isinstance(error, FileNotFoundError):  # else it went meanwhile
+                    yield path, (None, None)
+                continue
+            if stat.S_ISREG(found.st_mode):
+                yield path, (found.st_mtime_ns, found.st_size)
+            elif not stat.S_ISDIR(found.st_mode) or (entry.is_symlink() and _strays(base, path)):
+                yield path, (None, None)
+            else:
+                yield from _stamps_in(base, entry.path)
+
+
+def _stamps_in(base: str, folder: str) -> Iterator[tuple[str, tuple[int | None, int | None]]]:
+    path = folder[len(base) + 1 :]
+    if path.endswith(FILE_ENDINGS):
+        yield path, (None, None)
+    try:
+        yield from stamps_below(base, folder)
+    except FileNotFoundError:  # it went meanwhile
+        return
+    except OSError:
+        yield path, (None, None)
+
+
+def _strays(base: str, path: str) -> bool:
+    """Returns True if a link to a folder leads out of the folder `base`, or to one that the link lies in."""
+    return links_out(base, path) or Path(base, path).parent.resolve().is_relative_to(
+        Path(base, path).resolve()
+    )
+
+
+def refuse_place(folder: Path) -> None:
+    """Refuses a folder that holds more than results.
+
+    Raises:
+        ResultsRootError: it is the root of the file system, the user's home, or the top of a source checkout.
+    """
+    place = Path(os.path.realpath(folder))  # no error of links in a circle
+    if place == Path(place.anchor):
+        problem = "the root of the file system"
+    elif place == Path(os.path.expanduser("~")).resolve():  # noqa: PTH111 - some users have no home
+        problem = "your home folder"
+    elif any((place / name).exists() for name in CHECKOUT):
+        problem = "the top of a source checkout"
+    else:
+        return
+    raise ResultsRootError(
+        f"{folder} is {problem}: results need a folder of their own, such as {place / 'results'}"
+    )
+
+
+def delete(path: Path) -> None:
+    """Deletes a file, a link but not its target, or as much of a folder as can be; fine if there is none."""
+    if path.is_dir() and not path.is_symlink():
+        shutil.rmtree(path, ignore_errors=True)
+    else:
+        with suppress(FileNotFoundError, NotADirectoryError):
+            path.unlink()
