@@ -39,9 +39,9 @@ from tma_ray.later_imports import import_later
 if TYPE_CHECKING:
     from analysis import baselines, figures
     from analysis.baselines import find_baseline
+    from analysis.charts.paper import style
     from analysis.comparisons.aggregates import interquartile_means
     from analysis.data.curricula import curriculum_of
-    from analysis.figures import style
     from analysis.tables.paper_tables import result_tables
 
 __all__ = [
@@ -84,7 +84,7 @@ __getattr__, __dir__ = import_later(  # what takes long to import
     parts={
         "baselines": "analysis.baselines",
         "figures": "analysis.figures",
-        "style": "analysis.figures.style",
+        "style": "analysis.charts.paper.style",
     },
 )
 

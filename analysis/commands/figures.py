@@ -6,9 +6,9 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from analysis.baselines.catalogue import Sources, published, read
+from analysis.charts.paper.style import Vector, save
 from analysis.comparisons.measured import measure
-from analysis.figures.paper_figures import Drawing, drawings, published_drawings
-from analysis.figures.style import Vector, save
+from analysis.figures import Drawing, drawings, published_drawings
 from analysis.looks import shown_together
 from tma_ray.part_names import nearest
 

@@ -150,6 +150,13 @@ def ceilings(frames: Frames) -> pd.DataFrame:
     ]
 
 
+def ceiling_percent(frames: Frames, environment: str) -> float | None:
+    """Returns the test tasks that any run ever masters in an environment, in %; None of several test sets."""
+    found = ceilings(frames)
+    found = found[found["environment"] == environment]
+    return float(100 * found["ever"].iloc[0] / found["tasks"].iloc[0]) if len(found) == 1 else None
+
+
 def ceilings_in_words(frames: Frames) -> list[str]:
     """Returns a sentence for each row of `ceilings`."""
     return [

@@ -14,6 +14,12 @@ import numpy as np
 import pandas as pd
 
 from analysis.baselines.catalogue import Sources, places_of, read
+from analysis.charts.base import END
+from analysis.charts.curves import learning_curves
+from analysis.charts.intervals import overview_chart, seeds_chart
+from analysis.charts.page import PageChart, on_page
+from analysis.charts.paper import Picture, draw
+from analysis.charts.radars import radar
 from analysis.claims.judging import decided, root_verdicts
 from analysis.comparisons.boards import headlines, ranks
 from analysis.comparisons.frame import pairwise, pairwise_from_statistics
@@ -36,15 +42,12 @@ from analysis.comparisons.sides import (
 )
 from analysis.data.frames import Frames
 from analysis.data.reference import PAPER
-from analysis.figures.radars import radar
-from analysis.figures.style import Picture
 from analysis.formatting import ends, listed, number, p_value, plus_minus
 from analysis.looks import look, shown_together
 from analysis.measures.evaluations import aggregate
 from analysis.measures.pooling import COMPARED, SETTINGS, by_students, parts_of, pooled
 from analysis.measures.tested import MEASURE, QUANTITIES, how_tested
 from analysis.names import label, mark_of, marked_label, own_first, teacher_order
-from analysis.pages.charts import END, Chart, curve_chart, overview_chart, seeds_chart
 from analysis.pages.page import (
     SHOWN,
     Controls,
@@ -71,7 +74,7 @@ class Place:
         chosen_by: its values in the columns that readers choose by.
         rows: cells of the ranking, the best teacher first.
         step_rows: JSON of what changes of them at every evaluation.
-        points: teacher, seed, step (or `charts.END`) and value of every run.
+        points: teacher, seed, step (or `END`) and value of every run.
         charts: learning curves, and seed by seed.
     """
 
@@ -81,7 +84,7 @@ class Place:
     rows: list[dict[str, Any]]
     step_rows: str
     points: pd.DataFrame
-    charts: tuple[Chart, ...]
+    charts: tuple[PageChart, ...]
 
 
 def places(
@@ -117,7 +120,7 @@ def places(
         )
 
 
-def places_chart(found: list[Place], measure: str = MEASURE) -> Iterator[Chart]:
+def places_chart(found: list[Place], measure: str = MEASURE) -> Iterator[PageChart]:
     """Yields the chart of all places at once, if there are several."""
     if len(found) > 1:
         points = pd.concat([place.points for place in found], ignore_index=True)
@@ -126,7 +129,7 @@ def places_chart(found: list[Place], measure: str = MEASURE) -> Iterator[Chart]:
         caption = "Marks are means over runs, lines their 95 % intervals, of results that may be compared."
         few = caveat(points.groupby(["comparison", "teacher"])["seed"].nunique().min())
         caption += f" {few}" if few else ""
-        yield overview_chart(points, titles, QUANTITIES[measure], "All challenges", caption)
+        yield on_page(overview_chart(points, titles, QUANTITIES[measure], "All challenges", caption))
 
 
 def _at(frame: pd.DataFrame, place: dict[str, Any]) -> pd.DataFrame:
@@ -147,7 +150,7 @@ def _points(ends: pd.DataFrame, along: pd.DataFrame, measure: str) -> pd.DataFra
     return table[table["value"].notna()]
 
 
-def _charts(anchor: str, points: pd.DataFrame, measure: str) -> Iterator[Chart]:
+def _charts(anchor: str, points: pd.DataFrame, measure: str) -> Iterator[PageChart]:
     if points.empty:
         return
     along = points[points["step"] != END].astype({"step": "int64"})
@@ -155,10 +158,10 @@ def _charts(anchor: str, points: pd.DataFrame, measure: str) -> Iterator[Chart]:
         table = aggregate(along, "value", ["teacher"])
         caption = "Lines are means over runs, bands ± one standard error of the mean."
         title = "Mastered test tasks over training"
-        yield curve_chart(f"{anchor}-curves", table, QUANTITIES[MEASURE], title, caption)
+        yield on_page(learning_curves(table, QUANTITIES[MEASURE], f"{anchor}-curves", title, caption))
     caption = "Rings are runs, marks their means with 95 % intervals."
     shown = points if measure == MEASURE else points[points["step"] == END]
-    yield seeds_chart(f"{anchor}-runs", shown, QUANTITIES[measure], "Run by run", caption)
+    yield on_page(seeds_chart(shown, QUANTITIES[measure], f"{anchor}-runs", "Run by run", caption))
 
 
 def _step_rows(along: pd.DataFrame) -> dict[str, dict[str, dict[str, str]]]:
@@ -341,7 +344,7 @@ def _radar(
     name: str, table: pd.DataFrame, tests: pd.DataFrame, title: str, caption: str
 ) -> Iterator[Picture]:
     try:
-        figure = radar(table, tests)
+        figure = draw(radar(table, tests))
     except ValueError:  # no challenge of Stump Tracks, or no results yet
         return
     yield Picture.of(name, figure, title, caption)

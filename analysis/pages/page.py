@@ -13,6 +13,8 @@ from typing import Any
 import pandas as pd
 from jinja2 import Environment, PackageLoader, StrictUndefined
 
+from analysis.charts.page import PageChart, on_page, plotly_library
+from analysis.charts.profiles import FEWEST, profile_chart
 from analysis.comparisons.boards import THRESHOLDS, overall_rows, performance_profiles
 from analysis.comparisons.sentences import caveat
 from analysis.data.reference import is_baseline
@@ -21,8 +23,6 @@ from analysis.looks import look
 from analysis.measures.pooling import COMPARED
 from analysis.measures.tested import MEASURE, QUANTITIES
 from analysis.names import challenge_title, marked_label, teacher_order
-from analysis.pages.charts import Chart, plotly_library, profile_chart
-from analysis.pages.charts.curves import FEWEST
 from tma_ray.commands.texts import visible
 
 
@@ -248,7 +248,7 @@ class Overall:
 
     rows: list[dict[str, Any]]
     over: str
-    charts: list[Chart]
+    charts: list[PageChart]
     quantity: str
     caveat: str
 
@@ -270,7 +270,7 @@ def _caveat(runs: pd.DataFrame, measure: str) -> str:
     return caveat(counted.groupby([*COMPARED, "teacher"], dropna=False)["run_id"].nunique().min())
 
 
-def _charts(runs: pd.DataFrame, measure: str) -> Iterator[Chart]:
+def _charts(runs: pd.DataFrame, measure: str) -> Iterator[PageChart]:
     for count, (where, table) in enumerate(performance_profiles(runs, measure), start=1):
         title = f"Performance profiles, {where}"
-        yield profile_chart(f"profiles-{count}", table, QUANTITIES[measure], title, CAPTION)
+        yield on_page(profile_chart(table, QUANTITIES[measure], f"profiles-{count}", title, CAPTION))

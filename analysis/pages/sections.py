@@ -4,35 +4,31 @@ from __future__ import annotations
 
 import json
 from collections.abc import Collection, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 import pandas as pd
 
+from analysis.charts.base import END, Chart
+from analysis.charts.base import MASTERED as MASTERED_TITLE
+from analysis.charts.curricula import dimension_bands
+from analysis.charts.curves import learning_curves
+from analysis.charts.intervals import overview_chart, seeds_chart
+from analysis.charts.mastery import mastery_chart
+from analysis.charts.page import PageChart, on_page
+from analysis.charts.paper import Picture, draw
+from analysis.charts.profiles import hidden_scalars, scalar_chart
+from analysis.charts.tasks import EPISODES, probed_tasks, training_tasks
 from analysis.comparisons.frame import along_baseline, reference_of
 from analysis.comparisons.measured import Measured, curricula_of, in_whose_space, which_runs
 from analysis.comparisons.sentences import MASTERED, caveat, findings, verdict
-from analysis.data.curricula import Curriculum, task_axes
+from analysis.data.curricula import Curriculum, moments, task_axes
 from analysis.data.frames import GROUP, Frames
 from analysis.data.reference import is_baseline
-from analysis.figures.curricula import curriculum_pictures
-from analysis.figures.style import Picture
 from analysis.formatting import amount, ends, listed, number, p_value, plus_minus
 from analysis.looks import look
-from analysis.measures.evaluations import RECENT, aggregate, mastered_tasks
+from analysis.measures.evaluations import RECENT, aggregate, ceiling_percent, mastered_tasks
 from analysis.names import challenge_title, label, teacher_order
-from analysis.pages.charts import (
-    END,
-    Chart,
-    curve_chart,
-    mastery_charts,
-    overview_chart,
-    probed_task_charts,
-    seeds_chart,
-    training_task_charts,
-)
-from analysis.pages.charts.curves import hidden_scalars, scalar_charts
-from analysis.pages.charts.tasks import EPISODES
 from analysis.pages.page import FILTERS
 from analysis.statistics import describe
 
@@ -72,46 +68,28 @@ def threshold(value: float) -> str:
 
 
 CURVES = (
-    ("mastered_percent", "Mastered test tasks (%)", "Mastered test tasks over training"),
+    ("mastered_percent", MASTERED_TITLE, "Mastered test tasks over training"),
     ("evaluation_return", "Mean return on the test set", "Return on the test set"),
     ("training_return", "Mean return of training episodes", "Return in training"),
 )
 """Column, label of the axis and title of each learning curve."""
 
-QUANTITIES = {column: quantity for column, quantity, _ in CURVES}
+LARGEST = 20
+"""Spaces with more varied dimensions are not drawn dimension by dimension."""
 
 
-MOST_ACROSS = 4
-"""Charts of a panel side by side."""
-
-
-@dataclass(frozen=True, eq=False)
-class Panel:
-    """Charts that stand together, one for each teacher, under one caption."""
-
-    title: str
-    caption: str
-    charts: tuple[Chart, ...]
-
-    @property
-    def across(self) -> int:
-        """Charts that the panel has side by side where there is room."""
-        return min(len(self.charts), MOST_ACROSS)
-
-
-def charts_of(mine: Measured, anchor: str) -> Iterator[Chart]:
-    """Yields learning curves, and every seed at any step."""
+def charts_of(mine: Measured, anchor: str, ceiling: float | None) -> Iterator[Chart]:
+    """Yields learning curves, and every seed at any step; the ceiling is that of mastered tasks, in %."""
     for value, quantity, title in CURVES:
         table = mine.training if value == "training_return" else mine.evaluations
         if len(table):
-            curves = aggregate(table, value)
-            name = f"{anchor}-{value.replace('_', '-')}"
-            yield curve_chart(name, curves, quantity, title, curve_caption(value, table))
+            curves, name = aggregate(table, value), f"{anchor}-{value.replace('_', '-')}"
+            highest = ceiling if value == MASTERED.column else None
+            yield learning_curves(curves, quantity, name, title, curve_caption(value, table), highest)
     if len(mine.finals):
-        column = MASTERED.column
         caption = f"Rings are seeds, marks their means with 95 % intervals; {counts(mine.finals)}."
-        points = points_of(mine, column)
-        yield seeds_chart(f"{anchor}-seeds", points, QUANTITIES[column], "Seed by seed", caption)
+        points = points_of(mine, MASTERED.column)
+        yield seeds_chart(points, MASTERED_TITLE, f"{anchor}-seeds", "Seed by seed", caption)
 
 
 def points_of(mine: Measured, column: str) -> pd.DataFrame:
@@ -124,47 +102,57 @@ def points_of(mine: Measured, column: str) -> pd.DataFrame:
 
 def panels_of(
     frames: Frames, mine: Measured, curricula: Mapping[str, Curriculum], anchor: str
-) -> Iterator[Panel]:
+) -> Iterator[Chart]:
     """Yields which test tasks are mastered, and what teachers would teach, at any step."""
     if mine.finals.empty:
         return
-    axes = task_axes(mine.cells)
-    along = _shares(frames, mine)
-    for test_set, shares in along.groupby("test_set"):
+    axes, which = task_axes(mine.cells), which_runs(curricula)
+    for test_set, shares in _shares(frames, mine).groupby("test_set"):
         tasks = frames.test_tasks[frames.test_tasks["test_set"] == test_set]
         caption = (
             f"Share of seeds whose return on the task is over {thresholds(mine.cells)}, from faint for none "
             f"to strong for all, of the {len(tasks)} tasks of test set {test_set}; beside each name the "
             f"mean over tasks; {counts(mine.finals)}."
         )
-        charts = tuple(mastery_charts(f"{anchor}-mastery-{test_set}", shares, tasks, axes, caption))
-        yield Panel("Which test tasks are mastered", caption, charts)
-    yield from _curricula(mine, curricula, anchor)
-
-
-def _curricula(mine: Measured, curricula: Mapping[str, Curriculum], anchor: str) -> Iterator[Panel]:
-    axes, which = task_axes(mine.cells), which_runs(curricula)
-    training_tasks = (
+        yield mastery_chart(shares, tasks, axes, f"{anchor}-mastery-{test_set}", caption)
+    training = (
         f"{which}. Dots are training episodes of the latest fifth of it, at most {EPISODES}, coloured by "
         f"return, from dark violet for falling at once to yellow for mastered."
     )
-    probed_tasks = (
+    probed = (
         f"{which}. Dots are tasks probed without exploration; outlines are the teacher's latest Gaussians, "
         f"at two standard deviations, and its boxes.{in_whose_space(curricula)}"
     )
-    for title, name, charts_for, caption in (
-        ("Training tasks", "training-tasks", training_task_charts, training_tasks),
-        ("Probed tasks", "probed-tasks", probed_task_charts, probed_tasks),
-    ):
-        charts = tuple(charts_for(f"{anchor}-{name}", curricula, axes, caption))
-        if charts:
-            yield Panel(title, caption, charts)
     logs = f"{which}: what teachers log at their updates; bands show the range where points are dense."
     hidden = hidden_scalars(curricula)
     logs += f" {hidden} more are in the table teacher_log." if hidden else ""
-    charts = tuple(scalar_charts(f"{anchor}-teacher-log", curricula, logs))
-    if charts:
-        yield Panel("Teachers' logs", logs, charts)
+    found = (
+        training_tasks(curricula, axes, f"{anchor}-training-tasks", training),
+        probed_tasks(curricula, axes, f"{anchor}-probed-tasks", probed),
+        scalar_chart(curricula, f"{anchor}-teacher-log", logs),
+    )
+    yield from (chart for chart in found if chart is not None)
+
+
+def pictures_of(mine: Measured, curricula: Mapping[str, Curriculum], anchor: str) -> Iterator[Picture]:
+    """Yields the curricula dimension by dimension, where the task space is not a plane."""
+    axes = task_axes(mine.cells)
+    varied = sum(axis.low < axis.high for axis in axes)
+    probed = {teacher: each for teacher, each in curricula.items() if len(each.probes)}
+    whole_plane = len(axes) == varied == 2  # which charts show step by step
+    if not 0 < varied <= LARGEST or whole_plane or len(moments(probed)) < 2:
+        return
+    caption = (
+        f"{which_runs(curricula)}. Of the tasks probed without exploration: median, middle half and middle "
+        f"90 %, dimension by dimension. Dark lines: bounds of the teacher's box, or two standard deviations "
+        f"around its Gaussian; dots: means of several Gaussians, larger for more weight."
+    )
+    constant = len(axes) - varied
+    if constant:
+        caption += f" {constant} constant dimension{'s are' if constant > 1 else ' is'} left out."
+    figure, title = draw(dimension_bands(probed, axes)), "Curriculum over training, dimension by dimension"
+    name = f"{anchor}-curriculum-dimensions"
+    yield Picture.of(name, figure, title, caption + in_whose_space(curricula))
 
 
 def _shares(frames: Frames, mine: Measured) -> pd.DataFrame:
@@ -278,8 +266,8 @@ class Section:
     sentences: list[str]
     rows: list[dict[str, Any]]
     step_rows: str
-    charts: list[Chart]
-    panels: list[Panel]
+    charts: list[PageChart]
+    panels: list[PageChart]
     pictures: list[Picture]
 
 
@@ -294,7 +282,7 @@ def sections(frames: Frames, measured: Measured, shown: Collection[str]) -> Iter
     for anchor, title, mine in titled(measured):
         curricula = curricula_of(frames, mine)  # read once, for charts and figures
         leading = {teacher: each for teacher, each in curricula.items() if teacher in shown}
-        pictures = curriculum_pictures(mine, leading)
+        ceiling = ceiling_percent(frames, str(mine.cells["environment"].iloc[0]))
         first = mine.cells.iloc[0]
         yield Section(
             anchor=anchor,
@@ -303,9 +291,9 @@ def sections(frames: Frames, measured: Measured, shown: Collection[str]) -> Iter
             sentences=findings(mine.summary, mine.tests),
             rows=end_rows(mine),
             step_rows=json.dumps(step_rows(mine, measured)).replace("<", "\\u003c"),
-            charts=list(charts_of(mine, anchor)),
-            panels=list(panels_of(frames, mine, curricula, anchor)),
-            pictures=[replace(picture, name=f"{anchor}-{picture.name}") for picture in pictures],
+            charts=[on_page(chart) for chart in charts_of(mine, anchor, ceiling)],
+            panels=[on_page(chart) for chart in panels_of(frames, mine, curricula, anchor)],
+            pictures=list(pictures_of(mine, leading, anchor)),
         )
 
 
@@ -334,7 +322,7 @@ def _title(comparison: pd.Series, several: dict[str, bool]) -> str:
     return ", ".join(part for part in parts if part)
 
 
-def overview(measured: Measured) -> Iterator[Chart]:
+def overview(measured: Measured) -> Iterator[PageChart]:
     """Yields the chart of a root with several comparisons, if any run was evaluated."""
     found = list(titled(measured))
     if len(found) < 2 or measured.finals.empty:
@@ -346,9 +334,8 @@ def overview(measured: Measured) -> Iterator[Chart]:
     caption = "Marks are means over seeds, lines their 95 % intervals. Choose above what is shown and when."
     few = caveat(measured.finals.groupby(GROUP)["run_id"].nunique().min())
     caption += f" {few}" if few else ""
-    yield overview_chart(
-        pd.concat(points, ignore_index=True), rows, QUANTITIES[MASTERED.column], "All comparisons", caption
-    )
+    whole = pd.concat(points, ignore_index=True)
+    yield on_page(overview_chart(whole, rows, MASTERED_TITLE, "All comparisons", caption))
 
 
 def distinct(titles: Sequence[str]) -> list[str]:

@@ -16,9 +16,11 @@ import pandas as pd
 from PIL import Image
 
 from analysis.baselines import find_baseline
+from analysis.charts.base import PAGE_WIDTH
+from analysis.charts.curricula import MOST_SHOTS
 from analysis.data.curricula import curricula_of_runs, task_axes
 from analysis.data.frames import Frames
-from analysis.figures.curricula import MOST_SHOTS, REPORT_WIDTH, Shot, animation, film_strip
+from analysis.figures import Shot, animation, film_strip
 from analysis.names import label, teacher_order
 
 FRAMES, DPI, COLOURS = 9, 90, 64
@@ -52,7 +54,7 @@ def _draw(frames: Frames, runs: pd.DataFrame, path: Path) -> None:
     teachers = [str(run["teacher"]) for run in rows]
     shots = [Shot(label(name), name, each) for name, each in zip(teachers, curricula, strict=True)]
     plane: Any = tuple(task_axes(runs)[:2])
-    figure = film_strip(shots, plane, width=REPORT_WIDTH)
+    figure = film_strip(shots, plane, width=PAGE_WIDTH)
     figure.savefig(path.with_suffix(".png"), dpi=DPI)
     with Image.open(path.with_suffix(".png")) as picture:
         smaller = picture.convert("RGB").quantize(COLOURS)

@@ -13,10 +13,10 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from synthetic_curves import SKILL
 
+from analysis.charts.bars import compact_letter_display, lanes
+from analysis.charts.paper.style import png
 from analysis.comparisons.frame import pairwise_from_statistics
 from analysis.figures import Whisker, bars_with_pairs
-from analysis.figures.bars import compact_letter_display, lanes
-from analysis.figures.style import png
 
 
 def results(means: dict[str, float], std: float = 2.0, n: int = 16, **place: str) -> pd.DataFrame:

@@ -9,31 +9,27 @@ from typing import Any
 import numpy as np
 import pandas as pd
 import pytest
-from drawn_charts import figure_of
+from drawn_charts import figure_of, plot_of
 
+from analysis.charts.base import END
+from analysis.charts.curves import learning_curves
+from analysis.charts.intervals import overview_chart, rank_chart, seeds_chart
+from analysis.charts.mastery import SHARES, mastery_chart
+from analysis.charts.page import Plot, colour_scale
+from analysis.charts.profiles import profile_chart
+from analysis.charts.tasks import probed_tasks, training_tasks
+from analysis.comparisons.boards import Rank
 from analysis.data.curricula import Axis, Curriculum
-from analysis.pages.charts import (
-    END,
-    Chart,
-    curve_chart,
-    mastery_charts,
-    overview_chart,
-    probed_task_charts,
-    profile_chart,
-    seeds_chart,
-    training_task_charts,
-)
-from analysis.pages.charts.tasks import COLOURS
 from analysis.statistics import percent_interval
 
 PLANE = (Axis("Stump height", 0.0, 3.0), Axis("Obstacle spacing (m)", 0.0, 6.0))
 CUBE = (Axis("a", 0.0, 1.0), Axis("constant", 2.0, 2.0), Axis("b", -1.0, 1.0), Axis("c", 0.0, 10.0))
 
 
-def shown(chart: Chart, step: object) -> list[dict[str, Any]]:
-    """The traces of a chart at a step, as the page puts them together."""
-    figure_of(chart)
-    figure = json.loads(chart.json)
+def shown(plot: Plot, step: object) -> list[dict[str, Any]]:
+    """The traces of a plot at a step, as the page puts them together."""
+    figure_of(plot)
+    figure = json.loads(plot.json)
     (frame,) = (frame for frame in figure["frames"] if frame["name"] == str(step))
     traces = figure["data"]
     for place, patch in zip(frame["traces"], frame["data"], strict=True):
@@ -55,7 +51,7 @@ def points() -> pd.DataFrame:
 
 def test_a_curve_has_the_means_and_its_band_one_standard_error() -> None:
     table = pd.DataFrame({"teacher": "random", "step": [0, 5], "n": 4, "mean": [1.0, 3.0]})
-    chart = curve_chart("curve", table.assign(standard_error=0.5), "Return", "title", "caption")
+    chart = plot_of(learning_curves(table.assign(standard_error=0.5), "Return"))
     band, line = figure_of(chart).data
     assert list(line.x) == [0, 5]
     assert list(line.y) == [1.0, 3.0]
@@ -64,7 +60,7 @@ def test_a_curve_has_the_means_and_its_band_one_standard_error() -> None:
 
 
 def test_seeds_and_their_mean_are_those_of_the_step() -> None:
-    chart = seeds_chart("seeds", points(), "Mastered (%)", "title", "caption")
+    chart = plot_of(seeds_chart(points(), "Mastered (%)", "seeds", "title", "caption"))
     for step, dots, mean in ((100, [15.0, 25.0, 35.0], 25.0), (0, [0.0] * 3, 0.0), (END, [15, 25, 35], 25)):
         found = [trace for trace in shown(chart, step) if trace["meta"]["teacher"] == "alp_gmm"]
         assert found[0]["x"] == dots
@@ -79,9 +75,9 @@ def test_no_interval_of_a_percentage_ends_outside_0_and_100(
     rows = {"teacher": teacher, "seed": [1, 2, 3], "step": END, "value": values, "comparison": "one"}
     table, words = pd.DataFrame(rows), ("Mastered (%)", "title", "caption")
     if kind == "seeds":
-        chart = seeds_chart("seeds", table, *words)
+        chart = plot_of(seeds_chart(table, words[0], "seeds", *words[1:]))
     else:
-        chart = overview_chart(table, {"one": "First"}, *words)
+        chart = plot_of(overview_chart(table, {"one": "First"}, *words))
     trace = shown(chart, END)[-1]
     (mean,), reach = trace["x"], trace["error_x"]
     margin = 4.302653 * np.std(values, ddof=1) / np.sqrt(3)  # Student's t of 2 degrees of freedom
@@ -93,7 +89,8 @@ def test_no_interval_of_a_percentage_ends_outside_0_and_100(
 def test_an_overview_has_a_trace_for_each_comparison_and_teacher() -> None:
     twice = pd.concat([points().assign(comparison=name) for name in ("one", "two")])
     only = twice[(twice["comparison"] == "one") | (twice["teacher"] == "random")]
-    chart = overview_chart(only, {"one": "First", "two": "Second"}, "Mastered (%)", "title", "caption")
+    rows = {"one": "First", "two": "Second"}
+    chart = plot_of(overview_chart(only, rows, "Mastered (%)", "title", "caption"))
     pairs = [(trace.meta["comparison"], trace.meta["teacher"]) for trace in figure_of(chart).data]
     assert pairs == [("one", "random"), ("one", "alp_gmm"), ("two", "random")]
     assert [trace["x"] for trace in shown(chart, END)] == [[20.0], [25.0], [20.0]]
@@ -113,7 +110,7 @@ def test_mastered_tasks_are_shares_of_seeds_in_the_order_of_the_tasks() -> None:
             "share": [0.0, 0.5, 1.0, 0.5],
         }
     )
-    (chart,) = mastery_charts("mastery", shares, tasks, PLANE, "caption")
+    chart = plot_of(mastery_chart(shares, tasks, PLANE))
     (trace,) = figure_of(chart).data
     assert list(zip(trace.x, trace.y, strict=True)) == [
         (0, 5),
@@ -130,7 +127,7 @@ def test_tasks_on_a_full_grid_fill_the_map_at_every_step() -> None:
     steps = {0: [0.0, 0.5, 1.0, 0.25], END: [1.0, 0.5, 0.0, 0.75]}
     rows = [(step, index, share) for step, shares in steps.items() for index, share in enumerate(shares)]
     shares = pd.DataFrame(rows, columns=["step", "task_index", "share"]).assign(teacher="adr")
-    (chart,) = mastery_charts("mastery", shares, tasks, PLANE, "caption")
+    chart = plot_of(mastery_chart(shares, tasks, PLANE))
     (trace,) = figure_of(chart).data
     assert trace.type == "heatmap"
     scale = json.loads(chart.json)["data"][0]["colorscale"]  # by a name plotly.js has another one
@@ -145,7 +142,7 @@ def test_tasks_on_a_full_grid_fill_the_map_at_every_step() -> None:
 def test_tasks_of_many_dimensions_lie_in_rows_the_easiest_first() -> None:
     tasks = pd.DataFrame({"task_index": range(4), "task": [np.zeros(3, np.float32)] * 4})
     shares = pd.DataFrame({"teacher": "adr", "step": END, "task_index": range(4), "share": [0, 1, 0.5, 0.2]})
-    (chart,) = mastery_charts("mastery", shares, tasks, CUBE, "caption")
+    chart = plot_of(mastery_chart(shares, tasks, CUBE))
     places = dict(
         zip(
             zip(figure_of(chart).data[0].x, figure_of(chart).data[0].y, strict=True),
@@ -169,7 +166,7 @@ def curriculum(size: int, gaussians: list[dict[str, Any]], boxes: list[dict[str,
 def test_a_gaussian_is_outlined_at_two_standard_deviations() -> None:
     covariance = np.array([[0.3, 0.1], [0.1, 0.6]])
     gaussian = {"weight": 1.0, "mean": np.array([1.0, 2.0]), "covariance": covariance}
-    (chart,) = probed_task_charts("t", {"alp_gmm": curriculum(2, [gaussian], [])}, PLANE, "caption")
+    chart = plot_of(probed_tasks({"alp_gmm": curriculum(2, [gaussian], [])}, PLANE, "t", "caption"))
     _, outline, dots = shown(chart, 100)
     edge = np.array([outline["x"][:-1], outline["y"][:-1]]).T - [1.0, 2.0]
     distance = np.sqrt(np.einsum("ni,ij,nj->n", edge, np.linalg.inv(covariance), edge))
@@ -182,7 +179,7 @@ def test_a_gaussian_is_outlined_at_two_standard_deviations() -> None:
 
 def test_boxes_of_many_dimensions_span_their_share_of_each_column() -> None:
     box = {"low": np.array([0.25, 2.0, -1.0, 5.0]), "high": np.array([0.5, 2.0, 0.0, 10.0]), "score": 0.0}
-    (chart,) = probed_task_charts("t", {"adr": curriculum(4, [], [box])}, CUBE, "caption")
+    chart = plot_of(probed_tasks({"adr": curriculum(4, [], [box])}, CUBE, "t", "caption"))
     heights = np.array([height for height in shown(chart, 100)[0]["y"] if height is not None]).reshape(3, 5)
     assert heights.min(axis=1) == pytest.approx([0.25, 0.0, 0.5])
     assert heights.max(axis=1) == pytest.approx([0.5, 0.5, 1.0])
@@ -190,8 +187,8 @@ def test_boxes_of_many_dimensions_span_their_share_of_each_column() -> None:
 
 
 def test_training_tasks_are_coloured_by_return_part_by_part() -> None:
-    (chart,) = training_task_charts("t", {"adr": curriculum(2, [], [])}, PLANE, "caption")
-    assert [frame["name"] for frame in chart.drawing.frames] == [
+    chart = plot_of(training_tasks({"adr": curriculum(2, [], [])}, PLANE, "t", "caption"))
+    assert [frame["name"] for frame in chart.frames] == [
         "20",
         "100",
     ]  # parts without episodes have none
@@ -201,13 +198,14 @@ def test_training_tasks_are_coloured_by_return_part_by_part() -> None:
 
 def test_a_chart_cannot_end_its_script_element() -> None:
     hostile = "</script><script>alert(1)</script>"
-    chart = seeds_chart("seeds", points().replace("alp_gmm", hostile), "Mastered (%)", "title", "caption")
+    table = points().replace("alp_gmm", hostile)
+    chart = plot_of(seeds_chart(table, "Mastered (%)", "seeds", "title", "caption"))
     assert "<" not in chart.json
     assert hostile in json.loads(chart.json)["data"][2]["meta"]["teacher"]
 
 
 def test_tasks_that_more_seeds_master_are_darker() -> None:
-    shares, colours = zip(*COLOURS, strict=True)
+    shares, colours = zip(*colour_scale(SHARES.name), strict=True)
     assert (shares[0], shares[-1]) == (0, 1)
     brightness = [sum(map(int, re.findall(r"\d+", colour))) for colour in colours]
     assert brightness == sorted(brightness, reverse=True)
@@ -216,7 +214,8 @@ def test_tasks_that_more_seeds_master_are_darker() -> None:
 @pytest.mark.parametrize(("runs", "bands"), [(3, 0), (4, 0), (5, 1), (32, 1)])
 def test_a_profile_of_few_runs_has_no_band(runs: int, bands: int) -> None:
     table = pd.DataFrame({"threshold": [0, 50], "share": [1.0, 0.4], "low": [0.3, 0.0], "high": [1.0, 0.9]})
-    chart = profile_chart("profile", table.assign(teacher="adr", n=runs), "Mastered (%)", "title", "caption")
+    table = table.assign(teacher="adr", n=runs)
+    chart = plot_of(profile_chart(table, "Mastered (%)", "profile", "title", "caption"))
     assert sum(trace.fill == "toself" for trace in figure_of(chart).data) == bands
     assert sum(trace.fill != "toself" for trace in figure_of(chart).data) == 1
 
@@ -229,5 +228,22 @@ def test_an_axis_of_zeros_does_not_reach_below() -> None:
         "mean": [0.0, 0.0],
         "standard_error": [0.0, 0.0],
     }
-    chart = curve_chart("curves", pd.DataFrame(zeros), "Mastered test tasks (%)", "", "")
+    chart = plot_of(learning_curves(pd.DataFrame(zeros), "Mastered test tasks (%)"))
     assert figure_of(chart)["layout"]["yaxis"]["rangemode"] == "nonnegative"
+
+
+def test_ranks_are_marks_within_the_ranks_that_tests_leave_open() -> None:
+    rest = {"across": {}, "challenges": 3, "mean": 1.0, "low": 0.0, "high": 2.0, "n": 3, "fewest": 3, "of": 3}
+    first = Rank("adr", rank=1, better=("spdl",), worse=(), undecided=("random",), left_out=(), **rest)
+    last = Rank("spdl", rank=3, better=(), worse=("adr",), undecided=("random",), left_out=(), **rest)
+    best, worst = plot_of(rank_chart({"a board": [first, last]})).traces
+    assert (best["x"], best["error_x"]["array"], best["error_x"]["arrayminus"]) == ([1.0], [1.0], [0.0])
+    assert (worst["x"], worst["error_x"]["array"], worst["error_x"]["arrayminus"]) == ([3.0], [0.0], [1.0])
+
+
+@pytest.mark.parametrize(("highest", "drawn"), [(10.0, 0), (40.0, 1)])
+def test_a_ceiling_is_drawn_unless_it_would_flatten_the_curves(highest: float, drawn: int) -> None:
+    table = pd.DataFrame({"teacher": "adr", "step": [0, 5], "n": 4, "mean": [1.0, highest]})
+    chart = plot_of(learning_curves(table.assign(standard_error=0.5), "Mastered (%)", ceiling=57.0))
+    found = [trace for trace in figure_of(chart).data if trace.name == "mastered by any run"]
+    assert [list(trace.y) for trace in found] == [[57.0, 57.0]] * drawn

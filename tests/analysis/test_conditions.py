@@ -19,7 +19,7 @@ from analysis.comparisons.sentences import places, ranking, sentences
 from analysis.comparisons.sides import duels, side_of, together
 from analysis.comparisons.sides import sentences as duel_sentences
 from analysis.data.frames import Frames, load
-from analysis.figures.paper_figures import drawings
+from analysis.figures import drawings
 from analysis.measures.pooling import by_conditions, runs_after
 from tma_ray.benchmark.claims import Reading
 from tma_ray.tasks import KnowledgeLevel

@@ -12,9 +12,9 @@ from matplotlib.axes import Axes
 from matplotlib.colors import to_hex
 from synthetic_curves import MILLION, curve_runs
 
+from analysis.charts.paper.style import png
 from analysis.comparisons.frame import pairwise
 from analysis.figures import CurvePanel, curves_with_stars, pairwise_curves
-from analysis.figures.style import png
 from analysis.looks import look
 from analysis.measures.pooling import COMPARED, pooled
 
@@ -139,7 +139,7 @@ def test_every_pair_has_a_panel_with_its_two_curves_and_stars() -> None:
         for axes in figure.axes
     ]
     assert pairs == [{"Random", "ADR"}, {"Random", "ALP-GMM"}, {"ADR", "ALP-GMM"}]
-    found = stars(figure.axes[2])
+    found = {mark.get_gid(): mark.get_offsets()[:, 0].tolist() for mark in figure.axes[2].collections[2:]}
     differ = tests[(tests["first"] == "adr") & (tests["second"] == "alp_gmm") & (tests["p"] < 0.05)]
     assert found == {"alp_gmm-above-adr": differ["step"].tolist()}
 
@@ -177,6 +177,7 @@ def test_pairs_of_many_teachers_are_a_matrix_of_their_last_differences() -> None
     tests = pd.DataFrame({"first": ["teacher_00"], "second": ["random"], "step": [1000.0]})
     figure = pairwise_curves(many(39), tests.assign(holm=0.01, difference=3.0))
     axes = figure.axes[0]
-    assert axes.images[0].get_array().shape == (40, 40)
-    assert [list(line.get_xdata()) for line in axes.lines] == [[1, 0]]
+    cells, dots = axes.collections[:2]
+    assert cells.get_array().shape == (40, 40)
+    assert dots.get_offsets().tolist() == [[1, 0], [0, 1]]
     assert len({text.get_text() for text in axes.get_yticklabels()}) == 40

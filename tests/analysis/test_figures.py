@@ -5,10 +5,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from analysis.charts.paper.style import png
 from analysis.data.curricula import Axis
 from analysis.data.frames import GROUP
 from analysis.figures import final_bars, learning_curve, mastery_map
-from analysis.figures.style import png
 from analysis.formatting import amount, duration, number, plus_minus
 from analysis.looks import look, shown_together
 from analysis.names import label, short_labels, teacher_order
@@ -113,7 +113,7 @@ def test_the_map_puts_each_task_where_it_belongs() -> None:
     tasks["task_index"] = range(6)
     shares = pd.DataFrame({"teacher": "adr", "task_index": range(6), "share": [0.1, 0.2, 0.3, 0.4, 0.5, 0.6]})
     mesh = mastery_map(shares, tasks, PLANE).axes[0].collections[0]
-    np.testing.assert_allclose(mesh.get_array(), [[0.1, 0.2, 0.3], [0.4, 0.5, 0.6]])
+    np.testing.assert_allclose(mesh.get_array(), [[10, 20, 30], [40, 50, 60]])
 
 
 def test_the_map_of_scattered_tasks_is_one_row_per_teacher() -> None:
@@ -122,7 +122,7 @@ def test_the_map_of_scattered_tasks_is_one_row_per_teacher() -> None:
     )
     shares = pd.DataFrame({"teacher": "adr", "task_index": range(3), "share": [0.0, 1.0, 0.5]})
     mesh = mastery_map(shares, tasks, PLANE).axes[0].collections[0]
-    np.testing.assert_allclose(mesh.get_array(), [[1.0, 0.5, 0.0]])
+    np.testing.assert_allclose(mesh.get_array(), [[100, 50, 0]])
 
 
 def test_drawing_leaves_settings_alone_and_repeats_itself() -> None:

@@ -10,9 +10,9 @@ from synthetic_curves import MILLION, curve_runs
 from synthetic_pools import parkour
 from synthetic_results import SyntheticCampaign
 
+from analysis.charts.paper.style import png
 from analysis.data.frames import load
 from analysis.figures import body_panels, curves_with_stars, knowledge_panels
-from analysis.figures.style import png
 from analysis.measures.pooling import pool_runs
 from analysis.measures.run_measures import evaluations_at, training_returns_at
 

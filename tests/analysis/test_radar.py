@@ -14,10 +14,10 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from synthetic_pools import cell, pool
 
+from analysis.charts.paper.style import png
 from analysis.comparisons.frame import pairwise, pairwise_from_statistics
 from analysis.data.reference import paper_frame
-from analysis.figures.radars import radar
-from analysis.figures.style import png
+from analysis.figures import radar
 from analysis.looks import look
 from analysis.measures.pooling import pooled, reuse_random
 

@@ -85,7 +85,7 @@ def full(full_root: Path) -> Page:
 @pytest.fixture
 def unpainted(monkeypatch: pytest.MonkeyPatch) -> None:
     """Figures are made, but not painted, which takes most of a report's time: for tests of the words."""
-    monkeypatch.setattr("analysis.figures.style.png", lambda figure: b"\x89PNG")
+    monkeypatch.setattr("analysis.charts.paper.style.png", lambda figure: b"\x89PNG")
 
 
 @pytest.mark.parametrize("link", ["report", "report/index.html", "report/latex"])

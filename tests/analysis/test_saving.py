@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 from matplotlib.figure import Figure
 
-from analysis.figures.style import Vector, save
+from analysis.charts.paper.style import Vector, save
 
 
 def figure() -> Figure:

@@ -23,9 +23,6 @@ DPI = 150
 PRINT_DPI = 300
 """Resolution of the PNG files that `save` writes, in dots per inch."""
 
-ONE_COLUMN, TWO_COLUMNS = 3.3, 6.9
-"""Widths of a figure on the page of a paper, in inches."""
-
 STYLE: Any = {
     "font.family": "sans-serif",
     "font.sans-serif": ["DejaVu Sans"],  # ships with matplotlib: the same figure on every machine

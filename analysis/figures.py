@@ -1,4 +1,7 @@
-"""Every figure of the paper that results allow, as matplotlib figures by file name."""
+"""Figures for papers: one function each, data in, matplotlib figure out, and every figure that results allow.
+
+`analysis.charts` computes what is drawn, and `analysis.style.save` writes figures to files.
+"""
 
 from __future__ import annotations
 
@@ -12,30 +15,74 @@ from functools import partial
 import pandas as pd
 from matplotlib.figure import Figure
 
+from analysis.charts import bars, curricula, curves, intervals, mastery, radars
+from analysis.charts.bars import Whisker
+from analysis.charts.curricula import Shot
+from analysis.charts.curves import CurvePanel, body_panels, knowledge_panels
+from analysis.charts.paper import animate, draw, figure_of
+from analysis.charts.tasks import projected
+from analysis.comparisons.boards import leaderboards
 from analysis.comparisons.frame import pairwise, pairwise_from_statistics
 from analysis.comparisons.measured import Measured, curricula_of, examples_of
 from analysis.data.curricula import Axis, curriculum_of, task_axes
 from analysis.data.frames import COMPARISON, Frames
 from analysis.data.reference import BASELINE, is_baseline
-from analysis.figures import (
-    CurvePanel,
-    Shot,
-    animation,
-    bars_with_pairs,
-    body_panels,
-    curves_with_stars,
-    film_strip,
-    knowledge_panels,
-    mastery_map,
-    pairwise_curves,
-    projected,
-)
-from analysis.figures.curricula import curriculum_strip
-from analysis.figures.radars import radar
-from analysis.measures.evaluations import mastered_tasks
+from analysis.measures.evaluations import ceiling_percent, mastered_tasks
 from analysis.measures.pooling import COMPARED, PLUS, by_conditions, pooled, result_runs
 from analysis.measures.run_measures import evaluations_at, run_measures, training_returns_at
 from analysis.names import short_labels, title
+
+__all__ = [
+    "CurvePanel",
+    "Drawing",
+    "Shot",
+    "Whisker",
+    "animation",
+    "bars_with_pairs",
+    "body_panels",
+    "curriculum_strip",
+    "curves_with_stars",
+    "dimension_bands",
+    "drawings",
+    "film_strip",
+    "final_bars",
+    "knowledge_panels",
+    "learning_curve",
+    "mastery_map",
+    "pairwise_curves",
+    "projected",
+    "published_drawings",
+    "radar",
+]
+
+bars_with_pairs = figure_of(bars.bars_with_pairs)
+curriculum_strip = figure_of(curricula.curriculum_strip)
+curves_with_stars = figure_of(curves.curves_with_stars)
+dimension_bands = figure_of(curricula.dimension_bands)
+film_strip = figure_of(curricula.film_strip)
+final_bars = figure_of(intervals.final_bars)
+learning_curve = figure_of(curves.learning_curve)
+mastery_map = figure_of(mastery.mastery_map)
+pairwise_curves = figure_of(curves.pairwise_curves)
+radar = figure_of(radars.radar)
+
+
+def animation(
+    shots: Sequence[Shot], plane: tuple[Axis, Axis], frames: int = 30, seconds: float = 6.0
+) -> bytes:
+    """Returns a film strip in motion, as a GIF that repeats: a panel per run, drawn as in `film_strip`.
+
+    Args:
+        shots: as of `film_strip`; at most `curricula.MOST_SHOTS`.
+        plane: the two task dimensions.
+        frames: at most so many, and at most one for each step at which a teacher was probed.
+        seconds: length of the whole; the last frame stays for another second.
+
+    Raises:
+        ValueError: too many frames or runs, or what `film_strip` raises.
+    """
+    return animate(curricula.film(shots, plane, frames), seconds)
+
 
 MEASURE = "mastered_percent"
 
@@ -79,6 +126,7 @@ def published_drawings(table: pd.DataFrame) -> Iterator[Drawing]:
 
 def drawings(frames: Frames, measured: Measured) -> Iterator[Drawing]:
     """Yields the figures of a root: a set for each kind of results, the paper's or most of them first."""
+    yield Drawing("ranks", partial(_ranks, frames))
     final = result_runs(frames, run_measures(frames))
     early = result_runs(frames, run_measures(frames, share=EARLY))
     for tag, mine in by_conditions(final):
@@ -107,22 +155,31 @@ def _of_kind(frames: Frames, final: pd.DataFrame, early: pd.DataFrame) -> Iterat
     budget = int(final["steps"].iloc[0])
     steps = [int(step) for step in sorted(frames.evaluations["step"].unique()) if step <= budget]
     values = evaluations_at(frames, steps).merge(training_returns_at(frames, steps), "left")
-    curves = final.drop(columns=[column for column in values if column != "run_id"], errors="ignore")
-    curves = curves.merge(values, on="run_id")
-    draw = partial(curves_with_stars, every=budget // STARS)
-    for number, (_, mine) in enumerate(curves.groupby(COMPARED, dropna=False, sort=True), start=1):
+    along = final.drop(columns=[column for column in values if column != "run_id"], errors="ignore")
+    along = along.merge(values, on="run_id")
+    drawn = partial(_curves, budget // STARS)
+    for number, (_, mine) in enumerate(along.groupby(COMPARED, dropna=False, sort=True), start=1):
         place = (
             "-".join(str(mine[column].iloc[0]) for column in COMPARED[:2])
             + f"-{mine['expert_knowledge'].iloc[0]}"
         )
+        environment = str(mine["environment"].iloc[0])
         several = any(PLUS in pool for pool in mine["pool"])
-        panels = partial(body_panels, mine) if several else partial(_panel, mine)
-        yield Drawing(f"curves-{number:02}-{place}", partial(_curves, draw, panels))
+        panels = partial(
+            body_panels if several else _panel, mine, ceiling=ceiling_percent(frames, environment)
+        )
+        yield Drawing(f"curves-{number:02}-{place}", partial(drawn, panels))
         yield Drawing(f"pairs-{number:02}-{place}", partial(_pairs, mine))
-    for teacher, mine in curves[curves["environment"] == "stump_tracks"].groupby("teacher"):
+    for teacher, mine in along[along["environment"] == "stump_tracks"].groupby("teacher"):
         if mine["expert_knowledge"].nunique() > 1 and not is_baseline(str(teacher)):
-            panels = partial(knowledge_panels, mine)
-            yield Drawing(f"knowledge-{teacher}", partial(_curves, draw, panels))
+            yield Drawing(f"knowledge-{teacher}", partial(drawn, partial(knowledge_panels, mine)))
+
+
+def _ranks(frames: Frames) -> Figure:
+    boards = leaderboards(frames)
+    if not boards:
+        raise ValueError("no run has been evaluated")
+    return draw(intervals.rank_chart({board.title: [e.rank for e in board.entries] for board in boards}))
 
 
 def _radar(runs: pd.DataFrame) -> Figure:
@@ -135,14 +192,14 @@ def _bars(table: pd.DataFrame, tests: pd.DataFrame) -> Iterator[Drawing]:
         yield Drawing(f"bars-{environment}", partial(bars_with_pairs, mine, theirs))
 
 
-def _panel(runs: pd.DataFrame) -> list[CurvePanel]:
+def _panel(runs: pd.DataFrame, ceiling: float | None = None) -> list[CurvePanel]:
     tests = pairwise(runs, MEASURE, BASELINE, [*COMPARED, "step"], detectable=False)
     name = title("challenge", runs["challenge"].iloc[0])
-    return [CurvePanel(name, pooled(runs, [MEASURE], ["step"]), tests)]
+    return [CurvePanel(name, pooled(runs, [MEASURE], ["step"]), tests, ceiling=ceiling)]
 
 
-def _curves(draw: Callable[[list[CurvePanel]], Figure], panels: Callable[[], list[CurvePanel]]) -> Figure:
-    return draw(panels())
+def _curves(every: int, panels: Callable[[], list[CurvePanel]]) -> Figure:
+    return curves_with_stars(panels(), every)
 
 
 def _pairs(runs: pd.DataFrame) -> Figure:
@@ -169,8 +226,8 @@ def _of_comparison(frames: Frames, mine: Measured, name: str) -> Iterator[Drawin
             yield Drawing(f"{name}-motion{suffix}{end}", partial(_film, animation, shots, plane))
     if len(axes) == len(varied) == 2:
         for end, runs in _sheets(mine):
-            draw = partial(_training_tasks, frames, mine, runs, (axes[0], axes[1]))
-            yield Drawing(f"{name}-training-tasks{end}", draw)
+            drawn = partial(_training_tasks, frames, mine, runs, (axes[0], axes[1]))
+            yield Drawing(f"{name}-training-tasks{end}", drawn)
 
 
 def _sheets(mine: Measured) -> Iterator[tuple[str, dict[str, pd.Series]]]:
@@ -188,10 +245,10 @@ def _sheets(mine: Measured) -> Iterator[tuple[str, dict[str, pd.Series]]]:
 def _training_tasks(
     frames: Frames, mine: Measured, runs: Mapping[str, pd.Series], plane: tuple[Axis, Axis]
 ) -> Figure:
-    curricula = curricula_of(frames, mine, runs)
-    if not curricula:
+    shown = curricula_of(frames, mine, runs)
+    if not shown:
         raise ValueError("no run has played an episode")
-    return curriculum_strip(curricula, plane)
+    return curriculum_strip(shown, plane)
 
 
 def _shots(frames: Frames, runs: Mapping[str, pd.Series], dimensions: tuple[int, int] | None) -> list[Shot]:

@@ -1,0 +1,264 @@
+"""Curricula over a run: film strips and films of the task distribution, training tasks, dimensions."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from analysis.charts.base import (
+    PAGE_WIDTH,
+    PLAIN,
+    STEPS,
+    TWO_COLUMNS,
+    Chart,
+    Colours,
+    Curve,
+    Dots,
+    Kind,
+    Legend,
+    Mark,
+    Panel,
+    Scale,
+    grid,
+    spread,
+)
+from analysis.charts.tasks import POINTS, TaskView, episodes, return_colours, state, task_scale
+from analysis.data.curricula import PANELS, Axis, Curriculum, boxes_of, gaussians_of, moments
+from analysis.formatting import amount
+from analysis.looks import Look, look
+from analysis.names import short_labels, teacher_order
+
+SMALL = 1 / 3
+"""Share of both dimensions under which tasks of a run are drawn at their own scale."""
+
+QUANTILES = (0.05, 0.25, 0.5, 0.75, 0.95)
+"""Levels of the probed tasks: outer band, inner band, median."""
+
+UPDATES = 24
+"""Largest number of updates that are drawn, evenly spaced over those of a run."""
+
+MOST_FRAMES, MOST_SHOTS = 60, 12
+"""An animation has at most so many frames and panels, and so stays under a few megabytes."""
+
+
+class Shot(NamedTuple):
+    """One row of a film strip: a run, under the name of its teacher or of its seed."""
+
+    name: str
+    teacher: str
+    curriculum: Curriculum
+
+
+def film_strip(
+    shots: Sequence[Shot],
+    plane: tuple[Axis, Axis],
+    steps: Sequence[int] | None = None,
+    width: float = TWO_COLUMNS,
+) -> Chart:
+    """Returns probed tasks, Gaussians and boxes: a row per run, a column per moment.
+
+    Gaussians are drawn at two standard deviations, fuller for more weight; a single box as an outline;
+    several boxes as regions coloured by score, with a scale for each row. A row whose tasks lie in a small
+    part of the plane shows that part, in a frame of the teacher's colour.
+
+    Args:
+        shots: runs of several teachers, or of several seeds of one; of two task dimensions, else first
+            `analysis.charts.tasks.projected`.
+        plane: the two task dimensions.
+        steps: the moments; `MOMENTS` of them over the run if None.
+        width: of the figure, inches.
+
+    Raises:
+        ValueError: no runs, no probes, or tasks that are not two-dimensional.
+    """
+    steps = _checked(shots, steps)
+    rows: list[list[Panel]] = []
+    for shot in shots:
+        panels = [panel.at(step) for panel in [_moving(shot, plane, steps)] for step in steps]
+        titled = len(rows) == 0
+        rows.append(
+            [
+                replace(panel, title=_moment_name(step) if titled else "", side=shot.name)
+                for panel, step in zip(panels, steps, strict=True)
+            ]
+        )
+    side = 1.6 * width / PAGE_WIDTH
+    size, letters = (width, 0.9 + side * len(rows)), 8.5 if width >= PAGE_WIDTH else 6.5
+    return Chart("film", rows, legend=Legend.NONE, size=size, letters=letters)
+
+
+def film(shots: Sequence[Shot], plane: tuple[Axis, Axis], frames: int = 30) -> Chart:
+    """Returns a film strip in motion: a panel per run, each of whose moments is a frame.
+
+    Args:
+        shots: as of `film_strip`; at most `MOST_SHOTS`.
+        plane: the two task dimensions.
+        frames: at most so many, and at most one for each step at which a teacher was probed.
+
+    Raises:
+        ValueError: too many frames or runs, or what `film_strip` raises.
+    """
+    if not 1 <= frames <= MOST_FRAMES:
+        raise ValueError(f"{frames} frames: expected 1 to {MOST_FRAMES}, to bound the size of the file")
+    if len(shots) > MOST_SHOTS:
+        raise ValueError(f"{len(shots)} runs: expected at most {MOST_SHOTS} in one animation")
+    _checked(shots, None)
+    steps = moments({str(place): shot.curriculum for place, shot in enumerate(shots)}, frames)
+    rows = grid([_moving(shot, plane, steps) for shot in shots], 4)
+    size = 0.5 + 1.9 * max(len(rows[0]), 1.2), 0.75 + 2.0 * len(rows)
+    return Chart("motion", rows, legend=Legend.NONE, size=size)
+
+
+def _moving(shot: Shot, plane: tuple[Axis, Axis], steps: Sequence[int]) -> Panel:
+    """Returns the panel of a run at any of some moments, in the bounds of the plane or of its tasks."""
+    view, scores = TaskView(plane), _score_colours(shot.curriculum, steps)
+    tasks = np.concatenate([shot.curriculum.probed_at(step).reshape(-1, 2) for step in steps])
+    low, high = np.array([[axis.low, axis.high] for axis in plane]).T
+    least, most = (tasks.min(axis=0), tasks.max(axis=0)) if len(tasks) else (low, high)
+    own = bool((most - least < SMALL * (high - low)).all())
+    if own:
+        margin = np.maximum(0.1 * (most - least), 0.01 * (high - low))
+        low, high = np.maximum(least - margin, low), np.minimum(most + margin, high)
+    x, y = (
+        replace(task_scale(axis), low=float(bounds[0]), high=float(bounds[1]))
+        for axis, bounds in zip(plane, np.transpose([low, high]), strict=True)
+    )
+    frame = look(shot.teacher).colour if own else ""
+
+    def at(step: Any) -> Panel:
+        marks = state(shot.curriculum, shot.teacher, step, view, scores, None)
+        reached = len(shot.curriculum.probed_at(step))
+        return Panel(x, y, marks, shot.name, frame=frame, remark="" if reached else "not reached")
+
+    return replace(at(steps[-1]), moments=steps, moment=at)
+
+
+def _checked(shots: Sequence[Shot], steps: Sequence[int] | None) -> list[int]:
+    """Returns the moments to draw, `MOMENTS` over the runs if none are given."""
+    if not shots:
+        raise ValueError("no runs: expected at least one, to draw its curriculum")
+    for shot in shots:
+        tasks = shot.curriculum.probes["task"]
+        if len(tasks) and len(tasks.iloc[0]) != 2:
+            raise ValueError(
+                f"tasks of {shot.name} have {len(tasks.iloc[0])} dimensions: expected 2; choose two with "
+                f"analysis.figures.projected"
+            )
+    found = moments({str(i): shot.curriculum for i, shot in enumerate(shots)}) if steps is None else steps
+    if not len(found):
+        raise ValueError("no moments: expected runs whose teachers were probed, or steps")
+    return list(found)
+
+
+def _moment_name(step: int) -> str:
+    """Returns the heading of a moment: ``4 million steps``."""
+    return f"{amount(step)} steps" if step else "start"
+
+
+def _score_colours(curriculum: Curriculum, steps: Sequence[int]) -> Colours | None:
+    """Returns the colours of a teacher's regions over all moments; None if it has at most one at a time."""
+    updates = [curriculum.update_at(step) for step in steps]
+    boxes = [boxes_of(update) for update in updates if update is not None]
+    scores = [float(box["score"]) for each in boxes if len(each) > 1 for box in each]
+    # From pale for no score to dark for the highest; readable with any colour vision.
+    return Colours("YlGnBu", min(0.0, *scores), max(scores), "Score of a region") if scores else None
+
+
+def curriculum_strip(curricula: Mapping[str, Curriculum], plane: tuple[Axis, Axis]) -> Chart:
+    """Returns training episodes, coloured by return: a row per teacher, a column per part of the run.
+
+    Args:
+        curricula: one run for each teacher.
+        plane: the two task dimensions.
+    """
+    view, teachers = TaskView(plane), sorted(curricula, key=teacher_order)
+    names, colours = short_labels(teachers, 16), return_colours(curricula)
+    rows = []
+    for teacher in teachers:
+        parts = [curricula[teacher].during(part) for part in range(PANELS)]
+        rows.append(
+            [
+                Panel(
+                    *view.scales(),
+                    [episodes(part, teacher, view, colours, POINTS)],
+                    _part_name(number) if teacher == teachers[0] else "",
+                    side=names[teacher],
+                    remark="no episodes" if part.episodes.empty else "",
+                )
+                for number, part in enumerate(parts)
+            ]
+        )
+    size = PAGE_WIDTH, 0.9 + 1.75 * len(rows)
+    return Chart("training-tasks", rows, legend=Legend.NONE, size=size)
+
+
+def _part_name(part: int) -> str:
+    return f"{100 * part // PANELS}\N{EN DASH}{100 * (part + 1) // PANELS} %"
+
+
+def dimension_bands(curricula: Mapping[str, Curriculum], axes: Sequence[Axis]) -> Chart:
+    """Returns quantiles of probed tasks against steps: a row per dimension, a column per teacher.
+
+    Dark lines are the bounds of a teacher's box if it has a single one, or two standard deviations
+    around its Gaussian; dots the means of several Gaussians, larger for more weight.
+
+    Args:
+        curricula: one run for each teacher.
+        axes: the task dimensions; constant ones are left out.
+    """
+    teachers = sorted(curricula, key=teacher_order)
+    varied = [index for index, axis in enumerate(axes) if axis.high > axis.low]
+    names = short_labels(teachers, 14)
+    steps = Scale(STEPS, Kind.STEPS, 0.0, float(max(each.steps for each in curricula.values())))
+    rows = []
+    for index in varied:
+        y = task_scale(axes[index])
+        rows.append(
+            [
+                Panel(
+                    steps,
+                    y,
+                    [*_bands(curricula[teacher], index, teacher), *_shapes(curricula[teacher], index)],
+                    names[teacher] if index == varied[0] else "",
+                )
+                for teacher in teachers
+            ]
+        )
+    height = float(np.clip(7.2 / max(len(varied), 1), 0.5, 2.2))
+    width = float(np.clip(8.4 / len(teachers), 1.05, 4.0))
+    size = 1.8 + width * len(teachers), 0.8 + height * len(varied)
+    return Chart("dimensions", rows, legend=Legend.NONE, size=size)
+
+
+def _bands(curriculum: Curriculum, dimension: int, teacher: str) -> Iterator[Mark]:
+    steps = np.unique(curriculum.probes["step"])
+    levels = np.array([np.quantile(curriculum.probed_at(step)[:, dimension], QUANTILES) for step in steps]).T
+    style, x = look(teacher)._replace(marker="", dashes="-"), steps.astype(np.float64)
+    yield Curve(x=x, low=levels[0], high=levels[4], look=style, opacity=0.18)
+    yield Curve(x=x, y=levels[2], low=levels[1], high=levels[3], look=style, opacity=0.38, width=1.6)
+
+
+def _shapes(curriculum: Curriculum, dimension: int) -> Iterator[Mark]:
+    updates = curriculum.updates.sort_values("step", kind="stable")
+    bounds, means = [], []
+    for _, update in updates.iloc[spread(len(updates), UPDATES)].iterrows():
+        boxes, gaussians = boxes_of(update), gaussians_of(update)
+        if len(boxes) == 1:
+            bounds.append((update["step"], boxes[0]["low"][dimension], boxes[0]["high"][dimension]))
+        elif len(gaussians) == 1:
+            mean, covariance = gaussians[0]["mean"], gaussians[0]["covariance"]
+            reach = 2 * np.sqrt(covariance[dimension][dimension])
+            bounds.append((update["step"], mean[dimension] - reach, mean[dimension] + reach))
+        else:
+            total = sum(float(gaussian["weight"]) for gaussian in gaussians) or 1.0
+            means += [(update["step"], g["mean"][dimension], g["weight"] / total) for g in gaussians]
+    if bounds:
+        steps, *ends = np.array(bounds, dtype=np.float64).T
+        for end in ends:
+            yield Curve(x=steps, y=end, look=Look(PLAIN.colour, "", "-"), width=1.2)
+    if means:
+        steps, values, shares = np.array(means, dtype=np.float64).T
+        yield Dots(x=steps, y=values, size=1.8 * np.sqrt(1 + 8 * shares), opacity=0.55)

@@ -1,0 +1,531 @@
+"""Learning curves: of one comparison, panels with stars, every pair of teachers, the matrix of many."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+import pandas as pd
+
+from analysis.charts.base import (
+    LEAST_PERCENT,
+    LONGEST_NAME,
+    MASTERED,
+    ONE_COLUMN,
+    STEPS,
+    TOGETHER,
+    TWO_COLUMNS,
+    Cells,
+    Chart,
+    Colours,
+    Curve,
+    Dots,
+    Key,
+    Kind,
+    Legend,
+    Panel,
+    Rule,
+    Scale,
+    StarRow,
+    grid,
+    require,
+    require_unique,
+    significant,
+)
+from analysis.comparisons.frame import pairwise
+from analysis.data.reference import BASELINE, is_baseline
+from analysis.formatting import amount
+from analysis.looks import MUTED, Look, look
+from analysis.measures.evaluations import aggregate
+from analysis.measures.pooling import COMPARED, PLUS, pooled
+from analysis.names import label, order, short_labels, teacher_order, title
+from tma_ray.tasks import KnowledgeLevel
+
+MEASURES = {"mastered_percent": MASTERED, "training_return": "Mean training return"}
+"""Measures that case studies show side by side, with the titles of their axes."""
+
+EVERY = 5_000_000
+"""Steps between two stars (paper, figures of Parkour)."""
+
+LARGEST = 9
+"""Largest number of rows of `pairwise_curves`; of more a matrix shows the last differences."""
+
+FLATTENED = 0.5
+"""Share of the ceiling that curves must reach for it to be drawn with them."""
+
+MOST_MARKED = 45
+"""Largest number of points of a line with a marker for each."""
+
+LEVEL = "expert_knowledge"
+
+Line = tuple[str, str]
+"""A teacher and a level of expert knowledge."""
+
+_DASHES: dict[str, str | tuple[int, tuple[int, ...]]] = {
+    KnowledgeLevel.NONE.value: (0, (1, 1)),
+    KnowledgeLevel.LOW.value: (0, (4, 2)),
+    KnowledgeLevel.HIGH.value: "-",
+}
+_PALE = {KnowledgeLevel.NONE.value: 1.0, KnowledgeLevel.LOW.value: 0.6, KnowledgeLevel.HIGH.value: 0.0}
+
+
+def learning_curves(
+    table: pd.DataFrame,
+    quantity: str,
+    name: str = "curves",
+    heading: str = "",
+    caption: str = "",
+    ceiling: float | None = None,
+) -> Chart:
+    """Returns a line with its band for each teacher: mean ± one standard error over runs, against steps.
+
+    Args:
+        table: teacher, step, n, mean and standard_error, of `measures.evaluations.aggregate`.
+        quantity: title of the vertical axis, in % where it is a percentage.
+        name: identifier of the chart.
+        heading: what is shown.
+        caption: what is shown, of how many runs.
+        ceiling: value that no run exceeds; None if unknown.
+    """
+    names = short_labels(table["teacher"].astype(str), LONGEST_NAME)
+    many = len(table) and table.groupby("teacher")["step"].size().max() > MOST_MARKED
+    marks = [
+        curve
+        for teacher in sorted(names, key=teacher_order)
+        for curve in _curves(
+            table[table["teacher"] == teacher], look(teacher), names[teacher], teacher, 1.4 if many else 2.0
+        )
+    ]
+    y = Scale(quantity, Kind.PERCENT if "%" in quantity else Kind.NUMBER, grid=True)
+    panel = Panel(Scale(STEPS, Kind.STEPS), y, [*marks, *_ceiling(ceiling, marks)])
+    return Chart(name, [[panel]], heading, caption)
+
+
+def learning_curve(curves: pd.DataFrame, value: str, ylabel: str) -> Chart:
+    """Returns `learning_curves` of runs: a line starts where all its runs have values.
+
+    Args:
+        curves: teacher, run_id, step and `value`, of one comparison.
+        value: column that is shown.
+        ylabel: title of the vertical axis.
+    """
+    return learning_curves(aggregate(curves, value), ylabel)
+
+
+def _curves(
+    rows: pd.DataFrame, style: Look, name: str, teacher: str, width: float, fill: str = ""
+) -> Iterator[Curve]:
+    """Yields the line of some rows of mean and standard_error, sorted by step; nothing of no values."""
+    rows = rows[rows["mean"].notna()].sort_values("step")
+    if rows.empty:
+        return
+    mean, error = (rows[column].fillna(0).to_numpy(np.float64) for column in ("mean", "standard_error"))
+    words = [f"{m:.1f} ± {e:.1f}, n = {n:.0f}" for m, e, n in zip(mean, error, rows["n"], strict=True)]
+    yield Curve(
+        x=rows["step"].to_numpy(np.float64),
+        y=mean,
+        low=mean - error,
+        high=mean + error,
+        n=rows["n"].to_numpy(),
+        look=style,
+        fill=fill,
+        name=name,
+        teacher=teacher,
+        width=width,
+        words=words,
+        hover="{text}",
+    )
+
+
+def _ceiling(value: float | None, curves: Sequence[Curve]) -> Iterator[Rule]:
+    """Yields the line that no run exceeds, unless it is so high above all curves that it flattens them."""
+    highest = max((float(curve.high.max()) for curve in curves if curve.high is not None), default=0.0)
+    if value is not None and highest >= FLATTENED * value:
+        yield Rule(y=value, look=Look(MUTED, "", (0, (1, 2))), name="mastered by any run", width=1.0)
+
+
+@dataclass(frozen=True, eq=False)
+class CurvePanel:
+    """One panel of `curves_with_stars`.
+
+    Attributes:
+        title: what it shows, such as the body or the challenge.
+        curves: of ``pooled(runs, [measure], by=["step"])``: teacher, expert_knowledge, step, n, and
+            `measure` with the endings _mean and _std.
+        tests: of `pairwise.pairwise` with step among `within`, against one reference: of teachers, or
+            between levels with teacher among `within`; None for no stars.
+        measure: what is drawn.
+        name: what that is, with its unit.
+        ceiling: value that no run exceeds; None if unknown.
+    """
+
+    title: str
+    curves: pd.DataFrame
+    tests: pd.DataFrame | None = None
+    measure: str = "mastered_percent"
+    name: str = MASTERED
+    ceiling: float | None = None
+
+    def parts(self) -> list[CurvePanel]:
+        """Returns the panel of many teachers as several, each with the baseline and `TOGETHER` others."""
+        teachers = sorted(self.curves["teacher"].unique(), key=teacher_order) if len(self.curves) else []
+        others = [teacher for teacher in teachers if not is_baseline(teacher)]
+        if len(others) <= TOGETHER:
+            return [self]
+        base = [teacher for teacher in teachers if is_baseline(teacher)]
+        groups = [others[start : start + TOGETHER] for start in range(0, len(others), TOGETHER)]
+        column = "first" if self.tests is not None and "teacher" not in self.tests else "teacher"
+        return [
+            replace(
+                self,
+                title=f"{self.title} ({number} of {len(groups)})",
+                curves=self.curves[self.curves["teacher"].isin([*base, *group])],
+                tests=None if self.tests is None else self.tests[self.tests[column].isin(group)],
+            )
+            for number, group in enumerate(groups, start=1)
+        ]
+
+    def table(self) -> pd.DataFrame:
+        """Returns teacher, expert_knowledge, step, n, mean and standard_error, sorted by step."""
+        keys = ["teacher", "expert_knowledge", "step"]
+        return _table(self.curves, self.measure, keys, f"curves of panel {self.title!r}", empty=True)
+
+    def stars(self, every: int) -> pd.DataFrame:
+        """Returns line, step and difference of the significant tests at multiples of `every`."""
+        if self.tests is None or self.tests.empty:
+            return pd.DataFrame(columns=["line", "step", "difference"])
+        what = f"tests of panel {self.title!r}"
+        require(self.tests, ["step", "first", "second", "holm", "difference"], what)
+        due = self.tests[(self.tests["step"] > 0) & (self.tests["step"] % every == 0)]
+        if due.empty:
+            raise ValueError(
+                f"{what}: none at a multiple of {every:,} steps; tested at "
+                f"{', '.join(f'{step:,.0f}' for step in sorted(self.tests['step'].unique())[:5])}…"
+            )
+        rows = significant(due)
+        columns = ("teacher", "first") if "teacher" in self.tests else ("first", "expert_knowledge")
+        lines = list(zip(*(rows[column] for column in columns), strict=True))
+        return rows[["step", "difference"]].assign(line=pd.Series(lines, index=rows.index, dtype=object))
+
+
+def curves_with_stars(panels: Sequence[CurvePanel], every: int = EVERY, columns: int = 2) -> Chart:
+    """Returns mean ± standard error against steps, and above each panel stars where lines differ.
+
+    Colour and marker say the teacher, dashes and the filling of markers the level of expert knowledge where
+    a figure has several. Stars have a row for each line, with its marker at the end of the row: full where
+    the line is significantly above the reference, hollow where it is below.
+
+    Args:
+        panels: row by row.
+        every: steps between two stars.
+        columns: panels side by side, if there are as many.
+
+    Raises:
+        ValueError: no panels, none with results, two values of a line at a step, or tests none of which is
+            at a multiple of `every`.
+    """
+    if not panels:
+        raise ValueError("no panels: expected at least one")
+    parts = [part for panel in panels for part in panel.parts()]
+    tables = [part.table() for part in parts]
+    if all(table.empty for table in tables):
+        raise ValueError("no panel has results: expected at least one with something to draw")
+    stars = [part.stars(every) for part in parts]
+    looks = LineLooks(line for table in tables for line in _lines(table))
+    split = len(parts) > len(panels)
+    starred = [line for line in looks.lines if any(line in set(found["line"]) for found in stars)]
+    steps = Scale(STEPS, Kind.STEPS, 0.0, max(table["step"].max() for table in tables if len(table)))
+    drawn = [
+        _panel(part, table, found, looks, steps, _starred(starred, found, split))
+        for part, table, found in zip(parts, tables, stars, strict=True)
+    ]
+    rows = grid(drawn, 1 if split else columns)
+    width = TWO_COLUMNS if len(rows[0]) > 1 else ONE_COLUMN
+    return Chart(
+        "curves",
+        rows,
+        keys=_star_keys(parts, stars),
+        legend=Legend.BESIDE if split else Legend.TOP,
+        size=(width, 0.45 + len(rows) * (1.9 + 0.09 * (0 if split else len(starred)))),
+        letters=7.5,
+    )
+
+
+def _starred(starred: Sequence[Line], found: pd.DataFrame, split: bool) -> list[Line]:
+    return [line for line in starred if not split or line in set(found["line"])]
+
+
+def _panel(
+    part: CurvePanel,
+    table: pd.DataFrame,
+    found: pd.DataFrame,
+    looks: LineLooks,
+    steps: Scale,
+    rows: list[Line],
+) -> Panel:
+    marks = [
+        curve
+        for line in looks.lines
+        for curve in _curves(
+            table[(table["teacher"] == line[0]) & (table["expert_knowledge"] == line[1])],
+            looks.look(line),
+            looks.name(line),
+            line[0],
+            1.7,
+            looks.fill(line),
+        )
+    ]
+    stars = []
+    for line in rows:
+        mine = found[found["line"] == line]
+        above, below = (
+            list(mine.loc[way, "step"]) for way in (mine["difference"] > 0, mine["difference"] < 0)
+        )
+        stars.append(StarRow(looks.look(line), looks.fill(line), above, below, "-".join(line)))
+    kind = Kind.PERCENT if part.measure.endswith("percent") else Kind.NUMBER
+    remark = "no results" if table.empty else ""
+    ceiling = _ceiling(part.ceiling, marks)
+    return Panel(
+        steps, Scale(part.name, kind, grid=True), [*marks, *ceiling], part.title, stars=stars, remark=remark
+    )
+
+
+def _star_keys(panels: Sequence[CurvePanel], stars: Sequence[pd.DataFrame]) -> list[Key]:
+    """Returns what full and hollow stars mean, of those that there are."""
+    tests = [panel.tests for panel in panels if panel.tests is not None and len(panel.tests)]
+    references = sorted({str(name) for table in tests for name in table["second"]})
+    levels = any("teacher" in table for table in tests)
+    names = " or ".join(title("expert_knowledge", n).lower() if levels else label(n) for n in references)
+    differences = np.concatenate([found["difference"].to_numpy(float) for found in stars])
+    return [
+        Key("*", f"{word} {names} (p < 0.05 after Holm)", full, 6)
+        for word, full, there in (
+            ("above", True, (differences > 0).any()),
+            ("below", False, (differences < 0).any()),
+        )
+        if there
+    ]
+
+
+class LineLooks:
+    """Looks of the lines of one figure: told apart by teacher, and by level where there are several."""
+
+    def __init__(self, lines: Iterable[Line]) -> None:
+        self.lines = sorted(set(lines), key=lambda line: (teacher_order(line[0]), order(LEVEL, line[1])))
+        self._names = short_labels(teacher for teacher, _ in self.lines)
+        self._several_levels = len({level for _, level in self.lines}) > 1
+
+    def name(self, line: Line) -> str:
+        """Returns the name of a line in the legend."""
+        teacher, level = line
+        if not self._several_levels:
+            return self._names[teacher]
+        told = title("expert_knowledge", level)
+        return f"{self._names[teacher]}, {told.lower()}" if len(self._names) > 1 else told
+
+    def look(self, line: Line) -> Look:
+        """Returns colour, marker and dashes of a line."""
+        style = look(line[0])
+        return style._replace(dashes=_DASHES.get(line[1], "-")) if self._several_levels else style
+
+    def fill(self, line: Line) -> str:
+        """Returns the colour inside its markers, paler for less knowledge."""
+        pale = _PALE.get(line[1], 0.0) if self._several_levels else 0.0
+        colour = look(line[0]).colour
+        parts = [int(colour[place : place + 2], 16) for place in (1, 3, 5)]
+        return "#" + "".join(f"{round(part + (255 - part) * pale):02x}" for part in parts)
+
+
+def _lines(table: pd.DataFrame) -> set[Line]:
+    return set(table[["teacher", "expert_knowledge"]].itertuples(index=False, name=None))
+
+
+def _table(
+    curves: pd.DataFrame, measure: str, keys: Sequence[str], what: str, empty: bool = False
+) -> pd.DataFrame:
+    """Returns `keys`, n, mean and standard_error of a measure, sorted by step, where there is a mean."""
+    mean, std = f"{measure}_mean", f"{measure}_std"
+    columns = [*keys, "n", mean, std]
+    if len(curves) or not empty:
+        require(curves, columns, what)
+    table = curves.reindex(columns=columns).rename(columns={mean: "mean", std: "std"})
+    require_unique(table, keys, what)
+    table = table[table["mean"].notna()].sort_values("step")
+    return table.assign(standard_error=table["std"] / np.sqrt(table["n"].astype(float)))
+
+
+def body_panels(
+    runs: pd.DataFrame, measure: str = "mastered_percent", name: str = MASTERED, ceiling: float | None = None
+) -> list[CurvePanel]:
+    """Returns a panel over all bodies of a pool, if it has several, and one for each, tested against Random.
+
+    Args:
+        runs: rows of `pooling.pool_runs` with the values of `run_measures.evaluations_at`, of one comparison,
+            such as Parkour.
+        measure: what is drawn.
+        name: what that is, with its unit.
+        ceiling: value that no run exceeds; None if unknown.
+
+    Raises:
+        ValueError: the runs are not of one comparison.
+    """
+    _one(runs, COMPARED)
+    panels = []
+    if runs["embodiment"].nunique() > 1 or any(PLUS in pool for pool in runs["pool"]):
+        tests = pairwise(runs, measure, BASELINE, [*COMPARED, "step"], detectable=False)
+        curves = pooled(runs, [measure], ["step"])
+        panels.append(CurvePanel("All bodies", curves, tests, measure, name, ceiling))
+    for body in sorted(runs["embodiment"].unique()):
+        mine = runs[runs["embodiment"] == body]
+        curves = pooled(mine, [measure], ["embodiment", "step"])
+        tests = pairwise(mine, measure, BASELINE, [*COMPARED, "embodiment", "step"], detectable=False)
+        panels.append(CurvePanel(title("embodiment", body), curves, tests, measure, name, ceiling))
+    return panels
+
+
+def knowledge_panels(
+    runs: pd.DataFrame,
+    measures: Mapping[str, str] = MEASURES,
+    reference: KnowledgeLevel | None = KnowledgeLevel.HIGH,
+) -> list[CurvePanel]:
+    """Returns a row of panels for each challenge, one for each measure, at all levels of expert knowledge.
+
+    Args:
+        runs: rows of `pooling.pool_runs` with the `measures` at each step, of the teachers to be shown.
+        measures: columns of `runs`, with the titles of their axes.
+        reference: the level that the others are tested against; None for no tests.
+
+    Raises:
+        ValueError: the runs of a challenge differ in more than level and teacher.
+    """
+    within = [column for column in COMPARED if column != "expert_knowledge"]
+    panels = []
+    for challenge in sorted(runs["challenge"].unique(), key=lambda value: order("challenge", value)):
+        mine = runs[runs["challenge"] == challenge]
+        _one(mine, within)
+        for measure, name in measures.items():
+            tests, same = None, [*within, "teacher", "step"]
+            if reference is not None:
+                tests = pairwise(mine, measure, reference.value, same, "expert_knowledge", detectable=False)
+            curves = pooled(mine, [measure], ["step"])
+            panels.append(CurvePanel(title("challenge", challenge), curves, tests, measure, name))
+    return panels
+
+
+def _one(runs: pd.DataFrame, columns: Sequence[str]) -> None:
+    mixed = [column for column in columns if runs[column].nunique(dropna=False) > 1]
+    if mixed:
+        raise ValueError(
+            f"runs of several comparisons: expected one {', '.join(mixed)}; select the rows of one"
+        )
+
+
+def pairwise_curves(
+    curves: pd.DataFrame, tests: pd.DataFrame, measure: str = "mastered_percent", name: str = MASTERED
+) -> Chart:
+    """Returns a panel for every pair of teachers, with mean ± standard error of both against steps.
+
+    Stars along the top of a panel mark the steps at which the two differ significantly, in the colour of
+    the one that is above. All panels have the same axes. Of more than `LARGEST` + 1 teachers
+    `difference_matrix` shows the last step.
+
+    Args:
+        curves: of ``pooled(runs, [measure], by=["step"])`` for one comparison: teacher, step, n, and
+            `measure` with the endings _mean and _std.
+        tests: all pairs at every step, of `pairwise.pairwise` with step among `within`.
+        measure: what is drawn.
+        name: what that is, with its unit.
+
+    Raises:
+        ValueError: under two teachers, or several values of a teacher at a step.
+    """
+    table = _table(curves, measure, ["teacher", "step"], "curves")
+    teachers = sorted(table["teacher"].unique(), key=teacher_order)
+    if len(teachers) < 2:
+        raise ValueError(f"curves of {len(teachers)} teachers: expected at least two, to compare them")
+    size, tests = len(teachers) - 1, significant(tests)
+    if size > LARGEST:
+        return difference_matrix(table, tests, teachers, name)
+    error, percent = table["standard_error"].fillna(0.0), measure.endswith("percent")
+    low = 0.0 if percent else min(0.0, (table["mean"] - error).min())
+    top = max((table["mean"] + error).max(), low + LEAST_PERCENT)
+    axes = (
+        Scale(STEPS, Kind.STEPS, 0.0, table["step"].max()),
+        Scale(name, Kind.PERCENT if percent else Kind.NUMBER, low, top + 0.16 * (top - low)),
+    )
+    names, legend = short_labels(teachers, 15), short_labels(teachers)
+    rows: list[list[Panel | None]] = [[None] * size for _ in range(size)]
+    for row, column in itertools.product(range(size), repeat=2):
+        if column <= row:
+            pair = teachers[column], teachers[row + 1]
+            rows[row][column] = Panel(
+                *axes,
+                [*_pair(table, pair, legend), *_pair_stars(tests, pair, top + 0.1 * (top - low))],
+                title=names[pair[0]] if row == column else "",
+                side=names[pair[1]],
+            )
+    return Chart(
+        "pairs",
+        rows,
+        keys=[Key("*", "differ at this step (p < 0.05)", colour=MUTED)],
+        legend=Legend.TOP if size < 3 else Legend.CORNER,
+        size=(
+            ONE_COLUMN if size == 1 else TWO_COLUMNS,
+            0.9 + (1.9 if size == 1 else min(1.5, (TWO_COLUMNS - 0.6) / size * 0.9) * size),
+        ),
+        letters=6.5,
+    )
+
+
+def _pair(table: pd.DataFrame, pair: tuple[str, str], names: Mapping[str, str]) -> Iterator[Curve]:
+    for teacher in pair:
+        yield from _curves(table[table["teacher"] == teacher], look(teacher), names[teacher], teacher, 1.2)
+
+
+def _pair_stars(tests: pd.DataFrame, pair: tuple[str, str], height: float) -> Iterator[Dots]:
+    """Yields a star at each step at which two teachers differ, in the colour of the one above."""
+    for above, below in (pair, pair[::-1]):
+        there = (tests["first"] == above) & (tests["second"] == below) & (tests["difference"] > 0)
+        here = (tests["first"] == below) & (tests["second"] == above) & (tests["difference"] < 0)
+        steps = tests.loc[there | here, "step"].to_numpy(float)
+        if len(steps):
+            style = look(above)._replace(marker="*")
+            heights = np.full(len(steps), height)
+            yield Dots(x=steps, y=heights, look=style, size=7.0, about=f"{above}-above-{below}")
+
+
+def difference_matrix(table: pd.DataFrame, tests: pd.DataFrame, teachers: Sequence[str], name: str) -> Chart:
+    """Returns the difference of each row's teacher to each column's, with a dot where it is significant.
+
+    Args:
+        table: teacher, step and mean.
+        tests: significant ones at every step: first, second and step.
+        teachers: rows and columns.
+        name: what is measured, with its unit.
+    """
+    last = table["step"].max()
+    means = table[table["step"] == last].set_index("teacher")["mean"].reindex(teachers).to_numpy(float)
+    differences = means[:, None] - means[None, :]
+    reach = max(float(np.nanmax(np.abs(differences))), 1.0)
+    # From red for below to blue for above; readable with any colour vision.
+    colours = Colours("RdBu", -reach, reach, f"Difference: {name[:1].lower()}{name[1:]}")
+    found = tests[tests["step"] == last]
+    ends = [np.array([teachers.index(each) for each in found[side]], float) for side in ("first", "second")]
+    places = np.arange(len(teachers), dtype=np.float64)
+    marks = [
+        Cells(xs=places, ys=places, values=differences, colours=colours),
+        Dots(x=np.concatenate(ends), y=np.concatenate(ends[::-1]), size=3.5, about="significant"),
+    ]
+    names = short_labels(teachers, 18)
+    rows = Scale(kind=Kind.TEACHERS, rows={teacher: names[teacher] for teacher in teachers})
+    heading = f"Row minus column after {amount(last)} steps; dots: p < 0.05 after Holm"
+    side = min(TWO_COLUMNS + 0.6, 1.9 + 0.17 * len(teachers))
+    return Chart(
+        "differences",
+        [[Panel(rows, rows, marks, heading)]],
+        legend=Legend.NONE,
+        size=(side + 0.6, side),
+        letters=6.0,
+    )

@@ -1,0 +1,217 @@
+"""Means with intervals: run by run, all comparisons at once, ranks."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from analysis.charts.base import (
+    END,
+    LONGEST_NAME,
+    MASTERED,
+    Bar,
+    Chart,
+    Dots,
+    Interval,
+    Kind,
+    Legend,
+    Mark,
+    Panel,
+    Scale,
+    grid,
+)
+from analysis.comparisons.boards import Rank
+from analysis.formatting import amount, number
+from analysis.looks import INK, Look, look
+from analysis.names import label, short_labels, teacher_order
+from analysis.statistics import describe, mean_percent_interval
+
+
+def seeds_chart(points: pd.DataFrame, quantity: str, name: str, heading: str, caption: str) -> Chart:
+    """Returns a row for each teacher: its runs as rings, their mean with its 95 % interval.
+
+    Args:
+        points: teacher, seed, step (of an evaluation, or `END`) and value, in per cent.
+        quantity: title of the horizontal axis.
+        name: identifier of the chart.
+        heading: what is shown.
+        caption: what is shown, of how many runs.
+    """
+    teachers = sorted(map(str, points["teacher"].unique()), key=teacher_order)
+    labels = short_labels(teachers, LONGEST_NAME)
+    rows = {teacher: labels[teacher] for teacher in teachers}
+    axes = Scale(quantity, Kind.PERCENT, grid=True), Scale(kind=Kind.TEACHERS, rows=rows)
+    steps = dict(list(points[points["value"].notna()].groupby("step", sort=False)))
+
+    def at(step: Any) -> Panel:
+        here = steps.get(step, points[:0])
+        marks = [
+            mark
+            for place, teacher in enumerate(teachers)
+            for mark in _run_by_run(here[here["teacher"] == teacher], teacher, rows[teacher], place)
+        ]
+        return Panel(*axes, marks)
+
+    return _moving(name, at, list(dict.fromkeys(points["step"])), heading, caption, len(rows))
+
+
+def _run_by_run(rows: pd.DataFrame, teacher: str, name: str, place: int) -> Iterator[Mark]:
+    yield Dots(
+        x=[round(float(value), 2) for value in rows["value"]],
+        y=[place] * len(rows),
+        words=[f"{name}, seed {seed}" for seed in rows["seed"]],
+        hover="{text}: {x:.1f}",
+        look=look(teacher)._replace(marker="o"),
+        teacher=teacher,
+        size=8.0,
+        hollow=True,
+        opacity=0.75,
+    )
+    yield _mean(rows["value"], teacher, place, f"{name}: mean {{}} of {{}}", size=11.0, width=2.0, cap=5.0)
+
+
+def _mean(values: pd.Series, teacher: str, place: float, words: str, **own: Any) -> Interval:
+    """Returns the mean of values with its 95 % interval, and both in words with the number of runs."""
+    sample = describe(values)
+    low, high = mean_percent_interval(sample) if sample.n else (math.nan, math.nan)
+    text = words.format(number(sample.mean), sample.n) if sample.n else ""
+    if math.isfinite(low):
+        text += f", 95 % interval {number(low)} to {number(high)}"
+    return Interval(
+        x=round(sample.mean, 2) if sample.n else math.nan,
+        y=round(place, 3),
+        low=low,
+        high=high,
+        words=[text],
+        hover="{text}",
+        look=look(teacher),
+        teacher=teacher,
+        **own,
+    )
+
+
+def _moving(name: str, at: Any, moments: Sequence[object], heading: str, caption: str, rows: int) -> Chart:
+    """Returns a chart of one panel that shows the ends of runs, or any of its moments."""
+    end = at(END)
+    panel = Panel(end.x, end.y, end.marks, moments=moments, moment=at)
+    return Chart(name, [[panel]], heading, caption, size=(5.2, 0.9 + 0.42 * rows))
+
+
+def overview_chart(
+    points: pd.DataFrame, rows: Mapping[str, str], quantity: str, heading: str, caption: str
+) -> Chart:
+    """Returns a row for each comparison, and in it the mean of each teacher with its 95 % interval.
+
+    Every pair of comparison and teacher is a mark, so that a page can leave out either.
+
+    Args:
+        points: comparison (its anchor), teacher, step (of an evaluation, or `END`) and value of a run, in per
+            cent.
+        rows: title of each comparison by its anchor, in order.
+        quantity: title of the horizontal axis.
+        heading: what is shown.
+        caption: what is shown, of how many runs.
+    """
+    teachers = sorted(map(str, points["teacher"].unique()), key=teacher_order)
+    names = short_labels(teachers, LONGEST_NAME)
+    offsets = dict(zip(teachers, np.linspace(-0.33, 0.33, len(teachers) + 2)[1:-1], strict=True))
+    order = {anchor: place for place, anchor in enumerate(rows)}
+    pairs = list(points[["comparison", "teacher"]].drop_duplicates().itertuples(index=False, name=None))
+    pairs.sort(key=lambda pair: (order[pair[0]], teacher_order(pair[1])))
+    axes = Scale(quantity, Kind.PERCENT, grid=True), Scale(kind=Kind.COMPARISONS, rows=rows)
+    groups = points.groupby("step", sort=False, dropna=False)
+    samples = {step: dict(list(rows.groupby(["comparison", "teacher"])["value"])) for step, rows in groups}
+    none = points["value"][:0]
+
+    def at(step: Any) -> Panel:
+        here = samples.get(step, {})
+        latest = samples.get(END, {}) if step != END else {}
+        there = {anchor for anchor, _ in here}
+        # A comparison that was not evaluated at this step stays as it is at its end.
+        values = [here.get(pair, none) if pair[0] in there else latest.get(pair, none) for pair in pairs]
+        marks = [
+            _mean(
+                sample,
+                teacher,
+                order[anchor] + float(offsets[teacher]),
+                f"{names[teacher]}: {{}}, n = {{}}",
+                name=names[teacher],
+                comparison=anchor,
+            )
+            for (anchor, teacher), sample in zip(pairs, values, strict=True)
+        ]
+        return Panel(*axes, marks)
+
+    return _moving("overview", at, list(samples), heading, caption, len(rows))
+
+
+def rank_chart(boards: Mapping[str, Sequence[Rank]], name: str = "ranks") -> Chart:
+    """Returns a row for each teacher: its rank by the mean, and the ranks that tests leave open.
+
+    Args:
+        boards: ranks of one family of comparisons, the best first, by what is ranked; each is a panel.
+        name: identifier of the chart.
+    """
+    panels = [_ranks(f"{heading[:1].upper()}{heading[1:]}", ranks) for heading, ranks in boards.items()]
+    caption = (
+        "Marks are ranks by the mean. Lines are ranks that tests leave open: the best is one more than the "
+        "number of teachers found better, the worst the number of teachers less those found worse."
+    )
+    size = 6.2, sum(0.7 + 0.24 * len(panel.y.rows) for panel in panels)
+    rows = grid(panels, 1)
+    return Chart(name, rows, "Ranks", caption, note=caption, size=size, letters=7.5)
+
+
+def _ranks(heading: str, ranks: Sequence[Rank]) -> Panel:
+    labels = short_labels([rank.teacher for rank in ranks], LONGEST_NAME)
+    rows = {rank.teacher: labels[rank.teacher] for rank in ranks}
+    marks = [
+        Interval(
+            x=float(rank.rank),
+            y=float(place),
+            low=float(rank.best),
+            high=float(rank.worst),
+            look=look(rank.teacher),
+            teacher=rank.teacher,
+            words=[f"{rows[rank.teacher]}: rank {rank.rank}, {rank.best} to {rank.worst} open"],
+            hover="{text}",
+            size=9.0,
+            width=3.0,
+        )
+        for place, rank in enumerate(ranks)
+    ]
+    x = Scale("Rank", low=0.5, high=len(ranks) + 0.5, whole=True, grid=True)
+    return Panel(x, Scale(kind=Kind.TEACHERS, rows=rows), marks, heading)
+
+
+def final_bars(finals: pd.DataFrame) -> Chart:
+    """Returns mean ± standard deviation of final mastered %, one bar per teacher and one dot per run.
+
+    A teacher whose runs are all under way is labelled with the step it is read at.
+
+    Args:
+        finals: teacher, run_id, step, provisional and mastered_percent, of one comparison.
+    """
+    means = finals.groupby("teacher")["mastered_percent"].agg(["mean", "std"])
+    order = sorted(means.index, key=lambda each: (-means.loc[each, "mean"], label(each).lower()))
+    running = finals[finals["provisional"]].groupby("teacher")["step"].max()
+    names = short_labels(order)
+    rows, marks = {}, list[Mark]()
+    for place, teacher in enumerate(order):
+        rows[teacher] = names[teacher]
+        if teacher in running:
+            rows[teacher] += f"\nat {amount(running[teacher])} steps"
+        (mean, std), style = means.loc[teacher], look(teacher)
+        marks.append(Bar(x=mean, y=place, look=style, height=0.62, opacity=0.35))
+        ends: dict[str, Any] = {"low": mean - std, "high": mean + std, "size": 0.0, "width": 1.3, "cap": 4.0}
+        marks.append(Interval(x=mean, y=place, look=Look(INK, "", "-"), **ends))
+        seeds = finals.loc[finals["teacher"] == teacher, "mastered_percent"].sort_values().to_numpy()
+        jitter = np.linspace(-0.2, 0.2, len(seeds)) if len(seeds) > 1 else np.zeros(1)
+        dots = style._replace(marker="o")
+        marks.append(Dots(x=seeds, y=place + jitter, look=dots, size=7.0, edge="white"))
+    axes = Scale(MASTERED, Kind.PERCENT, low=0.0, grid=True), Scale(kind=Kind.TEACHERS, rows=rows)
+    return Chart("final", [[Panel(*axes, marks)]], legend=Legend.NONE, size=(5.2, 0.9 + 0.42 * len(order)))

@@ -1,0 +1,182 @@
+"""Test tasks that are mastered, by share of runs."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from analysis.charts.base import (
+    END,
+    LONGEST_NAME,
+    PAGE_WIDTH,
+    PLAIN,
+    Array,
+    Cells,
+    Chart,
+    Colours,
+    Dots,
+    Kind,
+    Legend,
+    Mark,
+    Panel,
+    Scale,
+    grid,
+)
+from analysis.data.curricula import Axis, stack
+from analysis.names import short_labels, teacher_order
+
+SHARES = Colours("Blues", 0.0, 100.0, "Seeds that master the task (%)")
+"""From nearly white for no run to dark for every run; readable with any colour vision."""
+
+ACROSS = 180
+"""Room for the marks of tasks, CSS pixels."""
+
+
+def mastery_chart(
+    shares: pd.DataFrame, tasks: pd.DataFrame, axes: Sequence[Axis], name: str = "mastery", caption: str = ""
+) -> Chart:
+    """Returns a panel of the test tasks for each teacher: a mark for each task, darker for more runs.
+
+    On the task plane where tasks have two dimensions, else in a square, the tasks that most runs master
+    first. Tasks on a full grid fill the panel.
+
+    Args:
+        shares: teacher, step (of an evaluation, or `END`), task_index and share (in [0, 1]).
+        tasks: task_index and task (float32 (d,)) of the test set.
+        axes: the dimensions of the task space.
+        name: identifier of the chart.
+        caption: what is shown, of how many runs.
+    """
+    tasks = tasks.sort_values("task_index", ignore_index=True)
+    points, plane = _places(shares, tasks, axes)
+    words = [", ".join(f"{value:.4g}" for value in task) for task in stack(tasks["task"])]
+    draw = _cells(points, words) if plane else None
+    draw = draw or _dots(points, words)
+    names = short_labels(shares["teacher"].astype(str), LONGEST_NAME)
+    scales = _scales(axes, points) if plane else (Scale(shown=False), Scale(shown=False))
+    panels = []
+    for teacher in sorted(names, key=teacher_order):
+        steps = dict(list(shares[shares["teacher"] == teacher].groupby("step", sort=False)))
+        percent: dict[object, Array] = {step: _percent(rows, tasks) for step, rows in steps.items()}
+        panels.append(_panel(teacher, names[teacher], percent, scales, draw))
+    rows = grid(panels, 4)
+    side = 2.75 if len(panels) < 4 else 2.25
+    size = side * len(rows[0]) + 1.2, (side + 0.1) * len(rows) + 0.55
+    return Chart(name, rows, "Which test tasks are mastered", caption, size=size, pixels=270)
+
+
+def _panel(
+    teacher: str,
+    name: str,
+    percent: Mapping[object, Array],
+    axes: tuple[Scale, Scale],
+    draw: Callable[[Array], Mark],
+) -> Panel:
+    def at(step: Any) -> Panel:
+        values = percent.get(step, np.full_like(next(iter(percent.values())), math.nan))
+        known = values[np.isfinite(values)]
+        title = f"{name}   {known.mean():.1f} %" if len(known) else name
+        return Panel(*axes, [draw(values)], title, teacher=teacher)
+
+    end = at(END)
+    return Panel(*axes, end.marks, end.title, teacher=teacher, moments=list(percent), moment=at)
+
+
+def mastery_map(shares: pd.DataFrame, tasks: pd.DataFrame, plane: tuple[Axis, Axis] | None) -> Chart:
+    """Returns which test tasks are mastered by which share of runs at their ends.
+
+    A panel per teacher on the task plane if the tasks form a grid on it, else one row per teacher and one
+    column per task, from the most to the least mastered over all teachers.
+
+    Args:
+        shares: teacher, task_index and share, of one comparison and one test set.
+        tasks: task_index and task (float32 (d,)) of the test set.
+        plane: the two dimensions of the tasks; None when they have more, or nobody knows.
+    """
+    points = stack(tasks["task"]).astype(np.float64)
+    if plane is not None and points.shape[1:] == (2,) and _cells(points, ()) is not None:
+        return mastery_chart(shares.assign(step=END), tasks, plane)
+    teachers = sorted(shares["teacher"].unique(), key=teacher_order)
+    table = shares.pivot_table(index="teacher", columns="task_index", values="share").loc[teachers]
+    order = table.mean().sort_values(ascending=False, kind="stable").index
+    names = short_labels(teachers)
+    marks = Cells(
+        xs=np.arange(table.shape[1], dtype=np.float64),
+        ys=np.arange(len(teachers), dtype=np.float64),
+        values=100 * table[order].to_numpy(np.float64),
+        colours=SHARES,
+    )
+    rows = Scale(kind=Kind.TEACHERS, rows={teacher: names[teacher] for teacher in teachers})
+    panel = Panel(Scale("Test tasks, from the most to the least often mastered"), rows, [marks])
+    size = PAGE_WIDTH, 1.0 + 0.3 * len(teachers)
+    return Chart("mastery", [[panel]], legend=Legend.NONE, size=size)
+
+
+def _cells(points: Array, words: Sequence[str]) -> Callable[[Array], Mark] | None:
+    """Returns what fills the cells of a full grid of tasks (n, 2) with values (n,); None if it is not one."""
+    xs, columns = np.unique(points[:, 0], return_inverse=True)
+    ys, rows = np.unique(points[:, 1], return_inverse=True)
+    full = len(xs) * len(ys) == len(np.unique(points, axis=0)) == len(points)
+    if not full or min(len(xs), len(ys)) < 2:
+        return None
+
+    def draw(values: Array) -> Mark:
+        table, order = np.full((len(ys), len(xs)), np.nan), np.empty((len(ys), len(xs)), dtype=int)
+        table[rows, columns], order[rows, columns] = values, np.arange(len(points))
+        texts = [words[place] for place in order.ravel()] if words else []
+        hover = "task {text}<br>{value} % of seeds"
+        return Cells(xs=xs.round(4), ys=ys.round(4), values=table, colours=SHARES, words=texts, hover=hover)
+
+    return draw
+
+
+def _dots(points: Array, words: Sequence[str]) -> Callable[[Array], Mark]:
+    """Returns what draws a mark for each task at its place (n, 2), coloured by values (n,)."""
+    size = float(np.clip(ACROSS / np.sqrt(max(len(points), 1)), 4, 24))
+
+    def draw(values: Array) -> Mark:
+        return Dots(
+            x=points[:, 0].round(4),
+            y=points[:, 1].round(4),
+            values=values,
+            colours=SHARES,
+            size=size,
+            look=PLAIN._replace(marker="s"),
+            edge="#c3c9d1",
+            words=words,
+            hover="task {text}<br>{value} % of seeds",
+        )
+
+    return draw
+
+
+def _scales(axes: Sequence[Axis], points: Array) -> tuple[Scale, Scale]:
+    """Returns the axes of the task plane, with half a cell around the tasks (n, 2)."""
+    scales = []
+    for axis, places in zip(axes, points.T, strict=True):
+        centres = np.unique(places)
+        half = float(np.diff(centres).min()) / 2 if len(centres) > 1 else 0.5
+        scales.append(Scale(axis.name, Kind.TASK, float(centres[0]) - half, float(centres[-1]) + half))
+    return scales[0], scales[1]
+
+
+def _percent(rows: pd.DataFrame, tasks: pd.DataFrame) -> Array:
+    places = pd.Index(tasks["task_index"]).get_indexer(rows["task_index"])
+    values = np.full(len(tasks), np.nan)
+    values[places[places >= 0]] = 100 * rows["share"].to_numpy(float)[places >= 0]
+    return values.round(1)
+
+
+def _places(shares: pd.DataFrame, tasks: pd.DataFrame, axes: Sequence[Axis]) -> tuple[Array, bool]:
+    """Returns the place of each task's mark (n, 2), and True if that is the task plane."""
+    values = stack(tasks["task"]).astype(np.float64)
+    if len(axes) == 2 == values.shape[1]:
+        return values, True
+    mean = shares[shares["step"] == END].groupby("task_index")["share"].mean().reindex(tasks["task_index"])
+    rank = np.argsort(np.argsort(-mean.fillna(-1).to_numpy(), kind="stable"), kind="stable")
+    side = int(np.ceil(np.sqrt(2 * len(tasks))))  # charts are wider than high
+    return np.column_stack([rank % side, -(rank // side)]).astype(np.float64), False

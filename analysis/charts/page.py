@@ -1,0 +1,494 @@
+"""Charts on pages: marks as plotly.js draws them in the reader's browser, with what changes by step."""
+
+from __future__ import annotations
+
+import base64
+import html
+import re
+from collections import Counter
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from functools import singledispatchmethod
+from typing import Any, TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+from plotly.colors import get_colorscale
+from plotly.io.json import to_json_plotly
+from plotly.offline import get_plotlyjs
+
+from analysis.charts.base import (
+    Bar,
+    Cells,
+    Chart,
+    Curve,
+    Dots,
+    Interval,
+    Kind,
+    Label,
+    Legend,
+    Mark,
+    Panel,
+    Rule,
+    Scale,
+    Shapes,
+)
+from analysis.looks import INK, MUTED, RULE, Look
+from analysis.names import mark_of, teacher_order
+
+FONT = "system-ui, -apple-system, 'Segoe UI', Roboto, 'Helvetica Neue', Arial, sans-serif"
+
+ROW, ROWS_FRAME = 34, 90
+"""Height of a teacher's row, and of axis and margins around rows, CSS pixels."""
+
+SPACING, LEAST, COMPARISONS_FRAME = 11, 30, 130
+"""Height of a mean, least height of a comparison's row, and height of axis and legend, CSS pixels."""
+
+MOST_ACROSS = 4
+"""Largest number of plots of a chart side by side."""
+
+BINARY = {"float32": "f4", "float64": "f8", "int32": "i4"}
+"""Types of arrays that are embedded as bytes, and their names in plotly.js."""
+
+_ADDRESS = re.compile(r"""(["'`])https?://(?!www\.w3\.org/)[^"'`]*\1""")
+"""A string of a program that is nothing but an address, other than that of a namespace of XML."""
+
+_SYMBOLS = {
+    "": "circle", "o": "circle", "s": "square", "D": "diamond", "^": "triangle-up", "v": "triangle-down",
+    "P": "cross", "X": "x", "p": "pentagon", "h": "hexagon", "<": "triangle-left", ">": "triangle-right",
+    "*": "star", "d": "diamond-tall",
+}  # fmt: skip
+"""Markers of `looks.look` in plotly.js."""
+
+Trace: TypeAlias = dict[str, Any]
+"""A series of marks, a line or a map in plotly.js."""
+
+
+@dataclass(frozen=True, eq=False)
+class Plot:
+    """One panel of a chart as plotly.js draws it.
+
+    Traces say in ``meta`` whose they are (teacher, comparison), so that the page can hide them. It is plain
+    data: plotly's own classes would take half of a page's time to check it.
+
+    Attributes:
+        name: identifier on the page, and name of the picture a reader saves.
+        title: what it is, in a few words.
+        teacher: teacher whose panel it is; empty for several.
+        traces: series of marks, lines and maps.
+        layout: axes, margins, legend.
+        frames: what changes at each moment, with its name.
+    """
+
+    name: str
+    title: str
+    teacher: str
+    traces: tuple[Trace, ...]
+    layout: dict[str, Any]
+    frames: tuple[dict[str, Any], ...]
+
+    @property
+    def height(self) -> int:
+        """Height in CSS pixels."""
+        return int(self.layout["height"])
+
+    @property
+    def json(self) -> str:
+        """All of it as JSON that may stand in a script element of a page."""
+        whole = {"data": list(self.traces), "layout": self.layout, "frames": list(self.frames)}
+        return str(to_json_plotly(_compact(whole))).replace("<", "\\u003c")
+
+
+@dataclass(frozen=True, eq=False)
+class PageChart:
+    """A chart as a page shows it: plots under one caption."""
+
+    title: str
+    caption: str
+    plots: tuple[Plot, ...]
+
+    @property
+    def across(self) -> int:
+        """Number of plots side by side where there is room."""
+        return min(len(self.plots), MOST_ACROSS)
+
+
+def on_page(chart: Chart) -> PageChart:
+    """Returns a chart as a page shows it, a plot for each of its panels."""
+    panels = chart.all_panels
+    counts = Counter(panel.teacher for panel in panels)
+    plots, seen = [], Counter[str]()
+    for panel in panels:
+        seen[panel.teacher] += 1
+        parts = [
+            panel.teacher,
+            str(seen[panel.teacher]) if counts[panel.teacher] > 1 or panel.subtitle else "",
+        ]
+        plots.append(_plot("-".join(filter(None, [chart.name, *parts])), chart, panel))
+    return PageChart(chart.title, chart.caption, tuple(plots))
+
+
+def plotly_library() -> str:
+    """Returns plotly.js, as it may stand in a script element, without addresses to send to or load from."""
+    return _ADDRESS.sub(r"\1\1", str(get_plotlyjs())).replace("</script", "<\\/script")
+
+
+def _plot(name: str, chart: Chart, panel: Panel) -> Plot:
+    traces = _traces(panel)
+    frames = [_frame(panel, moment, traces) for moment in panel.moments]
+    return Plot(name, chart.title, panel.teacher, tuple(traces), _layout(chart, panel), tuple(frames))
+
+
+def _frame(panel: Panel, moment: object, traces: list[Trace]) -> dict[str, Any]:
+    """Returns what changes of the traces at a moment, by their place; the page adds it to them."""
+    shown = panel.at(moment)
+    changes = [_change(old, new) for old, new in zip(traces, _traces(shown), strict=True)]
+    places = [place for place, change in enumerate(changes) if change]
+    frame = {"name": str(moment), "traces": places, "data": [changes[place] for place in places]}
+    return frame | ({"layout": {"title": {"text": _heading(shown)}}} if shown.title != panel.title else {})
+
+
+def _change(old: Trace, new: Trace) -> Trace:
+    """Returns the entries of a trace that are new, of markers and error bars part by part."""
+    change = {}
+    for key, value in new.items():
+        if key in ("marker", "error_x"):
+            value = {name: each for name, each in value.items() if not _same(each, old[key].get(name))}
+            if value:
+                change[key] = value
+        elif not _same(value, old.get(key)):
+            change[key] = value
+    return change
+
+
+def _same(one: Any, other: Any) -> bool:
+    if isinstance(one, np.ndarray) or isinstance(other, np.ndarray):
+        return np.array_equal(one, other)
+    return bool(one == other)
+
+
+def _traces(panel: Panel) -> list[Trace]:
+    """Returns the traces of a panel; a name is in the legend once."""
+    traces, named = [], set[str]()
+    for mark in panel.marks:
+        for trace in Traces(panel).of(mark):
+            whose = {"teacher": mark.teacher, "comparison": mark.comparison}
+            meta = {name: value for name, value in whose.items() if value}
+            shown = bool(mark.name) and trace.get("showlegend", True) and mark.name not in named
+            trace |= {"name": _shown(mark.name), "meta": meta, "showlegend": shown}
+            if mark.name:
+                trace |= {"legendgroup": mark.teacher or mark.name}
+                trace |= {"legendrank": 999} if mark_of(mark.teacher) else {}
+            named |= {mark.name} if shown else set()
+            traces.append(trace)
+    return traces
+
+
+class Traces:
+    """Traces of the marks of a panel."""
+
+    def __init__(self, panel: Panel) -> None:
+        self._panel = panel
+
+    @singledispatchmethod
+    def of(self, mark: Mark) -> Iterator[Trace]:
+        """Yields the traces of a mark.
+
+        Raises:
+            TypeError: a kind of mark that pages do not draw.
+        """
+        raise TypeError(
+            f"{type(mark).__name__} is not drawn on pages: expected a mark of analysis.charts.base"
+        )
+
+    @of.register
+    def _curve(self, mark: Curve) -> Iterator[Trace]:
+        if mark.low is not None and mark.high is not None:
+            yield _scatter(
+                x=_positions(np.concatenate([mark.x, mark.x[::-1]])),
+                y=np.concatenate([mark.high, mark.low[::-1]]).astype(np.float32),
+                mode="lines",
+                fill="toself",
+                fillcolor=_transparent(mark.look.colour, mark.opacity),
+                line={"width": 0},
+                hoverinfo="skip",
+                showlegend=False,
+            )
+        if mark.y is not None:
+            marked = bool(mark.look.marker) and mark.width >= 1.5
+            yield _scatter(
+                x=_positions(mark.x),
+                y=mark.y.astype(np.float32),
+                mode="lines+markers" if marked else "lines",
+                line={"color": mark.look.colour, "dash": _dash(mark.look), "width": mark.width},
+                marker={"color": mark.look.colour, "symbol": _SYMBOLS[mark.look.marker], "size": 5},
+                **_hover(mark, "" if mark.name else "<extra></extra>"),
+            )
+
+    @of.register
+    def _dots(self, mark: Dots) -> Iterator[Trace]:
+        marker: dict[str, Any] = {
+            "symbol": _SYMBOLS[mark.look.marker],
+            "size": mark.size,
+            "opacity": mark.opacity,
+        }
+        marker["symbol"] += "-open" if mark.hollow else ""
+        if mark.edge:
+            marker["line"] = {"color": mark.edge, "width": 0.5}
+        if mark.values is not None and mark.colours is not None:
+            values = np.asarray(mark.values, np.float64)
+            marker |= {"color": values.tolist(), "cmin": mark.colours.low, "cmax": mark.colours.high}
+            marker |= {"colorscale": colour_scale(mark.colours.name)}
+        else:
+            marker["color"] = mark.look.colour
+        xs, ys = _rows(self._panel.x, mark.x), _rows(self._panel.y, mark.y)
+        yield _scatter(x=xs, y=ys, mode="markers", marker=marker, **_hover(mark))
+
+    @of.register
+    def _interval(self, mark: Interval) -> Iterator[Trace]:
+        there = bool(np.isfinite(mark.x))
+        sides = {"array": mark.high - mark.x, "arrayminus": mark.x - mark.low}
+        error = {side: [round(length, 2) if length > 0 else 0.0] * there for side, length in sides.items()}
+        look = {"color": mark.look.colour, "thickness": mark.width, "width": mark.cap}
+        yield _scatter(
+            x=[mark.x] * there,
+            y=_rows(self._panel.y, [mark.y] * there),
+            mode="markers",
+            marker={"color": mark.look.colour, "symbol": _SYMBOLS[mark.look.marker], "size": mark.size},
+            error_x={**error, **look},
+            **_hover(mark),
+        )
+
+    @of.register
+    def _bar(self, mark: Bar) -> Iterator[Trace]:
+        shape = {"orientation": "h", "width": mark.height, "opacity": mark.opacity}
+        yield {"type": "bar", "x": [mark.x], "y": [mark.y], **shape, "marker": {"color": mark.look.colour}}
+
+    @of.register
+    def _cells(self, mark: Cells) -> Iterator[Trace]:
+        columns = len(mark.xs)
+        texts = [list(mark.words[start : start + columns]) for start in range(0, len(mark.words), columns)]
+        values = [[None if np.isnan(value) else float(value) for value in row] for row in mark.values]
+        yield {
+            "type": "heatmap",
+            "x": mark.xs,
+            "y": mark.ys,
+            "z": values,
+            "text": [[_shown(text) for text in row] for row in texts],
+            "zmin": mark.colours.low,
+            "zmax": mark.colours.high,
+            "colorscale": colour_scale(mark.colours.name),
+            "showscale": False,
+            "xgap": 1,
+            "ygap": 1,
+            "hovertemplate": _template(mark.hover, "z") + "<extra></extra>",
+        }
+
+    @of.register
+    def _shapes(self, mark: Shapes) -> Iterator[Trace]:
+        xs: list[float | None] = []
+        ys: list[float | None] = []
+        for outline in mark.outlines:  # one trace, with a gap after each
+            xs += [*_short(outline.xs), None]
+            ys += [*_short(outline.ys), None]
+        line = {"color": mark.look.colour, "width": mark.width}
+        fill = _transparent(mark.look.colour, mark.opacity)
+        yield _scatter(x=xs, y=ys, mode="lines", line=line, fill="toself", fillcolor=fill, hoverinfo="skip")
+
+    @of.register
+    def _rule(self, mark: Rule) -> Iterator[Trace]:
+        marks = [mark for mark in self._panel.marks if isinstance(mark, Curve) and len(mark.x)]
+        ends = (
+            [min(each.x.min() for each in marks), max(each.x.max() for each in marks)]
+            if marks
+            else [0.0, 1.0]
+        )
+        line = {"color": mark.look.colour, "dash": _dash(mark.look), "width": mark.width}
+        at = (
+            {"x": [mark.x] * 2, "y": ends}
+            if mark.y is None
+            else {"x": _positions(np.array(ends)), "y": [mark.y] * 2}
+        )
+        yield _scatter(
+            **at, mode="lines", line=line, hovertemplate="%{y:.0f}" if mark.x is None else "%{x:.0f}"
+        )
+
+    @of.register
+    def _label(self, mark: Label) -> Iterator[Trace]:
+        place = "middle right" if mark.beside else "middle center"
+        font = {"color": mark.look.colour, "size": 12}
+        text = [_shown(mark.text)]
+        yield _scatter(x=[mark.x], y=[mark.y], mode="text", text=text, textposition=place, textfont=font)
+
+
+def _scatter(**own: Any) -> Trace:
+    return {"type": "scatter", **own}
+
+
+def _layout(chart: Chart, panel: Panel) -> dict[str, Any]:
+    legend = chart.legend != Legend.NONE and any(mark.name for mark in panel.marks)
+    layout: dict[str, Any] = {
+        "height": chart.pixels,
+        "font": {"family": FONT, "size": 12, "color": INK},
+        "paper_bgcolor": "rgba(0,0,0,0)",
+        "plot_bgcolor": "rgba(0,0,0,0)",
+        "margin": {"l": 54, "r": 14, "t": 34, "b": 46},
+        "hoverlabel": {"font": {"family": FONT, "size": 12}},
+        "modebar": {"bgcolor": "rgba(0,0,0,0)", "color": MUTED, "activecolor": INK},
+        "uirevision": "kept",  # a reader's zoom outlives a change of step
+        "showlegend": legend,
+        "xaxis": _axis(panel.x, panel),
+        "yaxis": _axis(panel.y, panel) | ({"nticks": 4} if panel.subtitle else {}),
+    }
+    if panel.title:
+        place = {"font": {"size": 13}, "x": 0.02, "xanchor": "left", "y": 0.95 if panel.subtitle else 0.97}
+        layout["title"] = {"text": _heading(panel), **place}
+    if panel.subtitle:
+        layout["margin"] = {"l": 40, "r": 12, "t": 52, "b": 42}
+    if legend:
+        layout["legend"] = {"orientation": "h", "x": 0, "y": 1.02, "yanchor": "bottom"}
+        curves = all(isinstance(mark, Curve | Rule) for mark in panel.marks)
+        layout |= {"hovermode": "x unified"} if curves else {}
+    if panel.x.kind is Kind.STEPS:
+        layout["meta"] = {"marks_step": True}
+    return layout | _rows_layout(panel)
+
+
+def _rows_layout(panel: Panel) -> dict[str, Any]:
+    """Returns height, margins and ``meta`` of a panel with rows, which close up where some are left out."""
+    rows = list(panel.y.rows)
+    teachers = sorted({mark.teacher for mark in panel.marks if mark.teacher}, key=teacher_order)
+    if panel.y.kind is Kind.TEACHERS:
+        return {
+            "height": ROWS_FRAME + ROW * len(rows),
+            "margin": {"l": 20, "r": 14, "t": 14, "b": 46},
+            "meta": {"teachers": rows, "line_height": ROW, "frame_height": ROWS_FRAME},
+        }
+    if panel.y.kind is not Kind.COMPARISONS:
+        return {}
+    rule = {"type": "line", "xref": "paper", "x0": 0, "x1": 1, "line": {"color": "#e6e8eb", "width": 1}}
+    sizes = {"spacing": SPACING, "least_height": LEAST, "frame_height": COMPARISONS_FRAME}
+    return {
+        "height": COMPARISONS_FRAME + max(LEAST, SPACING * (len(teachers) + 1)) * len(rows),
+        "margin": {"l": 20, "r": 16, "t": 56, "b": 60},
+        "legend": {"orientation": "h", "x": 0, "xanchor": "left", "y": -0.01, "yanchor": "top"},
+        "shapes": [{**rule, "y0": place + 0.5, "y1": place + 0.5} for place in range(len(rows) - 1)],
+        "meta": {"rows": rows, "teachers": teachers, **sizes},
+    }
+
+
+def _axis(scale: Scale, panel: Panel) -> dict[str, Any]:
+    """Returns an axis in the look of the house."""
+    if not scale.shown:
+        return {"visible": False}
+    quiet = {"gridcolor": RULE, "linecolor": MUTED, "zeroline": False, "automargin": True}
+    axis = {"title": {"text": _shown(scale.title), "standoff": 8}, "showgrid": scale.grid, **quiet}
+    if scale.bounded:
+        axis["range"] = [scale.low, scale.high]
+    if scale.whole:
+        axis["dtick"] = 1
+    return axis | _axis_of_kind(scale, panel)
+
+
+def _axis_of_kind(scale: Scale, panel: Panel) -> dict[str, Any]:
+    names = [_shown(name) for name in scale.rows.values()]
+    own: dict[str, Any] = {}
+    match scale.kind:
+        case Kind.STEPS:
+            own = {"rangemode": "tozero", "hoverformat": ",d"} | ({"nticks": 4} if panel.subtitle else {})
+        case Kind.PERCENT if scale is panel.y:
+            own = {"rangemode": "nonnegative"}
+        case Kind.PERCENT:
+            own = {"autorangeoptions": {"clipmin": -1, "clipmax": 101}}
+            own |= {"side": "top"} if panel.y.kind is Kind.COMPARISONS else {}
+        case Kind.SHARE:
+            own = {"tickformat": ".0%"}
+        case Kind.TASK:
+            name, bracket, unit = _shown(scale.title).partition(" (")
+            title = f"{name}<br><span style='font-size:10px'>({unit}</span>" if bracket else name
+            own = {"linecolor": RULE, "mirror": True, "title": {"text": title, "standoff": 6}}
+        case Kind.TEACHERS:
+            own = {"tickvals": names, "ticktext": names, "autorange": "reversed"}
+        case Kind.NAMES | Kind.COMPARISONS:
+            ends = [-0.5, len(names) - 0.5]
+            own = {"tickvals": list(range(len(names))), "ticktext": names}
+            own |= {"range": ends[::-1], "ticklabelstandoff": 6} if scale is panel.y else {"range": ends}
+    return own
+
+
+def _rows(scale: Scale, places: Any) -> Any:
+    """Returns positions along an axis: the names of teachers' rows, numbers with the digits that are seen."""
+    if scale.kind is Kind.TEACHERS:
+        names = [_shown(name) for name in scale.rows.values()]
+        return [names[int(place)] for place in places]
+    return _short(places)
+
+
+def _positions(steps: NDArray[Any]) -> NDArray[Any]:
+    """Returns whole numbers as integers, which take half the room."""
+    whole = np.equal(steps, np.round(steps)).all()
+    return steps.astype(np.int64) if whole and len(steps) else steps.astype(np.float32)
+
+
+def _short(values: Any) -> list[float]:
+    """Returns values with as many digits as a reader can tell apart."""
+    return [float(f"{value:.4g}") for value in values]
+
+
+def _heading(panel: Panel) -> str:
+    below = f"<br><span style='font-size:11px'>{_shown(panel.subtitle)}</span>" if panel.subtitle else ""
+    return _shown(panel.title) + below
+
+
+def _hover(mark: Mark, extra: str = "<extra></extra>") -> dict[str, Any]:
+    if not mark.hover:
+        return {"hoverinfo": "skip"}
+    words = {"text": [_shown(text) for text in mark.words]} if mark.words else {}
+    return words | {"hovertemplate": _template(mark.hover, "marker.color") + extra}
+
+
+def _template(hover: str, value: str) -> str:
+    names = {"value": value}
+    field = re.compile(r"\{(x|y|value|text)(:[^}]*)?\}")
+    return field.sub(lambda found: f"%{{{names.get(found[1], found[1])}{found[2] or ''}}}", hover)
+
+
+def _dash(look: Look) -> str:
+    return "solid" if isinstance(look.dashes, str) else ",".join(f"{2 * part}px" for part in look.dashes[1])
+
+
+def _transparent(colour: str, opacity: float) -> str:
+    """Returns ``#rrggbb`` as a colour that shows `1 - opacity` of what is behind it."""
+    red, green, blue = (int(colour[place : place + 2], 16) for place in (1, 3, 5))
+    return f"rgba({red},{green},{blue},{opacity:g})"
+
+
+def colour_scale(name: str) -> list[list[Any]]:
+    """Returns a colour scale by its name in Python: of the same names plotly.js has other scales."""
+    return [[place, colour] for place, colour in get_colorscale(name)]
+
+
+def _shown(text: str) -> str:
+    """Returns `text` so that plotly.js shows it as it is: it interprets some HTML."""
+    return html.escape(text, quote=False)
+
+
+def _compact(value: Any) -> Any:
+    """Returns plain data that takes little room: whole numbers as integers, arrays of numbers as bytes."""
+    if isinstance(value, np.ndarray):
+        return _binary(value)
+    if isinstance(value, float):
+        return int(value) if value.is_integer() else value
+    if isinstance(value, Mapping):
+        return {name: _compact(each) for name, each in value.items()}
+    return [_compact(each) for each in value] if isinstance(value, list | tuple) else value
+
+
+def _binary(values: NDArray[Any]) -> Any:
+    """Returns numbers (n,) as plotly.js reads them from bytes; other values as a list."""
+    if values.dtype == np.int64 and values.size and np.abs(values).max() <= np.iinfo(np.int32).max:
+        values = values.astype(np.int32)
+    kind = BINARY.get(str(values.dtype))
+    if kind is None or not values.size:
+        return _compact(values.tolist())
+    return {"dtype": kind, "bdata": base64.b64encode(values.tobytes()).decode()}

@@ -1,0 +1,281 @@
+"""Charts on paper: panels and marks as matplotlib draws them."""
+
+from __future__ import annotations
+
+import functools
+import textwrap
+from collections.abc import Callable, Sequence
+from typing import Any, ParamSpec
+
+import matplotlib as mpl
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.axis import XAxis, YAxis
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from matplotlib.ticker import FuncFormatter, MaxNLocator, PercentFormatter
+
+from analysis.charts.base import (
+    Cells,
+    Chart,
+    Colours,
+    Curve,
+    Dots,
+    Kind,
+    Legend,
+    Mark,
+    Panel,
+    Scale,
+    Shapes,
+)
+from analysis.charts.paper.legends import legend, legend_height, line_handle, mark_handle
+from analysis.charts.paper.marks import STAR_ROW, Marks, mappable
+from analysis.charts.paper.radar import draw_radars
+from analysis.charts.paper.style import styled
+from analysis.charts.radars import Radar
+from analysis.looks import MUTED
+
+FRAME = "#b9bec6"
+"""Colour of the frame around a panel of the task space."""
+
+P = ParamSpec("P")
+
+Grid = list[list[Axes | None]]
+
+
+def figure_of(chart_of: Callable[P, Chart]) -> Callable[P, Figure]:
+    """Returns `chart_of` made to return its chart as a figure of matplotlib."""
+
+    @functools.wraps(chart_of)
+    def drawn(*args: P.args, **kwargs: P.kwargs) -> Figure:
+        return draw(chart_of(*args, **kwargs))
+
+    return drawn
+
+
+@styled
+def draw(chart: Chart) -> Figure:
+    """Returns a chart as a figure of matplotlib; panels with moments are drawn as they are at the end."""
+    if isinstance(chart.all_panels[0], Radar):
+        return draw_radars(chart)
+    with mpl.rc_context(_letters(chart)):
+        figure, grid = lay_out(chart)
+        for row, panels in zip(grid, chart.panels, strict=True):
+            for axes, panel in zip(row, panels, strict=True):
+                if axes is not None:
+                    Marks(axes, panel).draw()
+        finish(figure, grid, chart)
+    return figure
+
+
+def _letters(chart: Chart) -> Any:
+    size = chart.letters
+    names = ("font.size", "axes.labelsize", "xtick.labelsize", "ytick.labelsize")
+    return {**dict.fromkeys(names, size), "axes.titlesize": size + (1 if size > 8 else 0.5)}
+
+
+def lay_out(chart: Chart) -> tuple[Figure, Grid]:
+    """Returns a figure with empty panels whose axes have bounds, ticks and headings."""
+    rows, columns = len(chart.panels), len(chart.panels[0])
+    width, height = chart.size
+    top = chart.legend in (Legend.TOP, Legend.BESIDE)
+    height += legend_height(_handles(chart), width) if top else 0.0
+    figure = Figure(figsize=(width, height), layout="constrained")
+    xs, ys = ([[each and getattr(each, side) for each in row] for row in chart.panels] for side in "xy")
+    shared: dict[str, Any] = {"sharex": _shared(xs), "sharey": _shared(ys)}
+    if columns == 1 and shared["sharey"] != "all":
+        shared["height_ratios"] = [len(panel.y.rows) or 1 for (panel,) in chart.panels]
+    axes = figure.subplots(rows, columns, squeeze=False, **shared)
+    ticks = int(np.clip(2 * (width - 1) / columns, 2, 6))
+    letters = int((width - 0.8) / columns * 72 / (0.66 * (chart.letters + 0.5)))
+    for line, row in enumerate(chart.panels):
+        for column, panel in enumerate(row):
+            if panel is None:
+                axes[line, column].remove()
+                continue
+            _prepare(axes[line, column], panel, ticks, letters)
+            beneath = [each[column] for each in chart.panels[line + 1 :]]
+            if shared["sharex"] == "all" and not any(beneath):
+                axes[line, column].tick_params(labelbottom=True)
+            if shared["sharex"] == "row" and any(each and each.x == panel.x for each in beneath):
+                axes[line, column].tick_params(labelbottom=False)  # those beneath are the same
+        if row[0] and row[0].side:
+            axes[line, 0].set_ylabel(textwrap.fill(row[0].side, 18), fontweight="bold")
+    grid = [
+        [axes[line, column] if panel else None for column, panel in enumerate(row)]
+        for line, row in enumerate(chart.panels)
+    ]
+    _name_axes(figure, grid, chart)
+    return figure, grid
+
+
+def _shared(scales: Sequence[Sequence[Scale | None]]) -> str:
+    """Returns which panels have the same axis: all, those of a row, or none."""
+    found = [[each for each in row if each is not None] for row in scales]
+    if not all(each.bounded or each.rows for row in found for each in row):
+        return "none"
+    if all(each == found[0][0] for row in found for each in row):
+        return "all"
+    return "row" if all(each == row[0] for row in found for each in row) else "none"
+
+
+def _prepare(axes: Axes, panel: Panel, ticks: int, letters: int) -> None:
+    """Gives empty axes their bounds, ticks, frame and heading."""
+    flat = panel.x.kind is Kind.STEPS and panel.y.kind is Kind.TASK
+    _prepare_axis(axes.xaxis, panel.x, ticks)
+    _prepare_axis(axes.yaxis, panel.y, ticks, flat)
+    if Kind.TASK in (panel.x.kind, panel.y.kind):
+        axes.spines[:].set(visible=True, color=panel.frame or FRAME)
+        axes.tick_params(length=2)
+    if any(isinstance(mark, Cells) for mark in panel.marks) or not panel.x.shown:
+        axes.spines[:].set_visible(False)
+    if panel.title:
+        text = panel.title + (f"\n{panel.subtitle}" if panel.subtitle else "")
+        pad = 4 + STAR_ROW * len(panel.stars)
+        weight = "normal" if panel.side and panel.x.kind is Kind.TASK else "bold"
+        axes.set_title("\n".join(textwrap.wrap(text, letters)), pad=pad, fontweight=weight)
+
+
+def _prepare_axis(axis: XAxis | YAxis, scale: Scale, ticks: int, flat: bool = False) -> None:
+    """Gives an axis its bounds and ticks; that of a flat panel has ticks at its bounds only."""
+    upright = isinstance(axis, YAxis)
+    bounds = axis.axes.set_ylim if upright else axis.axes.set_xlim
+    axis.grid(scale.grid)
+    axis.set_visible(scale.shown)
+    if scale.low is not None and scale.high is not None:
+        margin = 0.04 * (scale.high - scale.low) if flat else 0.0
+        bounds(scale.low - margin, scale.high + margin)
+        if flat:
+            axis.set_ticks([scale.low, scale.high])
+        if scale.last_tick is not None:
+            found = MaxNLocator(4).tick_values(scale.low, scale.last_tick)
+            axis.set_ticks([tick for tick in found if scale.low <= tick <= scale.last_tick])
+    if scale.rows:
+        names = list(scale.rows.values())
+        turned: dict[str, Any] = {"rotation": 90} if scale.kind is Kind.TEACHERS and not upright else {}
+        axis.set_ticks(range(len(names)), names, **turned)
+        axis.set_tick_params(length=0)
+        bounds(*((len(names) - 0.4, -0.6) if upright else (-0.6, len(names) - 0.4)))
+    if scale.kind is Kind.STEPS or scale.whole:
+        count = round(scale.high - scale.low) if scale.whole and scale.high and scale.low else ticks
+        axis.set_major_locator(MaxNLocator(count, integer=scale.whole))
+    if scale.kind is Kind.SHARE:
+        axis.set_major_formatter(PercentFormatter(1.0))
+
+
+def _name_axes(figure: Figure, grid: Grid, chart: Chart) -> None:
+    """Names the axes: once for all panels where all have the same name."""
+    for side, share, name in (("x", figure.supxlabel, "set_xlabel"), ("y", figure.supylabel, "set_ylabel")):
+        titles = {getattr(panel, side).title for panel in chart.all_panels} - {""}
+        kinds = {(panel.x.kind, getattr(panel, side).kind) for panel in chart.all_panels}
+        flat = side == "y" and kinds == {(Kind.STEPS, Kind.TASK)}
+        once = len(titles) == 1 and len(chart.all_panels) > 1 and not flat
+        noted = side == "x" and bool(chart.note)  # which is where a common title would be
+        if once and not noted:
+            share(_unit(chart.all_panels[0], side, titles.pop()), fontsize=min(8.5, chart.letters + 1))
+            continue
+        below = slice(-1, None) if once else slice(None)
+        for row, panels in zip(grid[below], chart.panels[below], strict=True):
+            for axes, panel in zip(row[:1] if flat else row, panels, strict=False):
+                if axes is not None and getattr(panel, side).title:
+                    text = _unit(panel, side, getattr(panel, side).title)
+                    getattr(axes, name)(_folded(text) if flat else text, **(FLAT if flat else {}))
+    if len(grid) > 1 and grid[0][0] is not None:
+        figure.align_ylabels([row[0] for row in grid if row[0] is not None])
+
+
+FLAT: dict[str, Any] = {"rotation": 0, "ha": "right", "va": "center", "labelpad": 2}
+"""Place of the name of a narrow row of panels."""
+
+
+def _folded(name: str) -> str:
+    """Returns a long name in lines, with its unit on a line of its own."""
+    words, bracket, unit = name.partition(" (")
+    lines = [*textwrap.wrap(words, 22), *([bracket.strip() + unit] if bracket else [])]
+    return "\n".join(lines) if len(name) > 22 else name
+
+
+def _unit(panel: Panel, side: str, title: str) -> str:
+    """Returns the title of an axis; steps are in the unit that suits their number."""
+    scale: Scale = getattr(panel, side)
+    if scale.kind is not Kind.STEPS:
+        return title
+    _, word = _step_unit(_last_step(panel))
+    return f"{title} ({word})" if word else title
+
+
+def _last_step(panel: Panel) -> float:
+    ends = [float(mark.x.max()) for mark in panel.marks if isinstance(mark, Curve) and len(mark.x)]
+    return panel.x.high if panel.x.high is not None else max(ends, default=1.0)
+
+
+def _step_unit(high: float) -> tuple[float, str]:
+    units = ((1e6, "millions"), (1e3, "thousands"))
+    return next(((size, name) for size, name in units if high >= 2 * size), (1.0, ""))
+
+
+def finish(figure: Figure, grid: Grid, chart: Chart) -> None:
+    """Adds what lies around the panels: scales of colours, legends, heading and note."""
+    for row, panels in zip(grid, chart.panels, strict=True):
+        for axes, panel in zip(row, panels, strict=True):
+            if axes is not None and panel.x.kind is Kind.STEPS:
+                unit, _ = _step_unit(_last_step(panel))
+                axes.xaxis.set_major_formatter(FuncFormatter(functools.partial(_in_unit, unit)))
+    _colour_bars(figure, grid, chart)
+    handles = _handles(chart)
+    if chart.legend is Legend.CORNER:
+        figure.legend(handles=handles, loc="upper right", fontsize=7, labelspacing=0.35)
+    elif handles and chart.legend is not Legend.NONE:
+        legend(figure, handles, "outside upper center")
+    if chart.legend is Legend.BESIDE:
+        for axes, panel in zip([axes for row in grid for axes in row if axes], chart.all_panels, strict=True):
+            mine = [line_handle(mark) for mark in panel.marks if mark.name]
+            place: dict[str, Any] = {"loc": "center left", "bbox_to_anchor": (1.03, 0.5)}
+            axes.legend(handles=mine, fontsize=6, handlelength=2.6, **place)
+    if chart.heading:
+        figure.suptitle(chart.heading, fontsize=chart.letters + 1)
+    if chart.note:
+        wide = int(figure.get_figwidth() * 17)
+        lines = [line for note in chart.note.split("\n") for line in textwrap.wrap(note, wide)]
+        figure.supxlabel("\n".join(lines), fontsize=7, x=0.02, ha="left", linespacing=1.35)
+
+
+def _in_unit(unit: float, step: float, _: int) -> str:
+    return f"{step / unit:g}"
+
+
+def _handles(chart: Chart) -> list[Line2D]:
+    """Returns the entries of the legend: of named lines, each once, and of what marks mean."""
+    marks = {mark.name: mark for panel in chart.all_panels for mark in panel.marks if mark.name}
+    lines = [] if chart.legend is Legend.BESIDE else [line_handle(mark) for mark in marks.values()]
+    return [*lines, *map(mark_handle, chart.keys)]
+
+
+def _colour_bars(figure: Figure, grid: Grid, chart: Chart) -> None:
+    """Draws the scale of colours once if all rows have the same, else beside each row that has one."""
+    found = [
+        next((c for panel in row if panel for c in map(_colours, panel.marks) if c), None)
+        for row in chart.panels
+    ]
+    same = found[0] is not None and all(each == found[0] for each in found)
+    for colours, rows in [(found[0], grid)] if same else zip(found, ([row] for row in grid), strict=True):
+        if colours is None:
+            continue
+        panels = [axes for row in rows for axes in row if axes is not None]
+        bar = figure.colorbar(
+            mappable(colours),
+            ax=panels,
+            extend="both" if colours.open else "neither",
+            fraction=0.03 if same else 0.02,
+            pad=0.01,
+            aspect=22 if same else 14,
+        )
+        bar.set_label(colours.title)
+        bar.outline.set_visible(False)
+        bar.ax.tick_params(color=MUTED)
+        if colours.mark is not None:
+            bar.ax.axhline(colours.mark, color="white", linewidth=1.2)
+
+
+def _colours(mark: Mark) -> Colours | None:
+    return mark.colours if isinstance(mark, Dots | Cells | Shapes) else None

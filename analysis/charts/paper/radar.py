@@ -1,0 +1,219 @@
+"""Radars on paper: axes, rings, lines with gaps, and stars at the ends of axes."""
+
+from __future__ import annotations
+
+import math
+import textwrap
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from matplotlib.projections.polar import PolarAxes
+from numpy.typing import NDArray
+
+from analysis.charts.base import Chart
+from analysis.charts.paper.legends import legend, legend_height, look_handle, mark_handle
+from analysis.charts.radars import BEYOND, HEIGHT, Radar, Star
+from analysis.looks import INK, MUTED, RULE, look
+from analysis.names import teacher_order
+
+CENTRE, RADIUS = 1.36, 0.86
+"""Height of a radar's centre above its lower edge, and radius of the chart, inches."""
+
+STAR_GAP = 0.092
+"""Distance between two stars, inches."""
+
+STAR_COLUMNS, STAR_ROWS = 4, 2
+"""Stars side by side at one axis, and rows of them; of more their number is written."""
+
+
+def draw_radars(chart: Chart) -> Figure:
+    """Returns rows of radars, each row with the legend of its teachers."""
+    width, size = chart.size[0], chart.letters
+    marks = [mark_handle(key) for key in chart.keys]
+    named = [[look_handle(each.look, each.name) for each in _spokes(row)] for row in chart.panels]
+    heights = [legend_height(handles, width, size) for handles in (marks, *named)]
+    total = chart.size[1] + sum(heights)
+    figure = Figure(figsize=(width, total))
+    legend(figure, marks, "upper center", size, bbox_to_anchor=(0.5, 1.0))
+    top = total - heights[0]
+    for row, handles, height in zip(chart.panels, named, heights[1:], strict=True):
+        legend(figure, handles, "upper center", size, bbox_to_anchor=(0.5, top / total))
+        top -= HEIGHT + height
+        for column, radar in enumerate(row):
+            RadarAxes(figure, (width * (column + 0.5) / len(row), top + CENTRE), radar, size).draw()
+    return figure
+
+
+def _spokes(row: Sequence[Radar]) -> list[Any]:
+    """Returns the lines of a row of radars, one of each teacher."""
+    found = {spoke.teacher: spoke for radar in row for spoke in radar.spokes}
+    return [found[teacher] for teacher in sorted(found, key=teacher_order)]
+
+
+class RadarAxes:
+    """A radar chart in a figure that is laid out in inches."""
+
+    def __init__(self, figure: Figure, centre: tuple[float, float], radar: Radar, size: float) -> None:
+        """Adds polar axes to a figure.
+
+        Args:
+            figure: figure that is drawn in.
+            centre: position from the lower left corner, inches.
+            radar: content.
+            size: size of the letters, points.
+        """
+        self._figure, self._centre, self._radar, self._size = figure, centre, radar, size
+        self._angles: NDArray[np.float64] = 2 * np.pi * np.arange(len(radar.axes)) / len(radar.axes)
+        width, height = figure.get_size_inches()
+        (x, y), side = centre, 2 * RADIUS
+        box = ((x - RADIUS) / width, (y - RADIUS) / height, side / width, side / height)
+        axes = figure.add_axes(box, projection="polar")
+        assert isinstance(axes, PolarAxes)
+        self._axes = axes
+
+    def draw(self) -> None:
+        """Draws everything."""
+        radar = self._radar
+        self._draw_rings()
+        for axis, name in enumerate(radar.axes):
+            (x, y), align, up = self._place(axis)
+            va = "bottom" if up > 0 else "top"
+            self._write(
+                x, y, "\n".join(_folded(name)), fontsize=self._size, ha=align, va=va, linespacing=1.05
+            )
+        heading: dict[str, Any] = {"fontsize": 8, "fontweight": "bold", "ha": "center", "va": "bottom"}
+        self._write(0, RADIUS + 0.58, radar.title, **heading)
+        note: dict[str, Any] = {
+            "fontsize": 6,
+            "color": MUTED,
+            "ha": "center",
+            "va": "top",
+            "linespacing": 1.25,
+        }
+        if radar.note:
+            self._write(0, -RADIUS - 0.42, radar.note, **note)
+        self._draw_spokes()
+        self._draw_stars()
+
+    def _draw_rings(self) -> None:
+        axes, rim = self._axes, self._radar.rim
+        axes.set_theta_zero_location("N")
+        axes.set_theta_direction(-1)
+        outer = rim * (1 + BEYOND) if self._radar.beyond else rim
+        axes.set_ylim(0, outer)
+        axes.set_axis_off()
+        fine: dict[str, Any] = {"color": RULE, "linewidth": 0.6, "zorder": 0}
+        for angle in self._angles:
+            axes.plot([angle, angle], [0, outer], **fine)
+        for ring in (*np.arange(0.5 if rim <= 2 else 1.0, rim, 0.5 if rim <= 2 else 1.0), rim):
+            self._ring(float(ring), **fine)
+        for ring in np.arange(1, rim + 0.01):
+            self._name_ring(float(ring), f"{ring:g}")
+        if self._radar.beyond:
+            self._ring(outer, linestyle=(0, (2, 2)), gid="beyond", **fine)
+            self._name_ring(outer, "\N{INFINITY}")
+        random = look("random")
+        self._ring(1.0, color=random.colour, linestyle=random.dashes, linewidth=1.1, zorder=1, gid="random")
+
+    def _draw_spokes(self) -> None:
+        """Draws lines where two neighbours have values, and a mark on each axis that has one."""
+        radar, around = self._radar, [*range(len(self._radar.axes)), 0]
+        for spoke in radar.spokes:
+            self._axes.plot(
+                np.append(self._angles, 2 * np.pi),
+                np.array([spoke.radii[axis] for axis in around]),
+                color=spoke.look.colour,
+                linestyle=spoke.look.dashes,
+                linewidth=1.1,
+                zorder=2,
+                label=spoke.teacher,
+            )
+            for angle, value, full in zip(self._angles, spoke.radii, spoke.full, strict=True):
+                if math.isfinite(value):
+                    self._axes.plot(
+                        [angle],
+                        [value],
+                        color=spoke.look.colour,
+                        marker=spoke.look.marker,
+                        markersize=3.4,
+                        markerfacecolor=spoke.look.colour if full else "white",
+                        markeredgewidth=0.7,
+                        zorder=3,
+                        clip_on=False,
+                    )
+        there = np.isfinite(radar.upper)
+        if there.any():
+            self._axes.plot(
+                self._angles[there],
+                np.array(radar.upper)[there],
+                linestyle="none",
+                marker="+",
+                color=INK,
+                markersize=6,
+                markeredgewidth=1.2,
+                zorder=4,
+                gid="upper",
+            )
+        for axis, radius in radar.doubts:
+            place = self._angles[axis], radius
+            style: dict[str, Any] = {"textcoords": "offset points", "fontsize": self._size, "zorder": 5}
+            self._axes.annotate("\N{DAGGER}", place, xytext=(3, 2), gid="doubt", **style)
+
+    def _draw_stars(self) -> None:
+        """Draws stars in short rows beside the name of their axis, in their order."""
+        for axis, name in enumerate(self._radar.axes):
+            mine: list[Star] = [star for star in self._radar.stars if star.axis == axis]
+            anchor, align, up = self._place(axis)
+            height = anchor[1] + up * (0.07 + 0.118 * len(_folded(name)))
+            if len(mine) > STAR_COLUMNS * STAR_ROWS:
+                text = f"\N{BLACK STAR} {len(mine)} teachers"
+                self._write(anchor[0], height, text, fontsize=self._size - 0.8, ha=align, va="center")
+                continue
+            for place, star in enumerate(mine):
+                row, column = divmod(place, STAR_COLUMNS)
+                reach = STAR_GAP * (min(STAR_COLUMNS, len(mine) - row * STAR_COLUMNS) - 1)
+                first = anchor[0] - reach * {"left": 0.0, "center": 0.5, "right": 1.0}[align]
+                first += {"left": 0.04, "center": 0.0, "right": -0.04}[align]
+                self._figure.add_artist(
+                    Line2D(
+                        [self._centre[0] + first + STAR_GAP * column],
+                        [self._centre[1] + height + up * row * STAR_GAP],
+                        transform=self._figure.dpi_scale_trans,
+                        marker="*",
+                        markersize=6.2,
+                        color=look(star.teacher).colour,
+                        markeredgewidth=0,
+                        linestyle="none",
+                    )
+                )
+
+    def _ring(self, radius: float, **style: Any) -> None:
+        around = np.append(self._angles, 2 * np.pi)
+        self._axes.plot(around, np.full(len(around), radius), **style)
+
+    def _name_ring(self, ring: float, text: str) -> None:
+        style: dict[str, Any] = {"fontsize": 5.5, "color": MUTED, "ha": "right", "va": "center"}
+        self._axes.annotate(text, (0, ring), xytext=(-2, 0), textcoords="offset points", **style)
+
+    def _place(self, axis: int) -> tuple[tuple[float, float], str, int]:
+        """Returns the anchor of an axis's name, its alignment, and 1 or -1 if it grows up or down."""
+        angle = float(self._angles[axis])
+        x, y = RADIUS * math.sin(angle), RADIUS * math.cos(angle)
+        if abs(x) < 0.05 * RADIUS:
+            return (0.0, y + math.copysign(0.06, y)), "center", 1 if y > 0 else -1
+        if y > -0.05 * RADIUS:  # in the corner that the axes leave free
+            side = math.copysign(RADIUS + 0.17, x)
+            return (side, y + 0.16), "right" if x > 0 else "left", 1
+        return (x, y - 0.06), "center", -1
+
+    def _write(self, x: float, y: float, text: str, **style: Any) -> None:
+        """Writes at a distance from the centre, in inches."""
+        place = self._centre[0] + x, self._centre[1] + y
+        self._figure.text(*place, text, transform=self._figure.dpi_scale_trans, **style)
+
+
+def _folded(name: str) -> list[str]:
+    return textwrap.wrap(name, 11) or [name]

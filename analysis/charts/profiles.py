@@ -1,0 +1,126 @@
+"""Series against a number: performance profiles, and the scalars that teachers log of themselves."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from analysis.charts.base import LONGEST_NAME, STEPS, Chart, Curve, Kind, Mark, Panel, Scale, grid
+from analysis.data.curricula import Curriculum
+from analysis.looks import look
+from analysis.names import short_labels, teacher_order
+
+FEWEST = 5
+"""Runs under which the band of a line fills the panel, and is left out."""
+
+MOST_PER_TEACHER = 8
+"""Scalars of one teacher that are drawn, in the order of their names."""
+
+BINS = 150
+"""A longer series is drawn as the median of so many equal parts, within its range in each."""
+
+
+def profile_chart(table: pd.DataFrame, quantity: str, name: str, heading: str, caption: str) -> Chart:
+    """Returns the share of runs over each threshold: a line for each teacher.
+
+    A teacher of at least `FEWEST` runs has a band.
+
+    Args:
+        table: teacher, threshold, share, low, high and n, of `aggregates.profiles`.
+        quantity: title of the horizontal axis, on which thresholds are.
+        name: identifier of the chart.
+        heading: what is shown.
+        caption: what is shown, of how many runs.
+    """
+    names = short_labels(table["teacher"].astype(str), LONGEST_NAME)
+    marks: list[Mark] = []
+    for teacher in sorted(names, key=teacher_order):
+        rows = table[table["teacher"] == teacher].sort_values("threshold")
+        share, low, high = (100 * rows[column].to_numpy(np.float64) for column in ("share", "low", "high"))
+        band: dict[str, Any] = {"low": low, "high": high} if rows["n"].min() >= FEWEST else {}
+        words = [f"{y:.0f} % [{a:.0f}, {b:.0f}]" for y, a, b in zip(share, low, high, strict=True)]
+        marks.append(
+            Curve(
+                x=rows["threshold"].to_numpy(np.float64),
+                y=share,
+                **band,
+                look=look(teacher)._replace(marker=""),
+                name=names[teacher],
+                teacher=teacher,
+                words=words,
+                hover="{text}",
+                opacity=0.1,
+            )
+        )
+    axes = Scale(quantity, low=0.0, high=100.0), Scale("Runs over it (%)", low=-2.0, high=102.0, grid=True)
+    return Chart(name, [[Panel(*axes, marks)]], heading, caption)
+
+
+def scalars_of(curriculum: Curriculum) -> dict[str, pd.Series]:
+    """Returns the finite values of every scalar by its name, indexed by step."""
+    rows = [
+        (int(step), str(name), float(value))
+        for step, scalars in zip(curriculum.updates["step"], curriculum.updates["scalars"], strict=True)
+        for name, value in (scalars or ())
+        if math.isfinite(value)
+    ]
+    table = pd.DataFrame(rows, columns=["step", "name", "value"])
+    return {str(name): rows.set_index("step")["value"] for name, rows in table.groupby("name")}
+
+
+def scalar_chart(curricula: Mapping[str, Curriculum], name: str, caption: str) -> Chart | None:
+    """Returns a panel for each scalar that a teacher logs, at most `MOST_PER_TEACHER` of a teacher.
+
+    Args:
+        curricula: one run for each teacher.
+        name: identifier of the chart.
+        caption: which runs they are.
+    """
+    names = short_labels(curricula, LONGEST_NAME)
+    panels = [
+        Panel(
+            Scale(STEPS, Kind.STEPS),
+            Scale(whole=_whole(values), grid=True),
+            list(_series(teacher, values)),
+            names[teacher],
+            scalar.replace("_", " "),
+            teacher=teacher,
+        )
+        for teacher in sorted(curricula, key=teacher_order)
+        for scalar, values in list(scalars_of(curricula[teacher]).items())[:MOST_PER_TEACHER]
+    ]
+    rows = grid(panels, 4)
+    size = 10.2, 0.4 + 1.8 * len(rows)
+    return Chart(name, rows, "Teachers' logs", caption, size=size, pixels=230) if panels else None
+
+
+def hidden_scalars(curricula: Mapping[str, Curriculum]) -> int:
+    """Returns the number of scalars that are not drawn."""
+    return sum(max(0, len(scalars_of(each)) - MOST_PER_TEACHER) for each in curricula.values())
+
+
+def _whole(values: pd.Series) -> bool:
+    """True if few whole numbers would get ticks between them."""
+    return bool(values.max() - values.min() < 5 and (values % 1 == 0).all())
+
+
+def _series(teacher: str, values: pd.Series) -> Iterator[Curve]:
+    look_of: dict[str, Any] = {
+        "look": look(teacher)._replace(marker="", dashes="-"),
+        "teacher": teacher,
+        "width": 1.5,
+    }
+    hover = "{y:.4g} at step {x:,d}"
+    if len(values) <= BINS:
+        steps = values.index.to_numpy(np.float64)
+        yield Curve(x=steps, y=values.to_numpy(np.float64), hover=hover, **look_of)
+        return
+    part = np.arange(len(values)) * BINS // len(values)
+    binned = pd.DataFrame({"step": values.index, "value": values.to_numpy()}).groupby(part)
+    low, median, high = (binned["value"].agg(name).to_numpy(np.float64) for name in ("min", "median", "max"))
+    steps = binned["step"].median().to_numpy(np.float64)
+    yield Curve(x=steps, y=median, low=low, high=high, hover=hover, opacity=0.2, **look_of)

@@ -1,0 +1,317 @@
+"""Tasks of a task space as marks: training tasks, probed tasks, and the boxes and Gaussians behind them."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from analysis.charts.base import (
+    LONGEST_NAME,
+    PAGE_WIDTH,
+    PLAIN,
+    Array,
+    Chart,
+    Colours,
+    Dots,
+    Kind,
+    Mark,
+    Outline,
+    Panel,
+    Scale,
+    Shapes,
+    grid,
+    spread,
+)
+from analysis.data.curricula import PANELS, Axis, Curriculum, boxes_of, gaussians_of, return_range
+from analysis.looks import INK, RETURN_COLOURS, look
+from analysis.names import short_labels, teacher_order
+
+MOMENTS, DOTS = 24, 60
+"""Largest number of steps of a run, and of probed tasks of a step, on a page."""
+
+EPISODES, POINTS = 150, 300
+"""Largest number of training episodes of a part of a run on a page and on paper, evenly spaced in time."""
+
+CORNERS = 33
+"""Points of an ellipse."""
+
+BOX, GAUSSIAN = 0.3, 0.2
+"""Half the width of either in a dimension's column."""
+
+GOLDEN = 0.618034
+"""Multiples of it, less their whole part, spread evenly however many there are."""
+
+
+def task_scale(axis: Axis) -> Scale:
+    """Returns the axis of a dimension of the task space."""
+    return Scale(axis.name, Kind.TASK, axis.low, axis.high)
+
+
+@dataclass(frozen=True)
+class TaskView:
+    """A way to show tasks: on the task plane where it has two dimensions that vary.
+
+    Else in a column for each dimension that varies, at their share of its range.
+
+    Attributes:
+        axes: the dimensions of the task space.
+    """
+
+    axes: Sequence[Axis]
+
+    @property
+    def varied(self) -> list[int]:
+        """Places of the dimensions that vary."""
+        return [place for place, axis in enumerate(self.axes) if axis.low < axis.high]
+
+    @property
+    def plane(self) -> bool:
+        """True if tasks are points of a plane."""
+        return len(self.axes) == len(self.varied) == 2
+
+    @property
+    def hover(self) -> str:
+        """Text under the pointer at a task."""
+        return "task {x}, {y}" if self.plane else "{y} of the range"
+
+    def scales(self) -> tuple[Scale, Scale]:
+        """Returns the axes of a panel."""
+        if self.plane:
+            return task_scale(self.axes[0]), task_scale(self.axes[1])
+        names = {str(place): self.axes[place].name.partition(" (")[0] for place in self.varied}
+        share = Scale("Share of the range", Kind.SHARE, -0.02, 1.02, grid=True)
+        return Scale(kind=Kind.NAMES, rows=names), share
+
+    def dots(self, tasks: Array) -> tuple[Array, Array]:
+        """Returns xs and ys of `tasks` (n, d): one dot each on a plane, else one in every column."""
+        tasks = np.asarray(tasks, np.float64)
+        if not len(tasks):
+            return np.empty(0), np.empty(0)
+        if self.plane:
+            return tasks[:, 0], tasks[:, 1]
+        jitter = 0.16 * (2 * ((np.arange(len(tasks)) * GOLDEN) % 1) - 1)
+        return (np.arange(len(self.varied)) + jitter[:, None]).ravel(), self._shares(tasks).ravel()
+
+    def boxes(self, boxes: Sequence[Mapping[str, Any]]) -> list[Outline]:
+        """Returns the outlines of boxes (low, high, score), in their order."""
+        found = []
+        for box in boxes:
+            low, high = (np.asarray(box[end], np.float64) for end in ("low", "high"))
+            score = float(box["score"]) if len(boxes) > 1 else None
+            shapes = [_rectangle(low, high)] if self.plane else self._spans(low, high, BOX)
+            found += [Outline(*shape, weight=0.6, score=score) for shape in shapes]
+        return found
+
+    def gaussians(self, gaussians: Iterable[Mapping[str, Any]]) -> list[Outline]:
+        """Returns the outlines of Gaussians (weight, mean, covariance) at two standard deviations."""
+        found: list[Outline] = []
+        gaussians = list(gaussians)
+        heaviest = max((float(each["weight"]) for each in gaussians), default=1.0)
+        for each in gaussians:
+            mean = np.asarray(each["mean"], dtype=np.float64)
+            covariance = np.array([list(row) for row in each["covariance"]], dtype=np.float64)
+            weight = float(each["weight"]) / heaviest if heaviest > 0 else 1.0
+            if self.plane:
+                found.append(Outline(*ellipse(mean, covariance), weight=weight))
+            else:
+                reach = 2 * np.sqrt(np.maximum(np.diag(covariance), 0.0))
+                spans = self._spans(mean - reach, mean + reach, GAUSSIAN)
+                found += [Outline(*span, weight=weight) for span in spans]
+        return found
+
+    def _shares(self, tasks: Array) -> Array:
+        """Returns varied dimensions of tasks (…, d) as shares of their ranges (…, v)."""
+        low, high = np.array([[self.axes[place].low, self.axes[place].high] for place in self.varied]).T
+        return np.asarray((tasks[..., self.varied] - low) / (high - low), dtype=np.float64)
+
+    def _spans(self, low: Array, high: Array, half: float) -> list[tuple[Array, Array]]:
+        ends = np.clip(self._shares(np.stack([low, high])), 0.0, 1.0)
+        return [
+            _rectangle(np.array([column - half, bottom]), np.array([column + half, top]))
+            for column, (bottom, top) in enumerate(ends.T)
+        ]
+
+
+def ellipse(mean: Array, covariance: Array) -> tuple[Array, Array]:
+    """Returns xs and ys of a two-dimensional Gaussian (mean (2,), covariance (2, 2)) at two deviations."""
+    angles = np.linspace(0, 2 * np.pi, CORNERS)
+    values, vectors = np.linalg.eigh(covariance)
+    circle = np.stack([np.cos(angles), np.sin(angles)])
+    edge = vectors @ (2 * np.sqrt(np.maximum(values, 0.0))[:, None] * circle)
+    return mean[0] + edge[0], mean[1] + edge[1]
+
+
+def _rectangle(low: Array, high: Array) -> tuple[Array, Array]:
+    (left, bottom), (right, top) = low, high
+    return np.array([left, right, right, left, left]), np.array([bottom, bottom, top, top, bottom])
+
+
+def state(
+    curriculum: Curriculum, teacher: str, step: int, view: TaskView, scores: Colours | None, most: int | None
+) -> list[Mark]:
+    """Returns boxes, Gaussians and probed tasks of a teacher at a step; the marks are empty without probes.
+
+    Args:
+        curriculum: of the run.
+        teacher: of the run.
+        step: moment.
+        view: of the task space.
+        scores: colours of regions; None where there is one.
+        most: largest number of probed tasks; None for all.
+    """
+    tasks, update = curriculum.probed_at(step)[:most], curriculum.update_at(step)
+    update = update if len(tasks) else None
+    own: dict[str, Any] = {"look": look(teacher), "teacher": teacher}
+    xs, ys = view.dots(np.asarray(tasks, np.float64))
+    return [
+        Shapes(
+            outlines=[] if update is None else view.boxes(boxes_of(update)),
+            colours=scores,
+            width=1.2,
+            opacity=0.08,
+            **own,
+        ),
+        Shapes(outlines=[] if update is None else view.gaussians(gaussians_of(update)), **own),
+        Dots(x=xs, y=ys, look=PLAIN, teacher=teacher, opacity=0.75, edge="white", hover=view.hover),
+    ]
+
+
+def probed_tasks(
+    curricula: Mapping[str, Curriculum], axes: Sequence[Axis], name: str, caption: str
+) -> Chart | None:
+    """Returns what each teacher would teach at any moment; None without probes.
+
+    Args:
+        curricula: one run for each teacher; without probes it has no panel.
+        axes: the dimensions of the task space.
+        name: identifier of the chart.
+        caption: which runs they are.
+    """
+    view, names = TaskView(axes), short_labels(curricula, LONGEST_NAME)
+    panels = []
+    for teacher in sorted(curricula, key=teacher_order):
+        steps = sorted({int(step) for step in curricula[teacher].probes["step"]})
+        chosen = [steps[place] for place in spread(len(steps), MOMENTS)]
+        if chosen and view.varied:
+            panels.append(_moving(curricula[teacher], teacher, names[teacher], chosen, view))
+    rows = grid(panels, 4)
+    size = PAGE_WIDTH, 0.5 + 2.2 * len(rows)
+    return Chart(name, rows, "Probed tasks", caption, size=size, pixels=290) if panels else None
+
+
+def _moving(curriculum: Curriculum, teacher: str, name: str, steps: Sequence[int], view: TaskView) -> Panel:
+    def at(step: Any) -> Panel:
+        marks = state(curriculum, teacher, step, view, None, DOTS)
+        return Panel(*view.scales(), marks, name, teacher=teacher)
+
+    return replace(at(steps[-1]), moments=steps, moment=at)
+
+
+def training_tasks(
+    curricula: Mapping[str, Curriculum], axes: Sequence[Axis], name: str, caption: str
+) -> Chart | None:
+    """Returns what each teacher taught in each part of its run, coloured by return; None without episodes.
+
+    Args:
+        curricula: one run for each teacher; without episodes it has no panel.
+        axes: the dimensions of the task space.
+        name: identifier of the chart.
+        caption: which runs they are.
+    """
+    view, names = TaskView(axes), short_labels(curricula, LONGEST_NAME)
+    shown = {teacher: each for teacher, each in curricula.items() if len(each.episodes)}
+    if not shown or not view.varied:
+        return None
+    colours, panels = return_colours(shown), []
+    for teacher in sorted(shown, key=teacher_order):
+        panel = _parts(shown[teacher], teacher, names[teacher], view, colours)
+        panels += [] if panel is None else [panel]
+    rows = grid(panels, 4)
+    size = PAGE_WIDTH, 0.5 + 2.2 * len(rows)
+    return Chart(name, rows, "Training tasks", caption, size=size, pixels=290) if panels else None
+
+
+def return_colours(curricula: Mapping[str, Curriculum]) -> Colours:
+    """Returns the colours of returns, the same for all runs, with the mastery threshold marked."""
+    mastery = next(iter(curricula.values())).mastery
+    low, high = return_range(curricula, mastery)
+    return Colours(RETURN_COLOURS, low, high, "Return of the episode", open=True, mark=mastery)
+
+
+def _parts(curriculum: Curriculum, teacher: str, name: str, view: TaskView, colours: Colours) -> Panel | None:
+    """Returns the episodes of the last part of a run that has any, with the other parts as moments."""
+    parts = {round(curriculum.steps * (part + 1) / PANELS): part for part in range(PANELS)}
+    there = [step for step, part in parts.items() if len(curriculum.during(part).episodes)]
+
+    def at(step: Any) -> Panel:
+        dots = episodes(curriculum.during(parts[step]), teacher, view, colours, EPISODES)
+        return Panel(*view.scales(), [dots], name, teacher=teacher)
+
+    return replace(at(there[-1]), moments=there, moment=at) if there else None
+
+
+def episodes(part: Curriculum, teacher: str, view: TaskView, colours: Colours, most: int) -> Dots:
+    """Returns at most `most` training tasks of a part of a run, coloured by return."""
+    chosen = spread(len(part.episodes), most)
+    xs, ys = view.dots(part.tasks[chosen].astype(np.float64) if chosen else np.empty((0, 0)))
+    returns = part.episodes["episodic_return"].to_numpy(np.float64)[chosen].round(1)
+    return Dots(
+        x=xs,
+        y=ys,
+        values=np.repeat(returns, 1 if view.plane else len(view.varied)),
+        colours=colours,
+        teacher=teacher,
+        size=6.0,
+        edge=INK,
+        hover=f"{view.hover}<br>return {{value}}",
+    )
+
+
+def projected(curriculum: Curriculum, dimensions: tuple[int, int]) -> Curriculum:
+    """Returns a curriculum as it looks along two of its task dimensions.
+
+    Tasks and boxes are projected; of Gaussians the marginals are taken. Where boxes lie behind each
+    other, that with the highest score is seen.
+
+    Args:
+        curriculum: of any number of dimensions.
+        dimensions: the one to the right and the one up, from 0.
+
+    Raises:
+        ValueError: the tasks have no such dimension, or both are the same.
+    """
+    chosen = list(dimensions)
+    tasks = [task for table in (curriculum.episodes, curriculum.probes) for task in table["task"].head(1)]
+    size = min(map(len, tasks), default=max(chosen) + 1)
+    if len(set(chosen)) < 2 or not all(0 <= dimension < size for dimension in chosen):
+        raise ValueError(f"dimensions {chosen}: expected two different ones from 0 to {size - 1}")
+
+    def part(task: Any) -> Any:
+        return None if task is None else np.asarray(task)[chosen]
+
+    def marginal(gaussian: Mapping[str, Any]) -> dict[str, Any]:
+        covariance = np.array([list(row) for row in gaussian["covariance"]], dtype=np.float64)
+        mean = np.asarray(gaussian["mean"], dtype=np.float64)[chosen]
+        return {**gaussian, "mean": mean, "covariance": covariance[np.ix_(chosen, chosen)]}
+
+    def side(box: Mapping[str, Any]) -> dict[str, Any]:
+        ends = {name: np.asarray(box[name], dtype=np.float64)[chosen] for name in ("low", "high")}
+        return {**box, **ends, "above": float(box["score"])}
+
+    episodes, probes, updates = curriculum.episodes, curriculum.probes, curriculum.updates
+    world = pd.Series([part(task) for task in episodes["world_task"]], index=episodes.index, dtype=object)
+    shapes = {
+        name: [[change(each) for each in (() if found is None else found)] for found in updates[name]]
+        for name, change in (("gaussians", marginal), ("boxes", side))
+    }
+    columns = {name: pd.Series(found, index=updates.index, dtype=object) for name, found in shapes.items()}
+    return replace(
+        curriculum,
+        episodes=episodes.assign(task=episodes["task"].map(part), world_task=world),
+        probes=probes.assign(task=probes["task"].map(part)),
+        updates=updates.assign(**columns),
+    )
