@@ -283,8 +283,8 @@ class StudentConformance:
 
     Attributes:
         student: registered name, or ``module:Name``, with hyper-parameters if wanted.
-        hyperparameters: to make it with, for instance smaller networks and buffers.
-        steps: of training before it is looked at, in which it should have learned several times.
+        hyperparameters: hyper-parameters for the tests, for instance smaller networks and buffers.
+        steps: number of training steps before the checks, enough for several updates.
     """
 
     student: ClassVar[str]

@@ -71,10 +71,10 @@ def parse_settings(
     floats, so that values may come from JSON.
 
     Args:
-        part: what the settings are for: a dataclass, or any class or function with annotated parameters.
+        part: dataclass, or any class or function with annotated parameters, that the settings are for.
         text: settings as they follow a name.
         given: further settings, as values.
-        kind: what a setting is called in messages.
+        kind: name of a setting in messages.
 
     Raises:
         ValueError: an unknown key or preset (the message has the nearest known one), a value of another

@@ -48,7 +48,7 @@ class Registry(Generic[T]):
     """The implementations of one kind of part, imported only when asked for.
 
     Args:
-        kind: what the names stand for ("teacher"), used in messages.
+        kind: kind of thing that the names are for ("teacher"), used in messages.
         entry_point_group: group under which installed packages may offer more.
         builtin: names shipped with tma_ray, each a ``module:Name`` target.
         base: class that all implementations inherit from, or its ``module:Name``, imported when needed.

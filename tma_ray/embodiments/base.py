@@ -89,12 +89,12 @@ class Part:
         name: unique in the body.
         shape: outline in the part's frame.
         position: the frame's origin relative to the spawn point, in m.
-        density: in kg/m².
+        density: density, in kg/m².
         friction: coefficient; a contact has the geometric mean of its two (Box2D's rule).
-        angle: of the frame in the pose as drawn, in rad.
-        head: whether sensors, reward and termination look at this part; true of exactly one.
+        angle: angle of the frame in the pose as drawn, in rad.
+        head: True for the one part that sensors, reward and termination refer to.
         critical: environments, by name, in which this part must not touch anything: it ends the episode.
-        pushed: whether the random push at an episode's start acts on this part; on the head it always does.
+        pushed: True if the random push at an episode's start acts on this part; on the head it always does.
     """
 
     name: str
@@ -141,7 +141,7 @@ class Joint:
         contact_part: part whose ground contact is observed after this joint, if any.
         anchor_b: says that the joint is drawn stretched, and where on `part_b` it is to be anchored, relative
             to the spawn point in m; such a joint is closed before an episode begins.
-        outside_parts: whether the anchor may lie outside its parts, as in a neck that is not drawn.
+        outside_parts: True if the anchor may lie outside its parts, as in a neck that is not drawn.
     """
 
     part_a: str
@@ -174,8 +174,8 @@ class GripSensor:
         name: unique among the body's parts and sensors.
         part: name of the part that it is welded to.
         position: its centre relative to the spawn point, in m.
-        radius: in m.
-        density: in kg/m².
+        radius: radius, in m.
+        density: density, in kg/m².
     """
 
     name: str
@@ -321,26 +321,26 @@ class Embodiment:
     """A body: a tree of parts.
 
     Attributes:
-        name: what tables call it.
-        body_type: how it moves.
+        name: name in tables.
+        body_type: kind of locomotion.
         spawn_height: height of the spawn point over the ground, in m.
         torque_cost: reward charged per action and step at full torque.
-        upright_reward: whether the head's tilt is part of the reward.
-        parts: in the order of the engine's state.
-        joints: those with motors in the order of actions.
+        upright_reward: True if the head's tilt is part of the reward.
+        parts: parts, in the order of the engine's state.
+        joints: joints; those with motors in the order of actions.
         substeps: steps of the simulation in a time step; light parts with strong motors need more.
         motor_share: share of these steps, the first ones, in which the motors act: a whole number of them, in
             which they give the impulse of a whole time step.
-        iterations: of the solver in each of these steps; more steps need fewer.
-        joint_correction: share of a joint's error that the solver takes back in 1/60 s, under 1. With a large
+        iterations: iterations of the solver in each of these steps; more steps need fewer.
+        joint_correction: share of a joint's error that the solver corrects in 1/60 s, under 1. With a large
             one it needs more iterations, or a heavy body jerks at its light hands.
-        grip_sensors: in the order of their actions, which come after those of the motors.
-        lidars: where it looks in Parkour.
+        grip_sensors: grip sensors in the order of their actions, which follow those of the motors.
+        lidars: directions of the lidars in Parkour.
         steps_survivable_under_water: consecutive time steps with the head under water after which the body
             dies; None if it never does.
-        steps_survivable_outside_water: likewise out of the water.
-        may_touch_ceiling: whether a critical part may touch the ceiling.
-        pushed: whether the random push at an episode's start acts on this body.
+        steps_survivable_outside_water: the same number outside the water.
+        may_touch_ceiling: True if a critical part may touch the ceiling.
+        pushed: True if the random push at an episode's start acts on this body.
 
     Raises:
         EmbodimentError: parts that are not one connected body, or numbers no body can have.

@@ -41,10 +41,10 @@ class Repeat:
         count: that number, unless another is asked for.
         at_most: largest number.
         parts: entries of parts, whose texts may hold the copy's number.
-        joints: entries of joints, likewise.
+        joints: entries of joints, whose texts may hold it too.
         links: entries of joints between copies k and k + 1.
-        grip_sensors: entries of grip sensors, likewise.
-        step: how far apart the copies are, in m. They stand around the place written down.
+        grip_sensors: entries of grip sensors, whose texts may hold it too.
+        step: distance between the copies, in m; they are centred on the place written down.
     """
 
     parameter: str
@@ -220,9 +220,9 @@ def load_embodiment(name_or_path: str | Path, **parameters: float) -> Embodiment
 
     Args:
         name_or_path: the name or the path, which may end with parameters.
-        parameters: what shall differ from the file: `size` (a factor of all lengths), `motor_torque` (of
+        parameters: differences from the file: `size` (a factor of all lengths), `motor_torque` (of
             every motor, in N m), `steps_survivable_under_water` and `steps_survivable_outside_water` (time
-            steps), and how often the file's repeated sections are written out.
+            steps), and the number of copies of each repeated section.
 
     Raises:
         EmbodimentError: unknown name or parameter, unreadable file, or a body that cannot be built.
@@ -367,7 +367,7 @@ def _is_choice(kind: object) -> bool:
 
 
 def _is_bounded(value: object) -> bool:
-    """Tells whether numbers in `value` are finite and none that only a slip of the pen makes."""
+    """Returns True if numbers in `value` are finite and of a plausible size."""
     if isinstance(value, list):
         return all(map(_is_bounded, value))
     return not isinstance(value, (int, float)) or abs(value) <= LARGEST

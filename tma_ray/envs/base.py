@@ -54,7 +54,7 @@ class BodyEnvironment(gymnasium.Env[Observation, NDArray[np.float32]]):
 
     Args:
         embodiment: the body, its name or the path of its file.
-        rules: of the environment for that body.
+        rules: the environment's rules for that body.
         render_mode: None, "rgb_array" or "human".
 
     Attributes:
@@ -64,8 +64,8 @@ class BodyEnvironment(gymnasium.Env[Observation, NDArray[np.float32]]):
         valid_domain: tasks that `reset` accepts.
         max_episode_steps: steps after which an episode is truncated.
         embodiment: the body.
-        rules: of the environment for it.
-        look: how frames are drawn; may be changed between two.
+        rules: the environment's rules for the body.
+        look: settings of frames; may be changed between two frames.
     """
 
     metadata = {"render_modes": ["human", "rgb_array"], "render_fps": round(1 / TIME_STEP)}

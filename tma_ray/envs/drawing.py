@@ -125,7 +125,7 @@ class Canvas:
     """Draws lines, outlines and text in world coordinates; widths are in pixels of a frame.
 
     Attributes:
-        view: what the frame shows.
+        view: section of the world that the frame shows.
     """
 
     def __init__(self) -> None:
@@ -275,7 +275,7 @@ def _colours(dead: bool) -> tuple[Colour, Colour, Colour, Colour]:
 
 
 def _hidden(part: Part, nearer: tuple[Part, ...]) -> bool:
-    """Tells whether one of the `nearer` parts is drawn like `part` and in the same place."""
+    """Returns True if one of the `nearer` parts has the shape and position of `part`."""
     return any(other.position == part.position and other.shape == part.shape for other in nearer)
 
 
@@ -382,7 +382,7 @@ class Renderer:
 
     Args:
         body: whose shapes are drawn.
-        window: whether frames are also shown, at the pace of the simulation.
+        window: True to show frames in a window as well, at the pace of the simulation.
         frames_per_second: pace of the window.
     """
 

@@ -40,9 +40,9 @@ class Parkour(BodyEnvironment):
         embodiment: a body's name or the path of its file, each with parameters if wanted (as in
             "fish:size=1.5"), or the body itself.
         render_mode: None, "rgb_array" or "human".
-        lidars: where the lidars point, if not as the body has it.
+        lidars: directions of the lidars; None for the body's own.
         cppn_weights: path of a ``.npz`` file with other weights of the CPPN than those shipped.
-        swinging_creepers: whether creepers are chains that swing (not used in the paper).
+        swinging_creepers: True for creepers that are swinging chains (not used in the paper).
 
     Attributes:
         algorithm_version: part of the identity of every run; see `BodyEnvironment`.

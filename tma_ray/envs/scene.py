@@ -22,10 +22,10 @@ class Scene:
         poses: x, y, angle of every part's frame (p, 3), in m and rad.
         terrain: the world.
         creepers: each creeper's centre in m, cosine and sine of its angle (c, 4).
-        grips: whether each grip sensor touches and holds something (g, 2).
-        lidars: where the rays end (r, 2), in m.
-        hits: what each ray hits (r,): -1 water, 1 a creeper, 0 anything else.
-        dead: whether the body has been in the wrong medium for too long.
+        grips: True where a grip sensor touches, and where it holds, something (g, 2).
+        lidars: ends of the rays (r, 2), in m.
+        hits: kind of object that each ray hits (r,): -1 water, 1 a creeper, 0 anything else.
+        dead: True if the body has been in the wrong medium for too long.
     """
 
     poses: Floats
@@ -61,9 +61,9 @@ class Look:
     """Settings of an environment's frames.
 
     Attributes:
-        lidars: whether their rays are drawn.
-        smooth: whether a frame is scaled down to its size. Who scales it to another size takes it twice as
-            wide and high as that, (800, 1200, 3), and rough at its edges.
+        lidars: True to draw the rays.
+        smooth: True to scale frames down to their size. False gives frames twice as wide and high,
+            (800, 1200, 3), with rough edges, for callers that scale them.
     """
 
     lidars: bool = True

@@ -23,8 +23,8 @@ class Outcome(NamedTuple):
     Attributes:
         observations: (k, o).
         rewards: (k,).
-        terminated: which episodes ended in their worlds (k,).
-        truncated: which episodes reached their longest length (k,).
+        terminated: True for episodes that ended in their worlds (k,).
+        truncated: True for episodes that reached their longest length (k,).
     """
 
     observations: NDArray[np.float32]
@@ -47,9 +47,9 @@ class LockStep(Protocol):
         """Begins an episode in those at `rows` (k,); the first call names all.
 
         Args:
-            rows: which.
+            rows: indices of the environments (k,).
             seeds: that make their episodes repeatable (k,); None goes on with an environment's own stream.
-            tasks: of the episodes, each (d,); None draws one.
+            tasks: tasks of the episodes, each (d,); None draws one.
 
         Returns:
             Observations (k, o) and tasks (k, d).
@@ -218,7 +218,7 @@ class VectorEnvironment(VectorEnv[Observations, NDArray[np.float32], NDArray[Any
         """Begins episodes, in all worlds or in those of a mask.
 
         Args:
-            seed: of each world, or of the first one, whose successors have the next numbers.
+            seed: seeds of the worlds, or that of the first one, whose successors have the next numbers.
             options: {"task": (n, d), "reset_mask": (n,) of bool}, either of them or both.
 
         Returns:

@@ -36,8 +36,8 @@ class Export:
     """Files of an export.
 
     Attributes:
-        folder: where.
-        run_id: of the run whose policy it is.
+        folder: folder of the export.
+        run_id: id of the run that trained the policy.
         difference: largest absolute difference between actions of the ONNX file and of the policy; None
             without such a file.
     """
@@ -59,8 +59,8 @@ def export(
         policy: a run of `results`, its id or an unambiguous beginning of it; or the folder of a saved policy.
         output: a new or empty folder.
         results: folder or URI of a results root; a card says what it knows of the run.
-        licence: under which others may use the policy, an SPDX identifier such as ``CC-BY-4.0``.
-        onnx: whether to write ``policy.onnx``.
+        licence: licence of the policy, an SPDX identifier such as ``CC-BY-4.0``.
+        onnx: True to write ``policy.onnx``.
 
     Raises:
         ValueError: a folder that is not empty, no such policy, one that cannot be said in ONNX, no package

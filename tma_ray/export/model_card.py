@@ -58,7 +58,7 @@ class ValueRow:
     Attributes:
         first: index of the first.
         last: index of the last.
-        signal: what they mean.
+        signal: meaning of the values.
         low: smallest value of any.
         high: largest value of any.
     """
@@ -75,7 +75,7 @@ class History:
     """History of a run, as its results root holds it.
 
     Attributes:
-        evaluations: in order.
+        evaluations: evaluations in the order of their steps.
         libraries: versions that the last attempt at it ran with, by name; empty if no attempt is recorded.
     """
 
@@ -163,12 +163,12 @@ CARD_FILE: Final = "README.md"
 
 @dataclass(frozen=True)
 class ExportedFile:
-    """A file beside the card.
+    """A file next to the card.
 
     Attributes:
-        name: of the file.
-        size: in bytes.
-        sha256: of its bytes.
+        name: name of the file.
+        size: size in bytes.
+        sha256: SHA-256 of its bytes.
     """
 
     name: str
@@ -183,7 +183,7 @@ class OnnxFacts:
     Attributes:
         file: name of the file.
         opset: version of the operators.
-        observations: how many random ones it was compared on.
+        observations: number of random observations in the comparison.
         difference: largest absolute difference from the policy's actions.
     """
 
@@ -204,12 +204,12 @@ def model_card(
     """Returns the card of the policy of the run `spec`.
 
     Args:
-        spec: of the run.
+        spec: specification of the run.
         environment: that it was trained in.
-        history: what its results say, if they are at hand.
-        files: what lies beside the card.
-        onnx: of the ONNX file, if there is one.
-        licence: under which others may use the policy, empty if none was given.
+        history: its results, if they are available.
+        files: files next to the card.
+        onnx: facts of the ONNX file, if there is one.
+        licence: licence of the policy, empty if none was given.
     """
     evaluations = history.evaluations if history else ()
     body = environment.get_wrapper_attr("embodiment") if environment.has_wrapper_attr("embodiment") else None

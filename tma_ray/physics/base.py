@@ -70,9 +70,9 @@ class Engine(Protocol):
     Attributes:
         state: (p, 6) as kernels.py has it, rewritten by every step.
         contacts: pieces of ground and of ceiling that each part touches (p, 2), rewritten by every step.
-        grips: what each grip sensor touches and holds (g, 2) as grips.py has it, rewritten by every step.
+        grips: object that each grip sensor touches and holds (g, 2), rewritten by every step.
         medium: consecutive steps under water and outside it (2,), rewritten by every step.
-        arrays: what the kernels know of the body.
+        arrays: the kernels' view of the body.
     """
 
     arrays: StepArrays

@@ -155,11 +155,11 @@ class Chains(NamedTuple):
     """Creepers as an engine builds them, none if none of them swings; the values of fixed ones mean nothing.
 
     Attributes:
-        holders: as in Terrain (c,).
-        mass: in kg (c,).
+        holders: holder of each creeper, coded as in Terrain (c,).
+        mass: mass of each creeper, in kg (c,).
         inertia: about the centre, in kg m² (c,).
         centre: at rest (c, 2), in m.
-        anchors: of the hinge, in the frame of the holder and in the creeper's own (c, 2, 2), in m.
+        anchors: hinge in the frame of the holder and in the creeper's own (c, 2, 2), in m.
     """
 
     holders: NDArray[np.int64]

@@ -19,17 +19,17 @@ from tma_ray.terrain import FIXED, Terrain
 
 
 class World(NamedTuple):
-    """Terrain, water and creepers as sensors and grips meet them.
+    """Terrain, water and creepers as seen by sensors and grips.
 
     Attributes:
-        ground: lidar segments as in Terrain (m, 4).
-        ceiling: likewise (k, 4).
-        creepers: as in Terrain, where they hang at rest (c, 4).
+        ground: lidar segments of the ground, as in Terrain (m, 4).
+        ceiling: lidar segments of the ceiling, as in Terrain (k, 4).
+        creepers: rectangles at rest, as in Terrain (c, 4).
         poses: each creeper's centre in m, cosine and sine of its angle (c, 4).
         movable: 1 for a creeper that swings, else 0 (c,).
-        sway: how far a creeper may be from where it hangs at rest, in m.
+        sway: largest distance of a creeper from its rest position, in m.
         water_y: height of the water's surface, in m; -inf where it is dry.
-        goal_x: the head past this x has arrived, in m.
+        goal_x: x that ends the episode once the head is past it, in m.
     """
 
     ground: NDArray[np.float64]
@@ -88,7 +88,7 @@ def look(x: float, y: float, ray: Floats, world: World) -> tuple[float, float]:
         x: start of the ray, in m.
         y: start of the ray, in m.
         ray: its end relative to the start (2,), in m.
-        world: what it may meet.
+        world: surfaces and creepers that the ray may hit.
     """
     nearest = hit_fraction(x, y, ray, world.ground, GROUND_SIDE)
     if len(world.ceiling) > 0:
@@ -214,8 +214,8 @@ def feel(
         rotations: cosine and sine of each part's angle (p, 2).
         body: the body with g sensors.
         world: the world.
-        points: where the sensors are (g, 2), in m, written.
-        grips: what they touch, written, and hold (g, 2).
+        points: positions of the sensors (g, 2), in m, written.
+        grips: object that each sensor touches, written, and holds (g, 2).
     """
     for sensor in range(len(body.grips)):
         part = body.grip_part[sensor]
@@ -292,8 +292,8 @@ def command_motors(action: Floats, alive: bool, body: StepArrays, commands: Floa
     An action's sign is the direction, its size (at most 1) the share of the torque; 0 leaves the joint limp.
 
     Args:
-        action: of motors, then of grip sensors (j + g,); all 0 afterwards if the body is dead.
-        alive: whether the body has survived its medium.
+        action: values for motors, then for grip sensors (j + g,); all 0 afterwards if the body is dead.
+        alive: True if the body has survived its medium.
         body: the body.
         commands: written.
 
@@ -318,7 +318,7 @@ def command_motors(action: Floats, alive: bool, body: StepArrays, commands: Floa
 
 @kernel
 def survives(medium: Integers, body: StepArrays) -> bool:
-    """Tells whether the body is alive after consecutive steps under water and outside it (2,)."""
+    """Returns True if the body is alive after consecutive steps under water and outside it (2,)."""
     drowned = 0 <= body.survivable[0] < medium[0]
     dried = 0 <= body.survivable[1] < medium[1]
     return not (drowned or dried)
@@ -353,7 +353,7 @@ def observe(
         state: (p, 6).
         contacts: (p, 2).
         medium: consecutive steps under water and outside it before this one (2,).
-        grips: what each sensor touches and holds (g, 2).
+        grips: object that each sensor touches and holds (g, 2).
         body: the body.
         world: the world.
         observation: (o,), written.
@@ -405,7 +405,7 @@ def shaping(state: Floats, body: StepArrays) -> float:
 
 @kernel
 def has_fallen(state: Floats, contacts: Integers, body: StepArrays) -> bool:
-    """Tells whether a critical part touches what it must not or the head is behind the start of the track."""
+    """Returns True if a critical part touches a forbidden surface or the head is behind the track's start."""
     for part in range(len(contacts)):
         if body.critical[part]:
             if contacts[part, 0] > 0:
@@ -427,7 +427,7 @@ def judge(
         contacts: (p, 2) after the step.
         body: the body.
         goal_x: the head past this x has arrived, which ends the episode without a bonus.
-        cost: what the torques cost.
+        cost: cost of the torques.
         before: shaping before the step.
 
     Returns:
@@ -462,15 +462,15 @@ TORQUE_SCALE = 60 / 50
 def water_forces(
     state: Floats, rotations: Floats, torques: Floats, body: StepArrays, water_y: float, forces: Floats
 ) -> bool:
-    """Writes the forces of still water on each part, and tells whether there are any.
+    """Writes the forces of still water on each part; returns True if there are any.
 
     Args:
         state: (p, 6).
         rotations: cosine and sine of each part's angle (p, 2).
-        torques: of each motor in the last step, in N m (j,).
+        torques: torque of each motor in the last step, in N m (j,).
         body: the body.
         water_y: height of the surface, in m.
-        forces: on the centre of mass, x and y in N, and torque about it in N m (p, 3), written.
+        forces: force on the centre of mass, x and y in N, and torque about it in N m (p, 3), written.
     """
     wet = False
     for part in range(len(state)):

@@ -22,7 +22,7 @@ class BodyArrays(NamedTuple):
         friction: coefficient (p,).
         vertices: corners of all parts in their frames (v, 2), in m.
         first_vertex: part i has the vertices from `first_vertex[i]` to `first_vertex[i + 1]` (p + 1,).
-        pushed: whether the push at an episode's start acts on a part (p,).
+        pushed: True for parts on which the push at an episode's start acts (p,).
         joint_parts: indices of the two parts (h, 2).
         anchors: anchor in the frames of the two parts (h, 2, 2), in m.
         limits: smallest and largest angle of the second part relative to the first (h, 2), in rad.
@@ -120,12 +120,12 @@ Integers = NDArray[np.int64]
 
 
 class Rules(NamedTuple):
-    """Differences between environments beside their terrain.
+    """Differences between environments other than their terrain.
 
     Attributes:
         environment: name, whose critical parts count.
-        lidars: where the rays point.
-        observes_medium: whether observations tell water, death and what the lidars hit.
+        lidars: directions of the rays.
+        observes_medium: True if observations have water, death and the kind of object that each lidar hits.
     """
 
     environment: str
@@ -144,7 +144,7 @@ class StepArrays(NamedTuple):
         critical: parts whose contact ends the episode (p,).
         joint_parts: indices of the two parts (j, 2).
         contact_part: part whose contact is observed after the joint, -1 for none (j,).
-        first_vertex: as in BodyArrays (p + 1,).
+        first_vertex: index of each part's first vertex, as in BodyArrays (p + 1,).
         grip_part: part that a sensor is welded to (g,).
         torque_cost: reward charged per action and step at full torque.
         upright_weight: reward per radian of tilt, 0 where the tilt does not count.

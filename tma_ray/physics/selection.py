@@ -48,8 +48,8 @@ def make_engine(body: Embodiment, rules: Rules, settings: SolverSettings | None 
 
     Args:
         body: the body.
-        rules: of the environment.
-        settings: how Chipmunk solves, if not as usual with the body's substeps.
+        rules: the environment's rules for the body.
+        settings: settings of Chipmunk's solver; None for the usual ones with the body's substeps.
 
     Raises:
         ValueError: TMA_RAY_ENGINE is neither "compiled" nor "pymunk".
@@ -124,8 +124,8 @@ class EngineBatch(Protocol):
         """Advances some worlds by TIME_STEP, with the same bits as their engines one by one.
 
         Args:
-            rows: which engines (k,).
-            actions: theirs (k, a), as `Engine.step` takes them.
+            rows: indices of the engines to step (k,).
+            actions: actions of these engines (k, a), as `Engine.step` takes them.
 
         Raises:
             ValueError: actions of another shape, or not finite.

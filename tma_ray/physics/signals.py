@@ -16,10 +16,10 @@ class Signal:
     """Values of an observation or an action that belong together.
 
     Attributes:
-        name: what they are of.
-        meaning: what they tell or do.
-        unit: of the values; empty for a share or a yes (1) or no (0).
-        size: how many there are, one after the other.
+        name: part, joint or sensor that the values belong to.
+        meaning: quantity that is observed or controlled.
+        unit: unit of the values; empty for a share or a yes (1) or no (0).
+        size: number of consecutive values.
     """
 
     name: str

@@ -29,10 +29,10 @@ class Transition(NamedTuple):
     """One step of training.
 
     Attributes:
-        observation: what the student acted on (o,).
-        action: what it did (a,).
+        observation: observation that the student acted on (o,).
+        action: action of the student (a,).
         reward: the environment's own reward.
-        next_observation: what followed (o,); the last one of the episode if it ended.
+        next_observation: observation after the step (o,); the last one of the episode if it ended.
         terminated: the episode ended by itself; nothing follows.
         truncated: the episode was cut (time limit): the value of `next_observation` still counts.
     """
@@ -99,7 +99,7 @@ class Student(ABC):
 
     @abstractmethod
     def reset(self) -> None:
-        """Forgets everything learned: networks, optimisers and stored experience start anew.
+        """Forgets everything learned: new networks, new optimisers, no stored experience.
 
         Called between `observe` and `act`, also within an episode, which goes on. What is fitted to
         the environment rather than learned stays: statistics that normalise observations and rewards;
@@ -114,7 +114,7 @@ class Student(ABC):
 
         Args:
             folder: an existing, empty folder of the student's own.
-            incremental: what was last saved or loaded is still there: large files that did not change
+            incremental: True if what was last saved or loaded is still there: large files that did not change
                 since may be left out.
 
         Returns:
@@ -123,7 +123,7 @@ class Student(ABC):
 
     @abstractmethod
     def load(self, folder: Path) -> None:
-        """Takes over the state that `save` wrote, from a student with the same construction.
+        """Loads the state that `save` wrote, from a student with the same construction.
 
         Raises:
             ValueError: the state belongs to a student of another kind or with other hyper-parameters.

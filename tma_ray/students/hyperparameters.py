@@ -18,7 +18,7 @@ class MatmulPrecision(StrEnum):
     """Precision of torch's products of float32 matrices during updates.
 
     Attributes:
-        HIGHEST: in float32.
+        HIGHEST: float32 throughout.
         HIGH: rounded to TensorFloat32 (10 bits of mantissa), summed in float32, where a GPU has tensor cores
             for it; no different on a CPU.
         MEDIUM: rounded to bfloat16, summed in float32: about twice as fast where the processor has AMX or
@@ -35,7 +35,7 @@ class PPOHyperparameters:
     """Proximal policy optimisation (paper, appendix on DRL students).
 
     Attributes:
-        algorithm_version: of the student; here, so that it is known without torch.
+        algorithm_version: algorithm version of the student; here, so that it is known without torch.
         absent_at_default: hyper-parameters that came after the first runs, whose identity they leave as it
             was: see `tma_ray.hyperparameters.identifying`.
         hidden_units: units per hidden layer of the trunk that policy and value share, or of each one's.
@@ -59,7 +59,7 @@ class PPOHyperparameters:
             student begins with, also after it forgot everything; empty for new ones.
         averaged_steps: environment steps over which the weights are averaged exponentially, update by update;
             evaluations and the saved policy have the average. 0 for the weights themselves.
-        matmul_precision: of the updates' matrix products.
+        matmul_precision: matmul precision of the updates' matrix products.
     """
 
     algorithm_version: ClassVar[int] = 1
@@ -147,7 +147,7 @@ class SACHyperparameters:
     """Soft actor-critic with a fixed entropy coefficient (paper, appendix on DRL students).
 
     Attributes:
-        algorithm_version: of the student; here, so that it is known without torch.
+        algorithm_version: algorithm version of the student; here, so that it is known without torch.
         hidden_units: units per hidden layer of the actor and of each critic, ReLU.
         learning_rate: Adam's step size of actor and critics.
         buffer_size: transitions kept for replay.
@@ -161,7 +161,7 @@ class SACHyperparameters:
         target_rate: share of the critics that the target critics take over at each update.
         entropy_coefficient: weight alpha of the policy's entropy in the return.
         value_samples: actions per state that V(s) = E[min Q - alpha log pi] averages over.
-        matmul_precision: of the updates' matrix products.
+        matmul_precision: matmul precision of the updates' matrix products.
     """
 
     algorithm_version: ClassVar[int] = 1

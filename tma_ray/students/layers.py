@@ -25,8 +25,8 @@ class Standardise(nn.Module):
     """Takes off a mean, divides by a deviation and clips: in float64, as `Normaliser` does.
 
     Args:
-        mean: of observations (o,).
-        variance: of observations (o,).
+        mean: mean of observations (o,).
+        variance: variance of observations (o,).
         clip: bound of the result.
     """
 
@@ -49,7 +49,7 @@ class Affine(nn.Module):
 
     Args:
         weight: factors (k,).
-        bias: what is added (k,).
+        bias: summands (k,).
     """
 
     weight: torch.Tensor
@@ -153,7 +153,7 @@ class GreedyNetwork:
 
     Args:
         parameters: (p,); for several observations always the present ones are applied.
-        layout: of the network, whose first outputs are the means.
+        layout: layout of the network, whose first outputs are the means.
         action_size: number of means a.
 
     Attributes:
@@ -169,7 +169,7 @@ class GreedyNetwork:
         self.refresh()
 
     def refresh(self) -> None:
-        """Takes over the present parameters for single observations."""
+        """Loads the present parameters for single observations."""
         self.row.load(self._parameters.numpy(force=True))
 
     def __call__(self, observations: Observations, squash: bool) -> Actions:

@@ -72,7 +72,8 @@ class Normaliser:
 
         Args:
             transition: the step.
-            value: of an observation (o,), in normalised reward, which a time limit adds to the last reward.
+            value: function that returns the value of an observation (o,) in normalised reward; a time limit
+                adds it to the last reward.
         """
         ended = transition.terminated or transition.truncated
         if not ended:

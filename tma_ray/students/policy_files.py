@@ -66,7 +66,7 @@ class PolicyFileError(ValueError):
 
     Attributes:
         file: its path.
-        problem: what is wrong with it, and what to do.
+        problem: fault, and what to do.
     """
 
     def __init__(self, file: str | Path, problem: str) -> None:
@@ -79,9 +79,9 @@ class StoredPolicy:
     """Content of a saved policy, as `read_policy` found it.
 
     Attributes:
-        folder: where it lies.
-        observation_space: of the environment that it was trained in (o,).
-        action_space: likewise (a,).
+        folder: folder of the policy.
+        observation_space: observation space of the environment of its training (o,).
+        action_space: action space of that environment (a,).
         hyperparameters: those that shape the policy.
         tensors: its arrays by name.
     """
@@ -131,12 +131,12 @@ def write_policy(
     """Writes a policy into the existing `folder`; the same one gives the same bytes.
 
     Args:
-        folder: of the policy alone.
-        student: what kind of policy it is; `read_policy` asks for it.
+        folder: folder of the policy alone.
+        student: kind of policy; `read_policy` asks for it.
         observation_space: a one-dimensional float32 box.
-        action_space: likewise.
+        action_space: a one-dimensional float32 box.
         tensors: all that is learned and that acting needs, by names of the student's own.
-        hyperparameters: what shapes the policy, as values that JSON has.
+        hyperparameters: values that shape the policy, of types that JSON has.
     """
     content = {
         "format_version": FORMAT_VERSION,

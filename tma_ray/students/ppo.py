@@ -105,7 +105,7 @@ class Steps(NamedTuple):
 
     Attributes:
         observations: normalised (n, o).
-        actions: as sampled (n, a).
+        actions: sampled actions (n, a).
         old_values: values of the observations when they were made (n,).
         old_log_prob: log probabilities of the actions when they were taken (n,).
         advantages: not normalised (n,).
@@ -124,12 +124,12 @@ class Losses(NamedTuple):
     """Parts of the loss, and figures for logging, one number per run each; and the gradient.
 
     Attributes:
-        policy: of the clipped surrogate objective.
+        policy: clipped surrogate objective.
         value: mean squared error.
         divergence: approximate Kullback-Leibler divergence from the old policy.
         clipped: share of ratios beyond the clip range.
-        outputs_gradient: of the loss by the outputs (n, a + 1).
-        log_std_gradient: of the loss by the log deviation (a,).
+        outputs_gradient: gradient of the loss by the outputs (n, a + 1).
+        log_std_gradient: gradient of the loss by the log deviation (a,).
     """
 
     policy: torch.Tensor
@@ -144,7 +144,7 @@ def losses(outputs: torch.Tensor, log_std: torch.Tensor, steps: Steps, hyper: PP
     """Returns the parts of a mini-batch's loss, and its gradient (arXiv:1707.06347, equations 7 and 9).
 
     Args:
-        outputs: of the network: means of the actions, and the value (n, a + 1).
+        outputs: outputs of the network: means of the actions, and the value (n, a + 1).
         log_std: log deviation of the actions (a,).
         steps: the mini-batch.
         hyper: hyper-parameters of the student.
@@ -182,8 +182,8 @@ def _policy_gradients(
     Args:
         surrogates: advantages times ratios (n,), and times clipped ratios (n,); the smaller one counts, and
             where that is the clipped one, the gradient is zero.
-        error: of the actions from the means, in deviations (n, a).
-        deviation: of the actions (1, a).
+        error: error of the actions from the means, in deviations (n, a).
+        deviation: deviation of the actions (1, a).
     """
     free, clipped = surrogates
     share = (free * (free <= clipped)).div_(-free.shape[-1])[..., None]
@@ -208,7 +208,7 @@ class PPOUpdate:
     Args:
         model: a set-up stable-baselines3 PPO.
         parameters: its network's, whose outputs are means and value, and its log deviation.
-        hyperparameters: of the student.
+        hyperparameters: hyperparameters of the student.
 
     Attributes:
         flat: the parameters, as given.
@@ -230,7 +230,7 @@ class PPOUpdate:
             self._trunks = torch.from_numpy(network.layout.trunks(means)).to(network.gradient)
 
     def restore(self) -> None:
-        """Takes over the optimiser's state after the model was loaded."""
+        """Reads the optimiser's state after the model was loaded."""
         self.adam.restore()
 
     def __call__(self, rollout: Rollout) -> None:
@@ -394,7 +394,7 @@ class PPO(StableBaselinesStudent[PPOHyperparameters, stable_baselines3.PPO]):
         self._greedy.refresh()
 
     def changed(self, updates: int) -> None:
-        """Takes over parameters that were changed from outside, by so many `updates` in all."""
+        """Loads parameters that were changed from outside, by so many `updates` in all."""
         self.model._n_updates = updates
         self._refresh()
 

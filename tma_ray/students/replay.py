@@ -38,7 +38,7 @@ class ReplayBuffer:
         observation_size: length o of an observation.
         action_size: length a of an action.
         generator: draws the batches.
-        device: where batches go.
+        device: device of batches.
     """
 
     def __init__(
@@ -76,7 +76,7 @@ class ReplayBuffer:
         """Stores `transition`, and forgets the oldest if the buffer is full.
 
         Args:
-            transition: what happened; its own action is not read.
+            transition: the step; its own action is not read.
             action: the action (a,) in the network's range [-1, 1].
         """
         row = self._row
@@ -107,10 +107,10 @@ class ReplayBuffer:
         """Stores n consecutive transitions of an episode, as n calls of `add` would.
 
         Args:
-            observations: what was acted on, and the last next observation (n + 1, o).
-            actions: in the network's range [-1, 1] (n, a).
+            observations: observations acted on, and the last next observation (n + 1, o).
+            actions: actions in the network's range [-1, 1] (n, a).
             rewards: (n,).
-            terminated: of the last transition; the others are not.
+            terminated: True if the last transition terminated; the others did not.
         """
         count, row = len(actions), self._row
         if self._size + count >= self._rows or row + count >= self._rows:  # at the seam, or full
@@ -169,7 +169,7 @@ class ReplayBuffer:
         """Writes the filled part in segments, every observation once.
 
         Args:
-            folder: where to.
+            folder: folder to write to.
             incremental: segments that did not change since this buffer was last saved or loaded are left out.
 
         Returns:
@@ -192,7 +192,7 @@ class ReplayBuffer:
         return tuple(unchanged)
 
     def load(self, folder: Path) -> None:
-        """Takes over what a buffer of the same sizes saved."""
+        """Loads what a buffer of the same sizes saved."""
         for number, path in enumerate(sorted(folder.glob("replay-*.npz"))):
             start = number * SEGMENT_ROWS
             with np.load(path) as segment:

@@ -54,7 +54,7 @@ class Transitions(NamedTuple):
 
     Attributes:
         observations: (n, o).
-        actions: in [-1, 1] (n, a).
+        actions: actions in [-1, 1] (n, a).
         next_observations: (n, o).
         dones: 1 where nothing follows (n, 1).
         rewards: (n, 1).
@@ -72,7 +72,7 @@ class Draw(NamedTuple):
 
     Attributes:
         actions: squashed to [-1, 1] (n, a).
-        log_probabilities: of the actions (n, 1).
+        log_probabilities: log probabilities of the actions (n, 1).
     """
 
     actions: torch.Tensor
@@ -91,7 +91,7 @@ def squashed_draw(outputs: torch.Tensor, noise: torch.Tensor, log_std: LogStd) -
     """Returns the tangent hyperbolic of normal variables, and its log density.
 
     Args:
-        outputs: of the actor (n, 2a).
+        outputs: outputs of the actor (n, 2a).
         noise: standard normal (n, a).
         log_std: map to the log deviations.
     """
@@ -118,7 +118,7 @@ def critic_loss(critics: Pass, batch: Transitions, targets: torch.Tensor) -> tor
     """Returns half the mean squared error of each critic, summed over the critics.
 
     Args:
-        critics: to be trained.
+        critics: critics to train.
         batch: transitions.
         targets: r + gamma (1 - done) V(s'), which no gradient passes (n, 1).
     """
@@ -163,11 +163,11 @@ class SACUpdate:
         model: a set-up stable-baselines3 SAC with a fixed entropy coefficient.
         actor: the parameters of its actor.
         critics: the parameters of its critics.
-        hyperparameters: of the student.
+        hyperparameters: hyperparameters of the student.
 
     Attributes:
-        actor: as given.
-        critics: as given.
+        actor: the actor.
+        critics: both critics.
         targets: the parameters of the target critics.
         actor_adam: optimiser of the actor.
         critic_adam: optimiser of the critics.
@@ -187,7 +187,7 @@ class SACUpdate:
         self._model, self._hyper = model, hyperparameters
 
     def restore(self) -> None:
-        """Takes over the optimisers' states after the model was loaded."""
+        """Reads the optimisers' states after the model was loaded."""
         self.actor_adam.restore()
         self.critic_adam.restore()
 
@@ -332,7 +332,7 @@ class SAC(StableBaselinesStudent[SACHyperparameters, stable_baselines3.SAC]):
         self._steps, self._episode_steps = steps, 0
 
     def changed(self, updates: int) -> None:
-        """Takes over parameters that were changed from outside, by so many `updates` in all."""
+        """Loads parameters that were changed from outside, by so many `updates` in all."""
         self.model._n_updates = updates
         self._refresh()
 

@@ -21,7 +21,7 @@ class Proposal:
 
     Attributes:
         task: float32 (d,), inside the task space.
-        trains: whether the student learns from the episode. If not, it plays its exploring policy and does
+        trains: True if the student learns from the episode. If not, it plays its exploring policy and does
             not change: nothing is stored, counted or updated. The steps count to the budget all the same.
     """
 
@@ -36,12 +36,12 @@ class Episode:
     Attributes:
         task: the task as the teacher chose it, float32 (d,).
         episodic_return: undiscounted sum of the environment's own rewards.
-        success: whether `episodic_return` was over the mastery threshold.
+        success: True if `episodic_return` was over the mastery threshold.
         length: steps played.
         initial_observation: the observation that `reset` gave, float32 (o,).
         discounted_return: sum of rewards discounted by the student's gamma.
         step: environment steps of the run so far, this episode included.
-        trains: whether the student learned from it, as the `Proposal` said.
+        trains: True if the student learned from it, as the `Proposal` said.
     """
 
     task: Task
@@ -87,9 +87,9 @@ class Trajectory:
 
     Attributes:
         observations: float32 (t + 1, o), raw, from the initial one to the one after the last step.
-        actions: float32 (t, a), as the student chose them.
+        actions: float32 (t, a), as chosen by the student.
         rewards: float64 (t,), the environment's own.
-        terminated: whether the episode ended by itself; else it was cut, and the value of the last
+        terminated: True if the environment ended the episode; else it was cut, and the value of the last
             observation still counts.
         gamma: the student's discount factor, by which it values states.
     """
@@ -136,10 +136,10 @@ class Query:
     """A question from a teacher.
 
     Attributes:
-        kind: what is asked.
+        kind: kind of question.
         observations: float32 (n, o), raw as the environment gave them, for `STATE_VALUES` only.
         tasks: float32 (n, d), inside the task space, for `EVALUATION` only; a task may be named repeatedly.
-        greedy: whether an evaluation plays the deterministic policy instead of the exploring one.
+        greedy: True if an evaluation plays the deterministic policy instead of the exploring one.
     """
 
     kind: QueryKind

@@ -24,7 +24,7 @@ class TestSet:
     """Named tasks in evaluation order.
 
     Attributes:
-        name: what tables call it; part of the seed of every evaluation world.
+        name: name in tables; part of the seed of every evaluation world.
         dimensions: names of the task's dimensions (d).
         tasks: float32 (n, d).
     """
@@ -161,10 +161,10 @@ class ExpertKnowledge:
     """Knowledge that an expert gives to a teacher (paper, appendix C, expert knowledge setups).
 
     Attributes:
-        level: how much is known.
+        level: amount of knowledge.
         mastery_threshold: episodic return over which a task counts as mastered; None at level none.
-        initial: where to start; informative at level high, else placed at random over the space.
-        target: where to end; always the wide default, since no task-specific target is known.
+        initial: first task distribution; informative at level high, else placed at random over the space.
+        target: last task distribution; always wide, since no task-specific target is known.
     """
 
     level: KnowledgeLevel
@@ -184,13 +184,13 @@ def expert_knowledge(
     """Returns the knowledge of `level` about `space`.
 
     Args:
-        level: how much is told.
+        level: amount of knowledge.
         space: the space the teacher works in.
         placement: draws the mean of the initial Gaussian below level high. It is drawn at every
             level, so that what follows does not depend on the level.
         easy_task: an easy task (d,) of the world, the initial mean at level high.
         mastery_threshold: told from level low on.
-        landscape: where the teacher's tasks lie in the world if its space is shuffled. The easy task is
+        landscape: mapping of the teacher's tasks to the world's if the space is shuffled. The easy task is
             told as the teacher's task that leads to it; variances stay as they are.
 
     Raises:

@@ -120,7 +120,7 @@ class TaskSpace:
         return np.clip(self._checked(tasks).astype(np.float32), self.low, self.high)
 
     def contains(self, tasks: ArrayLike) -> bool:
-        """Tells whether every one of `tasks` (..., d) lies in the closed box; NaN never does."""
+        """Returns True if every one of `tasks` (..., d) lies in the closed box; NaN never does."""
         values = self._checked(tasks).astype(np.float32)
         return bool(np.all((values >= self.low) & (values <= self.high)))
 

@@ -26,7 +26,7 @@ class ACCEL(PrioritisedReplay):
             the buffer while that is less (paper: p).
         edit_share: chance that a replay is followed by an edit of its task, in [0, 1] (paper: q).
         edits: coordinates moved in one edit, with repetitions (paper: number of edits).
-        edit_step: how far, as a share of the dimension's range.
+        edit_step: largest step of an edit, as a share of the dimension's range.
     """
 
     algorithm_version: ClassVar[int | None] = 1

@@ -38,7 +38,7 @@ class ADR(Teacher):
         expand_at: mean return at which a boundary moves out (paper: t_H).
         queue_size: returns that move a boundary (paper: m).
         boundary_share: share of tasks set to a boundary, in [0, 1] (paper: p_b).
-        step: how far a boundary moves, in units of its dimension (paper: Delta).
+        step: step of a boundary, in units of its dimension (paper: Delta).
     """
 
     algorithm_version: ClassVar[int | None] = 1

@@ -1,4 +1,4 @@
-"""The protocol of a teacher: it proposes tasks, hears of episodes, and may ask questions."""
+"""The protocol of a teacher: it proposes tasks, observes episodes, and may ask questions."""
 
 from __future__ import annotations
 
@@ -59,11 +59,11 @@ class Teacher(ABC):
         absent_at_default: hyper-parameters that came after the first runs, whose identity they leave as it
             was: see `tma_ray.hyperparameters.identifying`.
         presets: hyper-parameters that belong together, by the name that ``preset=`` chooses them with.
-        wants_trajectory: whether it may ask for trajectories; for others the run does not record them.
-        wants_evaluations: whether it may propose episodes from which the student does not learn, or ask for
+        wants_trajectory: True if it may ask for trajectories; for others the run does not record them.
+        wants_evaluations: True if it may propose episodes from which the student does not learn, or ask for
             evaluations of tasks; it runs only with students that can play without learning.
         space: the box to choose tasks from.
-        knowledge: what the expert tells.
+        knowledge: expert knowledge of the task space.
         rng: the only source of randomness.
     """
 
@@ -142,7 +142,7 @@ class Teacher(ABC):
         return copy.deepcopy({"learned": learned, "rng": self.rng.bit_generator.state})
 
     def load_state(self, state: dict[str, Any]) -> None:
-        """Takes up a state given by `state`, after `start` with the same space and knowledge."""
+        """Restores a state that `state` returned, after `start` with the same space and knowledge."""
         state = copy.deepcopy(state)
         vars(self).update(state["learned"])
         self._updates = []  # what `start` logged was drained before this state was saved

@@ -79,7 +79,7 @@ def hyperparameters_of(teacher: Teacher) -> dict[str, Any]:
 
 
 def knows_enough(teacher: type[Teacher], level: KnowledgeLevel) -> bool:
-    """Tells whether `teacher` can run at `level`."""
+    """Returns True if `teacher` can run at `level`."""
     return teacher.knowledge_levels[0].rank <= level.rank
 
 

@@ -39,7 +39,7 @@ class CovarGMM(MixtureTeacher):
         fit_every: episodes between two fits, and rows in each (paper: n).
         most_components: largest mixture tried (paper: max_k).
         explore: share of uniform tasks after the first fit, in [0, 1] (paper: r_p).
-        progress: how progress is read from the covariance.
+        progress: definition of progress in terms of the covariance.
     """
 
     algorithm_version: ClassVar[int | None] = 1

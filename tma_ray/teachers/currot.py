@@ -38,7 +38,7 @@ class Performance(NamedTuple):
     """Returns expected at points: averages of known ones, weighted by a Gaussian kernel (Nadaraya-Watson).
 
     Attributes:
-        points: where returns are known (n, f).
+        points: tasks with known returns (n, f).
         returns: (n,).
         width: standard deviation of the kernel.
     """
@@ -64,7 +64,7 @@ class Region(NamedTuple):
     """The reach of a particle in one move.
 
     Attributes:
-        radius: of the ball around it.
+        radius: radius of the ball around it.
         candidates: points tried in the ball.
         line_candidates: points tried on the way to its target.
     """
@@ -85,11 +85,11 @@ def moved(
     """Returns `particles` (n, f) of the unit box, each as near to its target as performance allows.
 
     Args:
-        particles: where they are.
-        targets: of each (n, f).
+        particles: present particles.
+        targets: target of each particle (n, f).
         performance: returns to expect.
         least: return to expect at least; where no point of the region has it, the best one is taken.
-        region: what is tried; towards the target only, of particles that have the least return.
+        region: candidates; towards the target only, of particles that have the least return.
         rng: draws the candidates.
     """
     candidates = _candidates(particles, targets, performance(particles) >= least, region, rng)
@@ -140,8 +140,8 @@ class SuccessBuffer:
         capacity: most tasks.
         least: return of a success.
         points: coordinates of the tasks in [0, 1] (n, f).
-        returns: of an episode of each (n,).
-        reached: whether the median has reached `least`.
+        returns: return of one episode per particle (n,).
+        reached: True if the median has reached `least`.
         worst: lowest return of the first tasks.
     """
 
@@ -157,11 +157,11 @@ class SuccessBuffer:
         self.points, self.returns = np.empty((0, self.size)), np.empty(0)
 
     def add(self, points: Array, returns: Array, targets: Array) -> NDArray[np.bool_]:
-        """Takes over what belongs here of new tasks (k, f), returns (k,); returns which were left out (k,).
+        """Adds new tasks (k, f) that belong here, with returns (k,); returns which were left out (k,).
 
         Args:
             points: coordinates of the tasks.
-            returns: of an episode of each.
+            returns: return of one episode per task (k,).
             targets: draws of the target distribution (`capacity`, f).
         """
         if not len(self.returns):
@@ -182,7 +182,7 @@ class SuccessBuffer:
 
         Args:
             rng: draws them.
-            count: how many.
+            count: number of tasks to draw.
             narrowest: standard deviation of the noise around successes, as a share of each range.
         """
         below = np.maximum(self.least - self.returns, 0.0) / max(self.least - self.worst, 1e-9)
@@ -242,7 +242,7 @@ class CURROT(Teacher):
         least_return: expected return of a particle at least (paper: delta).
         particles: their number, and the most successes and failures kept.
         update_every: episodes between two updates.
-        radius: of a move, as a share of the diagonal of the space (paper: epsilon).
+        radius: largest move, as a share of the diagonal of the space (paper: epsilon).
         kernel_width: standard deviation of the kernel of expected returns, as a share of the radius.
     """
 

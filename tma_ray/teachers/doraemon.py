@@ -127,7 +127,7 @@ class EntropyUpdate:
     Attributes:
         present: the distribution that the points were drawn from.
         points: coordinates of the tasks played (n, f).
-        successes: which of them the student mastered (n,).
+        successes: True for tasks that the student mastered (n,).
         least_success: expected share of successes at least.
         most_divergence: bound on KL(present || new), in nats.
         largest: upper bound of the parameters; the lower one is 1.

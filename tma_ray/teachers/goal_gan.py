@@ -47,7 +47,7 @@ class GoalGAN(Teacher):
         pretraining_iterations: steps of both networks before the first episode.
         pretraining_tasks: tasks drawn from the initial Gaussian for that.
         batch_size: tasks per step, and as many generated ones.
-        learning_rate: of both optimisers.
+        learning_rate: learning rate of both optimisers.
     """
 
     algorithm_version: ClassVar[int | None] = 1

@@ -60,7 +60,7 @@ def fit_mixture(rows: Array, most_components: int, seed: int) -> Mixture:
     Args:
         rows: data (n, c); sizes beyond n - 1 components are not tried.
         most_components: largest number of components, included.
-        seed: of scikit-learn's initialisation.
+        seed: seed of scikit-learn's initialisation.
     """
     # Imported here: drivers and workers that name a teacher and fit nothing start sooner without it.
     from sklearn.exceptions import ConvergenceWarning

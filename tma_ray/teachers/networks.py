@@ -87,7 +87,7 @@ class LeastSquaresGAN:
 
     Args:
         size: dimensions d of points and of the noise that they are generated from.
-        learning_rate: of both RMSProp optimisers.
+        learning_rate: learning rate of both RMSProp optimisers.
         batch_size: points per step, and as many generated ones.
         rng: draws the initial weights.
     """
@@ -319,7 +319,7 @@ def new_networks(size: int, hidden_units: int, rng: np.random.Generator) -> tupl
 
     Args:
         size: dimensions of a task.
-        hidden_units: of each layer of the setter's networks.
+        hidden_units: units of each layer of the setter's networks.
         rng: draws the initial weights.
     """
     seeded = torch_generator(rng)
@@ -366,9 +366,9 @@ def update_setter(
     """Takes one step; returns the losses.
 
     Args:
-        setter: what is trained.
-        judge: what tells the feasibility of its points.
-        optimiser: of the setter.
+        setter: network to train.
+        judge: network that predicts the feasibility of its points.
+        optimiser: optimiser of the setter.
         proposed: noise (n, d) and feasibility (n,) that were proposed from.
         valid: points (m, d) that were solved, with noise, and which (n,) of the proposed these are.
     """

@@ -39,7 +39,7 @@ def positive_value_loss(trajectory: Trajectory, values: NDArray[np.float64], gae
 
     Args:
         trajectory: the episode.
-        values: of its observations (t + 1,); the last one does not count if the episode terminated.
+        values: values of its observations (t + 1,); the last one does not count if the episode terminated.
         gae_lambda: lambda of the estimates (arXiv:1506.02438).
     """
     from scipy.signal import lfilter  # imported here: who only names a teacher starts sooner without it
@@ -121,7 +121,7 @@ class TaskBuffer:
         return task
 
     def rescore(self, place: int, score: float, best: float) -> None:
-        """Takes over what an episode of the task at `place` gave."""
+        """Records the episode of the task at `place`."""
         self.scores[place], self.best[place] = score, best
 
     def offer(self, task: Task, score: float, best: float) -> None:
@@ -148,7 +148,7 @@ class PrioritisedReplay(Teacher):
     Sources: Jiang et al. 2021a (prioritised level replay) and 2021b (replay-guided adversarial environment
     design). Defaults are those of the authors' runs on a walker whose world has continuous parameters
     (Parker-Holder et al. 2022, BipedalWalker). There a level is a fixed world; here the world of a task is
-    drawn anew at each replay.
+    drawn again at each replay.
 
     Attributes:
         replay_share: highest chance of a replay instead of a new task, in [0, 1]; it is the filled share of
@@ -156,7 +156,7 @@ class PrioritisedReplay(Teacher):
         fill_first: filled share of the buffer before the first replay, in [0, 1] (authors' code: rho).
         buffer_size: most tasks kept (paper: K).
         score: estimate of a task's regret.
-        temperature: of the ranks; the lower, the more often the highest scores are replayed (paper: beta).
+        temperature: temperature of the ranks; if lower, the highest scores are replayed more (paper: beta).
         staleness_share: weight of staleness against score, in [0, 1] (paper: rho).
         gae_lambda: lambda of the advantage estimates in the positive value loss.
         budget: environment steps of the run, to which `for_budget` fits the buffer.

@@ -55,7 +55,7 @@ class Ramp(Teacher):
         return self._gaussian().sample(self.space, self.rng)
 
     def observe(self, episode: Episode) -> None:
-        """Takes over how many steps there were."""
+        """Counts the steps of an episode."""
         self.step_, self.episodes_ = episode.step, self.episodes_ + 1
         if self.episodes_ % LOG_EVERY == 0:
             self._log()

@@ -41,7 +41,7 @@ class Region:
         bounds: its lower and upper corner (2, d), float32 values.
         tasks: the latest `capacity` tasks, oldest first.
         returns: their episodic returns.
-        split: how it was divided; None as long as it is whole.
+        split: division into two halves; None as long as the region is whole.
     """
 
     def __init__(self, bounds: Array, capacity: int) -> None:
@@ -114,7 +114,7 @@ def best_cut(
     al. 2019, appendix; Baranes and Oudeyer 2009).
 
     Args:
-        region: what to cut.
+        region: region to cut.
         attempts: number of random cuts.
         fewest: episodes that each part must keep.
         smallest: (d,) sides that each part must keep, in task units.

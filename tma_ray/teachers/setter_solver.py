@@ -23,7 +23,7 @@ class Proposals:
     Attributes:
         feasibility: asked for (n,).
         latents: Gaussian noise (n, f) that they were made from.
-        points: in the unit box (n, f).
+        points: points in the unit box (n, f).
     """
 
     feasibility: NDArray[np.float64]
@@ -50,8 +50,8 @@ class SetterSolver(Teacher):
         update_every: episodes between two updates (paper: n).
         noise: upper bound of the uniform noise added to solved tasks in the validity loss, as a share
             of each range (paper: delta).
-        hidden_units: of each layer of the setter's networks (paper: n_HIDDEN).
-        learning_rate: of Adam, for both networks.
+        hidden_units: units of each layer of the setter's networks (paper: n_HIDDEN).
+        learning_rate: learning rate of Adam, for both networks.
     """
 
     algorithm_version: ClassVar[int | None] = 1

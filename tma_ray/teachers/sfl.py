@@ -86,7 +86,7 @@ class SFL(Teacher):
         return Query(QueryKind.EVALUATION, tasks=np.repeat(self.asked_, self.rollouts, axis=0))
 
     def answer(self, answer: Outcomes) -> None:
-        """Fills the buffer anew with the tasks of highest learnability; ties are broken at random."""
+        """Fills the buffer with the tasks of highest learnability; ties are broken at random."""
         assert self.asked_ is not None, "an answer follows a query"
         candidates, kept = len(self.asked_), for_budget(self.kept, self.budget)
         mastered = answer.successes.reshape(candidates, self.rollouts).mean(axis=1)

@@ -101,7 +101,7 @@ def self_paced_update(
 
     Args:
         current: the distribution that the contexts were drawn from.
-        target: where the penalty pulls to.
+        target: distribution that the penalty pulls towards.
         contexts: points (n, d).
         values: V of the student in them (n,).
         penalty: weight of the divergence from the target, at least 0 (paper: alpha).
@@ -131,7 +131,7 @@ class _Ray:
     """Distributions in one direction from the standard Gaussian, all of them valid.
 
     Attributes:
-        shift: of the mean (d,).
+        shift: shift of the mean (d,).
         spread: lower triangle (d, d) of the factor's change; its diagonal is that of the logarithms.
     """
 
@@ -163,7 +163,7 @@ class _Problem:
     Attributes:
         points: contexts (n, d).
         gains: their values (n,), over the mean value.
-        target: where the penalty pulls to.
+        target: distribution that the penalty pulls towards.
         penalty: its weight.
     """
 

@@ -26,13 +26,13 @@ class Terrain(NamedTuple):
         surface: lidar segments of the ground (m, 4) as x0, y0, x1, y1, in m, solid on their right side.
             Both ends are sorted by x, so that the segments near an x are found by bisection.
         spawn: spawn point on the ground (2,), in m.
-        goal_x: the head past this x ends the episode, in m.
-        ground_solids: how many of the solids are ground; the others are ceiling, which can be grasped.
-        ceiling: lidar segments of the ceiling (k, 4), sorted likewise, solid on their left side; none under
+        goal_x: x that ends the episode once the head is past it, in m.
+        ground_solids: number of solids that are ground; the others are ceiling, which can be grasped.
+        ceiling: lidar segments of the ceiling (k, 4), sorted alike, solid on their left side; none under
             an open sky.
         creepers: rectangles that can be grasped and are otherwise passed through (c, 4) as left, bottom,
             right, top, in m, sorted by left, and from the ceiling downwards.
-        holders: what each creeper hangs from (c,): FIXED if it does not move, CEILING, or the index of an
+        holders: holder of each creeper (c,): FIXED if it does not move, CEILING, or the index of an
             earlier creeper, to whose bottom its top is then hinged.
         water_y: height of the water's surface, in m; -inf where it is dry.
     """

@@ -179,7 +179,7 @@ def parkour(task: Task, rng: np.random.Generator, *, cppn: CPPN, swinging_creepe
             which the network's heights are divided.
         rng: draws one height per creeper.
         cppn: draws ground and ceiling.
-        swinging_creepers: whether creepers are chains of parts that swing (not used in the paper).
+        swinging_creepers: True for creepers that are chains of swinging parts (not used in the paper).
     """
     water_level, width, height, spacing, delta = (float(value) for value in task[3:])
     ground, ceiling = outlines(task[:3], delta, cppn)

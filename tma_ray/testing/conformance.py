@@ -69,9 +69,9 @@ class TeacherConformance:
 
     Attributes:
         teacher: the class.
-        hyperparameters: to make it with, for instance smaller networks; its defaults if empty.
+        hyperparameters: hyper-parameters for the tests, for instance smaller networks; the defaults if empty.
         scenarios: the task spaces.
-        episodes: of each play; more than `SAVED_AFTER`, and enough for the teacher to change its mind.
+        episodes: number of episodes of each play; more than `SAVED_AFTER`, and enough for updates.
     """
 
     teacher: ClassVar[type[Teacher]]

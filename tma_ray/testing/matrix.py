@@ -42,10 +42,10 @@ class SimulatedCell:
     """One combination of a matrix; its seeds are runs.
 
     Attributes:
-        challenge: what is simulated.
+        challenge: simulated challenge.
         teacher: registered name, or ``module:Name``.
         level: expert knowledge offered.
-        effective_level: what the teacher uses of it, None if that is too little for it to run; cells that
+        effective_level: level that the teacher uses, None if that is too little for it to run; cells that
             agree in this share their runs.
     """
 

@@ -44,7 +44,7 @@ class SimulatedRun:
         challenge: name of the simulated challenge.
         teacher: registered name, or ``module:Name``.
         level: effective level of expert knowledge.
-        seed: of teacher, student, and everything placed at random.
+        seed: seed of teacher, student, and everything placed at random.
         returns: expected return on each test task after each twentieth of the episodes (20, n).
     """
 
@@ -75,7 +75,7 @@ class Simulation:
     on the seed alone, so that all teachers meet the same, and the same student.
 
     Args:
-        challenge: what is simulated.
+        challenge: simulated challenge.
         teacher: registered name, or ``module:Name``.
         level: expert knowledge offered; the teacher is told what it uses of it.
         seed: whole number of at least 0.

@@ -158,7 +158,7 @@ class SimulatedStudent:
         easy: the easiest task (d,); what is easier still counts as this.
         hard: the hardest task (d,) that could be feasible, different from `easy` in every dimension.
         rng: draws the student's own pace, then the noise of returns.
-        aptitude: how well it learns.
+        aptitude: speed of learning.
 
     Raises:
         ValueError: shapes that do not fit, a dimension without width, or too many regions.
@@ -273,10 +273,10 @@ class SimulatedChallenge:
     """A setting for simulated students that isolates one difficulty for teachers.
 
     Attributes:
-        name: what files and flags call it, as the paper's challenges are called in results.
-        title: what tables call it.
-        task_space: what the teacher may choose from.
-        aptitudes: of the students, one run after the other: seed s trains the (s mod n)-th.
+        name: name in files and flags, as the paper's challenges are called in results.
+        title: name in tables.
+        task_space: tasks that the teacher may choose from.
+        aptitudes: aptitudes of the students, one run after the other: seed s trains the (s mod n)-th.
         resets: shares of the episodes after which the student forgets everything.
         cuts: intervals per dimension that change places in the teacher's space, 0 for none.
         easy_task: the easiest task (d,), told at high expert knowledge.

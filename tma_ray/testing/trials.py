@@ -107,9 +107,9 @@ class Scenario:
     """A task space to be taught.
 
     Attributes:
-        name: what test ids call it.
+        name: name in test ids.
         space: the box of the teacher; its lower corner is the easiest task of the world.
-        rugged: whether the world's landscape is a shuffled one.
+        rugged: True if the world's landscape is shuffled.
     """
 
     name: str
@@ -222,10 +222,10 @@ class Job:
     """Instructions for the new process: where to find the teacher, and what to play on.
 
     Attributes:
-        module: where the teacher is defined.
-        name: what it is called there, dotted when it is defined inside another class.
+        module: module that defines the teacher.
+        name: name in that module, dotted when it is defined inside another class.
         hyperparameters: that it is made with.
-        level: of its expert knowledge.
+        level: level of its expert knowledge.
         saved: the states to play on.
     """
 

@@ -156,7 +156,7 @@ class RenderSettings:
         results: folder or URI of a results root.
         environment: registered name or ``module:Name``; None for that of the run, else Stump Tracks.
         embodiment: name of the body, empty for none; None for that of the run, else the classic bipedal.
-        seed: of worlds, random tasks and random actions.
+        seed: seed of worlds, random tasks and random actions.
         steps: after which an episode is left, if it has not ended.
         every: steps from one frame to the next.
     """
@@ -266,7 +266,7 @@ class EpisodeSettings(RenderSettings):
     """Settings of one rendered episode.
 
     Attributes:
-        task: as `parse_task` takes it.
+        task: task in the form that `parse_task` accepts.
     """
 
     task: str | None = None
@@ -278,10 +278,10 @@ class RenderedEpisode:
 
     Attributes:
         task: that was played (d,).
-        steps: how many were taken.
+        steps: number of steps so far.
         episodic_return: sum of rewards.
-        ended: whether the episode is over.
-        success: what the environment said last.
+        ended: True if the episode is over.
+        success: success that the environment reported last.
     """
 
     task: Task

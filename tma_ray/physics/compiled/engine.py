@@ -46,8 +46,8 @@ class CompiledEngine:
 
     Args:
         body: the body.
-        rules: of the environment.
-        settings: how Chipmunk solves, if not as usual with the body's substeps.
+        rules: the environment's rules for the body.
+        settings: settings of Chipmunk's solver; None for the usual ones with the body's substeps.
     """
 
     def __init__(self, body: Embodiment, rules: Rules, settings: SolverSettings | None = None) -> None:

@@ -61,13 +61,13 @@ class Simulation(NamedTuple):
         commands: (j, 2), as `command_motors` writes them.
         state: (p, 6).
         rotations: cosine and sine of each part's angle (p, 2).
-        torques: of each motor, in N m (j,).
-        forces: of the water on each part (p, 3), as `water_forces` writes them.
-        points: where the sensors are (g, 2), in m.
+        torques: torque of each motor, in N m (j,).
+        forces: forces of the water on each part (p, 3), as `water_forces` writes them.
+        points: positions of the sensors (g, 2), in m.
         contacts: (p, 2).
         medium: consecutive steps under water and outside it (2,).
         wet: 1 if there are forces of water, else 0 (1,).
-        grips: what each sensor touches and holds (g, 2).
+        grips: object that each sensor touches and holds (g, 2).
         handles: pointers to the space, p bodies, j motors, h limits and h pivots (1 + p + j + 2 h,).
         holds: pointer to the pivot of each sensor that holds something, else 0 (g,).
     """
@@ -324,8 +324,8 @@ def step(floats: Floats, integers: Integers, observation: NDArray[np.float32]) -
     """Runs a step under the action in the memory: motors, simulation, grips, water, observation and reward.
 
     Args:
-        floats: of the memory.
-        integers: of the memory.
+        floats: float64 part of the memory.
+        integers: int64 part of the memory.
         observation: written (o,).
 
     Returns:

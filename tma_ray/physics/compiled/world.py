@@ -49,9 +49,9 @@ def build(
 
     Args:
         body: the body of p parts and h joints, of which j have motors, settled.
-        terrain: what it stands on.
+        terrain: the terrain to build.
         creepers: those of its c creepers that swing, as `chains` returns them.
-        settings: how Chipmunk solves.
+        settings: settings of Chipmunk's solver.
         forces: gravity upwards in m/s², and an impulse forwards on each pushed part in N s.
         handles: pointers to space, parts, motors, limits and pivots, written (1 + p + j + 2 h,).
 

@@ -88,9 +88,9 @@ class Repeated:
     On a GPU it is captured as a graph: nothing of it may depend on numbers of the host.
 
     Args:
-        function: what to execute.
+        function: function to execute.
         chosen: precision of its products.
-        device: where it is executed.
+        device: device of the execution.
     """
 
     def __init__(self, function: Callable[[], None], chosen: MatmulPrecision, device: torch.device) -> None:
@@ -146,8 +146,8 @@ class Purpose(IntEnum):
 
     Attributes:
         BATCH: transitions of a batch.
-        NOISE: of actions in an update.
-        VALUES: of actions that state values average over.
+        NOISE: noise of actions in an update.
+        VALUES: actions that state values average over.
     """
 
     BATCH = 0
@@ -165,7 +165,7 @@ def philox(counters: tuple[torch.Tensor, ...], keys: tuple[torch.Tensor, torch.T
 
     Args:
         counters: four words, least significant first; all broadcast with one another and with `keys` (...).
-        keys: two words, likewise.
+        keys: two words of the key.
     """
     c0, c1, c2, c3 = counters
     k0, k1 = keys

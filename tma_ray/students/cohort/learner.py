@@ -20,7 +20,7 @@ class Stack(NamedTuple):
 
     Attributes:
         memory: one row or more per slot (k, ..., p).
-        places: of the parameters without padding in a row.
+        places: places of the parameters without padding in a row.
     """
 
     memory: torch.Tensor
@@ -31,9 +31,9 @@ class Device(NamedTuple):
     """Place of computation and the types there.
 
     Attributes:
-        device: where memory is and updates are executed.
-        dtype: of parameters, losses and optimisers.
-        precision: of matrix products.
+        device: device of memory and updates.
+        dtype: data type of parameters, losses and optimisers.
+        precision: precision of matrix products.
         compiled: see `compile_if`.
     """
 
@@ -44,23 +44,23 @@ class Device(NamedTuple):
 
 
 def pays_together(place: Device) -> bool:
-    """Tells whether one product of all runs is faster than one for each: not on a processor in float32."""
+    """Returns True if one product of all runs is faster than one for each: not on a processor in float32."""
     return place.device.type != "cpu" or bool(place.compiled) or place.precision == MatmulPrecision.MEDIUM
 
 
 class StackedLearner(ABC):
     """Learner of many runs, each in a slot: what a run learns does not depend on the others by a bit.
 
-    An update trains all runs that owe one, always at the full width: idle slots take part in the products,
+    An update trains all runs with updates due, at the full width: idle slots take part in the products,
     and nothing of them changes. Where that does not pay, one run is updated after the other, and idle slots
     cost nothing.
 
     Args:
         width: number of slots k.
-        place: where to learn, and in which types.
+        place: device and data types of learning.
 
     Attributes:
-        owed: updates that are due, by slot (k,).
+        owed: number of updates that are due, by slot (k,).
         together: runs are updated together, not one after the other.
     """
 
@@ -74,7 +74,7 @@ class StackedLearner(ABC):
         self._rows: dict[int, Repeated] = {}
 
     def leave(self, slot: int) -> None:
-        """Makes `slot` idle: it owes nothing, has no experience, and all its parameters are 0."""
+        """Makes `slot` idle: no updates due, no experience, all its parameters 0."""
         self.owed[slot] = 0
         self._owed[slot].fill_(0)
         for memory, _ in self._stacks():
@@ -88,11 +88,11 @@ class StackedLearner(ABC):
         self._owed[slot].add_(updates)
 
     def advance(self, updates: int, slots: Sequence[int] | None = None) -> None:
-        """Makes up to `updates` updates of runs that owe any; a GPU is not waited for.
+        """Makes up to `updates` updates of runs that have any due; returns without waiting for a GPU.
 
         Args:
-            updates: of each run, at most.
-            slots: of the runs, by default all; those that are updated together can only be named all.
+            updates: updates of each run, at most.
+            slots: slots of the runs, by default all; those that are updated together can only be named all.
         """
         if not self.together:
             for slot in range(len(self.owed)) if slots is None else slots:
@@ -122,7 +122,7 @@ class StackedLearner(ABC):
         return memory.detach().index_select(0, rows).index_select(1, places)
 
     def _write(self, slot: int, networks: Sequence[Any]) -> None:
-        """Takes over arrays for the stacks, without padding, and numbers for the counters."""
+        """Loads arrays for the stacks, without padding, and numbers for the counters."""
         stacks, counters = self._stacks(), self._counters()
         for (memory, places), values in zip(stacks, networks[: len(stacks)], strict=True):
             memory.detach()[slot][..., places] = upload(values, self._device).to(self._dtype)
@@ -130,7 +130,7 @@ class StackedLearner(ABC):
             counts[slot].fill_(number)
 
     def _read(self, slot: int) -> list[Any]:
-        """Returns what `_write` takes over."""
+        """Returns the arrays and counters that `_write` loads."""
         arrays = [memory.detach()[slot][..., places].cpu().numpy() for memory, places in self._stacks()]
         return [*arrays, *(int(counts[slot]) for counts in self._counters())]
 

@@ -72,7 +72,7 @@ def stacked_pass(
 
     Args:
         parameters: padded (k, p).
-        layout: of each network.
+        layout: layout of each network.
         inputs: without padding (k, n, i).
         hidden: type in which hidden layers are computed; the last layer is in that of the parameters.
     """
@@ -140,13 +140,13 @@ class StackedAdam:
     """Steps as `torch.optim.Adam` does, with a step count for each run.
 
     Args:
-        parameters: of all runs (k, ..., p), which `step` changes.
+        parameters: parameters of all runs (k, ..., p), which `step` changes.
         rate: step size.
         epsilon: added to the root of the mean square.
 
     Attributes:
-        mean: running mean of the gradient, like the parameters.
-        square: running mean of its square, likewise.
+        mean: running mean of the gradient, with the shape of the parameters.
+        square: running mean of the squared gradient, with the same shape.
     """
 
     def __init__(self, parameters: torch.Tensor, rate: float, epsilon: float = 1e-8) -> None:
@@ -177,7 +177,7 @@ class StackedAdam:
         """Returns the optimiser of the run in `slot` alone, over the same moments.
 
         Args:
-            slot: of the run.
+            slot: slot of the run.
             parameters: the same memory as the row of that slot (1, ..., p), a leaf of autograd.
         """
         one = slice(slot, slot + 1)
@@ -189,10 +189,10 @@ class RowAdam(StackedAdam):
     """Steps one run of a stack by torch's fused kernel, which takes a processor a sixth of the time.
 
     Args:
-        optimiser: of the parameters.
-        parameters: of the run (1, ..., p).
-        mean: running mean of the gradient, like the parameters.
-        square: running mean of its square, likewise.
+        optimiser: optimiser of the parameters.
+        parameters: parameters of the run (1, ..., p).
+        mean: running mean of the gradient, with the shape of the parameters.
+        square: running mean of the squared gradient, with the same shape.
     """
 
     def __init__(

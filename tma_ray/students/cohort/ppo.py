@@ -24,16 +24,16 @@ class StackedPPOUpdate:
     """Networks and optimiser of k runs, in a padded layout, and the step that trains them.
 
     Args:
-        layout: of the network, whose outputs are means and value; the log deviation follows it.
+        layout: layout of the network, whose outputs are means and value; the log deviation follows it.
         hyper: hyper-parameters of the student.
         width: number of runs k.
         like: an empty tensor with the device and the type of the parameters.
         compiled: see `compile_if`.
 
     Attributes:
-        parameters: of networks and log deviations (k, p), a leaf of autograd.
+        parameters: parameters of networks and log deviations (k, p), a leaf of autograd.
         adam: the optimiser.
-        steps: of the optimiser (k,).
+        steps: steps of the optimiser (k,).
     """
 
     def __init__(
@@ -98,7 +98,7 @@ class RowPPOUpdate:
 
     Args:
         stacked: all runs' step, whose hidden layers are in the type of the parameters.
-        slot: of the run.
+        slot: slot of the run.
     """
 
     def __init__(self, stacked: StackedPPOUpdate, slot: int) -> None:
@@ -139,10 +139,10 @@ class PPONetworks(NamedTuple):
     """What a run has learned, on the host: flat parameters without padding, as a run alone has them.
 
     Attributes:
-        parameters: of the network, whose outputs are means and value, and the log deviation (p,).
-        mean: of Adam (p,).
-        square: of Adam (p,).
-        step: of Adam, since the networks are new.
+        parameters: parameters of the network, whose outputs are means and value, and the log deviation (p,).
+        mean: Adam's running mean of the gradient (p,).
+        square: Adam's running mean of the squared gradient (p,).
+        step: number of Adam's steps since the networks are new.
     """
 
     parameters: NDArray[np.floating]
@@ -156,9 +156,9 @@ class RolloutColumns(NamedTuple):
 
     Attributes:
         observations: normalised (n, o).
-        actions: as sampled (n, a).
-        values: of the observations (n,).
-        log_probabilities: of the actions (n,).
+        actions: sampled actions (n, a).
+        values: values of the observations (n,).
+        log_probabilities: log probabilities of the actions (n,).
         advantages: not normalised (n,).
         returns: advantages plus values (n,).
     """
@@ -178,12 +178,12 @@ class StackedPPO(StackedLearner):
         sizes: lengths o of an observation and a of an action.
         hyper: hyper-parameters of the student.
         width: number of slots k.
-        device: where to learn.
-        dtype: of parameters, losses and optimisers.
+        device: device of the learner.
+        dtype: data type of parameters, losses and optimisers.
         compiled: the update is compiled by torch, which takes minutes once; a string is the compiler's mode.
 
     Attributes:
-        owed: updates that are due, by slot (k,).
+        owed: number of updates that are due, by slot (k,).
     """
 
     def __init__(
@@ -219,12 +219,12 @@ class StackedPPO(StackedLearner):
             memory[slot].zero_()
 
     def store(self, slot: int, rollout: RolloutColumns, orders: NDArray[np.integer]) -> None:
-        """Gives the run in `slot` a rollout to learn from, for which it owes all the updates.
+        """Gives the run in `slot` a rollout to learn from, which makes all its updates due.
 
         Args:
-            slot: of the run, which owes nothing from before.
+            slot: slot of the run, which has no updates due from before.
             rollout: `steps_per_update` steps n.
-            orders: of the steps in each epoch, cut into mini-batches (epochs, n).
+            orders: orders of the steps in each epoch, cut into mini-batches (epochs, n).
         """
         assert not self.owed[slot]
         columns = [column.reshape(len(column), -1) for column in rollout]

@@ -20,7 +20,7 @@ class ReplayContents(NamedTuple):
     Attributes:
         observations: rows (r, o), in order of time.
         rows: row of each transition's observation (n,); its next observation is in the row after it.
-        actions: in [-1, 1] (n, a).
+        actions: actions in [-1, 1] (n, a).
         rewards: (n,).
         terminated: (n,) bool.
     """
@@ -76,7 +76,7 @@ class StackedReplay:
         width: number of runs k.
         capacity: transitions kept per run.
         sizes: lengths o of an observation and a of an action.
-        device: where the memory is. On a CPU it is touched only as it fills.
+        device: device of the memory. On a CPU it is touched only as it fills.
 
     Attributes:
         kept: transitions of each run, at least 1 so that there is always one to draw (k,).
@@ -112,9 +112,9 @@ class StackedReplay:
         """Appends consecutive transitions of the run in `slot`, and forgets its oldest beyond the capacity.
 
         Args:
-            slot: of the run.
-            observations: of each transition, and the last one's next (n + 1, o).
-            actions: in [-1, 1] (n, a).
+            slot: slot of the run.
+            observations: observations of each transition, and the last one's next (n + 1, o).
+            actions: actions in [-1, 1] (n, a).
             rewards: (n,).
             terminated: nothing follows the last transition.
         """

@@ -60,7 +60,7 @@ class StackedSACUpdate:
     """Networks and optimisers of k runs, in padded layouts, and the update that trains them.
 
     Args:
-        layouts: of the networks.
+        layouts: layouts of the networks.
         hyper: hyper-parameters of the student.
         width: number of runs k.
         like: an empty tensor with the device and the type of the parameters.
@@ -68,12 +68,12 @@ class StackedSACUpdate:
 
     Attributes:
         actor: parameters (k, p), a leaf of autograd.
-        critics: parameters of both critics (k, 2, q), likewise.
+        critics: parameters of both critics (k, 2, q), a leaf of autograd too.
         targets: parameters of both target critics (k, 2, q).
         actor_adam: the actor's optimiser.
         critic_adam: the critics' optimiser.
-        steps: of the optimisers (k,).
-        losses: of critics and actor at the last update (k, 2).
+        steps: steps of the optimisers (k,).
+        losses: losses of critics and actor at the last update (k, 2).
     """
 
     def __init__(
@@ -114,9 +114,9 @@ class StackedSACUpdate:
         """Takes one step of critics, actor and targets of the `active` runs (k,).
 
         Args:
-            batch: of each run (k, n, ...).
-            noise: of the actions that the actor is judged by (k, n, a).
-            next_noise: of the next observations' actions (k, n, a).
+            batch: batch of each run (k, n, ...).
+            noise: noise of the actions that the actor's loss is computed of (k, n, a).
+            next_noise: noise of the next observations' actions (k, n, a).
             active: True for runs that take part; nothing of the others changes by a bit.
         """
         critic_losses, actor_losses, step_critics, step_actor = self._parts
@@ -170,11 +170,11 @@ class SACNetworks(NamedTuple):
         actor: parameters (p,).
         critics: parameters of both critics (2, q).
         targets: parameters of both target critics (2, q).
-        actor_mean: of Adam (p,).
-        actor_square: of Adam (p,).
-        critics_mean: of Adam (2, q).
-        critics_square: of Adam (2, q).
-        step: of both optimisers, since the networks are new.
+        actor_mean: Adam's running mean of the actor's gradient (p,).
+        actor_square: Adam's running mean of the actor's squared gradient (p,).
+        critics_mean: Adam's running mean of the critics' gradient (2, q).
+        critics_square: Adam's running mean of the critics' squared gradient (2, q).
+        step: number of steps of both optimisers since the networks are new.
         number: updates of the run so far, which random draws are keyed by.
     """
 
@@ -197,12 +197,12 @@ class StackedSAC(StackedLearner):
         hyper: hyper-parameters of the student.
         width: number of slots k.
         capacity: transitions kept per run.
-        device: where to learn.
-        dtype: of parameters, losses and optimisers.
+        device: device of the learner.
+        dtype: data type of parameters, losses and optimisers.
         compiled: the update is compiled by torch, which takes minutes once; a string is the compiler's mode.
 
     Attributes:
-        owed: updates that are due, by slot (k,).
+        owed: number of updates that are due, by slot (k,).
     """
 
     def __init__(
@@ -231,9 +231,9 @@ class StackedSAC(StackedLearner):
         """Gives the idle `slot` to a run, which has no replay yet.
 
         Args:
-            slot: which one.
-            networks: of the run.
-            key: of the run's random draws, 64 bits.
+            slot: slot of the run.
+            networks: networks of the run.
+            key: key of the run's random draws, 64 bits.
         """
         self.leave(slot)
         self._write(slot, networks)
@@ -279,7 +279,7 @@ class StackedSAC(StackedLearner):
         """Returns V(s) (n,) of the run in `slot`, entropy bonus included.
 
         Args:
-            slot: of the run.
+            slot: slot of the run.
             observations: (n, o).
             noise: standard normal, of the actions that V averages over (m, n, a); by default that of the
                 run's key and its number of updates, `value_samples` actions a state.

@@ -32,9 +32,9 @@ class Seat(ABC, Generic[S, H]):
     into one.
 
     Args:
-        membership: of the player.
+        membership: membership of the player.
         stack: with room for it.
-        slot: of the stack, idle before.
+        slot: slot of the stack, idle before.
     """
 
     student_type: type[H]
@@ -81,7 +81,7 @@ class Seat(ABC, Generic[S, H]):
         return self.student.state_values(observations)
 
     def reset(self) -> None:
-        """Starts networks, optimisers and stored experience anew."""
+        """Replaces networks, optimisers and stored experience by new ones."""
         self.student.reset()
         self._enter()
 
@@ -98,7 +98,7 @@ class Seat(ABC, Generic[S, H]):
         self.student.load(folder)
 
     def take_over(self) -> PlayerState:
-        """Takes over the state that was read; returns the player's half."""
+        """Loads the state that was read; returns the player's half."""
         self._enter()
         generators = [dict(each.bit_generator.state) for each in self.student._generators]
         return PlayerState(generators, self._player_state())
@@ -219,11 +219,11 @@ class Stacks:
     """The stacks of a learner. Runs share one if student, sizes and hyper-parameters are equal.
 
     Args:
-        settings: of the cohort.
+        settings: settings of the cohort.
 
     Attributes:
-        settings: as given.
-        stacks: in the order in which they were made.
+        settings: settings of the cohort.
+        stacks: stacks in the order in which they were made.
     """
 
     def __init__(self, settings: CohortSettings) -> None:

@@ -1,4 +1,4 @@
-"""The learner of a cohort: takes experience from players, updates all that owe, hands weights back."""
+"""The learner of a cohort: receives experience from players, makes the updates due, returns weights."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ class Delivery(NamedTuple, Generic[T]):
     """A copy to the host that may still be under way.
 
     Attributes:
-        receivers: of the rows, in order.
+        receivers: receivers of the rows, in order.
         rows: memory of the host (n, ...).
         arrival: recorded after the copy on a GPU; None if it has arrived.
     """
@@ -64,7 +64,7 @@ class Pace:
     Work that is asked for too early would keep what comes later waiting.
 
     Args:
-        device: where the work is done.
+        device: device of the work.
         most: pieces of work that may be under way.
     """
 
@@ -132,12 +132,12 @@ _LATER = object()
 class LearnerServer:
     """Serves the players that connect, each over its own connection, one request at a time.
 
-    A player has its weights as soon as the updates are made that it owes; in between the learner goes on
+    A player gets its weights as soon as its updates are made; in between the learner goes on
     with others. A player that leaves or dies frees its slot.
 
     Args:
         learner: address to listen at.
-        settings: of the cohort.
+        settings: settings of the cohort.
 
     Attributes:
         account: seconds spent at each part of the work, and numbers of updates.
@@ -172,7 +172,7 @@ class LearnerServer:
 
         Raises:
             MemoryError: there is too little for so many slots. Players stay connected, without a reply.
-            torch.OutOfMemoryError: likewise, on a GPU.
+            torch.OutOfMemoryError: the same, on a GPU.
         """
         while not should_stop():
             self.turned_at = time.monotonic()
@@ -269,7 +269,7 @@ class LearnerServer:
             mailbox.close()
 
     def _update(self) -> None:
-        """Makes some of the updates that are due, and starts to copy the weights of who owes no more."""
+        """Makes some of the updates that are due, and starts to copy the weights of runs without any left."""
         for stack in self._stacks.stacks:
             slots = self._turn(stack)
             if not slots:
@@ -285,7 +285,7 @@ class LearnerServer:
             self._pace.keep()
 
     def _turn(self, stack: StackedLearner) -> list[int]:
-        """Returns the slots whose runs are updated next: all that owe, or who has waited longest."""
+        """Returns the slots whose runs are updated next: all with updates due, or the longest wait."""
         owing = [slot for number, slot in self._learning if number == id(stack)]
         return owing if stack.together else owing[:1]
 

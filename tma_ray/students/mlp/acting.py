@@ -98,7 +98,7 @@ class RowNetwork:
     skipped, which is about half of them.
 
     Args:
-        layout: of the network.
+        layout: layout of the network.
     """
 
     def __init__(self, layout: Layout) -> None:
@@ -141,7 +141,7 @@ def apply_row(
     """Returns the outputs (h,) for `inputs` (i,), in memory that the next call overwrites.
 
     Args:
-        weights: of all layers, biases first, each matrix transposed (p,).
+        weights: weights of all layers, biases first, each matrix transposed (p,).
         sizes: units of the inputs and of every layer (l,).
         work: overwritten (2, largest size).
         active: overwritten (largest size,).
@@ -193,7 +193,7 @@ class ArrayNetwork:
     """A copy of a network's parameters that acts without torch: on one observation or on several.
 
     Args:
-        layout: of the network.
+        layout: layout of the network.
 
     Attributes:
         row: for one observation.
@@ -205,7 +205,7 @@ class ArrayNetwork:
         self.row = RowNetwork(layout)
 
     def load(self, parameters: FloatArray) -> None:
-        """Takes over `parameters` (p,), which nobody changes afterwards."""
+        """Loads `parameters` (p,), which nobody changes afterwards."""
         parts = np.split(parameters, np.cumsum(self._layout.lengths)[:-1])
         weights = [part.reshape(shape) for part, shape in zip(parts[::2], self._layout.shapes, strict=True)]
         self._layers = list(zip(weights, parts[1::2], strict=True))

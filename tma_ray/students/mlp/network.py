@@ -39,10 +39,10 @@ def activations(
     Differentiable by autograd, if without `buffers`.
 
     Args:
-        layers: of one network or of k.
+        layers: layers of one network or of k.
         inputs: (n, i), or of k networks (k, n, i).
         activation: function after each layer but the last.
-        buffers: where hidden layers' outputs are written; by default in new memory.
+        buffers: memory for hidden layers' outputs; by default new memory.
     """
     values = [inputs]
     for index, (weight, bias) in enumerate(layers):
@@ -76,14 +76,14 @@ class Network:
 
     Args:
         parameters: (p,); a view, so that it is always the present ones that are applied.
-        layout: of the network.
+        layout: layout of the network.
         gradient: memory for the parameters' gradient (p,), which each backward pass overwrites.
 
     Attributes:
-        parameters: the same memory, as a leaf of autograd.
-        gradient: likewise.
+        parameters: the parameters, as a leaf of autograd.
+        gradient: the memory for their gradient.
         layers: weights and biases, as views of the parameters without a gradient.
-        layer_gradients: views of `gradient`, likewise.
+        layer_gradients: gradients of weights and biases, as views of `gradient`.
     """
 
     def __init__(
@@ -109,7 +109,7 @@ class Network:
 
         Args:
             kept: the inputs of every layer in the last forward pass.
-            gradient: of the loss by the outputs (n, h).
+            gradient: gradient of the loss by the outputs (n, h).
 
         Returns:
             The loss's gradient by the first layer's outputs (n, h), which the next pass overwrites.
@@ -174,9 +174,9 @@ def input_gradient(
     """Returns the loss's gradient by a network's inputs (n, i), computed for the rows that have one.
 
     Args:
-        layers: of one network.
+        layers: layers of one network.
         kept: the inputs of every layer (n, ...).
-        gradient: of the loss by the outputs (n, h).
+        gradient: gradient of the loss by the outputs (n, h).
         activation: function after each layer but the last.
     """
     result = torch.zeros_like(kept[0])
@@ -278,8 +278,8 @@ class FlatParameters:
 
         Args:
             kept: activations of the network in the forward pass.
-            gradient: of the loss by the outputs (n, h).
-            others: of the loss by each of `others`.
+            gradient: gradient of the loss by the outputs (n, h).
+            others: gradient of the loss by each of `others`.
         """
         (network,) = self.networks
         network.backpropagate(kept, gradient)
@@ -341,7 +341,7 @@ class FlatAdam:
         return int(self._steps[0])
 
     def put(self, mean: torch.Tensor, square: torch.Tensor, steps: int) -> None:
-        """Takes over moments (p,) and a number of steps, of an optimiser elsewhere."""
+        """Loads moments (p,) and a number of steps, of an optimiser elsewhere."""
         self._mean.copy_(mean)
         self._square.copy_(square)
         if steps:
@@ -350,7 +350,7 @@ class FlatAdam:
             self._optimiser.state.clear()
 
     def restore(self) -> None:
-        """Takes over the optimiser's state after it was loaded."""
+        """Reads the optimiser's state after it was loaded."""
         self._mean, self._square = (torch.zeros_like(self._flat.values) for _ in range(2))
         # one step count per parameter, as Adam has it, each with its own place in memory
         self._steps = torch.zeros(len(self._flat.parameters), dtype=torch.float32)

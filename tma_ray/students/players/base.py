@@ -21,8 +21,8 @@ class Player(Student):
     Its files are those of the student that learns alone, and each loads what the other saved.
 
     Args:
-        membership: what the learner has to know.
-        link: to the learner, which nobody else uses.
+        membership: facts that the learner needs.
+        link: connection to the learner, which nobody else uses.
     """
 
     def __init__(self, membership: Membership, link: LearnerLink) -> None:
@@ -63,7 +63,7 @@ class Player(Student):
 
     @abstractmethod
     def _restore_experience(self, experience: dict[str, Any]) -> None:
-        """Takes over what `_experience` returned, at the end of an episode."""
+        """Loads what `_experience` returned, at the end of an episode."""
 
     def reset(self) -> None:  # noqa: D102
         self._forget()

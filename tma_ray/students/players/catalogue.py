@@ -37,9 +37,9 @@ def make_player(
         name: a key of `COHORT_STUDENTS`.
         observation_space: a one-dimensional box, of size o.
         action_space: a bounded one-dimensional box, of size a.
-        seed: as for `make_student`, whose student draws the same initial weights and the same noise.
+        seed: seed of `make_student`, whose student draws the same initial weights and the same noise.
         hyperparameters: values that differ from the student's defaults.
-        learner: of the cohort.
+        learner: learner of the cohort.
 
     Raises:
         ValueError: a student without a stacked learner, or what `make_student` refuses.

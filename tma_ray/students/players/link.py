@@ -26,7 +26,7 @@ class Posted(NamedTuple):
     """An array in a mailbox, as a message names it.
 
     Attributes:
-        offset: of its first byte.
+        offset: offset of its first byte.
         dtype: its type, as numpy writes it.
         shape: its shape.
     """
@@ -42,7 +42,7 @@ class Mailbox:
     It belongs to no folder and ends with the processes that have it.
 
     Args:
-        descriptor: of the memory; closed with the mailbox.
+        descriptor: descriptor of the memory; closed with the mailbox.
         size: bytes.
     """
 
@@ -100,7 +100,7 @@ def room_for(parts: Iterable[Any]) -> int:
 
 
 def can_share() -> bool:
-    """Tells whether this system has memory without a name, as Linux does."""
+    """Returns True if this system has memory without a name, as Linux does."""
     return hasattr(os, "memfd_create")
 
 
@@ -140,7 +140,7 @@ class Membership(NamedTuple):
         student: name in the student registry.
         observation_space: a one-dimensional box.
         action_space: a bounded one-dimensional box.
-        hyperparameters: of the student.
+        hyperparameters: hyperparameters of the student.
         seed: source of all the student's randomness.
     """
 
@@ -169,8 +169,8 @@ class LearnerLink(Protocol):
     Every call returns when it is done.
 
     Raises:
-        LearnerError: by any call: the learner refuses, or fails at it.
-        LearnerLostError: by any call: the learner is gone.
+        LearnerError: the learner refuses any of the calls, or fails.
+        LearnerLostError: the learner is gone, at any of the calls.
     """
 
     def join(self, membership: Membership) -> Weights:
@@ -187,13 +187,13 @@ class LearnerLink(Protocol):
         """Returns the state values (n,) of `observations` (n, o)."""
 
     def reset(self) -> Weights:
-        """Starts networks, optimisers and stored experience anew; returns the weights."""
+        """Replaces networks, optimisers and stored experience by new ones; returns the weights."""
 
     def save(self, folder: Path, state: PlayerState, incremental: bool) -> tuple[str, ...]:
         """Writes the student's complete state, as `Student.save`; returns the files left out."""
 
     def load(self, folder: Path) -> tuple[Weights, PlayerState]:
-        """Takes over the state in `folder`; returns the weights and the player's half."""
+        """Loads the state in `folder`; returns the weights and the player's half."""
 
     def save_policy(self, folder: Path, state: PlayerState) -> None:
         """Writes the greedy policy, as `Student.save_policy`."""
@@ -237,7 +237,7 @@ class SocketLink:
     Experience and weights are in memory that both sides share, where the system has such memory.
 
     Args:
-        learner: where to connect.
+        learner: address of the learner.
 
     Raises:
         LearnerLostError: nothing listens there.

@@ -53,7 +53,7 @@ def exploring_step(
     Args:
         network: whose outputs are means and value.
         policy: log deviation of the actions (a,), bounds of the action space (2, a).
-        normaliser: of observations.
+        normaliser: normaliser of observations.
         observation: not normalised (o,).
         noise: standard normal (a,).
     """
@@ -108,7 +108,7 @@ class Rollout:
         observation_size: length o of an observation.
         action_size: length a of an action.
         generator: shuffles the mini-batches.
-        device: where mini-batches go.
+        device: device of mini-batches.
     """
 
     def __init__(
@@ -151,8 +151,8 @@ class Rollout:
         """Appends a step.
 
         Args:
-            observation: as the networks saw it, normalised (o,).
-            action: as sampled, not clipped to the action space (a,).
+            observation: observation as normalised for the networks (o,).
+            action: sampled action, not clipped to the action space (a,).
             reward: normalised; the value of what a time limit cut off is part of it.
             ended: the episode ended with this step, by itself or by a time limit.
             judged: value of the observation, in normalised reward, and log probability of the action.
@@ -206,7 +206,7 @@ class Rollout:
         return {name: getattr(self, name)[: self._size] for name in _STORED}
 
     def restore(self, state: dict[str, NDArray[Any]]) -> None:
-        """Takes over the steps of another rollout's `state`."""
+        """Loads the steps of another rollout's `state`."""
         self._size = len(state["rewards"])
         for name in _STORED:
             getattr(self, name)[: self._size] = state[name]
@@ -246,7 +246,7 @@ class PPOPlayer(Player):
             self._greedy = ArrayNetwork(self._layout(size, self._low.size))
 
     def _take_over(self, weights: Weights) -> None:
-        """Takes over the network's parameters and, after them, the log deviation (a,)."""
+        """Loads the network's parameters and, after them, the log deviation (a,)."""
         count = self._low.size
         own = weights[:-count]
         self._network.load(own)

@@ -57,10 +57,10 @@ def sampled_actions(
     """Returns actions (n, a) drawn as `squashed_action` draws them, between `bounds`.
 
     Args:
-        outputs: of the network for n observations (n, 2a).
+        outputs: outputs of the network for n observations (n, 2a).
         bounds: lower and upper ones of the action space, (a,) each.
         rng: draws the noise.
-        clamp: as for `squashed_action`.
+        clamp: bounds of `squashed_action`.
     """
     low, high = (np.float32(bound) for bound in LOG_STD_RANGE)
     means, spreads = np.split(outputs, 2, axis=1)
@@ -85,8 +85,8 @@ def updates_due(hyper: SACHyperparameters, steps: int, episode_steps: int, ended
 
     Args:
         hyper: hyper-parameters of the student.
-        steps: of the run, this one included.
-        episode_steps: of the episode, likewise.
+        steps: steps of the run, this one included.
+        episode_steps: steps of the episode, this one included.
         ended: an episode ended with the step.
     """
     if hyper.updates is UpdateSchedule.EPISODE_END:

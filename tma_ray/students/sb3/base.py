@@ -88,7 +88,7 @@ class Experience(NamedTuple):
     """State of saved buffers and statistics.
 
     Attributes:
-        counters: what JSON keeps of them.
+        counters: values that are saved as JSON.
         unchanged: files left out of an incremental save.
     """
 
@@ -105,7 +105,7 @@ class StableBaselinesStudent(Student, Generic[H, M]):
     Args:
         observation_space: a one-dimensional box, of size o.
         action_space: a bounded one-dimensional box, of size a.
-        hyperparameters: of the algorithm.
+        hyperparameters: hyperparameters of the algorithm.
         seed: source of all randomness; not changed.
         device: torch's name of where networks live.
         threads: torch's threads. They are the process's, so all students in it get the last number.
@@ -152,7 +152,7 @@ class StableBaselinesStudent(Student, Generic[H, M]):
 
     @abstractmethod
     def _refresh(self) -> None:
-        """Takes over the parameters of `self.model`, which have changed, wherever they are copied to."""
+        """Copies the parameters of `self.model`, which have changed, to wherever copies are kept."""
 
     @abstractmethod
     def _save_experience(self, folder: Path, incremental: bool, /) -> Experience:
@@ -160,7 +160,7 @@ class StableBaselinesStudent(Student, Generic[H, M]):
 
     @abstractmethod
     def _load_experience(self, folder: Path, counters: dict[str, Any], /) -> None:
-        """Takes over what `_save_experience` wrote, and the counters that it returned."""
+        """Loads what `_save_experience` wrote, and the counters that it returned."""
 
     def save(self, folder: Path, incremental: bool = False) -> tuple[str, ...]:  # noqa: D102
         experience = self._save_experience(folder, incremental)
@@ -210,11 +210,11 @@ class StableBaselinesStudent(Student, Generic[H, M]):
         return {name.removeprefix("train/"): float(value) for name, value in recorded.items()}
 
     def _restore_update(self) -> None:
-        """Takes over the optimisers' states after they were loaded; stable-baselines3's own need nothing."""
+        """Reads the optimisers' states after they were loaded; stable-baselines3's own need nothing."""
 
     @contextmanager
     def _updating(self) -> Iterator[None]:
-        """Lends the block the student's torch stream and precision; refreshes copied parameters after it."""
+        """Context of the student's torch stream and precision; refreshes copied parameters at its end."""
         outside = torch.get_float32_matmul_precision()
         torch.set_float32_matmul_precision(self.hyperparameters.matmul_precision)
         try:
@@ -250,7 +250,7 @@ class StableBaselinesStudent(Student, Generic[H, M]):
         return self._exploration.standard_normal(self._low.size, dtype=np.float32)
 
     def _build(self) -> None:
-        """Makes model, networks and optimisers anew."""
+        """Makes a new model with new networks and optimisers."""
         self.model = self._make_model()
         self.model.observation_space = self.observation_space
         self.model.action_space = self.action_space
