@@ -26,7 +26,7 @@ import pyarrow as pa
 
 from tma_ray.benchmark import TEACHERS, find_experiment
 from tma_ray.campaign import Plan, joined_plan, matrix_campaigns
-from tma_ray.commands.quantities import COUNT
+from tma_ray.commands.values import COUNT
 from tma_ray.results import (
     DATA_TABLES,
     SCHEMAS,

@@ -17,7 +17,7 @@ from typing import Any
 
 import numpy as np
 
-from tma_ray.commands.quantities import COUNT
+from tma_ray.commands.values import COUNT
 from tma_ray.results import CHECKPOINTS, RunWriter, Store
 from tma_ray.runs import Cell, InlineTeacher, Schedule, effective_spec
 from tma_ray.runs.checkpoints import Checkpoints

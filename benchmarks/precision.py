@@ -24,7 +24,7 @@ from scipy import stats
 
 from analysis.statistics import welch
 from tma_ray.campaign.plan import CampaignSpec, Plan
-from tma_ray.commands.quantities import COUNT
+from tma_ray.commands.values import COUNT
 from tma_ray.runs import Cell, Schedule
 from tma_ray.students.hyperparameters import MatmulPrecision
 

@@ -6,7 +6,7 @@ Importing it makes the environments known to `gymnasium.make`.
 from importlib import import_module
 from sys import orig_argv
 
-from tma_ray.commands.early_interrupts import expect_early, is_command
+from tma_ray.commands.interrupts import expect_early, is_command
 
 __version__ = "0.1.0"
 

@@ -1,4 +1,4 @@
-"""Documentation of classes and functions, read from their source without importing it."""
+"""Docstrings of classes and functions, read from the source without importing it."""
 
 from __future__ import annotations
 
@@ -9,10 +9,10 @@ from pathlib import Path
 
 
 def docstring_of(module: str, name: str) -> str | None:
-    """Returns the docstring of the class or function `name` of a module, which is not imported.
+    """Return the docstring of the class or function `name` of a module.
 
     Returns:
-        None if the module's source does not define it, as when it imports it itself.
+        Docstring; None if the module does not define it itself.
     """
     for node in _definitions(module):
         if node.name == name:

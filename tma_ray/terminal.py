@@ -1,4 +1,4 @@
-"""The terminal as every command writes to it."""
+"""Console of all commands."""
 
 from __future__ import annotations
 
@@ -13,11 +13,11 @@ from tma_ray.commands.texts import visible
 
 
 class _Terminal(Console):
-    """A console whose texts hold nothing that a terminal would obey; its own colours and movements stay."""
+    """Console that replaces control characters in texts; its own colours and movements stay."""
 
     @property
     def file(self) -> IO[str]:
-        """Stream below all that stand before it."""
+        """Innermost stream, below those that wrap it."""
         file = super().file
         while hasattr(file, "rich_proxied_file"):
             file = file.rich_proxied_file
@@ -38,14 +38,13 @@ class _Terminal(Console):
 
 
 def terminal(console: Console | None = None, **settings: Any) -> Console:
-    """Returns `console`, or one that prints every text as it is, but for what a terminal would obey.
+    """Return `console`, or one that prints texts without markup and control characters.
 
-    Names of teachers, experiments and folders come from outside: rich would take ``[red]x`` for a colour
-    and ``[/x]`` for an error, and pass escape sequences on. What is to have a colour is printed with a
-    style, or as `rich.text.Text`.
+    Names of teachers, experiments and folders come from outside: rich would read ``[red]x`` as a colour and
+    ``[/x]`` as an error, and print escape sequences. Colours are styles, or `rich.text.Text`.
 
     Args:
-        console: given by a caller, who answers for its settings.
-        settings: of `rich.console.Console`.
+        console: console of the caller, with settings of its own.
+        settings: settings of `rich.console.Console`.
     """
     return console or _Terminal(markup=False, emoji=False, **settings)

@@ -1,1 +1,1 @@
-"""Commands that read results: each writes files or prints to the terminal."""
+"""Views of results that commands print or write to files."""

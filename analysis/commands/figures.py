@@ -1,26 +1,29 @@
-"""The command that writes every figure that results allow."""
+"""Files of the paper's figures, and a LaTeX document with all tables and figures."""
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
 
 from analysis.baselines.catalogue import Sources, published, read
 from analysis.charts.paper.style import Vector, save
+from analysis.commands.tables import write_tables
 from analysis.comparisons.measured import measure
 from analysis.figures import Drawing, drawings, published_drawings
 from analysis.looks import shown_together
+from analysis.tables.table import TableFormat
 from tma_ray.part_names import nearest
 
 
 @dataclass(frozen=True)
 class WrittenFigures:
-    """What `write_figures` made.
+    """Files of `write_figures`.
 
     Attributes:
         files: vector and PNG files, and GIFs.
-        left_out: figures that there is not enough for, and why.
-        warnings: what a reader must know before trusting them.
+        left_out: figures without enough data, with the reason.
+        warnings: limits of the data, in sentences.
     """
 
     files: tuple[Path, ...]
@@ -31,13 +34,13 @@ class WrittenFigures:
 def write_figures(
     sources: Sources, output: Path, vector: Vector | str = Vector.PDF, only: str = ""
 ) -> WrittenFigures:
-    """Writes the figures of the paper that the results of a root or a baseline allow.
+    """Write the figures of the paper for which a root or a baseline has the data.
 
     Args:
         sources: folders, ``s3://`` or ``gs://`` addresses, names of baselines; ``paper-2021`` only alone.
-        output: folder to write to, which is made.
-        vector: pdf or svg; a PNG lies beside each.
-        only: beginning of the names of the figures that are wanted, or of what follows a hyphen in them;
+        output: folder to write to; made if missing.
+        vector: pdf or svg; each figure is written as PNG, too.
+        only: beginning of the names of the figures to write, or of the part after a hyphen in them;
             empty for all.
 
     Raises:
@@ -76,3 +79,65 @@ def _write(
         else:
             files += save(figure, output / drawing.name, kind)
     return WrittenFigures(tuple(files), tuple(left_out), warnings)
+
+
+PREAMBLE = r"""\documentclass{article}
+\usepackage[utf8]{inputenc}
+\usepackage[T1]{fontenc}
+\usepackage{booktabs}
+\usepackage{graphicx}
+\usepackage[margin=2cm,landscape]{geometry} % tables of five challenges are wide
+\begin{document}
+"""
+
+END = r"\end{document}" + "\n"
+
+
+@dataclass(frozen=True)
+class LatexReport:
+    """Document of `write_latex`, and the limits of its data in sentences."""
+
+    document: Path
+    warnings: tuple[str, ...]
+
+
+def write_latex(sources: Sources, folder: Path) -> LatexReport:
+    """Write the paper's tables and figures of a root, and a document with all of them.
+
+    Args:
+        sources: results roots and baselines with runs.
+        folder: folder of ``report.tex``, ``tables/*.tex`` and ``figures/*.pdf``, each with a PNG.
+
+    Raises:
+        ResultsRootError: one of `sources` is not a results root.
+    """
+    tables = write_tables(sources, kind=TableFormat.LATEX, output=folder / "tables")
+    figures = write_figures(sources, folder / "figures")
+    drawn = [file for file in figures.files if file.suffix == ".pdf"]
+    parts = [PREAMBLE, *map(_table, tables.files), *map(_figure, drawn), END]
+    document = folder / "report.tex"
+    document.write_text("\n".join(parts), encoding="utf-8")
+    left_out = (f"left out: {text}" for text in figures.left_out)
+    return LatexReport(document, tuple(dict.fromkeys(_of(tables.warnings, figures.warnings, left_out))))
+
+
+def _of(*groups: Iterable[str]) -> Iterable[str]:
+    return (text for group in groups for text in group)
+
+
+def _table(file: Path) -> str:
+    # A table may be wider than the page of this document; in a paper its author decides.
+    return rf"\input{{tables/{file.name}}}" + "\n" + r"\clearpage"
+
+
+def _figure(file: Path) -> str:
+    # Without the ending: names have points of their own, as in "after-0.5", which braces keep together.
+    lines = (
+        r"\begin{figure}[p]",
+        r"\centering",
+        rf"\includegraphics[width=\linewidth,height=.85\textheight,keepaspectratio]{{{{figures/{file.stem}}}.pdf}}",
+        rf"\caption{{\protect\detokenize{{{file.stem}}}}}",
+        r"\end{figure}",
+        r"\clearpage",
+    )
+    return "\n".join(lines)

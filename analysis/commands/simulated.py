@@ -1,4 +1,4 @@
-"""The command that prints results of simulated students: mastered tasks, recovery after resets."""
+"""Results of simulated students at the terminal: mastered tasks, recovery after resets."""
 
 from __future__ import annotations
 
@@ -16,13 +16,13 @@ from tma_ray.tasks import KnowledgeLevel
 from tma_ray.terminal import terminal
 
 BETTER, WORSE = "\N{BLACK UP-POINTING TRIANGLE}", "\N{BLACK DOWN-POINTING TRIANGLE}"
-"""Marks of a difference from Random with p < 0.05 after Holm, of all that a challenge has beside it."""
+"""Marks of a difference from Random with p < 0.05, corrected by Holm's method over each challenge."""
 
 RECOVERY = {"before_reset": "before", "tenth_later": "10 % later", "three_tenths_later": "30 % later"}
 
 
 def check_file(path: Path) -> None:
-    """Refuses a file that `write` could not write.
+    """Refuse a file that `write` could not write.
 
     Raises:
         ValueError: another ending than .csv and .parquet, or no such folder.
@@ -34,7 +34,7 @@ def check_file(path: Path) -> None:
 
 
 def write(frame: pd.DataFrame, path: Path) -> None:
-    """Writes `frame` as CSV or Parquet, whichever `path` ends in."""
+    """Write `frame` as CSV or Parquet, by the ending of `path`."""
     if path.suffix == ".csv":
         frame.to_csv(path, index=False, float_format="%.10g")
     else:
@@ -42,7 +42,7 @@ def write(frame: pd.DataFrame, path: Path) -> None:
 
 
 def show(frame: pd.DataFrame) -> None:
-    """Prints both tables to the terminal."""
+    """Print both tables."""
     console = terminal()
     title = "mastered test tasks in %, mean ± 95 % margin over seeds"
     console.print(rich_table(mastered_table(frame), f"{title}; {BETTER}{WORSE} differs from {BASELINE}"))
@@ -52,20 +52,20 @@ def show(frame: pd.DataFrame) -> None:
 
 
 def margin(values: pd.Series) -> float:
-    """Returns half the width of the 95 % confidence interval of the mean; NaN where it has none."""
+    """Return half the width of the 95 % confidence interval of the mean; NaN for a single value."""
     low, high = mean_interval(describe(values))
     return (high - low) / 2
 
 
 def mastered_table(frame: pd.DataFrame) -> pd.DataFrame:
-    """Returns mastered per cent as text, mean ± 95 % margin over seeds: teachers x challenges.
+    """Return mastered per cent as text, mean ± 95 % margin over seeds: teachers x challenges.
 
     Args:
         frame: rows of `tma_ray.testing.matrix.tabulate`.
 
     Returns:
-        Columns teacher, expert knowledge, and one per challenge. Levels that make no difference to a
-        teacher are one row; a level that it cannot run with is a row of dashes.
+        Columns teacher, expert knowledge, and one per challenge. Levels with the same runs are one row;
+        a level that a teacher does not support is a row of dashes.
     """
     groups = list(_rows(frame))
     table = pd.DataFrame(
@@ -79,7 +79,7 @@ def mastered_table(frame: pd.DataFrame) -> pd.DataFrame:
 
 
 def recovery_table(frame: pd.DataFrame) -> pd.DataFrame:
-    """Returns mastered per cent around the first reset of forgetting students, as `mastered_table` does."""
+    """Return mastered per cent around the first reset of forgetting students; see `mastered_table`."""
     forgetting = frame[frame["before_reset"].notna()]
     rows = [
         {"teacher": teacher, "expert knowledge": levels}
@@ -90,13 +90,13 @@ def recovery_table(frame: pd.DataFrame) -> pd.DataFrame:
 
 
 def markdown(table: pd.DataFrame) -> str:
-    """Returns a table of texts as Markdown."""
+    """Return a table of texts as Markdown."""
     lines = [list(table.columns), ["---"] * len(table.columns), *table.to_numpy().tolist()]
     return "\n".join(f"| {' | '.join(line)} |" for line in lines) + "\n"
 
 
 def rich_table(table: pd.DataFrame, title: str) -> Table:
-    """Returns a table of texts for a terminal."""
+    """Return a table of texts for a terminal."""
     grid = Table(title=title, title_justify="left", box=None)
     for index, column in enumerate(table.columns):
         grid.add_column(column.replace("_", " "), justify="left" if index < 2 else "right")
@@ -106,7 +106,7 @@ def rich_table(table: pd.DataFrame, title: str) -> Table:
 
 
 def _rows(frame: pd.DataFrame) -> Iterator[tuple[str, str, pd.DataFrame]]:
-    """Yields teacher, levels that share their runs or are refused alike, and the rows of the first."""
+    """Yield a teacher, levels with the same runs or the same refusal, and the rows of the first level."""
     for teacher in dict.fromkeys(frame["teacher"]):
         own = frame[frame["teacher"] == teacher]
         used = own.drop_duplicates("expert_knowledge").set_index("expert_knowledge")["effective_knowledge"]
@@ -121,7 +121,7 @@ def _mean(values: pd.Series) -> str:
 
 
 def _entries(cells: list[pd.DataFrame], baseline: pd.DataFrame) -> list[str]:
-    """Returns mastered per cent of each group of runs on a challenge, and how it differs from Random."""
+    """Return mastered per cent of each group of runs on a challenge, marked if it differs from Random."""
     samples = [cell["mastered_percent"].dropna() for cell in cells]
     tests = [_against(cell, baseline) for cell in cells]
     adjusted = holm([test.p for test in tests])

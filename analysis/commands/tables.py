@@ -1,4 +1,4 @@
-"""The command that writes the paper's tables from a results root."""
+"""Files of the paper's tables."""
 
 from __future__ import annotations
 
@@ -21,12 +21,12 @@ from analysis.tables.table import ENDINGS, Table, TableFormat, render
 
 @dataclass(frozen=True)
 class WrittenTables:
-    """What `write_tables` made.
+    """Text and files of `write_tables`.
 
     Attributes:
         text: all tables, one after the other.
-        files: where they lie, one file each; empty without a folder to write to.
-        warnings: what a reader must know before trusting them.
+        files: a file for each table; empty without a folder to write to.
+        warnings: limits of the data, in sentences.
     """
 
     text: str
@@ -40,14 +40,14 @@ def write_tables(
     kind: TableFormat | str = TableFormat.MARKDOWN,
     output: Path | None = None,
 ) -> WrittenTables:
-    """Makes the paper's tables of a root, finished or not, and writes them if told where to.
+    """Return the paper's tables of a root, finished or not, and write them to a folder if one is given.
 
     Args:
         sources: folders, ``s3://`` or ``gs://`` addresses, names of baselines; ``paper-2021``, for the
             paper's own tables, only alone.
         step: steps at which runs are read; None for their ends.
         kind: markdown, latex or csv.
-        output: folder to write to, which is made.
+        output: folder to write to; made if missing.
 
     Raises:
         ResultsRootError: no results root at that place.
@@ -76,7 +76,7 @@ def write_tables(
 
 
 def tables_of(frames: Frames, step: int | None = None) -> Iterator[Table]:
-    """Yields the tables of a root: those of results of which it has any cell, and the two others."""
+    """Yield the tables of a root: those with any cell, hyper-parameters, needed knowledge."""
     for results in table_results(frames, step):
         yield from result_tables(results)
     yield hyperparameters(search_results(frames))

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from analysis.data.frames import Frames, computed_once
 from analysis.measures.evaluations import training_curves
 from tma_ray.commands.arguments import check_names
-from tma_ray.commands.quantities import SHARE, STEP
+from tma_ray.commands.values import SHARE, STEP
 
 NOT_FINITE = "returns not finite"
 """Why a run has no measures whose last evaluation has returns that are NaN or infinite."""

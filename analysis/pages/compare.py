@@ -61,7 +61,7 @@ from analysis.pages.page import (
 from analysis.statistics import SIGNIFICANCE
 from analysis.tables.paper_tables import TableResults, result_tables, results_of
 from analysis.tables.table import Table
-from tma_ray.commands.installed import installed_version
+from tma_ray.commands.exits import installed_version
 
 
 @dataclass(frozen=True, eq=False)

@@ -28,7 +28,7 @@ from analysis.pages.page import controls, leading, overall_section, page, page_f
 from analysis.pages.sections import Section, overview, sections, threshold, thresholds
 from analysis.pages.videos import Video, by_comparison
 from analysis.statistics import SIGNIFICANCE
-from tma_ray.commands.installed import installed_version
+from tma_ray.commands.exits import installed_version
 from tma_ray.tasks import MASTERY_RETURN
 
 

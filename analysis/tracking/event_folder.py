@@ -15,7 +15,7 @@ from typing import Final
 import numpy as np
 
 from analysis.tracking.points import TABLES, Point, experiments_of, published_points
-from tma_ray.commands.places import expanded
+from tma_ray.commands.values import expanded
 from tma_ray.decoding import read_file
 from tma_ray.results import Manifest, Results, RunRecord, RunStatus, Table
 

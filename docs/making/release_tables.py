@@ -6,8 +6,8 @@ from collections import Counter
 from pathlib import Path
 
 from analysis.baselines import baselines, find_baseline
-from analysis.commands.leaderboard import NO_BREAK
-from analysis.commands.leaderboard import markdown as leaderboards
+from analysis.commands.releases import NO_BREAK
+from analysis.commands.releases import markdown as leaderboards
 from analysis.commands.simulated import markdown, mastered_table, recovery_table
 from analysis.names import challenge_title, label, teacher_order
 from tma_ray.campaign.simulated import played_runs

@@ -10,7 +10,7 @@ from typing import Any
 import pyarrow as pa
 from release_tables import leaderboard, simulated_students
 
-from analysis.commands.findings import shipped_findings
+from analysis.commands.releases import shipped_findings
 from tma_ray import cli, command_line
 from tma_ray.benchmark import CHALLENGES, KNOWLEDGE_REQUIREMENTS, challenges_of, load_test_set
 from tma_ray.cli.records import KEYS

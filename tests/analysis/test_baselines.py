@@ -16,7 +16,7 @@ from synthetic_results import SyntheticCampaign
 
 from analysis.baselines import BaselineError, as_baseline, baselines, find_baseline, release, verify
 from analysis.baselines.catalogue import PLACES_VARIABLE
-from analysis.commands.baselines import show_baselines, show_verification
+from analysis.commands.releases import show_baselines, show_verification
 from analysis.commands.tables import write_tables
 from analysis.data.frames import Frames, load
 from analysis.data.reference import paper_frame

@@ -9,7 +9,7 @@ from rich.console import Console
 from synthetic_results import SyntheticCampaign
 
 from analysis.claims.judging import PaperSource, RootSource, Verdict, judge
-from analysis.commands.claims import show_claims
+from analysis.commands.rankings import show_claims
 from analysis.data.frames import load
 from analysis.formatting import number
 from analysis.pages.report import write_report

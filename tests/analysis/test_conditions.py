@@ -12,7 +12,7 @@ from rich.console import Console
 from synthetic_results import SyntheticCampaign
 
 from analysis.claims.judging import RootSource
-from analysis.commands.ranking import show_ranking
+from analysis.commands.rankings import show_ranking
 from analysis.comparisons.boards import headlines, overall_rows
 from analysis.comparisons.measured import measure
 from analysis.comparisons.sentences import places, ranking, sentences

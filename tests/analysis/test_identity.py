@@ -14,7 +14,7 @@ import pytest
 from rich.console import Console
 from synthetic_results import SyntheticCampaign
 
-from analysis.commands.ranking import show_ranking
+from analysis.commands.rankings import show_ranking
 from analysis.comparisons.sentences import ranking
 from analysis.comparisons.sides import beside, named_jointly, side_of, together
 from analysis.data.frames import COMPARISON, load

@@ -16,8 +16,7 @@ from synthetic_results import SyntheticCampaign
 from analysis.baselines import BaselineError, add_to_release, find_baseline, release
 from analysis.baselines.verification import lacking
 from analysis.claims.agreement import agreements, pairs_in_both, tau_interval, taus
-from analysis.commands.findings import findings
-from analysis.commands.leaderboard import markdown, show_leaderboards
+from analysis.commands.releases import findings, markdown, show_leaderboards
 from analysis.comparisons.boards import leaderboards
 from analysis.data.frames import Frames, load
 from analysis.names import label

@@ -10,9 +10,8 @@ from rich.console import Console
 from synthetic_results import SyntheticCampaign
 
 from analysis.claims.judging import RootSource
-from analysis.commands.claims import show_claims
 from analysis.commands.figures import write_figures
-from analysis.commands.ranking import show_ranking
+from analysis.commands.rankings import show_claims, show_ranking
 from analysis.commands.tables import write_tables
 from analysis.comparisons.frame import pairwise
 from analysis.comparisons.measured import measure

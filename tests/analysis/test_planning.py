@@ -11,7 +11,7 @@ from scipy import stats
 from synthetic_pools import cell
 
 from analysis.baselines import find_baseline
-from analysis.commands.planning import show_detectable_differences
+from analysis.commands.rankings import show_detectable_differences
 from analysis.comparisons.planning import detectable_differences, plans_against_random
 from analysis.measures.pooling import pool_runs, runs_after
 from analysis.measures.tested import MEASURE

@@ -8,7 +8,7 @@ import pytest
 from rich.console import Console
 from synthetic_results import SyntheticCampaign
 
-from analysis.commands.ranking import show_ranking
+from analysis.commands.rankings import show_ranking
 from analysis.comparisons.boards import headlines, overall
 from analysis.comparisons.sentences import ranked, ranking, sentences
 from analysis.data.frames import load

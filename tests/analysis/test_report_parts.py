@@ -9,7 +9,7 @@ import pytest
 from synthetic_results import SyntheticCampaign
 
 from analysis import load
-from analysis.commands.latex import write_latex
+from analysis.commands.figures import write_latex
 from analysis.comparisons.measured import measure
 from analysis.pages.report import write_report
 from analysis.pages.sections import distinct

@@ -8,7 +8,7 @@ from pathlib import Path
 from rich.console import Console
 from synthetic_results import SyntheticCampaign
 
-from analysis.commands.search import show_search
+from analysis.commands.rankings import show_search
 from analysis.data.frames import load
 from analysis.measures.evaluations import search_results
 from tma_ray.benchmark import PPO_GRID, TEACHER_GRIDS

@@ -181,9 +181,9 @@ def test_the_results_that_an_experiment_ends_with(monkeypatch: pytest.MonkeyPatc
     shown: list[object] = []
     monkeypatch.setattr(experiments, "execute_experiment", lambda experiment, options: 0)
     monkeypatch.setattr(
-        "analysis.commands.ranking.show_ranking", lambda root, share: shown.append((root, share))
+        "analysis.commands.rankings.show_ranking", lambda root, share: shown.append((root, share))
     )
-    monkeypatch.setattr("analysis.commands.search.show_search", shown.append)
+    monkeypatch.setattr("analysis.commands.rankings.show_search", shown.append)
     for experiment in EXPERIMENTS:
         assert main(["experiment", experiment.name, "--results", experiment.name]) == 0
         root = experiment.name

@@ -25,8 +25,8 @@ from tma_ray.campaign.costs.speed import Throughput
 from tma_ray.campaign.progress import Snapshot
 from tma_ray.cli import main
 from tma_ray.command_line import METAVARS, arguments
-from tma_ray.commands import quantities
-from tma_ray.commands.quantities import Quantity
+from tma_ray.commands import values
+from tma_ray.commands.values import Quantity
 from tma_ray.results import AttemptOutcome, Results, Store, check_usable
 
 SECONDS = 1.0
@@ -34,7 +34,7 @@ SECONDS = 1.0
 
 MEASURED = Throughput("measured", 1e6, 1e6, 100)
 
-QUANTITIES = [each for each in vars(quantities).values() if isinstance(each, Quantity)]
+QUANTITIES = [each for each in vars(values).values() if isinstance(each, Quantity)]
 
 NUMBERS = ("N", "X", "SECONDS", "GIB")
 

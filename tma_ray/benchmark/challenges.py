@@ -8,7 +8,7 @@ from functools import cache
 from pathlib import Path
 
 from tma_ray.commands.arguments import check_kind
-from tma_ray.commands.places import expanded
+from tma_ray.commands.values import expanded
 from tma_ray.part_names import base_name, nearest
 from tma_ray.tasks import TaskSpace, TestSet
 from tma_ray.tasks.spaces import CUTS

@@ -12,7 +12,7 @@ from rich.table import Table
 
 from tma_ray import __version__
 from tma_ray.benchmark import BENCHMARK_VERSION
-from tma_ray.commands.installed import installed_version
+from tma_ray.commands.exits import installed_version
 from tma_ray.physics import PHYSICS_VERSION
 from tma_ray.results import SCHEMA_VERSION
 from tma_ray.runs.placement import LIBRARIES, cpu_model

@@ -15,8 +15,7 @@ from tma_ray.campaign.cluster.base import check_address, host_and_port
 from tma_ray.campaign.plan import CampaignSpec
 from tma_ray.campaign.settings import COHORT_WIDTH, PLAYER, Nodes, Resources, Settings, TeacherPlacement
 from tma_ray.command_line import choice, value, values
-from tma_ray.commands.places import root
-from tma_ray.commands.quantities import (
+from tma_ray.commands.values import (
     COORDINATE,
     CORES,
     COUNT,
@@ -26,8 +25,10 @@ from tma_ray.commands.quantities import (
     SECONDS,
     SEED,
     WIDTH,
+    named,
+    refused,
+    root,
 )
-from tma_ray.commands.texts import named, refused
 from tma_ray.part_names import join_name, nearest
 from tma_ray.results import Store, check_root
 from tma_ray.runs import Cell, Placement, Schedule

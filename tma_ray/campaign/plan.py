@@ -11,8 +11,8 @@ from typing import Any
 
 from tma_ray.benchmark import Matrix
 from tma_ray.commands.arguments import check_fields, check_kind, check_names
-from tma_ray.commands.quantities import SEED
 from tma_ray.commands.texts import counted
+from tma_ray.commands.values import SEED
 from tma_ray.part_names import base_name
 from tma_ray.results import check_id
 from tma_ray.runs import Cell, RunSpec, Schedule, effective_spec

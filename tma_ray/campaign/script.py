@@ -1,4 +1,4 @@
-"""A campaign as a script: the same flags for all of them."""
+"""Campaigns as scripts, all with the same flags."""
 
 from __future__ import annotations
 
@@ -60,24 +60,23 @@ def execute(campaign: CampaignSpec, options: CampaignOptions) -> int:
 def run_plan(
     plan: Plan, results: str, options: ExecutionOptions, known: Mapping[Kind, Throughput] | None = None
 ) -> int:
-    """Prints the size of `plan` and runs it as the options for execution say.
+    """Print the size of `plan` and run it with the options for execution.
 
-    What takes over an hour on this machine is started after a confirmation only, which a campaign on a
-    cluster needs beforehand (``--yes``).
+    More than an hour on this machine has to be confirmed, on a cluster beforehand (``--yes``).
 
     Args:
         plan: what to run.
         results: results root.
         options: placement, times and limits of the execution.
-        known: speeds that have been measured and shown.
+        known: speeds that were measured and printed before.
 
     Returns:
         The exit code, as of `main`.
 
     Raises:
-        ValueError: an address that cannot be a cluster's, or what takes over an hour was not confirmed.
+        ValueError: an address that cannot be a cluster's, or over an hour that was not confirmed.
         ConnectionError: nothing listens at the address.
-        Exception: what `execute_plan` raises.
+        Exception: errors of `execute_plan`.
     """
     from tma_ray.campaign.execution import execute_plan
 
@@ -110,7 +109,7 @@ def run_plan(
 
 
 def _conclude(ended: Snapshot, results: str, console: Console) -> int:
-    """Prints how a campaign ended and the command that comes next; returns the exit code."""
+    """Print the end of a campaign and the next command; return the exit code."""
     code, sentence = _ending(ended, results)
     console.print(sentence, highlight=False, soft_wrap=True)
     return code

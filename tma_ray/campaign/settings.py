@@ -10,7 +10,7 @@ from enum import StrEnum
 from typing import Final
 
 from tma_ray.commands.arguments import check_fields
-from tma_ray.commands.quantities import CORES, GPUS, LOSSES, MEMORY, SECONDS, WIDTH
+from tma_ray.commands.values import CORES, GPUS, LOSSES, MEMORY, SECONDS, WIDTH
 from tma_ray.runs.placement import Placement, check_device
 from tma_ray.students.players import CohortSettings
 

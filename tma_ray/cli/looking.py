@@ -8,10 +8,11 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal, get_args
 
 from tma_ray.cli.options import Folder, Json, Root, RunResults
-from tma_ray.cli.records import any_failed, doctor_record, list_record, print_json, status_record
+from tma_ray.cli.records import any_failed, print_json, status_record
 from tma_ray.command_line import choice, command, value
 from tma_ray.commands.exits import FAILED
-from tma_ray.commands.texts import counted, named
+from tma_ray.commands.texts import counted
+from tma_ray.commands.values import named
 
 if TYPE_CHECKING:
     from analysis.baselines import Baseline
@@ -143,12 +144,12 @@ def doctor(*, results: Folder = Path("results"), json: Json = False) -> int:
     Args:
         results: folder of results, whose disk is examined
     """
-    if json:
-        print_json("doctor", doctor_record(results))
-        return 0
-    from tma_ray.campaign.doctor import show
+    from tma_ray.campaign.doctor import examine, show
 
-    show(results)
+    if json:
+        print_json("doctor", {"topics": examine(results)})
+    else:
+        show(results)
     return 0
 
 
@@ -163,7 +164,11 @@ def list_(kind: Annotated[str, choice(KINDS)] = "", /, *, json: Json = False) ->
     """
     descriptions = {each: _descriptions(each) for each in ([kind] if kind else KINDS)}
     if json:
-        print_json("list", list_record(descriptions))
+        kinds = {
+            each: [{"name": name, "description": text} for name, text in described.items()]
+            for each, described in descriptions.items()
+        }
+        print_json("list", {"kinds": kinds})
         return 0
     from rich.table import Table
 

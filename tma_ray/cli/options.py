@@ -8,9 +8,7 @@ from typing import Annotated
 from cyclopts import Parameter
 
 from tma_ray.command_line import choice, value, values
-from tma_ray.commands.places import folder, new_file, root
-from tma_ray.commands.quantities import COUNT, SEED
-from tma_ray.commands.texts import licence, named
+from tma_ray.commands.values import COUNT, SEED, folder, licence, named, new_file, root
 
 Root = Annotated[str, value(root, "ROOT")]
 Roots = Annotated[str, value(root, "ROOT", required=True)]

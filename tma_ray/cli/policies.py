@@ -9,7 +9,7 @@ from cyclopts import Parameter
 
 from tma_ray.cli.options import Count, Licence, NewFile, Output, Policy, RunResults, Seed
 from tma_ray.command_line import command, value, values
-from tma_ray.commands.texts import named
+from tma_ray.commands.values import named
 
 
 @Parameter(name="*")

@@ -10,8 +10,8 @@ from tma_ray.campaign.options import names
 from tma_ray.cli.options import Baseline, Json, Licence, Name, Root
 from tma_ray.cli.records import baselines_record, print_json
 from tma_ray.command_line import command, value
-from tma_ray.commands.places import root as read_root
-from tma_ray.commands.texts import named
+from tma_ray.commands.values import named
+from tma_ray.commands.values import root as read_root
 
 NOT_WHOLE = 1
 
@@ -25,7 +25,7 @@ def baselines_list(*, json: Json = False) -> int:
     if json:
         print_json("baselines list", baselines_record())
         return 0
-    from analysis.commands.baselines import show_baselines
+    from analysis.commands.releases import show_baselines
 
     show_baselines()
     return 0
@@ -53,7 +53,7 @@ def baselines_verify(baseline: Baseline, /) -> int:
     Args:
         baseline: name, folder or address of the baseline
     """
-    from analysis.commands.baselines import show_verification
+    from analysis.commands.releases import show_verification
 
     return 0 if show_verification(baseline) else NOT_WHOLE
 

@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 KEYS: Mapping[str, Mapping[str, str]] = {
     "status": {
         "root": "results root",
-        "heartbeat": "of the last campaign: holder, at (s since 1970), alive; null if there was none",
+        "heartbeat": "sign of life of the last campaign: holder, at (s since 1970), alive; null without one",
         "campaigns": "list of name and cells; a cell has environment, challenge, embodiment, student, "
         "teacher, expert_knowledge and runs; a run has run_id, state (done, running, interrupted, failed "
         "or waiting), step, steps (0 if it never started), steps_per_second and error (null without one)",
@@ -32,9 +32,9 @@ KEYS: Mapping[str, Mapping[str, str]] = {
     "ranking": {
         "root": "results root, the first of several",
         "roots": "list of all results roots and baselines that were read",
-        "warnings": "list of what to know before trusting the rows",
+        "warnings": "limits of the data, in sentences",
         "share": "share of the budget after which runs were read",
-        "measure": "what teachers are ranked by: mastered_percent, last_three or mastered_area",
+        "measure": "measure of the ranking: mastered_percent, last_three or mastered_area",
         "rows": "results, the best of each challenge first, with columns of analysis.comparisons.sentences",
         "overall": "estimates over all challenges, with the columns of analysis.comparisons.boards.overall",
         "sentences": "the rows in words",
@@ -42,7 +42,7 @@ KEYS: Mapping[str, Mapping[str, str]] = {
     "claims": {
         "root": "results root, the first of several",
         "roots": "list of all results roots and baselines that were read",
-        "warnings": "list of what to know before trusting the claims",
+        "warnings": "limits of the data, in sentences",
         "claims": "list of text, source, standing, and findings: standing and evidence of each statement",
     },
     "plan": {
@@ -55,12 +55,12 @@ KEYS: Mapping[str, Mapping[str, str]] = {
     },
     "verify": {
         "root": "results root or release",
-        "whole": "whether nothing is damaged",
-        "runs": "how many have a manifest that can be read",
-        "files": "how many their manifests list",
+        "whole": "true if nothing is damaged",
+        "runs": "number of runs with a readable manifest",
+        "files": "number of files in their manifests",
         "damage": "list of path, problem and run_id (empty if the file holds several runs)",
         "unlisted": "paths of files of tables and policies that belong to no run",
-        "lacking": "list of what a release lacks to be complete (empty without --complete)",
+        "lacking": "gaps of a release that is to be complete (empty without --complete)",
     },
     "list": {
         "kinds": "by kind (teachers, students, …): list of name and description",
@@ -80,14 +80,14 @@ CELL = ("environment", "challenge", "embodiment", "student", "teacher", "expert_
 
 
 def print_json(command: str, record: Mapping[str, Any]) -> None:
-    """Prints what `command` has found, with the keys that `KEYS` declares."""
+    """Print the record of a command, with the keys of `KEYS`."""
     assert list(record) == list(KEYS[command]), f"{command}: {list(record)}"
     text = json.dumps(json_value(record), indent=2, ensure_ascii=False, allow_nan=False)
     print(OBEYED.sub(lambda found: f"\\u{ord(found[0]):04x}", text))
 
 
 def json_value(value: Any) -> Any:
-    """Returns `value` as JSON has it: NaN and infinities as null, numbers of numpy as Python's."""
+    """Return `value` for JSON: NaN and infinities as null, numbers of numpy as Python's."""
     if isinstance(value, Mapping):
         return {str(key): json_value(item) for key, item in value.items()}
     if isinstance(value, Enum):
@@ -102,7 +102,7 @@ def json_value(value: Any) -> Any:
 
 
 def status_record(root: str) -> dict[str, Any]:
-    """Returns the state of every run of a root, by campaign and cell."""
+    """Return the state of every run of a root, by campaign and cell."""
     from tma_ray.campaign.monitor import overview
 
     now = time.time()
@@ -121,13 +121,13 @@ def status_record(root: str) -> dict[str, Any]:
 
 
 def any_failed(status: Mapping[str, Any]) -> bool:
-    """Tells whether a run of a `status_record` has failed."""
+    """True if a run of a `status_record` has failed."""
     cells = (cell for campaign in status["campaigns"] for cell in campaign["cells"])
     return any(run["state"] == "failed" for cell in cells for run in cell["runs"])
 
 
 def ranking_record(sources: Sequence[str], share: float, measure: str) -> dict[str, Any]:
-    """Returns the ranking of one or several roots after a share of the budget."""
+    """Return the ranking of one or several roots after a share of the budget."""
     from analysis.baselines.catalogue import read
     from analysis.comparisons.boards import overall
     from analysis.comparisons.sentences import ranked, sentences
@@ -147,7 +147,7 @@ def ranking_record(sources: Sequence[str], share: float, measure: str) -> dict[s
 
 
 def claims_record(sources: Sequence[str]) -> dict[str, Any]:
-    """Returns what the results of one or several roots say of each of the paper's claims."""
+    """Return the standing of the paper's claims in one or several roots."""
     from analysis.baselines.catalogue import read
     from analysis.claims.judging import root_verdicts
 
@@ -169,12 +169,12 @@ def claims_record(sources: Sequence[str]) -> dict[str, Any]:
 
 
 def _of_sources(sources: Sequence[str], frames: Frames) -> dict[str, Any]:
-    """Returns which results were read, and what a reader must know of them."""
+    """Return the results that were read, and the limits of their data."""
     return {"root": sources[0], "roots": list(sources), "warnings": list(frames.notes)}
 
 
 def plan_record(experiment: Experiment, options: ExperimentOptions) -> dict[str, Any]:
-    """Returns the size and the cost of what the options choose of an experiment."""
+    """Return the size and the cost of the chosen part of an experiment."""
     from analysis.comparisons.planning import detectable_differences
     from tma_ray.campaign.costs.estimation import estimate
     from tma_ray.campaign.experiments import experiment_plan, planned_experiments
@@ -202,24 +202,8 @@ def plan_record(experiment: Experiment, options: ExperimentOptions) -> dict[str,
     }
 
 
-def doctor_record(root: Path) -> dict[str, Any]:
-    """Returns what this machine offers a campaign."""
-    from tma_ray.campaign.doctor import examine
-
-    return {"topics": examine(root)}
-
-
-def list_record(descriptions: Mapping[str, Mapping[str, str]]) -> dict[str, Any]:
-    """Returns names with their descriptions, by kind."""
-    kinds = {
-        kind: [{"name": name, "description": text} for name, text in described.items()]
-        for kind, described in descriptions.items()
-    }
-    return {"kinds": kinds}
-
-
 def baselines_record() -> dict[str, Any]:
-    """Returns the baselines that have a name here."""
+    """Return the known baselines."""
     from analysis.baselines.catalogue import baselines
 
     rows = [

@@ -12,9 +12,7 @@ from typing import TYPE_CHECKING, Annotated
 from tma_ray.cli.options import Baseline, Baselines, Count, Folder, Json, Measure, Output, Root, Roots
 from tma_ray.cli.records import claims_record, print_json, ranking_record
 from tma_ray.command_line import choice, command, value, values
-from tma_ray.commands.places import expanded
-from tma_ray.commands.quantities import SHARE
-from tma_ray.commands.texts import named
+from tma_ray.commands.values import SHARE, expanded, named
 
 if TYPE_CHECKING:
     from analysis.pages.videos import Video, WantedVideo
@@ -63,7 +61,7 @@ def report(
     shown = list(_videos(sources, folder / "videos")) if videos else []
     print(write_report(sources, folder, shown, RELOAD_SECONDS if watch else 0), flush=True)
     if latex:
-        from analysis.commands.latex import write_latex  # matplotlib, which takes a while to import
+        from analysis.commands.figures import write_latex  # matplotlib, which takes a while to import
 
         written = write_latex(sources, folder / "latex")
         _warn(written.warnings)
@@ -138,7 +136,7 @@ def leaderboard(*baseline: Baseline) -> int:
         tma-ray leaderboard
         tma-ray leaderboard colleague
     """
-    from analysis.commands.leaderboard import show_leaderboards
+    from analysis.commands.releases import show_leaderboards
 
     show_leaderboards(baseline)
     return 0
@@ -169,7 +167,7 @@ def ranking(
     if json:
         print_json("ranking", ranking_record((*root, *baseline), share, measure))
         return 0
-    from analysis.commands.ranking import show_ranking
+    from analysis.commands.rankings import show_ranking
 
     show_ranking((*root, *baseline), share, measure=measure)
     return 0
@@ -186,7 +184,7 @@ def claims(*root: Roots, baseline: Baselines = (), details: bool = False, json: 
     if json:
         print_json("claims", claims_record((*root, *baseline)))
         return 0
-    from analysis.commands.claims import show_claims
+    from analysis.commands.rankings import show_claims
 
     show_claims((*root, *baseline), details)
     return 0
@@ -199,7 +197,7 @@ def search(root: Root, /) -> int:
     Args:
         root: results root
     """
-    from analysis.commands.search import show_search
+    from analysis.commands.rankings import show_search
 
     show_search(root)
     return 0

@@ -30,8 +30,8 @@ from tma_ray.cli.options import Count, Json, Name, NewFile, Root
 from tma_ray.cli.records import plan_record, print_json
 from tma_ray.command_line import command, value
 from tma_ray.commands.exits import FAILED
-from tma_ray.commands.quantities import PROCESSES
-from tma_ray.commands.texts import counted, named
+from tma_ray.commands.texts import counted
+from tma_ray.commands.values import PROCESSES, named
 from tma_ray.runs import Cell, Schedule
 from tma_ray.testing import EPISODES
 
@@ -113,7 +113,7 @@ def plan(
     These are its cells, runs and steps, the hours, disk and memory that they take at the speed of this
     machine, and the differences that its seeds can detect.
     """
-    from analysis.commands.planning import show_detectable_differences
+    from analysis.commands.rankings import show_detectable_differences
     from tma_ray.campaign.experiments import show_plan
     from tma_ray.results import Store, check_usable
 
@@ -139,8 +139,7 @@ def experiment(experiment: ExperimentName, /, *, options: ExperimentOptions = Ex
         tma-ray experiment full_benchmark --tier lite --results lite
         tma-ray experiment parkour --teachers random,alp_gmm --seeds 2 --dry-run
     """
-    from analysis.commands.ranking import show_ranking
-    from analysis.commands.search import show_search
+    from analysis.commands.rankings import show_ranking, show_search
     from tma_ray.campaign.experiments import execute_experiment
 
     found = find_experiment(experiment)

@@ -1,1 +1,1 @@
-"""Parts of every command: numbers and places that users give, Ctrl-C, exit codes and refusals."""
+"""Parts of every command: values that users give, checks of arguments, Ctrl-C, exit codes."""

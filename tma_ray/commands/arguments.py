@@ -1,4 +1,4 @@
-"""Checks of arguments of functions that users call from Python: a mistake is refused where it was made."""
+"""Checks of the arguments of public functions."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ _IN_WORDS: Final[dict[type, str]] = {
 
 
 def check_kind(name: str, value: object, kind: type | tuple[type, ...], expected: str) -> None:
-    """Refuses an argument of another type.
+    """Refuse an argument of another type.
 
     Raises:
         TypeError: the message holds the argument's `name`, its value and what was `expected`.
@@ -35,10 +35,10 @@ def check_kind(name: str, value: object, kind: type | tuple[type, ...], expected
 
 
 def check_fields(record: Any) -> None:
-    """Refuses fields of a dataclass whose values are of other types than it declares.
+    """Refuse fields of a dataclass with values of other types than declared.
 
-    Whole numbers pass for real ones and the other way round, since their ranges are checked where they are
-    known; choices and tuples are left to checks of their own.
+    Whole and real numbers are not told apart, since their ranges are checked elsewhere; choices and tuples
+    have checks of their own.
 
     Raises:
         TypeError: the message holds the field's name, its value and what was expected.
@@ -54,7 +54,7 @@ def check_fields(record: Any) -> None:
 
 @cache
 def _kinds_of_fields(record: type) -> dict[str, tuple[tuple[type, ...], str]]:
-    """Returns what `check_fields` takes in each field, and its name in a message."""
+    """Return the accepted types of each field of a dataclass, and their description."""
     found = {}
     for name, hint in get_type_hints(record).items():
         hints = [
@@ -67,20 +67,20 @@ def _kinds_of_fields(record: type) -> dict[str, tuple[tuple[type, ...], str]]:
 
 
 def check_names(name: str, value: object) -> None:
-    """Refuses one text where several are meant: its characters would be taken for them.
+    """Refuse a text where a list of texts is expected: its characters would be the entries.
 
     Raises:
-        TypeError: as of `check_kind`, also for what cannot be iterated over.
+        TypeError: as of `check_kind`, also for an object that is not iterable.
     """
     if isinstance(value, str) or not isinstance(value, Iterable):
         raise TypeError(f"{name} = {value!r:.60}: expected several, as in [{value!r:.60}]")
 
 
 def check_known(kind: str, name: object, known: Iterable[str], has: str) -> None:
-    """Refuses a name that is not among `known`.
+    """Refuse a name that is not among `known`.
 
     Raises:
-        ValueError: the message holds the nearest match, and what `has` which names.
+        ValueError: the message holds the nearest match, `has` and all names.
     """
     known = list(known)
     if name not in known:
@@ -89,7 +89,7 @@ def check_known(kind: str, name: object, known: Iterable[str], has: str) -> None
 
 
 def check_finite(name: str, value: Any) -> None:
-    """Refuses what is not a finite number.
+    """Refuse an argument that is not a finite number.
 
     Raises:
         ValueError: the message holds the argument's `name` and its value.
@@ -99,7 +99,7 @@ def check_finite(name: str, value: Any) -> None:
 
 
 def check_whole(name: str, value: object, least: int) -> None:
-    """Refuses what is not a whole number of at least `least`.
+    """Refuse an argument that is not a whole number of at least `least`.
 
     Raises:
         ValueError: the message holds the argument's `name` and its value.
@@ -109,7 +109,7 @@ def check_whole(name: str, value: object, least: int) -> None:
 
 
 def check_pair(name: str, value: object, expected: str) -> None:
-    """Refuses what is not two values in order.
+    """Refuse an argument that is not a sequence of two values.
 
     Raises:
         ValueError: the message holds the argument's `name`, its value and what was `expected`.

@@ -1,4 +1,4 @@
-"""The ends of commands: an exit code, and one sentence for whatever was refused."""
+"""Exit codes of commands, and one sentence for every refusal."""
 
 from __future__ import annotations
 
@@ -7,38 +7,39 @@ import sys
 import traceback
 from collections.abc import Callable
 from contextlib import redirect_stderr, redirect_stdout, suppress
+from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 
 from tma_ray.commands.interrupts import INTERRUPTED, Interrupts
 from tma_ray.commands.texts import VisibleStream
 
 FAILED = 1
-"""Something went wrong on the way, or something that was asked about is not as it should be."""
+"""Exit code of an error, or of a check that failed."""
 
 REFUSED = 2
-"""Nothing was done; a sentence on standard error says why."""
+"""Exit code of a refusal: nothing was done, and a sentence on standard error says why."""
 
 RAY_LOST = 75
-"""Ray is gone, and the same command continues: `os.EX_TEMPFAIL`, which services and batch systems know."""
+"""Exit code after Ray was lost, `os.EX_TEMPFAIL`; the same command continues."""
 
 BROKEN_PIPE = 141
-"""Nobody reads the output any more: 128 and the number of the signal, as of a shell."""
+"""Exit code when nobody reads the output any more: 128 and the number of the signal, as of a shell."""
 
 
 class RefusedError(RuntimeError):
-    """A request that cannot be met now, through no fault of its own; its message is for the user."""
+    """Request that is valid and cannot be met now; the message is for the user."""
 
 
 def exit_code(name: str, command: Callable[[], int], *, debug: bool = False) -> int:
-    """Runs a command and returns its exit code; what it refuses becomes a sentence on standard error.
+    """Run a command; return its exit code, and print refusals as a sentence on standard error.
 
-    What it prints holds nothing that a terminal would obey, but for what rich paints. Errors that no user
-    can cause are raised as they come.
+    Control characters in what it prints are replaced, except those of rich. Errors that no user can cause are
+    raised.
 
     Args:
-        name: of the command, before the sentence.
-        command: returns its exit code.
-        debug: prints the traceback of a refusal, too.
+        name: name of the command, before the sentence.
+        command: function that returns the exit code.
+        debug: True to print the traceback of a refusal, too.
     """
     interrupts = Interrupts()
     with redirect_stdout(VisibleStream(sys.stdout)), redirect_stderr(VisibleStream(sys.stderr)):
@@ -64,13 +65,13 @@ def _ended(name: str, command: Callable[[], int], interrupts: Interrupts, debug:
         sys.stderr.write(f"{name}: {sentence(error)}\n")
         return REFUSED
     except Exception:
-        if interrupts.came:  # what a library made of it
+        if interrupts.came:  # an error that a library raised instead
             return INTERRUPTED
         raise
 
 
 def sentence(error: BaseException) -> str:
-    """Returns what `error` says, for a user."""
+    """Return the message of an error, for a user."""
     if isinstance(error, MemoryError):
         return f"there is not enough memory for this: {str(error) or 'ask for less'}"
     if isinstance(error, OSError) and error.filename is not None and error.strerror:
@@ -79,6 +80,24 @@ def sentence(error: BaseException) -> str:
 
 
 def _discard_output() -> None:
-    """Lets Python end without writing what nobody reads."""
-    with suppress(OSError, ValueError), Path(os.devnull).open("w") as nowhere:  # it may have no descriptor
+    """Redirect the output, so that Python can end without a write to a closed pipe."""
+    with (
+        suppress(OSError, ValueError),
+        Path(os.devnull).open("w") as nowhere,
+    ):  # a stream without a descriptor
         os.dup2(nowhere.fileno(), sys.stdout.fileno())
+
+
+def installed_version(package: str) -> str:
+    """Return the version of an installed package.
+
+    Raises:
+        RefusedError: a package that is not installed, as when its folder was only copied.
+    """
+    try:
+        return version(package)
+    except PackageNotFoundError as error:
+        raise RefusedError(
+            f"the package {package!r} is not installed for {sys.executable}: a copied folder is not enough; "
+            f"use 'pip install {package}', or 'pip install .' in a checkout"
+        ) from error

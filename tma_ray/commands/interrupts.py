@@ -1,34 +1,45 @@
-"""Ctrl-C while a command is starting, running or ending: exit code 130, and no traceback."""
+"""Ctrl-C while a command is starting, running or ending: exit code 130, and no traceback.
+
+It is imported before everything else, and imports only what is there already.
+"""
 
 from __future__ import annotations
 
+import contextlib
+import os
 import signal
 import sys
 import threading
 from collections.abc import Iterator
-from contextlib import contextmanager
 from types import FrameType
-from typing import Any
 
-from tma_ray.commands.early_interrupts import INTERRUPTED, expect_early, is_command, leave_at_once
-
-__all__ = [
-    "INTERRUPTED",
-    "Interrupts",
-    "come_into_reach",
-    "expect_early",
-    "is_command",
-    "leave_at_once",
-    "started_out_of_reach",
-]
+INTERRUPTED = 130
+"""Exit code of a command that was stopped by Ctrl-C: 128 and the number of the signal, as of a shell."""
 
 
-@contextmanager
-def started_out_of_reach() -> Iterator[None]:
-    """Has processes that are started in the block see no Ctrl-C, which a terminal sends to all.
+def is_command(arguments: list[str]) -> bool:
+    """True if an interpreter with these arguments runs the command ``tma-ray``."""
+    stems = {os.path.basename(word).partition(".")[0] for word in arguments[:2]}  # noqa: PTH119
+    return bool({"tma_ray", "tma_ray.cli"} & set(arguments[1:3])) or "tma-ray" in stems
 
-    One that comes meanwhile reaches this process at the end of the block, and those when they
-    `come_into_reach`: until then they import, where it would end in a traceback.
+
+def leave_at_once(*_: object) -> None:
+    """End the process, before anything was started or after everything was done."""
+    os._exit(INTERRUPTED)
+
+
+def expect_early() -> None:
+    """End the process on Ctrl-C while the command imports the package."""
+    with contextlib.suppress(ValueError):  # another thread than the main one imports it
+        signal.signal(signal.SIGINT, leave_at_once)
+
+
+@contextlib.contextmanager
+def block_sigint() -> Iterator[None]:
+    """Block Ctrl-C, which a terminal sends to all processes, in processes that are started within.
+
+    One that comes meanwhile reaches this process at the end of the block, and the others at `unblock_sigint`:
+    until then they import, where it would end in a traceback.
     """
     before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
     try:
@@ -37,27 +48,27 @@ def started_out_of_reach() -> Iterator[None]:
         signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
-def come_into_reach() -> None:
-    """Lets Ctrl-C, also an earlier one, end this process without a word."""
+def unblock_sigint() -> None:
+    """End this process without a message on Ctrl-C, also an earlier one."""
     signal.signal(signal.SIGINT, leave_at_once)
     signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGINT})
 
 
 class Interrupts:
-    """Ctrl-C as KeyboardInterrupt, remembered.
+    """Context of Ctrl-C as KeyboardInterrupt, with a memory.
 
     Libraries turn a KeyboardInterrupt into errors of their own, or lose it where Python cannot raise it.
 
     Attributes:
-        came: whether there was one.
+        came: True if there was one.
     """
 
     def __init__(self) -> None:
         self.came = False
 
-    @contextmanager
+    @contextlib.contextmanager
     def raised(self) -> Iterator[None]:
-        """Raises KeyboardInterrupt upon Ctrl-C within the block, if that is in the main thread."""
+        """Raise KeyboardInterrupt on Ctrl-C within the block, in the main thread."""
         if threading.current_thread() is not threading.main_thread():
             yield
             return
@@ -73,7 +84,7 @@ class Interrupts:
         self.came = True
         raise KeyboardInterrupt
 
-    def _leave_if_lost(self, lost: Any) -> None:
+    def _leave_if_lost(self, lost: sys.UnraisableHookArgs) -> None:
         if issubclass(lost.exc_type, KeyboardInterrupt):
             leave_at_once()
         sys.__unraisablehook__(lost)

@@ -15,7 +15,7 @@ from typing import Any, get_type_hints
 
 import msgspec
 
-from tma_ray.commands.quantities import BODY_SIZE, TORQUE
+from tma_ray.commands.values import BODY_SIZE, TORQUE
 from tma_ray.decoding import MOST_TEXT_BYTES, check_file
 from tma_ray.embodiments.base import Embodiment, EmbodimentError, GripSensor, Joint, Part, Point, Polygon
 from tma_ray.part_names import join_name, nearest, split_name

@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import Any
 from uuid import uuid4
 
-from tma_ray.commands.places import expanded
+from tma_ray.commands.values import expanded
 from tma_ray.decoding import DamagedFileError, read_file
 from tma_ray.envs import ENVIRONMENTS
 from tma_ray.part_names import base_name, join_name, split_name

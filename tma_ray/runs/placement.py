@@ -11,8 +11,8 @@ from pathlib import Path
 from typing import Any
 
 from tma_ray.commands.arguments import check_fields
-from tma_ray.commands.installed import installed_version
-from tma_ray.commands.quantities import PROCESSES, SECONDS
+from tma_ray.commands.exits import installed_version
+from tma_ray.commands.values import PROCESSES, SECONDS
 from tma_ray.part_names import nearest
 from tma_ray.students import Learner
 

@@ -14,7 +14,7 @@ from typing import Any, Self
 import numpy as np
 
 from tma_ray.benchmark import BENCHMARK_VERSION
-from tma_ray.commands.quantities import COUNT, SEED
+from tma_ray.commands.values import COUNT, SEED
 from tma_ray.decoding import DamagedFileError, decode_json
 from tma_ray.part_names import base_name
 from tma_ray.results import RunRecord, SpecFacts, input_path, spec_digest

@@ -15,7 +15,7 @@ from multiprocessing.connection import Connection
 import pandas as pd
 from threadpoolctl import threadpool_limits
 
-from tma_ray.commands.interrupts import come_into_reach, started_out_of_reach
+from tma_ray.commands.interrupts import block_sigint, unblock_sigint
 from tma_ray.tasks import KnowledgeLevel
 from tma_ray.teachers import TEACHERS, effective_level, knows_enough
 from tma_ray.testing.simulation import POINTS, SimulatedRun, simulate
@@ -98,7 +98,7 @@ def run_cells(
     lost: set[Future[SimulatedRun]] = set()
     with wanted, ProcessPoolExecutor(jobs, spawn, initializer=_settle, initargs=(wanted,)) as pool:
         try:
-            with started_out_of_reach():
+            with block_sigint():
                 for seed, (challenge, teacher, level) in itertools.product(seeds, runs_of(cells)):
                     if (challenge.name, teacher, level, seed) not in done:
                         run = pool.submit(simulate, challenge, teacher, level, seed, episodes)
@@ -188,7 +188,7 @@ def _settle(wanted: Connection) -> None:
     Args:
         wanted: pipe whose other end the parent closes when it wants no more runs, or ends.
     """
-    come_into_reach()
+    unblock_sigint()
     threadpool_limits(limits=1)
     os.environ["OMP_NUM_THREADS"] = "1"
 

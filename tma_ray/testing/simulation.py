@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from tma_ray.commands.arguments import check_kind
-from tma_ray.commands.quantities import SEED
+from tma_ray.commands.values import SEED
 from tma_ray.tasks import (
     MASTERY_RETURN,
     Episode,

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from tma_ray.commands.arguments import check_fields, check_whole
-from tma_ray.commands.quantities import COORDINATE
+from tma_ray.commands.values import COORDINATE
 from tma_ray.envs import ENVIRONMENTS, Environment, make_environment, mastery_return
 from tma_ray.part_names import nearest
 from tma_ray.runs.inputs import arguments

@@ -17,7 +17,7 @@ from urllib.parse import unquote, urlsplit
 
 import pyarrow as pa
 
-from tma_ray.commands.places import expanded
+from tma_ray.commands.values import expanded
 from tma_ray.decoding import MOST_TEXT_BYTES, DamagedFileError, check_file, read_file
 from tma_ray.results.storage.base import TEMPORARY, ResultsRootError, Stamp, StorageError, Store, Version
 

@@ -1,22 +1,75 @@
-"""The command that prints leaderboards of releases, and the same as Markdown for the site."""
+"""Releases at the terminal and as Markdown: list, verification, leaderboards, findings."""
 
 from __future__ import annotations
 
 import html
-from collections.abc import Sequence
+from collections import Counter
+from collections.abc import Iterable, Sequence
+from pathlib import Path
 
 from rich.console import Console
 from rich.table import Table
 
-from analysis.baselines import BaselineError, BaselineKind, as_baseline, baselines
-from analysis.baselines.catalogue import Baseline, read
+from analysis.baselines import BaselineError, BaselineKind, as_baseline, baselines, find_baseline
+from analysis.baselines.catalogue import SHIPPED, Baseline, BaselineManifest, read
+from analysis.baselines.verification import verify
+from analysis.claims.agreement import Agreement, agreements
+from analysis.claims.judging import Verdict, root_verdicts
 from analysis.comparisons.boards import Entry, Leaderboard, leaderboards
 from analysis.comparisons.sentences import caveat
-from analysis.formatting import estimate, number
+from analysis.formatting import amount, estimate, number
 from analysis.measures.evaluations import ceilings_in_words
 from analysis.measures.tested import MEASURE, QUANTITIES, how_tested
-from analysis.names import label, short_labels
+from analysis.names import challenge_title, label, short_labels
+from analysis.statistics.samples import MARGIN, Standing
+from tma_ray.results import CHIPMUNK
 from tma_ray.terminal import terminal
+
+
+def show_baselines(console: Console | None = None) -> None:
+    """Print the known baselines with their contents, licence and place.
+
+    Raises:
+        BaselineError: a damaged baseline.
+    """
+    table = Table("baseline", "engine", "runs", "teachers", "licence", box=None, pad_edge=False)
+    table.add_column("where", overflow="fold")
+    for baseline in baselines():
+        manifest = baseline.manifest
+        teachers = str(len(manifest.holds.get("teachers", ())))
+        row = manifest.name, manifest.engine, _runs(manifest), teachers, manifest.licence or "none given"
+        table.add_row(*row, _place(baseline))
+    terminal(console).print(table)
+
+
+def show_verification(name: str | Path, console: Console | None = None) -> bool:
+    """Print the verification of a baseline; return True if it is as released.
+
+    Raises:
+        BaselineError: no baseline of that name or place.
+    """
+    console = terminal(console)
+    found = verify(name)
+    files = found.baseline.manifest.files
+    size = sum(file.size for file in files)
+    if found.whole:
+        console.print(
+            f"{found.baseline.manifest.name} is whole: {len(files):,} files, {size:,} bytes", soft_wrap=True
+        )
+    for problem in found.problems:
+        console.print(problem, markup=False, soft_wrap=True)
+    return found.whole
+
+
+def _place(baseline: Baseline) -> str:
+    shipped = "://" not in baseline.place and Path(baseline.place).is_relative_to(SHIPPED)
+    return "in the package" if shipped else baseline.place
+
+
+def _runs(manifest: BaselineManifest) -> str:
+    runs = f"{manifest.holds.get('runs', 0):,}"
+    return f"{runs}, partial" if manifest.partial else runs
+
 
 EXPLANATION = (
     f"{QUANTITIES[MEASURE]}: mean over seeds and [its 95 % interval]. Ranks are by the mean "
@@ -31,21 +84,21 @@ EXPLANATION = (
 NO_BREAK = "\N{NO-BREAK SPACE}"
 
 LINE = 80
-"""Characters of a line of the terminal, which no table exceeds."""
+"""Width of the terminal in characters."""
 
 NAMES_WIDTH, RANK_WIDTH, ROW_HEIGHT = 170, 28, 20
-"""Room of names, of a rank and of a teacher in the chart of ranks, CSS pixels."""
+"""Sizes of names, of a rank and of a teacher in the chart of ranks, CSS pixels."""
 
 CHALLENGE_WIDTH, LEAST_TEACHER_WIDTH = 10, 14
 """Characters of a column, of which six and one fill a line."""
 
 
 def show_leaderboards(names: Sequence[str], console: Console | None = None) -> None:
-    """Prints the leaderboards of some releases.
+    """Print the leaderboards of releases.
 
     Args:
-        names: of releases, folders or addresses of results; all releases with a name here by default.
-        console: where to print.
+        names: names of releases, folders or addresses of results; all known releases by default.
+        console: console to print on; the terminal by default.
 
     Raises:
         BaselineError: the release does not exist, or one is damaged.
@@ -69,7 +122,7 @@ def show_leaderboards(names: Sequence[str], console: Console | None = None) -> N
 
 
 def markdown(names: Sequence[str] = ()) -> str:
-    """Returns the leaderboards of some releases, or of all with a name here, as Markdown."""
+    """Return the leaderboards of releases, by default of all known ones, as Markdown."""
     parts = []
     for name, place, partial in _places(names):
         parts.append(f"## {name}")
@@ -83,7 +136,7 @@ def markdown(names: Sequence[str] = ()) -> str:
 
 
 def _rank_chart(board: Leaderboard) -> str:
-    """Returns ranks, and the ranks that tests leave open, as SVG in the page's ink, a row per teacher."""
+    """Return ranks, and the ranks that tests leave open, as SVG with a row per teacher."""
     ranks = [entry.rank for entry in board.entries]
     width, height = NAMES_WIDTH + RANK_WIDTH * len(ranks), ROW_HEIGHT * (len(ranks) + 1)
     places = [NAMES_WIDTH + RANK_WIDTH * (place + 0.5) for place in range(len(ranks))]
@@ -114,7 +167,7 @@ def _rank_chart(board: Leaderboard) -> str:
 
 
 def _markdown_table(board: Leaderboard) -> str:
-    """Returns a leaderboard as a table whose numbers stay on one line."""
+    """Return a leaderboard as a table without line breaks in numbers."""
     head = ["teacher", "rank", "mean, % [95 %]", *map(_short_title, board.challenges), "runs"]
     head += ["hours"] if board.timed else []
     lines = [head, ["---", *["---:"] * (len(head) - 1)]]
@@ -129,7 +182,7 @@ def _short_title(title: str) -> str:
 
 
 def _places(names: Sequence[str]) -> list[tuple[str, str, str]]:
-    """Returns name, place, and what is missing, of releases with runs."""
+    """Return name, place and gaps of releases with runs."""
     if not names:
         return [_told(each) for each in baselines() if each.manifest.kind is BaselineKind.RUNS]
     found = ((name, as_baseline(name)) for name in names)
@@ -158,7 +211,7 @@ def _ranking(board: Leaderboard) -> Table:
 
 
 def _challenges(board: Leaderboard) -> Table:
-    """Returns teachers by challenges, numbers without decimals so that six fit into a line."""
+    """Return results of teachers by challenge, without decimals so that six fit a line."""
     table = Table(box=None, pad_edge=False, padding=(0, 0, 0, 1))
     left = LINE - len(board.challenges) * (1 + CHALLENGE_WIDTH)
     table.add_column("teacher", max_width=max(LEAST_TEACHER_WIDTH, left), overflow="fold")
@@ -186,3 +239,88 @@ def _cells(board: Leaderboard, entry: Entry) -> list[str]:
         str(rank.n),
         *([number(entry.hours, 2)] if board.timed else []),
     ]
+
+
+TAU = (
+    "Kendall's tau-b between the order of the teachers' means here and in the paper's tables: 1 is the same "
+    "order, 0 none, -1 the reverse. The 95 % interval leaves open the order of each pair of teachers that "
+    "Welch's tests do not tell apart on both sides, after Holm's correction; an interval with 0 in it "
+    "decides nothing."
+)
+
+
+def findings(name: str) -> str:
+    """Return the findings of a release as Markdown.
+
+    Args:
+        name: name, folder or address of the release.
+
+    Raises:
+        BaselineError: the release does not exist, or it has no runs.
+    """
+    baseline = find_baseline(name)
+    frames = baseline.frames()
+    verdicts, _ = root_verdicts(frames)
+    counts = Counter(verdict.standing for verdict in verdicts)
+    summary = ", ".join(f"{counts[standing]} {standing}" for standing in Standing)
+    rows = [
+        [verdict.claim.text, verdict.claim.source, str(verdict.standing), verdict.describe()]
+        for verdict in verdicts
+    ]
+    return "\n\n".join(
+        [
+            _introduction(baseline),
+            "## Claims",
+            f"Of {len(verdicts)} claims: {summary}. A statement is supported or refuted where a 95 % "
+            f"interval rules out its contrary, against a margin of {MARGIN:g} points of mastered tasks; else "
+            f"it is undecided. No data: the release lacks a level, body or teacher of the claim.",
+            _table(["claim", "in the paper", "standing", "statements"], rows),
+            "## The paper's order of teachers",
+            TAU,
+            _table(["challenge", "teachers", "tau", "95 % interval"], map(_tau_row, agreements(frames))),
+            "## Statement by statement",
+            *map(_details, verdicts),
+        ]
+    )
+
+
+def shipped_findings() -> str:
+    """Return the findings of the largest shipped release as Markdown."""
+    shipped = [each for each in baselines() if each.manifest.kind is BaselineKind.RUNS]
+    simulated = [each for each in shipped if each.manifest.engine == CHIPMUNK]
+    if not simulated:
+        return "No release with runs ships with this version."
+    return findings(max(simulated, key=lambda each: int(each.manifest.holds.get("runs", 0))).place)
+
+
+def _introduction(baseline: Baseline) -> str:
+    manifest = baseline.manifest
+    holds = manifest.holds
+    steps = " and ".join(map(amount, holds["steps"]))
+    students = ", ".join(map(str, holds["students"])).upper()
+    text = (
+        f"From `{manifest.name}`: {holds['runs']:,} runs of {students}, {steps} steps each, simulated by "
+        f"{manifest.engine}. The paper's runs are of SAC (PPO, too, for diverse students), 20 million steps "
+        f"each, simulated by Box2D."
+    )
+    return f"{text} The release is not complete: {manifest.partial}." if manifest.partial else text
+
+
+def _tau_row(found: Agreement) -> list[str]:
+    title = "mean over all of these"
+    if found.level is not None:
+        place = challenge_title(found.environment, found.challenge, found.challenge)
+        title = f"{place}, expert knowledge {found.level}"
+    teachers = str(len(found.teachers)) if found.teachers else ""
+    interval = f"{number(found.low, 2)} to {number(found.high, 2)}"
+    return [title, teachers, number(found.tau, 2), interval]
+
+
+def _details(verdict: Verdict) -> str:
+    lines = [f"- {finding.standing}: {finding.evidence}" for finding in verdict.findings]
+    return "\n".join([f"**{verdict.standing.capitalize()}:** {verdict.claim.text}\n", *lines])
+
+
+def _table(head: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
+    lines = [head, ["---"] * len(head), *rows]
+    return "\n".join(f"| {' | '.join(line)} |" for line in lines)

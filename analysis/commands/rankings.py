@@ -1,0 +1,259 @@
+"""Results at the terminal: rankings, the paper's claims, searches, detectable differences."""
+
+from __future__ import annotations
+
+import re
+import textwrap
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import pandas as pd
+from rich.console import Console, JustifyMethod
+from rich.table import Table
+from rich.text import Text
+
+from analysis.baselines.catalogue import Sources, own_teachers, read
+from analysis.claims.judging import Verdict, root_verdicts
+from analysis.comparisons.boards import BLOCK, THRESHOLDS, headlines, interval, overall, place_of
+from analysis.comparisons.planning import LITE, PAPER, detectable_differences
+from analysis.comparisons.sentences import places, ranked, sentences
+from analysis.data.reference import NO_BASELINE, is_baseline
+from analysis.formatting import ends, number, p_value, plus_minus
+from analysis.measures.evaluations import final_evaluations, search_results
+from analysis.measures.pooling import runs_after, varying
+from analysis.measures.tested import MEASURE, MEASURES, how_tested
+from analysis.names import label, mark_of, own_first
+from analysis.statistics import SIGNIFICANCE, welch
+from analysis.statistics.power import POWER
+from analysis.statistics.samples import Standing
+from tma_ray.terminal import terminal
+
+WIDTHS = {"teacher": 14, "": 12, "worst": 5, "runs": 4, "beside Random, 95 %": 23, "Holm p": 7}
+"""Columns and their widths in characters; the column without a name is the measure."""
+
+OVERALL = {"teacher": 14, "runs": 4, "mean, %": 19, "beats Random": 17, "worst": 5}
+"""Columns of the table over all challenges."""
+
+FAMILIES = "all teachers against Random, on each challenge and over challenges apart"
+
+
+def show_ranking(
+    sources: Sources, share: float = 1.0, console: Console | None = None, measure: str = MEASURE
+) -> None:
+    """Print the ranking of teachers on each challenge of a root, and its conclusions in sentences.
+
+    Args:
+        sources: results roots and baselines.
+        share: share of the budget after which runs are read.
+        console: console to print on; the terminal by default.
+        measure: name in `MEASURES`.
+
+    Raises:
+        ResultsRootError: no results root at that place.
+    """
+    console, frames = terminal(console), read(sources)
+    runs = runs_after(frames, share, training=False)
+    table = ranked(runs, measure)
+    if table[f"{measure}_mean"].notna().sum() == 0:
+        console.print("No run has been evaluated to its end here.")
+        return
+    with own_first(own_teachers(sources, frames)):
+        for (place, level), rows in table.groupby([pd.Series(places(table)), "expert_knowledge"], sort=False):
+            console.print(f"{place}, expert knowledge {level}", style="bold", highlight=False, markup=False)
+            console.print(_shown(rows, measure))
+            for reason, teachers in _untested(rows).items():
+                text = f"  not tested: {', '.join(teachers)}: {reason}"
+                console.print(text, style="dim", highlight=False, markup=False)
+        for note in (*_notes(table), *frames.told, *frames.left_out):
+            console.print(note, style="dim", highlight=False, markup=False)
+        _show_overall(console, runs, measure)
+    if table["p"].notna().any():
+        console.print(how_tested(measure, FAMILIES), style="dim", highlight=False, markup=False)
+    for sentence in [*headlines(runs, measure), *sentences(table)]:
+        console.print(sentence, highlight=False, markup=False)
+
+
+def _show_overall(console: Console, runs: pd.DataFrame, measure: str) -> None:
+    """Print estimates over the challenges that teachers share, level by level and budget by budget."""
+    over = "/".join(map(str, THRESHOLDS))
+    table = overall(runs, measure)
+    told = ["steps", *(name for name in varying(table) if name != "steps")]
+    for _, rows in table.groupby(BLOCK, dropna=False, sort=False):
+        where = f"Over challenges: {place_of(rows.iloc[0], told)}"
+        console.print(where, style="bold", highlight=False, markup=False)
+        shown = _table({**OVERALL, f">{over} %": 11})
+        for _, row in rows.iterrows():
+            better = "" if is_baseline(row["teacher"]) else interval(row, "better", 2)
+            shares = "/".join(number(100 * row[f"over_{threshold}"], 0) for threshold in THRESHOLDS)
+            cells = [str(row["n"]), interval(row, "mean", 1), better, number(row["worst"]), shares]
+            _add(shown, row["teacher"], cells)
+        console.print(shown)
+
+
+def _shown(rows: pd.DataFrame, measure: str) -> Table:
+    """Return the results of one challenge at one level, at most 80 columns wide."""
+    shown = _table({name or MEASURES[measure]: width for name, width in WIDTHS.items()})
+    for _, row in rows.iterrows():
+        _add(shown, row["teacher"], _cells(row, measure), "bold" if row["rank"] == 1 else None)
+    return shown
+
+
+def _table(widths: Mapping[str, int]) -> Table:
+    shown = Table(box=None, pad_edge=False, padding=(0, 1))
+    for heading, width in widths.items():
+        side: JustifyMethod = "left" if heading == "teacher" else "right"
+        shown.add_column(heading, width=width, justify=side, no_wrap=True)
+    return shown
+
+
+def _add(table: Table, teacher: str, cells: Sequence[str], style: str | None = None) -> None:
+    first, *settings = [*_lines(label(teacher)), *filter(None, [mark_of(teacher)])]
+    table.add_row(first, *cells, style=style)
+    for setting in settings:
+        table.add_row(setting, style=style)
+
+
+def _lines(name: str) -> list[str]:
+    """Return a teacher's name in lines as wide as its column, broken before settings if possible."""
+    lines: list[str] = []
+    for place, part in enumerate(re.split(r"(?<=.)(?=:)", name)):
+        indented = f"{'  ' if place else ''}{part}"
+        lines += textwrap.wrap(indented, WIDTHS["teacher"], subsequent_indent="   ", drop_whitespace=False)
+    return lines
+
+
+def _cells(row: pd.Series, measure: str) -> list[str]:
+    result = plus_minus(row[f"{measure}_mean"], row[f"{measure}_std"])
+    partly = "*" if row["missing"] else ""
+    numbers = [result + partly, number(row["worst"]), str(row["n"])]
+    if is_baseline(row["teacher"]):
+        return [*numbers, "", ""]
+    if row["reason"] or pd.isna(row["p"]):
+        return [*numbers, "not tested", ""]
+    gap = f"{number(row['difference'])} {ends(row['low'], row['high'])}"
+    return [*numbers, gap, p_value(row["holm"]).lstrip("p =\N{NO-BREAK SPACE}")]
+
+
+def _untested(rows: pd.DataFrame) -> dict[str, list[str]]:
+    """Return the teachers without a test against Random, by reason."""
+    found: dict[str, list[str]] = {}
+    for _, row in rows.iterrows():
+        if not is_baseline(row["teacher"]) and (row["reason"] or pd.isna(row["p"])):
+            found.setdefault(row["reason"] or NO_BASELINE, []).append(label(row["teacher"]))
+    return found
+
+
+def _notes(table: pd.DataFrame) -> list[str]:
+    """Return a sentence for each reason of an asterisk."""
+    gaps = table[table["missing"] != ""].groupby(["environment", "challenge"], sort=False)["missing"]
+    return [f"* {challenge}: {'; '.join(dict.fromkeys(texts))}" for (_, challenge), texts in gaps]
+
+
+STYLES = {
+    Standing.SUPPORTED: "green",
+    Standing.REFUTED: "red",
+    Standing.UNDECIDED: "yellow",
+    Standing.NO_DATA: "dim",
+}
+
+
+def show_claims(sources: Sources, details: bool = False, console: Console | None = None) -> None:
+    """Print the paper's claims and their standing in the results of a root.
+
+    Args:
+        sources: results roots and baselines.
+        details: True for every single statement, with its numbers.
+        console: console to print on; the terminal by default.
+
+    Raises:
+        ResultsRootError: no results root at that place.
+    """
+    console = terminal(console)
+    frames = read(sources)
+    verdicts, notes = root_verdicts(frames)
+    for verdict in verdicts:
+        if verdict.standing is Standing.NO_DATA and not details:
+            continue
+        style = STYLES[verdict.standing]
+        console.print(Text.assemble((str(verdict.standing), style), f": {verdict.claim.text}"))
+        console.print(f"  {verdict.claim.source}; {verdict.describe()}", highlight=False)
+        for finding in verdict.findings if details else ():
+            console.print(f"    {finding.standing}: {finding.evidence}", highlight=False, markup=False)
+    missing = [verdict for verdict in verdicts if verdict.standing is Standing.NO_DATA]
+    if missing and not details:
+        console.print(_without_data(missing, len(verdicts)), highlight=False, markup=False, style="dim")
+    for warning in (*frames.notes, *notes):
+        console.print(warning, highlight=False, markup=False, style="dim")
+
+
+def _without_data(missing: Sequence[Verdict], total: int) -> str:
+    """Return one sentence about all claims without data."""
+    sources = dict.fromkeys(verdict.claim.source for verdict in missing)
+    return (
+        f"{Standing.NO_DATA}: {len(missing)} of {total} claims ({', '.join(sources)}); "
+        f"the same command with --details lists what they need"
+    )
+
+
+def show_search(sources: Sources, console: Console | None = None) -> None:
+    """Print the best finished point of each grid, and the paper's choice.
+
+    Args:
+        sources: results roots.
+        console: console to print on; the terminal by default.
+
+    Raises:
+        ResultsRootError: no results root at that place.
+    """
+    frames, console = read(sources), terminal(console)
+    found = search_results(frames)
+    if found.empty:
+        console.print("No point of a search has been run to its end here.")
+        return
+    table = Table("searched", "points", "best by mean", "mastered %", box=None, pad_edge=False)
+    for heading in ("the paper's choice", "mastered %", "Welch"):
+        table.add_column(heading)
+    finals = final_evaluations(frames)
+    for name, points in found.groupby("searched", sort=True):
+        table.add_row(label(str(name)), str(len(points)), *_beside(points, finals))
+    console.print(table)
+
+
+def _beside(points: pd.DataFrame, finals: pd.DataFrame) -> list[str]:
+    """Return the best of `points` and the paper's choice with their results, and a test between them."""
+    best, chosen = points.iloc[0], points[points["chosen"]]
+    cells = [_text(best["point"]), plus_minus(best["mean"], best["std"])]
+    if chosen.empty:
+        return [*cells, "not run yet", "", ""]
+    theirs = chosen.iloc[0]
+    samples = (
+        finals[finals["experiment"] == row["experiment"]].set_index("run_id")["mastered_percent"]
+        for row in (best, theirs)
+    )
+    test = welch(*samples)
+    cells += [_text(theirs["point"]), plus_minus(theirs["mean"], theirs["std"])]
+    return [*cells, test.reason or p_value(test.p)]
+
+
+def _text(point: Mapping[str, Any]) -> str:
+    return ", ".join(f"{name} {value:g}" for name, value in point.items())
+
+
+def show_detectable_differences(
+    cell_rows: Sequence[Mapping[str, Any]], steps: int, console: Console | None = None
+) -> None:
+    """Print `detectable_differences`."""
+    table = Table("challenge", box=None, pad_edge=False, header_style="bold")
+    for heading in ("seeds", "steadiest", "typical", "most varied", "as in"):
+        table.add_column(heading, justify="right")
+    for _, row in detectable_differences(cell_rows, steps).iterrows():
+        marks = (number(row[name]) for name in ("steadiest", "typical", "most_varied"))
+        table.add_row(f"{row['environment']} {row['challenge']}", str(row["seeds"]), *marks, row["spread_of"])
+    console = terminal(console)
+    console.print(
+        f"\nSmallest difference between two teachers, in points of mastered tasks, that Welch's test finds "
+        f"with {POWER:.0%} power at p < {SIGNIFICANCE}, for teachers whose seeds scatter as in the results "
+        f"of the last column: {PAPER} (SAC, 20 million steps), {LITE} (PPO, 2 million steps):",
+        highlight=False,
+    )
+    console.print(table)
