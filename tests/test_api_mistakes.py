@@ -31,7 +31,7 @@ from tma_ray.runs import Cell, Placement, Schedule
 from tma_ray.students.players import CohortSettings
 from tma_ray.tasks import Dimension, TaskSpace
 from tma_ray.testing import StudentParameters
-from tma_ray.viewing.play.playing import PlaySettings
+from tma_ray.viewing.play import PlaySettings
 from tma_ray.viewing.rendering import EpisodeSettings
 
 ROOT = Path(__file__).parents[1] / "notebooks" / "data" / "ppo-lite"

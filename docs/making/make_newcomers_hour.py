@@ -52,7 +52,7 @@ PARTS: Final = {
         "pip install --quiet 'tma_ray[render,onnx,tensorboard,wandb]'",
         "tma-ray export ppo_alp_gmm-s0 --results results -o walker --licence CC-BY-4.0",
         "tma-ray render --task 1.5,3 -o random.png",
-        "tma-ray play --policy walker --task 0.5,3 --task 1,4 -o walker.mp4",
+        "tma-ray play --policy walker --task 0.5,3 -o walker.html",
     ),
     "Other tools": ("tma-ray tensorboard results events", "tma-ray wandb results --offline"),
     "An experiment of the paper": (

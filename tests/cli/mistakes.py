@@ -152,7 +152,7 @@ SMALL: Mapping[str, Sequence[str]] = {
     "quickstart": ("--dry-run",),
     "simulate": ("--teachers", "random", "--challenges", "original", "--episodes", "2", "--seeds", "1"),
     "render": ("--steps", "2"),
-    "play": ("--steps", "2", "--output", "{new}.gif"),
+    "play": ("--output", "{new}.html"),
     "logs": ("--results", "{root}"),
     "export": ("--results", "{root}"),
     "release": ("--partial",),

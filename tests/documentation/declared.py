@@ -41,6 +41,8 @@ CHANGES = (
     Change("*", "s3://my-bucket/stumps", "results", BUCKET),
     Change("*", " --watch", "", ENDLESS),
     Change("*", "/shared/results", "results", "there is no such folder here"),
+    Change("*", "play --policy sac_alp_gmm-s0 --results results",
+           "play --policy {run} --results results -o played.html", "no browser opens"),
     Change("*", "sac_alp_gmm-s0-…", "{run}", "the name of a run that there is"),
     Change("*", 'load_policy("sac"', 'load_policy("ppo"', "whose student is PPO"),
     Change("*", "sac_alp_gmm-s0", "{run}", "likewise"),
@@ -62,6 +64,7 @@ CHANGES = (
 INSTALLED = "the tests run in such an environment"
 ACCOUNT = "needs an account of AWS"
 KUBERNETES = "needs a Kubernetes"
+COMPILER = "tests/playground/test_building.py builds where the compiler is installed"
 
 EXEMPTIONS = (
     Exemption("*", "source .venv/bin/activate", INSTALLED),
@@ -77,6 +80,8 @@ EXEMPTIONS = (
     Exemption("docs/which_cluster.md", "scancel ", "tests/clusters/test_slurm.py runs it"),
     Exemption("docs/analysis.md", "", "tests/analysis/test_python_api.py runs it on the notebooks' runs"),
     Exemption("notebooks/README.md", "TMA_RESULTS=", "tests/test_notebooks.py runs the notebooks"),
+    Exemption("docs/playground.md", "pip install ziglang", COMPILER),
+    Exemption("docs/playground.md", "python docs/making/make_playground.py", COMPILER),
     Exemption("docs/releasing.md", "git worktree", "there is no repository where the tests run"),
     Exemption(
         "docs/training_code.md",

@@ -11,6 +11,9 @@ from tma_ray.cli.options import Count, Licence, NewFile, Output, Policy, RunResu
 from tma_ray.command_line import command, value, values
 from tma_ray.commands.values import named
 
+EnvironmentName = Annotated[str, value(named("the name of an environment"), "NAME")]
+BodyName = Annotated[str, value(named("the name of a body"), "NAME")]
+
 
 @Parameter(name="*")
 @dataclass(frozen=True, kw_only=True)
@@ -26,8 +29,8 @@ class SceneOptions:
         every: steps from one frame to the next
     """
 
-    environment: Annotated[str | None, value(named("the name of an environment"), "NAME")] = None
-    embodiment: Annotated[str | None, value(named("the name of a body"), "NAME")] = None
+    environment: EnvironmentName | None = None
+    embodiment: BodyName | None = None
     policy: Policy = "random"
     results: RunResults = "results"
     seed: Seed = 0
@@ -48,6 +51,7 @@ def export(
     results: RunResults = "results",
     licence: Licence | None = None,
     no_onnx: bool = False,
+    playground: bool = False,
 ) -> int:
     """Export a policy as safetensors and ONNX, with a model card.
 
@@ -56,10 +60,11 @@ def export(
         output: new or empty folder to write to
         licence: licence of the policy, as CC-BY-4.0 (default: none)
         no_onnx: leave the ONNX file out
+        playground: add a page that plays the policy in a browser
     """
     from tma_ray.export import export as write
 
-    done = write(policy, output, results, licence or "", not no_onnx)
+    done = write(policy, output, results, licence or "", not no_onnx, playground)
     if done.difference is not None:
         print(f"{done.folder}: actions of the ONNX file differ by at most {done.difference:.2g}")
     else:
@@ -96,33 +101,31 @@ def render(
 @command()
 def play(
     *,
-    task: Annotated[tuple[str, ...], values(named("a task"), "TASK")] = (),
-    size: Annotated[str | None, value(named("width and height"), "SIZE")] = None,
+    environment: EnvironmentName | None = None,
+    embodiment: BodyName | None = None,
+    policy: Annotated[tuple[str, ...], values(named("a policy"), "POLICY")] = ("random",),
+    results: RunResults = "results",
+    task: Annotated[str | None, value(named("a task"), "TASK")] = None,
+    seed: Seed = 0,
     output: NewFile | None = None,
-    scene: SceneOptions = SceneOptions(),
 ) -> int:
-    """Show a policy live in a window, on tasks chosen with sliders.
+    """Play policies in the browser, on tasks of your choice.
 
-    With --output, film it on given tasks instead; --steps and --every are of the video.
+    Writes a page and opens it. There, tasks are chosen on their plane, ground is drawn by hand, and bodies
+    are pushed. The page needs no network.
 
     Args:
-        task: values as 0.5,3, pairs as stump_height=0.5,obstacle_spacing=3, or random; repeatable, for
-            several in turn (default: the middle of the task space)
-        size: pixels of the window, as 640x480 (default: as the world needs)
-        output: video (.mp4, .gif) or picture (.png) instead of a window (default: none)
+        environment: environment (default: the run's, else stump_tracks)
+        embodiment: body (default: the run's, else classic_bipedal)
+        policy: a run, the folder of a saved policy, random (uniform actions) or zero (none); repeatable, for
+            up to four at once (default: random)
+        task: values as 0.5,3, pairs as stump_height=0.5,obstacle_spacing=3, or random (default: the middle of
+            the task space)
+        seed: seed of the page's worlds and of random tasks
+        output: page (.html) to write instead of opening one (default: none)
     """
-    from tma_ray.viewing.play import playing
+    from tma_ray.viewing.play import PlaySettings
+    from tma_ray.viewing.play import play as open_page
 
-    settings = playing.PlaySettings(
-        **scene.given(), tasks=task or (None,), size=playing.parse_size(size) if size else None
-    )
-    if output is None:
-        playing.play(settings)
-        return 0
-    for episode in playing.record(settings, output):
-        end = f"ended after {episode.steps}" if episode.ended else f"left after {episode.steps}"
-        mastered = "mastered" if episode.mastered else "not mastered"
-        numbers = ", ".join(f"{value:g}" for value in episode.task)
-        print(f"task {numbers}: {end} steps, return {episode.episodic_return:.1f}, {mastered}")
-    print(output)
+    print(open_page(PlaySettings(policy, results, environment, embodiment, task, seed), output))
     return 0

@@ -26,6 +26,7 @@ from tma_ray.runs.spec import RunSpec
 from tma_ray.students import Policy, load_policy, policy_layers
 
 ONNX_FILE: Final = "policy.onnx"
+PLAYGROUND_FILE: Final = "playground.html"
 
 COMPARED: Final = 256
 """On how many random observations the ONNX file is compared with the policy."""
@@ -48,7 +49,12 @@ class Export:
 
 
 def export(
-    policy: str, output: str | Path, results: str | Path = "results", licence: str = "", onnx: bool = True
+    policy: str,
+    output: str | Path,
+    results: str | Path = "results",
+    licence: str = "",
+    onnx: bool = True,
+    playground: bool = False,
 ) -> Export:
     """Writes a policy, its ONNX file and its model card into the folder `output`.
 
@@ -61,10 +67,11 @@ def export(
         results: folder or URI of a results root; a card says what it knows of the run.
         licence: licence of the policy, an SPDX identifier such as ``CC-BY-4.0``.
         onnx: True to write ``policy.onnx``.
+        playground: True to write ``playground.html``, a page that plays the policy in a browser.
 
     Raises:
-        ValueError: a folder that is not empty, no such policy, one that cannot be said in ONNX, no package
-            onnx, or no identifier of a licence; nothing is left then.
+        ValueError: a folder that is not empty, no such policy, one that cannot be said in ONNX or shown in
+            the playground, no package onnx, or no identifier of a licence; nothing is left then.
     """
     output = Path(output)
     _check_output(output)
@@ -81,8 +88,13 @@ def export(
             write_inputs(saved.spec, folder)
             (folder / CARD_FILE).unlink(missing_ok=True)  # of a folder that was exported itself
             (folder / ONNX_FILE).unlink(missing_ok=True)
+            (folder / PLAYGROUND_FILE).unlink(missing_ok=True)
             saved.load(*_spaces(environment))  # refuses one that does not fit
             facts = _write_onnx(saved, environment, folder) if onnx else None
+            if playground:
+                from tma_ray.playground.page import policy_page  # here, since it needs the compiled engine
+
+                (folder / PLAYGROUND_FILE).write_text(policy_page(saved, results), encoding="utf-8")
             card = model_card(
                 saved.spec, environment, history_of(saved, results), _files(folder), facts, licence
             )

@@ -385,7 +385,7 @@ class _Function:
             return f"(i64)(intptr_t)({self._value(node.value.value)[0]}).p", WHOLE
         code, kind = self._value(node.value)
         if not isinstance(kind, Record) or node.attr not in kind.names:
-            raise self._error(node, "is no field")
+            raise self._error(node, "is not a field")
         return f"{code}.{node.attr}", kind.items[kind.names.index(node.attr)]
 
     def _of_tuple(self, node: ast.Tuple) -> Value:
@@ -471,7 +471,9 @@ class _Function:
         assert isinstance(function, ast.Name)
         if function.id in _BUILT_IN:
             return _BUILT_IN[function.id](self, [self._value(each) for each in node.args])
-        called = self._globals[function.id]
+        called = self._globals.get(function.id)
+        if called is None:
+            raise self._error(node, "calls what C does not have")
         if function.id == "carray":
             address, shape = (self._value(each) for each in node.args[:2])
             return self._shaped(address[0], shape, _dtype(node, WHOLE))

@@ -1,1 +1,1 @@
-"""Viewing of policies: rendered episodes, and a live window with sliders."""
+"""Viewing of policies: rendered episodes, and the playground in a browser."""

@@ -1,11 +1,15 @@
 /* Pictures: worlds with bodies, and the plane of tasks. Colours are variables of style.css. */
 
-const WIDEST = 21, NARROWEST = 9, METRE = 42;
+const WIDEST = 21, NARROWEST = 9, LOWEST = 6, METRE = 42; /* metres in view, and pixels of one */
 
-/** Returns the colours of the present mode. */
-const palette = () => {
-  const style = getComputedStyle(document.documentElement);
-  return (name) => style.getPropertyValue(`--${name}`).trim();
+const shades = new Map();
+matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => shades.clear());
+
+/** Returns a colour of the present mode by its name. */
+const colour = (name) => {
+  if (!shades.has(name))
+    shades.set(name, getComputedStyle(document.documentElement).getPropertyValue(`--${name}`).trim());
+  return shades.get(name);
 };
 
 /** Fits a canvas to its place on the page; returns its context, in CSS pixels. */
@@ -28,8 +32,9 @@ class Camera {
 
   /** Follows a point; `room` is the area of the canvas. */
   follow(x, y, room) {
-    const metres = Math.min(Math.max(room.width / METRE, NARROWEST), WIDEST);
-    this.scale = room.width / metres;
+    const wide = Math.min(Math.max(room.width / METRE, NARROWEST), WIDEST);
+    this.scale = Math.min(room.width / wide, room.height / LOWEST);
+    const metres = room.width / this.scale;
     this.room = room;
     const goal = [x + 0.12 * metres, y + 0.11 * (room.height / this.scale)];
     const ease = this.x === null || Math.abs(goal[0] - this.x) > metres ? 1 : 0.15;
@@ -53,7 +58,7 @@ class Camera {
 
 /** Draws the world of `runners`, which have one terrain, as `camera` sees it. */
 function drawWorld(context, camera, terrain, runners, look) {
-  const colour = palette(), { left, top, width, height } = camera.room;
+  const { left, top, width, height } = camera.room;
   context.save();
   context.beginPath();
   context.rect(left, top, width, height);
@@ -64,7 +69,7 @@ function drawWorld(context, camera, terrain, runners, look) {
   context.fillStyle = sky;
   context.fillRect(left, top, width, height);
   const water = terrain.water_y > -1e6 ? camera.place(0, terrain.water_y)[1] : Infinity;
-  drawGoal(context, camera, terrain, colour);
+  drawGoal(context, camera, terrain);
   for (let index = 0; index < terrain.creepers.shape[0]; index++) {
     const [x0, y0, x1, y1] = terrain.creepers.values.subarray(4 * index, 4 * index + 4);
     const [a, b] = camera.place(x0, y1), [c, d] = camera.place(x1, y0);
@@ -73,15 +78,15 @@ function drawWorld(context, camera, terrain, runners, look) {
   }
   drawSolid(context, camera, terrain.surface, top + height, colour("soil"), colour("soil-edge"));
   drawSolid(context, camera, terrain.ceiling, top, colour("rock"), colour("rock-edge"));
-  drawMarks(context, camera, terrain, colour);
+  drawMarks(context, camera, terrain);
   const behind = [...runners].sort((a, b) => a.x - b.x);
-  for (const runner of behind) if (look.lidars) drawLidars(context, camera, runner, colour);
-  behind.forEach((runner) => drawBody(context, camera, runner, colour));
+  for (const runner of behind) if (look.lidars) drawLidars(context, camera, runner);
+  behind.forEach((runner) => drawBody(context, camera, runner));
   if (water < top + height) {
     context.fillStyle = colour("water");
     context.fillRect(left, Math.max(water, top), width, top + height - Math.max(water, top));
   }
-  if (look.names) behind.forEach((runner) => drawName(context, camera, runner, colour));
+  if (look.names) behind.forEach((runner) => drawName(context, camera, runner));
   context.restore();
 }
 
@@ -115,7 +120,7 @@ function groundAt(terrain, x) {
   return values.at(-1);
 }
 
-function drawMarks(context, camera, terrain, colour) {
+function drawMarks(context, camera, terrain) {
   const [first] = camera.metres(camera.room.left, 0), [last] = camera.metres(camera.room.left + camera.room.width, 0);
   context.fillStyle = colour("mark");
   context.font = "11px system-ui, sans-serif";
@@ -126,7 +131,7 @@ function drawMarks(context, camera, terrain, colour) {
   }
 }
 
-function drawGoal(context, camera, terrain, colour) {
+function drawGoal(context, camera, terrain) {
   const foot = camera.place(terrain.goal_x, groundAt(terrain, terrain.goal_x)), top = foot[1] - 3.2 * camera.scale;
   context.strokeStyle = colour("outline");
   context.lineWidth = 3;
@@ -142,7 +147,7 @@ function drawGoal(context, camera, terrain, colour) {
   context.fill();
 }
 
-function drawBody(context, camera, runner, colour) {
+function drawBody(context, camera, runner) {
   const { body } = runner, vertices = body.built.vertices[2], first = body.built.first_vertex[2];
   const state = runner.engine.view("state"), dead = runner.dead;
   context.lineWidth = 1.2;
@@ -178,7 +183,7 @@ function drawBody(context, camera, runner, colour) {
   });
 }
 
-function drawLidars(context, camera, runner, colour) {
+function drawLidars(context, camera, runner) {
   const { rays } = runner.body, [x, y] = runner.engine.view("state").subarray(6 * runner.body.head);
   const seen = runner.observation, wide = runner.medium ? 2 : 1, start = seen.length - wide * rays.length;
   rays.forEach(([u, v], ray) => {
@@ -194,7 +199,7 @@ function drawLidars(context, camera, runner, colour) {
   });
 }
 
-function drawName(context, camera, runner, colour) {
+function drawName(context, camera, runner) {
   const [x, y] = runner.engine.view("state").subarray(6 * runner.body.head);
   const [left, top] = camera.place(x, y);
   context.font = "600 12px system-ui, sans-serif";
@@ -235,7 +240,7 @@ class Plane {
   /** Draws the plane: `space` are dimensions, `tests` and `curriculum` tasks of a policy, `task` is played. */
   draw({ space, axes, tests, mastered, curriculum, tint, task }) {
     Object.assign(this, { space, axes });
-    const { context, width, height } = fitted(this.canvas), colour = palette();
+    const { context, width, height } = fitted(this.canvas);
     const share = (axis, value) => (value - space[axis].low) / (space[axis].high - space[axis].low || 1);
     const inner = [width - INSET.left - INSET.right, height - INSET.top - INSET.bottom];
     const place = (each) => [

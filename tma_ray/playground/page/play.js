@@ -50,7 +50,7 @@ class Runner {
   }
 
   get colour() {
-    return palette()(TINTS[this.place]);
+    return colour(TINTS[this.place]);
   }
 
   get mastered() {
@@ -171,7 +171,7 @@ class Page {
       const leader = (still.length ? still : lane).reduce((a, b) => (b.x > a.x ? b : a));
       const state = leader.engine.view("state"), at = 6 * leader.body.head;
       const room = { left: 0, top: (index * height) / lanes.length, width, height: height / lanes.length };
-      this.camera[index].follow(state[at], Math.min(state[at + 1], groundAt(this.terrain, state[at]) + 4), room);
+      this.camera[index].follow(state[at], state[at + 1], room);
       const look = { lidars: this.lidars, names: this.runners.length > 1 };
       drawWorld(context, this.camera[index], this.terrain, lane, look);
     });
@@ -181,7 +181,7 @@ class Page {
 
   drawDrag(context) {
     const { from, to } = this.drag;
-    context.strokeStyle = palette()("goal");
+    context.strokeStyle = colour("goal");
     context.lineWidth = 3;
     context.beginPath();
     context.moveTo(...from);
@@ -256,9 +256,9 @@ class Page {
     const name = document.createElement("b"), facts = document.createElement("span");
     name.textContent = policy.label;
     const share = policy.mastered === null ? "" : ` · masters ${policy.mastered}%`;
-    facts.textContent = policy.facts ?? `${policy.student} · seed ${policy.seed}${share}`;
-    if (!this.fits(policy)) facts.textContent = `${spoken(policy.embodiment)} · ${facts.textContent}`;
-    row.title = policy.weights ? `challenge ${spoken(policy.challenge)}, run ${policy.name}` : "";
+    facts.textContent = policy.facts ?? `seed ${policy.seed}${share}`;
+    if (!this.fits(policy)) facts.textContent = spoken(policy.embodiment);
+    row.title = policy.weights ? `${policy.student}, challenge ${spoken(policy.challenge)}, run ${policy.name}` : "";
     const state = document.createElement("em");
     state.dataset.place = place;
     row.append(dot, name, facts, state);
@@ -294,7 +294,7 @@ class Page {
       tests: traced?.tests ?? [],
       mastered: traced?.tests_mastered ?? [],
       curriculum: shown?.tasks ?? [],
-      tint: palette()(TINTS[Math.max(this.traced, 0)]),
+      tint: colour(TINTS[Math.max(this.traced, 0)]),
       task: this.task,
     });
     element("seed").textContent = `world ${this.seed}`;

@@ -1,0 +1,72 @@
+"""What was built and committed: the engine, and the page of the documentation."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+from importlib.metadata import version
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+import pytest
+
+from tma_ray.playground.compiling import WASM, CompilerMissingError, build, digest, kernels_in_c, require_zig
+from tma_ray.playground.translation import REAL, WHOLE, Array, Record, Translation, TranslationError
+
+DOCS = Path(__file__).parents[2] / "docs/playground"
+
+BUILT = json.loads((DOCS / "built.json").read_text())
+
+
+def test_the_engine_is_of_the_present_kernels_and_pymunk() -> None:
+    advice = "run docs/making/make_playground.py: the engine of the page is of other sources"
+    assert digest(kernels_in_c().encode()) == BUILT["sources"]["kernels_sha256"], advice
+    assert version("pymunk") == BUILT["sources"]["pymunk"], advice
+
+
+@pytest.mark.parametrize(("name", "file"), [("engine", WASM), ("page", DOCS / "index.html")])
+def test_size_and_hash_of_what_is_committed_are_told(name: str, file: Path) -> None:
+    content = file.read_bytes()
+    assert (len(content), digest(content)) == (BUILT[name]["bytes"], BUILT[name]["sha256"])
+
+
+@pytest.mark.slow
+def test_the_engine_is_rebuilt_byte_for_byte() -> None:
+    try:
+        require_zig()
+        content = build()
+    except (CompilerMissingError, subprocess.CalledProcessError) as error:
+        pytest.skip(f"the compiler or Chipmunk's sources are not here: {error}")
+    assert content == WASM.read_bytes()
+
+
+class Pair(NamedTuple):
+    values: np.ndarray
+    count: int
+
+
+def several(pair: Pair, limit: float) -> tuple[float, int]:
+    total, at = 0.0, 0
+    while at < pair.count and not total > limit:
+        total += pair.values[at] / 2 if at % 2 == 0 else max(pair.values[at], 1.0)
+        at += 1
+    return total, at
+
+
+def test_a_translation_follows_types() -> None:
+    translation = Translation({})
+    translation.export("several", several, Pair(np.zeros(2), 2), 0.5)
+    pair = Record((Array(REAL, 1), WHOLE), ("values", "count"))
+    assert translation.function(several, (pair, REAL))[1] == Record((REAL, WHOLE))
+    assert "max_double(" in translation.functions[0]
+    assert 'export_name("several")' in translation.text()
+
+
+def unknown(values: np.ndarray) -> float:
+    return np.linalg.norm(values)  # type: ignore[no-any-return]
+
+
+def test_what_has_no_counterpart_is_named() -> None:
+    with pytest.raises(TranslationError, match=r"unknown: .*np\.linalg"):
+        Translation({}).function(unknown, (Array(REAL, 1),))
