@@ -79,7 +79,7 @@ def _panel(
     def at(step: Any) -> Panel:
         values = percent.get(step, np.full_like(next(iter(percent.values())), math.nan))
         known = values[np.isfinite(values)]
-        title = f"{name}   {known.mean():.1f} %" if len(known) else name
+        title = f"{name}   {known.mean():.1f}\N{NO-BREAK SPACE}%" if len(known) else name
         return Panel(*axes, [draw(values)], title, teacher=teacher)
 
     end = at(END)

@@ -118,7 +118,7 @@ def test_mastered_tasks_are_shares_of_seeds_in_the_order_of_the_tasks() -> None:
     ]
     assert [shown(chart, step)[0]["marker"]["color"] for step in (0, END)] == [[0, 50], [100, 50]]
     assert chart.teacher == "adr"
-    assert "75.0 %" in figure_of(chart).layout.title.text
+    assert "75.0\N{NO-BREAK SPACE}%" in figure_of(chart).layout.title.text
 
 
 def test_tasks_on_a_full_grid_fill_the_map_at_every_step() -> None:

@@ -63,7 +63,7 @@
       button.textContent = "Copied";
       setTimeout(() => (button.textContent = "Copy as Markdown"), 2000);
     });
-    let last = table;
+    let last = table.closest(".table") || table;
     if (last.nextElementSibling?.matches("script.step-rows")) last = last.nextElementSibling;
     last.after(button);
   }
