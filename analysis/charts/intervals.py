@@ -153,7 +153,7 @@ def rank_chart(boards: Mapping[str, Sequence[Rank]], name: str = "ranks") -> Cha
     """Returns a row for each teacher: its rank by the mean, and the ranks that tests leave open.
 
     Args:
-        boards: ranks of one family of comparisons, the best first, by what is ranked; each is a panel.
+        boards: ranks on the same challenges, the best first, by what is ranked; each is a panel.
         name: identifier of the chart.
     """
     panels = [_ranks(f"{heading[:1].upper()}{heading[1:]}", ranks) for heading, ranks in boards.items()]
@@ -184,7 +184,7 @@ def _ranks(heading: str, ranks: Sequence[Rank]) -> Panel:
         )
         for place, rank in enumerate(ranks)
     ]
-    x = Scale("Rank", low=0.5, high=len(ranks) + 0.5, whole=True, grid=True)
+    x = Scale("Rank", low=0.5, high=max(rank.of for rank in ranks) + 0.5, whole=True, grid=True)
     return Panel(x, Scale(kind=Kind.TEACHERS, rows=rows), marks, heading)
 
 

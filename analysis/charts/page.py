@@ -38,8 +38,8 @@ from analysis.names import mark_of, teacher_order
 
 FONT = "system-ui, -apple-system, 'Segoe UI', Roboto, 'Helvetica Neue', Arial, sans-serif"
 
-ROW, ROWS_FRAME = 34, 90
-"""Height of a teacher's row, and of axis and margins around rows, CSS pixels."""
+ROW, ROWS_FRAME = 34, 76
+"""Height of a teacher's row, and of axis and margin below rows, CSS pixels."""
 
 SPACING, LEAST, COMPARISONS_FRAME = 11, 30, 130
 """Height of a mean, least height of a comparison's row, and height of axis and legend, CSS pixels."""
@@ -359,10 +359,12 @@ def _rows_layout(panel: Panel) -> dict[str, Any]:
     rows = list(panel.y.rows)
     teachers = sorted({mark.teacher for mark in panel.marks if mark.teacher}, key=teacher_order)
     if panel.y.kind is Kind.TEACHERS:
+        above = 40 if panel.title else 14
+        frame = ROWS_FRAME + above
         return {
-            "height": ROWS_FRAME + ROW * len(rows),
-            "margin": {"l": 20, "r": 14, "t": 14, "b": 46},
-            "meta": {"teachers": rows, "line_height": ROW, "frame_height": ROWS_FRAME},
+            "height": frame + ROW * len(rows),
+            "margin": {"l": 20, "r": 14, "t": above, "b": 46},
+            "meta": {"teachers": rows, "line_height": ROW, "frame_height": frame},
         }
     if panel.y.kind is not Kind.COMPARISONS:
         return {}

@@ -16,12 +16,12 @@ import pandas as pd
 from analysis.baselines.catalogue import Sources, places_of, read
 from analysis.charts.base import END
 from analysis.charts.curves import learning_curves
-from analysis.charts.intervals import overview_chart, seeds_chart
+from analysis.charts.intervals import overview_chart, rank_chart, seeds_chart
 from analysis.charts.page import PageChart, on_page
 from analysis.charts.paper import Picture, draw
 from analysis.charts.radars import radar
 from analysis.claims.judging import decided, root_verdicts
-from analysis.comparisons.boards import headlines, ranks
+from analysis.comparisons.boards import Rank, headlines, ranks
 from analysis.comparisons.frame import pairwise, pairwise_from_statistics
 from analysis.comparisons.planning import plans_against_random
 from analysis.comparisons.sentences import caveat
@@ -42,7 +42,7 @@ from analysis.comparisons.sides import (
 )
 from analysis.data.frames import Frames
 from analysis.data.reference import PAPER
-from analysis.formatting import ends, listed, number, p_value, plus_minus
+from analysis.formatting import amount, ends, listed, number, p_value, plus_minus
 from analysis.looks import look, shown_together
 from analysis.measures.evaluations import aggregate
 from analysis.measures.pooling import COMPARED, SETTINGS, by_students, parts_of, pooled
@@ -242,7 +242,8 @@ def _render(
     mine, others, split = named_jointly(side_of(frames, "yours"), [baseline_side(name) for name in baselines])
     runs, curves = together(mine, others), together(mine, others, along=True)
     teachers = new_teachers(mine)
-    standings = [*incomparable(mine, others, runs), *(r.describe() for r in ranks(runs, teachers, measure))]
+    ranked = ranks(runs, teachers, measure)
+    standings = [*incomparable(mine, others, runs), *(rank.describe() for rank in ranked)]
     plans = plans_against_random(runs, teachers, _hours(frames, others), measure)
     _tell([*standings, *plans], tell)
     tests = duels(runs, teachers, measure)
@@ -265,6 +266,7 @@ def _render(
             pictures=(pictures := list(_radars(runs[runs["teacher"].isin(shown)], others))),
             tables=list(_tables(runs)),
             standings=standings,
+            ranks=[on_page(rank_chart(boards))] if (boards := _boards(ranked)) else [],
             headlines=headlines(runs, measure, teachers),
             plans=plans,
             overall=overall_section(runs, measure),
@@ -277,6 +279,16 @@ def _render(
             written=datetime.now(UTC),
         )
     return text, pictures
+
+
+def _boards(ranked: Sequence[Rank]) -> dict[str, list[Rank]]:
+    """Returns the ranks of each level and budget on as many challenges, by what is ranked."""
+    found: dict[str, list[Rank]] = {}
+    for rank in ranked:
+        if rank.of > 1:
+            words = f"{amount(rank.across['steps'])} steps, {rank.challenges} challenges, {rank.of} teachers"
+            found.setdefault(f"expert knowledge {rank.across['expert_knowledge']}, {words}", []).append(rank)
+    return found
 
 
 def _folder_name(baselines: Sequence[str]) -> str:
