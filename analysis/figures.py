@@ -45,7 +45,6 @@ __all__ = [
     "dimension_bands",
     "drawings",
     "film_strip",
-    "final_bars",
     "knowledge_panels",
     "learning_curve",
     "mastery_map",
@@ -53,6 +52,7 @@ __all__ = [
     "projected",
     "published_drawings",
     "radar",
+    "seeds_chart",
 ]
 
 bars_with_pairs = figure_of(bars.bars_with_pairs)
@@ -60,7 +60,7 @@ curriculum_strip = figure_of(curricula.curriculum_strip)
 curves_with_stars = figure_of(curves.curves_with_stars)
 dimension_bands = figure_of(curricula.dimension_bands)
 film_strip = figure_of(curricula.film_strip)
-final_bars = figure_of(intervals.final_bars)
+seeds_chart = figure_of(intervals.seeds_chart)
 learning_curve = figure_of(curves.learning_curve)
 mastery_map = figure_of(mastery.mastery_map)
 pairwise_curves = figure_of(curves.pairwise_curves)

@@ -12,22 +12,19 @@ import pandas as pd
 from analysis.charts.base import (
     END,
     LONGEST_NAME,
-    MASTERED,
-    Bar,
     Chart,
     Dots,
     Interval,
     Kind,
-    Legend,
     Mark,
     Panel,
     Scale,
     grid,
 )
 from analysis.comparisons.boards import Rank
-from analysis.formatting import amount, number
-from analysis.looks import INK, Look, look
-from analysis.names import label, short_labels, teacher_order
+from analysis.formatting import number
+from analysis.looks import look
+from analysis.names import short_labels, teacher_order
 from analysis.statistics import describe, mean_percent_interval
 
 
@@ -153,10 +150,11 @@ def rank_chart(boards: Mapping[str, Sequence[Rank]], name: str = "ranks") -> Cha
     """Returns a row for each teacher: its rank by the mean, and the ranks that tests leave open.
 
     Args:
-        boards: ranks on the same challenges, the best first, by what is ranked; each is a panel.
+        boards: ranks on the same challenges, the best first, by conditions and challenges, separated by a
+            colon; each is a panel.
         name: identifier of the chart.
     """
-    panels = [_ranks(f"{heading[:1].upper()}{heading[1:]}", ranks) for heading, ranks in boards.items()]
+    panels = [_ranks(heading, ranks) for heading, ranks in boards.items()]
     caption = (
         "Marks are ranks by the mean. Lines are ranks that tests leave open: the best is one more than the "
         "number of teachers found better, the worst the number of teachers less those found worse."
@@ -185,33 +183,6 @@ def _ranks(heading: str, ranks: Sequence[Rank]) -> Panel:
         for place, rank in enumerate(ranks)
     ]
     x = Scale("Rank", low=0.5, high=max(rank.of for rank in ranks) + 0.5, whole=True, grid=True)
-    return Panel(x, Scale(kind=Kind.TEACHERS, rows=rows), marks, heading)
-
-
-def final_bars(finals: pd.DataFrame) -> Chart:
-    """Returns mean ± standard deviation of final mastered %, one bar per teacher and one dot per run.
-
-    A teacher whose runs are all under way is labelled with the step it is read at.
-
-    Args:
-        finals: teacher, run_id, step, provisional and mastered_percent, of one comparison.
-    """
-    means = finals.groupby("teacher")["mastered_percent"].agg(["mean", "std"])
-    order = sorted(means.index, key=lambda each: (-means.loc[each, "mean"], label(each).lower()))
-    running = finals[finals["provisional"]].groupby("teacher")["step"].max()
-    names = short_labels(order)
-    rows, marks = {}, list[Mark]()
-    for place, teacher in enumerate(order):
-        rows[teacher] = names[teacher]
-        if teacher in running:
-            rows[teacher] += f"\nat {amount(running[teacher])} steps"
-        (mean, std), style = means.loc[teacher], look(teacher)
-        marks.append(Bar(x=mean, y=place, look=style, height=0.62, opacity=0.35))
-        ends: dict[str, Any] = {"low": mean - std, "high": mean + std, "size": 0.0, "width": 1.3, "cap": 4.0}
-        marks.append(Interval(x=mean, y=place, look=Look(INK, "", "-"), **ends))
-        seeds = finals.loc[finals["teacher"] == teacher, "mastered_percent"].sort_values().to_numpy()
-        jitter = np.linspace(-0.2, 0.2, len(seeds)) if len(seeds) > 1 else np.zeros(1)
-        dots = style._replace(marker="o")
-        marks.append(Dots(x=seeds, y=place + jitter, look=dots, size=7.0, edge="white"))
-    axes = Scale(MASTERED, Kind.PERCENT, low=0.0, grid=True), Scale(kind=Kind.TEACHERS, rows=rows)
-    return Chart("final", [[Panel(*axes, marks)]], legend=Legend.NONE, size=(5.2, 0.9 + 0.42 * len(order)))
+    title, _, subtitle = heading.partition(": ")
+    title = f"{title[:1].upper()}{title[1:]}"
+    return Panel(x, Scale(kind=Kind.TEACHERS, rows=rows), marks, title, subtitle)

@@ -47,6 +47,9 @@ SPACING, LEAST, COMPARISONS_FRAME = 11, 30, 130
 MOST_ACROSS = 4
 """Largest number of plots of a chart side by side."""
 
+MOST_TICKS = 12
+"""Largest number of whole numbers with a tick for each."""
+
 BINARY = {"float32": "f4", "float64": "f8", "int32": "i4"}
 """Types of arrays that are embedded as bytes, and their names in plotly.js."""
 
@@ -359,7 +362,7 @@ def _rows_layout(panel: Panel) -> dict[str, Any]:
     rows = list(panel.y.rows)
     teachers = sorted({mark.teacher for mark in panel.marks if mark.teacher}, key=teacher_order)
     if panel.y.kind is Kind.TEACHERS:
-        above = 40 if panel.title else 14
+        above = 14 + 20 * (bool(panel.title) + bool(panel.subtitle))
         frame = ROWS_FRAME + above
         return {
             "height": frame + ROW * len(rows),
@@ -387,7 +390,7 @@ def _axis(scale: Scale, panel: Panel) -> dict[str, Any]:
     axis = {"title": {"text": _shown(scale.title), "standoff": 8}, "showgrid": scale.grid, **quiet}
     if scale.bounded:
         axis["range"] = [scale.low, scale.high]
-    if scale.whole:
+    if scale.whole and (scale.high or 0) - (scale.low or 0) <= MOST_TICKS:
         axis["dtick"] = 1
     return axis | _axis_of_kind(scale, panel)
 

@@ -286,8 +286,10 @@ def _boards(ranked: Sequence[Rank]) -> dict[str, list[Rank]]:
     found: dict[str, list[Rank]] = {}
     for rank in ranked:
         if rank.of > 1:
-            words = f"{amount(rank.across['steps'])} steps, {rank.challenges} challenges, {rank.of} teachers"
-            found.setdefault(f"expert knowledge {rank.across['expert_knowledge']}, {words}", []).append(rank)
+            level, steps = rank.across["expert_knowledge"], amount(rank.across["steps"])
+            where = f"expert knowledge {level}, {steps} steps"
+            which = f"{rank.of} teachers on {rank.challenges} challenges"
+            found.setdefault(f"{where}: {which}", []).append(rank)
     return found
 
 

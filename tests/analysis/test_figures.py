@@ -5,10 +5,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from analysis.charts.base import END
 from analysis.charts.paper.style import png
 from analysis.data.curricula import Axis
 from analysis.data.frames import GROUP
-from analysis.figures import final_bars, learning_curve, mastery_map
+from analysis.figures import learning_curve, mastery_map, seeds_chart
 from analysis.formatting import amount, duration, number, plus_minus
 from analysis.looks import look, shown_together
 from analysis.names import label, short_labels, teacher_order
@@ -98,14 +99,13 @@ def test_a_curve_starts_where_all_runs_have_values() -> None:
     assert min(min(line.get_xdata()) for line in lines) == 1000
 
 
-def test_bars_show_means_deviations_and_seeds() -> None:
-    finals = pd.DataFrame(
-        {"teacher": ["adr"] * 3, "mastered_percent": [10.0, 20.0, 60.0], "step": 5, "provisional": False}
-    )
-    axes = final_bars(finals).axes[0]
-    assert axes.patches[0].get_width() == pytest.approx(30)
-    dots = next(c for c in axes.collections if len(c.get_offsets()) == 3)
-    np.testing.assert_allclose(dots.get_offsets()[:, 0], [10, 20, 60])
+def test_seeds_are_rings_beside_their_mean_and_its_interval() -> None:
+    points = pd.DataFrame({"teacher": "adr", "seed": range(3), "step": END, "value": [10.0, 20.0, 60.0]})
+    axes = seeds_chart(points, "Mastered (%)", "seeds", "", "").axes[0]
+    rings, interval = axes.collections
+    np.testing.assert_allclose(rings.get_offsets()[:, 0], [10, 20, 60])
+    ((low, _), (high, _)) = interval.get_segments()[0]
+    assert low < 30 < high
 
 
 def test_the_map_puts_each_task_where_it_belongs() -> None:

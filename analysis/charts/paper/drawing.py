@@ -130,10 +130,10 @@ def _prepare(axes: Axes, panel: Panel, ticks: int, letters: int) -> None:
     if any(isinstance(mark, Cells) for mark in panel.marks) or not panel.x.shown:
         axes.spines[:].set_visible(False)
     if panel.title:
-        text = panel.title + (f"\n{panel.subtitle}" if panel.subtitle else "")
+        texts = [line for text in (panel.title, panel.subtitle) for line in textwrap.wrap(text, letters)]
         pad = 4 + STAR_ROW * len(panel.stars)
         weight = "normal" if panel.side and panel.x.kind is Kind.TASK else "bold"
-        axes.set_title("\n".join(textwrap.wrap(text, letters)), pad=pad, fontweight=weight)
+        axes.set_title("\n".join(texts), pad=pad, fontweight=weight)
 
 
 def _prepare_axis(axis: XAxis | YAxis, scale: Scale, ticks: int, flat: bool = False) -> None:
