@@ -24,7 +24,7 @@ def main(campaign: Campaign, description: str, report: Callable[[str], None]) ->
     def run(*, options: CampaignOptions = CampaignOptions()) -> int:
         code = execute(campaign, options)
         if code == 0 and not options.dry_run:
-            report(options.results)
+            report(str(options.results))
         return code
 
     run.__doc__ = description

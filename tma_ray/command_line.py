@@ -273,7 +273,8 @@ def help_text(app: App, words: Iterable[str] = (), width: int = 80) -> str:
 
 def _check_options(program: str, app: App, words: Sequence[str]) -> None:
     """Refuse unknown options, before what is missing because of them, and a wrong number of values."""
-    known = {name: each for each in arguments(app) for name in each.names} if app.default_command else {}
+    own = arguments(app) if app.default_command else []
+    known = {name: each for each in own for name in each.names if name.startswith("-")}
     mine = list(takewhile(lambda word: word != "--", words))
     given = [(name, bool(assigned)) for name, assigned, _ in (word.partition("=") for word in mine)]
     for name, _ in given:

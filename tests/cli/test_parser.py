@@ -90,6 +90,13 @@ def test_of_an_option_given_twice_the_last_counts() -> None:
         read(own_script(), ["--steps", "5", "--steps", "0"])
 
 
+def test_an_argument_may_be_called_like_its_own_name() -> None:
+    assert read(cli.app(), ["status", "ROOT"]).args == ("ROOT",)
+    assert read(cli.app(), ["release", "ROOT", "NAME", "--lean"]).args == ("ROOT", "NAME")
+    assert read(cli.app(), ["report", "ROOT", "ROOT"]).args == ("ROOT", "ROOT")
+    assert read(cli.app(), ["search", "--", "--root"]).args == ("--root",)
+
+
 def test_the_help_of_a_script_shows_what_its_campaign_has() -> None:
     text = " ".join(help_text(own_script()).split())
     for default in ("random,riac", "3,5", "20,000,000", "classic_bipedal", "stump_tracks"):
@@ -119,6 +126,9 @@ def test_completions_know_commands_and_options(shell: str, capsys: pytest.Captur
     for word in ("campaign", "baselines", "environment-option", "verify"):
         assert word in text
     if shell == "bash":
+        options = text.split("--results)")[1:]
+        assert options
+        assert all("compgen -f" in each.partition(";;")[0] for each in options), "no paths are completed"
         assert subprocess.run(["bash", "-n"], input=text, text=True).returncode == 0
 
 

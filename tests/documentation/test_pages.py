@@ -14,6 +14,8 @@ from commands import execute, simple_commands, understood
 from data_blocks import CHECKS
 from declared import CHANGES, ENDINGS, EXEMPTIONS, changed, exempt, exit_code
 
+from tma_ray.command_line import UsageError
+
 LONG = (
     "docs/add_environment.md",
     "docs/commands.md",
@@ -87,7 +89,7 @@ def test_commands_within_sentences_are_understood(page: str, monkeypatch: pytest
         for words in simple_commands(command):
             try:
                 understood(words)
-            except SystemExit as error:
+            except UsageError as error:
                 raise AssertionError(f"{page}: `{command}` is refused") from error
 
 

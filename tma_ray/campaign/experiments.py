@@ -42,7 +42,7 @@ def execute_experiment(experiment: Experiment, options: ExperimentOptions) -> in
         check_usable(Store.open(options.results))
     cost = estimate(plan, chosen_settings(options), nodes=chosen_nodes(options))
     terminal().print(cost.describe(), highlight=False, soft_wrap=True)
-    return run_plan(plan, options.results, options, cost.throughputs)
+    return run_plan(plan, str(options.results), options, cost.throughputs)
 
 
 def experiment_plan(experiment: Experiment, options: ExperimentOptions) -> Plan:

@@ -6,6 +6,7 @@ import os
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
+from pathlib import Path
 from typing import Annotated, Any
 
 from cyclopts import Group, Parameter
@@ -188,7 +189,7 @@ HOW = {"group": Group("how to run it", sort_key=3)}
 
 Names = Annotated[tuple[str, ...] | None, value(names, "NAME,...", **WHAT)]
 Steps = Annotated[int | None, value(COUNT, "N", **WHAT)]
-Results = Annotated[str, value(parse_results, "ROOT")]
+Results = Annotated[str | Path, value(parse_results, "ROOT")]
 Device = Annotated[str, value(parse_device, "DEVICE", **HOW)]
 Seconds = Annotated[float, value(SECONDS, "SECONDS", **HOW)]
 Yes = Annotated[
@@ -334,7 +335,7 @@ class ExecutionOptions:
     checkpoint_seconds: Seconds = Settings.checkpoint_seconds
     outage_seconds: Seconds = Settings.outage_seconds
     unreachable_seconds: Seconds = Settings.unreachable_seconds
-    start_from: Annotated[str | None, value(parse_source, "ROOT", **HOW)] = None
+    start_from: Annotated[str | Path | None, value(parse_source, "ROOT", **HOW)] = None
     dry_run: Annotated[bool, Parameter(**HOW)] = False
     yes: Yes = False
 

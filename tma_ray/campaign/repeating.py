@@ -248,7 +248,7 @@ def run_like(name: str, place: str, core: Collection[str], options: CampaignOpti
         check_usable(Store.open(options.results))
     cost = estimate(plan, chosen_settings(options), nodes=chosen_nodes(options))
     terminal().print(cost.describe(), highlight=False, soft_wrap=True)
-    return run_plan(plan, options.results, options, cost.throughputs)
+    return run_plan(plan, str(options.results), options, cost.throughputs)
 
 
 NAME = "rerun"

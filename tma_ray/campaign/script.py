@@ -54,7 +54,7 @@ def script(campaign: CampaignSpec) -> App:
 
 def execute(campaign: CampaignSpec, options: CampaignOptions) -> int:
     """Run what `options` choose of `campaign`; return the exit code as `main`."""
-    return run_plan(chosen_campaign(campaign, options).plan(), options.results, options)
+    return run_plan(chosen_campaign(campaign, options).plan(), str(options.results), options)
 
 
 def run_plan(

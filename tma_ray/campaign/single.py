@@ -70,6 +70,6 @@ def _confirm(plan: Plan, options: RunOptions, placement: Placement) -> None:
         ValueError: it was not confirmed.
     """
     resources = Resources(placement.threads, gpus=float(placement.device != "cpu"))
-    cost = long_cost(plan, options.results, Settings(resources, placement.device))
+    cost = long_cost(plan, str(options.results), Settings(resources, placement.device))
     if cost is not None:
         confirm("the run", cost, yes=options.yes, ask=terminal_question())

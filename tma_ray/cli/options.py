@@ -10,14 +10,14 @@ from cyclopts import Parameter
 from tma_ray.command_line import choice, value, values
 from tma_ray.commands.values import COUNT, SEED, folder, licence, named, new_file, root
 
-Root = Annotated[str, value(root, "ROOT")]
-Roots = Annotated[str, value(root, "ROOT", required=True)]
+Root = Annotated[str | Path, value(root, "ROOT")]
+Roots = Annotated[str | Path, value(root, "ROOT", required=True)]
 Folder = Annotated[Path, value(folder, "FOLDER")]
 Output = Annotated[Path, value(folder, "FOLDER", alias="-o")]
 NewFile = Annotated[Path, value(new_file, "FILE", alias="-o")]
 Name = Annotated[str, value(named("a name"), "NAME")]
-Baseline = Annotated[str, value(named("a baseline"), "BASELINE")]
-Policy = Annotated[str, value(named("a policy"), "POLICY")]
+Baseline = Annotated[str | Path, value(named("a baseline"), "BASELINE")]
+Policy = Annotated[str | Path, value(named("a policy"), "POLICY")]
 Licence = Annotated[str, value(licence, "LICENCE")]
 Count = Annotated[int, value(COUNT, "N")]
 Seed = Annotated[int, value(SEED, "N")]
@@ -40,6 +40,6 @@ Measure = Annotated[
     ),
 ]
 
-RunResults = Annotated[str, value(root, "ROOT", help="results root of the run")]
+RunResults = Annotated[str | Path, value(root, "ROOT", help="results root of the run")]
 
 Json = Annotated[bool, Parameter(help="print JSON for scripts instead of text")]

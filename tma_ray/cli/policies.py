@@ -64,7 +64,7 @@ def export(
     """
     from tma_ray.export import export as write
 
-    done = write(policy, output, results, licence or "", not no_onnx, playground)
+    done = write(str(policy), output, results, licence or "", not no_onnx, playground)
     if done.difference is not None:
         print(f"{done.folder}: actions of the ONNX file differ by at most {done.difference:.2g}")
     else:

@@ -101,7 +101,7 @@ def json_value(value: Any) -> Any:
     return str(value) if isinstance(value, Path) else value
 
 
-def status_record(root: str) -> dict[str, Any]:
+def status_record(root: str | Path) -> dict[str, Any]:
     """Return the state of every run of a root, by campaign and cell."""
     from tma_ray.campaign.monitor import overview
 
@@ -126,7 +126,7 @@ def any_failed(status: Mapping[str, Any]) -> bool:
     return any(run["state"] == "failed" for cell in cells for run in cell["runs"])
 
 
-def ranking_record(sources: Sequence[str], share: float, measure: str) -> dict[str, Any]:
+def ranking_record(sources: Sequence[str | Path], share: float, measure: str) -> dict[str, Any]:
     """Return the ranking of one or several roots after a share of the budget."""
     from analysis.baselines.catalogue import read
     from analysis.comparisons.boards import overall
@@ -146,7 +146,7 @@ def ranking_record(sources: Sequence[str], share: float, measure: str) -> dict[s
     }
 
 
-def claims_record(sources: Sequence[str]) -> dict[str, Any]:
+def claims_record(sources: Sequence[str | Path]) -> dict[str, Any]:
     """Return the standing of the paper's claims in one or several roots."""
     from analysis.baselines.catalogue import read
     from analysis.claims.judging import root_verdicts
@@ -168,7 +168,7 @@ def claims_record(sources: Sequence[str]) -> dict[str, Any]:
     return {**record, "warnings": [*record["warnings"], *notes], "claims": claims}
 
 
-def _of_sources(sources: Sequence[str], frames: Frames) -> dict[str, Any]:
+def _of_sources(sources: Sequence[str | Path], frames: Frames) -> dict[str, Any]:
     """Return the results that were read, and the limits of their data."""
     return {"root": sources[0], "roots": list(sources), "warnings": list(frames.notes)}
 

@@ -71,7 +71,7 @@ def report(
     return 0
 
 
-def changes(sources: Sequence[str], seconds: float = LOOK_SECONDS) -> Iterator[None]:
+def changes(sources: Sequence[str | Path], seconds: float = LOOK_SECONDS) -> Iterator[None]:
     """Yield whenever runs of results roots have published more; never ends.
 
     Args:
@@ -80,7 +80,7 @@ def changes(sources: Sequence[str], seconds: float = LOOK_SECONDS) -> Iterator[N
     """
     from tma_ray.results import MANIFESTS, Store
 
-    stores = [Store.open(each) for each in sources if "://" in each or expanded(each).exists()]
+    stores = [Store.open(each) for each in sources if "://" in str(each) or expanded(each).exists()]
     seen = [store.stamps(MANIFESTS) for store in stores]
     while True:
         time.sleep(seconds)
@@ -90,7 +90,7 @@ def changes(sources: Sequence[str], seconds: float = LOOK_SECONDS) -> Iterator[N
             yield
 
 
-def _videos(sources: Sequence[str], folder: Path) -> Iterator[Video]:
+def _videos(sources: Sequence[str | Path], folder: Path) -> Iterator[Video]:
     """Render what the report wants to show; what cannot be rendered is named and left out."""
     from analysis.baselines.catalogue import read
     from analysis.comparisons.measured import measure
@@ -138,7 +138,7 @@ def leaderboard(*baseline: Baseline) -> int:
     """
     from analysis.commands.releases import show_leaderboards
 
-    show_leaderboards(baseline)
+    show_leaderboards([str(each) for each in baseline])
     return 0
 
 

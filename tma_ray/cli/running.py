@@ -178,7 +178,7 @@ def quickstart(*, options: CampaignOptions = CampaignOptions()) -> int:
     if code := execute(QUICKSTART, options):
         return code
     print(stages.begin("report", "Writing the report: a few seconds"))
-    page = write_report(options.results, Path("report") if "://" in options.results else None)
+    page = write_report(options.results, Path("report") if "://" in str(options.results) else None)
     print(stages.summary())
     print(f"Next: open {page} in a browser, then type\n  tma-ray ranking {options.results}")
     return 0
@@ -203,7 +203,7 @@ def rerun(
     """
     from tma_ray.campaign.repeating import rerun as run_again
 
-    return run_again(root, run, options, failed=failed)
+    return run_again(str(root), run, options, failed=failed)
 
 
 @command()
