@@ -73,7 +73,7 @@ def animation(
     """Returns a film strip in motion, as a GIF that repeats: a panel per run, drawn as in `film_strip`.
 
     Args:
-        shots: as of `film_strip`; at most `curricula.MOST_SHOTS`.
+        shots: runs as in `film_strip`; at most `curricula.MOST_SHOTS`.
         plane: the two task dimensions.
         frames: at most so many, and at most one for each step at which a teacher was probed.
         seconds: length of the whole; the last frame stays for another second.
@@ -107,8 +107,8 @@ class Drawing:
     """A figure that is drawn when it is asked for.
 
     Attributes:
-        name: of its files, without ending.
-        draw: returns the figure, or a GIF.
+        name: name of its files, without ending.
+        draw: function that returns the figure, or a GIF.
     """
 
     name: str

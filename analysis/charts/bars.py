@@ -67,8 +67,8 @@ class Results:
     """Results of one panel.
 
     Attributes:
-        titles: of its row and its column of panels.
-        rows: by teacher: mean, whisker and doubt; missing where results are.
+        titles: titles of its row and its column of panels.
+        rows: mean, whisker and doubt by teacher.
         different: pairs that differ significantly.
         untested: pairs without a test.
     """
@@ -107,10 +107,10 @@ def bars_with_pairs(
     dash stands where a teacher has no result.
 
     Args:
-        table: of `pooling.pooled` or `published.paper_frame`, with n.
+        table: results of `pooling.pooled` or `published.paper_frame`, with n.
         tests: all pairs, of `pairwise.pairwise` or `pairwise_statistics.pairwise_from_statistics`.
-        measure: what is drawn.
-        name: what that is, with its unit.
+        measure: measure that is drawn.
+        name: its name, with its unit.
         whisker: standard deviation, or standard error of the mean.
         by: columns of both tables that make rows and columns of panels.
 
@@ -296,7 +296,7 @@ def compact_letter_display(names: Sequence[str], different: Iterable[Pair]) -> d
     variances, which are not transitive. Letters are numbered by the first of `names` that has them.
 
     Args:
-        names: what was compared.
+        names: names that were compared.
         different: pairs that differ significantly.
     """
     groups = [frozenset(names)] if names else []

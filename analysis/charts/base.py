@@ -92,7 +92,7 @@ class Colours:
     """A colour scale of values.
 
     Attributes:
-        name: of a scale that matplotlib and plotly both have.
+        name: name of a scale in matplotlib and in plotly.
         low: value of its first colour.
         high: value of its last colour.
         title: name of the quantity.
@@ -143,8 +143,8 @@ class Curve(Mark):
         high: upper ends of the band (n,); None for none.
         n: number of runs behind each point (n,): the line is drawn fully where all of them are.
         fill: colour inside markers; that of the line if empty.
-        width: of the line, CSS pixels; lines under 1.5 have no markers.
-        opacity: of the band, in [0, 1].
+        width: width of the line, CSS pixels; lines under 1.5 have no markers.
+        opacity: opacity of the band, in [0, 1].
     """
 
     x: Array
@@ -192,7 +192,7 @@ class Interval(Mark):
         low: lower end; NaN for none.
         high: upper end; NaN for none.
         size: diameter of the mean's mark, CSS pixels; 0 for none.
-        width: of the line, CSS pixels.
+        width: width of the line, CSS pixels.
         cap: length of the ends, CSS pixels.
     """
 
@@ -270,7 +270,7 @@ class Rule(Mark):
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Label(Mark):
-    """A short text centred at a point, or right of it if `beside`."""
+    """A short text centred at a point, or on its right if `beside`."""
 
     x: float
     y: float
@@ -283,7 +283,7 @@ class StarRow:
     """Stars above a panel, at the steps where a line differs from its reference.
 
     Attributes:
-        look: of the line.
+        look: look of the line.
         fill: colour inside its markers.
         above: steps at which it is above the reference.
         below: steps at which it is below.
@@ -359,13 +359,13 @@ class Chart:
     """A figure for paper, and one or several charts of a page.
 
     Attributes:
-        name: of its files, and identifier on a page.
+        name: name of its files, and identifier on a page.
         panels: row by row; None where there is none.
-        title: what is shown, in a few words.
-        caption: what is shown, of how many runs, for a page.
+        title: content in a few words.
+        caption: content and number of runs, for a page.
         heading: text above all panels on paper.
         note: text below all panels on paper.
-        keys: entries of the legend beside those of named marks.
+        keys: entries of the legend that explain markers.
         legend: place of the legend.
         size: width and height on paper without the legend, in inches.
         letters: size of the letters on paper, in points.

@@ -69,7 +69,7 @@ def film_strip(
             `analysis.charts.tasks.projected`.
         plane: the two task dimensions.
         steps: the moments; `MOMENTS` of them over the run if None.
-        width: of the figure, inches.
+        width: width of the figure, inches.
 
     Raises:
         ValueError: no runs, no probes, or tasks that are not two-dimensional.
@@ -94,7 +94,7 @@ def film(shots: Sequence[Shot], plane: tuple[Axis, Axis], frames: int = 30) -> C
     """Returns a film strip in motion: a panel per run, each of whose moments is a frame.
 
     Args:
-        shots: as of `film_strip`; at most `MOST_SHOTS`.
+        shots: runs as in `film_strip`; at most `MOST_SHOTS`.
         plane: the two task dimensions.
         frames: at most so many, and at most one for each step at which a teacher was probed.
 

@@ -85,8 +85,8 @@ def learning_curves(
         table: teacher, step, n, mean and standard_error, of `measures.evaluations.aggregate`.
         quantity: title of the vertical axis, in % where it is a percentage.
         name: identifier of the chart.
-        heading: what is shown.
-        caption: what is shown, of how many runs.
+        heading: title of the chart.
+        caption: content and number of runs.
         ceiling: value that no run exceeds; None if unknown.
     """
     names = short_labels(table["teacher"].astype(str), LONGEST_NAME)
@@ -151,13 +151,13 @@ class CurvePanel:
     """One panel of `curves_with_stars`.
 
     Attributes:
-        title: what it shows, such as the body or the challenge.
-        curves: of ``pooled(runs, [measure], by=["step"])``: teacher, expert_knowledge, step, n, and
+        title: body or challenge that it shows.
+        curves: results of ``pooled(runs, [measure], by=["step"])``: teacher, expert_knowledge, step, n, and
             `measure` with the endings _mean and _std.
-        tests: of `pairwise.pairwise` with step among `within`, against one reference: of teachers, or
+        tests: tests of `pairwise.pairwise` with step among `within`, against one reference: of teachers, or
             between levels with teacher among `within`; None for no stars.
-        measure: what is drawn.
-        name: what that is, with its unit.
+        measure: measure that is drawn.
+        name: its name, with its unit.
         ceiling: value that no run exceeds; None if unknown.
     """
 
@@ -293,7 +293,7 @@ def _panel(
 
 
 def _star_keys(panels: Sequence[CurvePanel], stars: Sequence[pd.DataFrame]) -> list[Key]:
-    """Returns what full and hollow stars mean, of those that there are."""
+    """Returns legend entries for full and hollow stars, of those that there are."""
     tests = [panel.tests for panel in panels if panel.tests is not None and len(panel.tests)]
     references = sorted({str(name) for table in tests for name in table["second"]})
     levels = any("teacher" in table for table in tests)
@@ -364,8 +364,8 @@ def body_panels(
     Args:
         runs: rows of `pooling.pool_runs` with the values of `run_measures.evaluations_at`, of one comparison,
             such as Parkour.
-        measure: what is drawn.
-        name: what that is, with its unit.
+        measure: measure that is drawn.
+        name: its name, with its unit.
         ceiling: value that no run exceeds; None if unknown.
 
     Raises:
@@ -432,11 +432,11 @@ def pairwise_curves(
     `difference_matrix` shows the last step.
 
     Args:
-        curves: of ``pooled(runs, [measure], by=["step"])`` for one comparison: teacher, step, n, and
+        curves: results of ``pooled(runs, [measure], by=["step"])`` for one comparison: teacher, step, n, and
             `measure` with the endings _mean and _std.
         tests: all pairs at every step, of `pairwise.pairwise` with step among `within`.
-        measure: what is drawn.
-        name: what that is, with its unit.
+        measure: measure that is drawn.
+        name: its name, with its unit.
 
     Raises:
         ValueError: under two teachers, or several values of a teacher at a step.
@@ -503,7 +503,7 @@ def difference_matrix(table: pd.DataFrame, tests: pd.DataFrame, teachers: Sequen
         table: teacher, step and mean.
         tests: significant ones at every step: first, second and step.
         teachers: rows and columns.
-        name: what is measured, with its unit.
+        name: quantity, with its unit.
     """
     last = table["step"].max()
     means = table[table["step"] == last].set_index("teacher")["mean"].reindex(teachers).to_numpy(float)

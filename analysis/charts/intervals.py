@@ -35,8 +35,8 @@ def seeds_chart(points: pd.DataFrame, quantity: str, name: str, heading: str, ca
         points: teacher, seed, step (of an evaluation, or `END`) and value, in per cent.
         quantity: title of the horizontal axis.
         name: identifier of the chart.
-        heading: what is shown.
-        caption: what is shown, of how many runs.
+        heading: title of the chart.
+        caption: content and number of runs.
     """
     teachers = sorted(map(str, points["teacher"].unique()), key=teacher_order)
     labels = short_labels(teachers, LONGEST_NAME)
@@ -110,8 +110,8 @@ def overview_chart(
             cent.
         rows: title of each comparison by its anchor, in order.
         quantity: title of the horizontal axis.
-        heading: what is shown.
-        caption: what is shown, of how many runs.
+        heading: title of the chart.
+        caption: content and number of runs.
     """
     teachers = sorted(map(str, points["teacher"].unique()), key=teacher_order)
     names = short_labels(teachers, LONGEST_NAME)

@@ -49,7 +49,7 @@ def mastery_chart(
         tasks: task_index and task (float32 (d,)) of the test set.
         axes: the dimensions of the task space.
         name: identifier of the chart.
-        caption: what is shown, of how many runs.
+        caption: content and number of runs.
     """
     tasks = tasks.sort_values("task_index", ignore_index=True)
     points, plane = _places(shares, tasks, axes)
@@ -117,7 +117,7 @@ def mastery_map(shares: pd.DataFrame, tasks: pd.DataFrame, plane: tuple[Axis, Ax
 
 
 def _cells(points: Array, words: Sequence[str]) -> Callable[[Array], Mark] | None:
-    """Returns what fills the cells of a full grid of tasks (n, 2) with values (n,); None if it is not one."""
+    """Returns a function that fills the cells of a full grid of tasks (n, 2); None if it is not one."""
     xs, columns = np.unique(points[:, 0], return_inverse=True)
     ys, rows = np.unique(points[:, 1], return_inverse=True)
     full = len(xs) * len(ys) == len(np.unique(points, axis=0)) == len(points)
@@ -135,7 +135,7 @@ def _cells(points: Array, words: Sequence[str]) -> Callable[[Array], Mark] | Non
 
 
 def _dots(points: Array, words: Sequence[str]) -> Callable[[Array], Mark]:
-    """Returns what draws a mark for each task at its place (n, 2), coloured by values (n,)."""
+    """Returns a function that marks each task at its place (n, 2), coloured by values (n,)."""
     size = float(np.clip(ACROSS / np.sqrt(max(len(points), 1)), 4, 24))
 
     def draw(values: Array) -> Mark:

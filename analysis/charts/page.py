@@ -76,11 +76,11 @@ class Plot:
 
     Attributes:
         name: identifier on the page, and name of the picture a reader saves.
-        title: what it is, in a few words.
+        title: content in a few words.
         teacher: teacher whose panel it is; empty for several.
         traces: series of marks, lines and maps.
         layout: axes, margins, legend.
-        frames: what changes at each moment, with its name.
+        frames: changes at each moment, with its name.
     """
 
     name: str
@@ -143,7 +143,7 @@ def _plot(name: str, chart: Chart, panel: Panel) -> Plot:
 
 
 def _frame(panel: Panel, moment: object, traces: list[Trace]) -> dict[str, Any]:
-    """Returns what changes of the traces at a moment, by their place; the page adds it to them."""
+    """Returns the changes of the traces at a moment, by their place."""
     shown = panel.at(moment)
     changes = [_change(old, new) for old, new in zip(traces, _traces(shown), strict=True)]
     places = [place for place, change in enumerate(changes) if change]
@@ -463,7 +463,7 @@ def _dash(look: Look) -> str:
 
 
 def _transparent(colour: str, opacity: float) -> str:
-    """Returns ``#rrggbb`` as a colour that shows `1 - opacity` of what is behind it."""
+    """Returns ``#rrggbb`` with an opacity in [0, 1]."""
     red, green, blue = (int(colour[place : place + 2], 16) for place in (1, 3, 5))
     return f"rgba({red},{green},{blue},{opacity:g})"
 

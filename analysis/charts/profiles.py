@@ -33,8 +33,8 @@ def profile_chart(table: pd.DataFrame, quantity: str, name: str, heading: str, c
         table: teacher, threshold, share, low, high and n, of `aggregates.profiles`.
         quantity: title of the horizontal axis, on which thresholds are.
         name: identifier of the chart.
-        heading: what is shown.
-        caption: what is shown, of how many runs.
+        heading: title of the chart.
+        caption: content and number of runs.
     """
     names = short_labels(table["teacher"].astype(str), LONGEST_NAME)
     marks: list[Mark] = []
@@ -78,7 +78,7 @@ def scalar_chart(curricula: Mapping[str, Curriculum], name: str, caption: str) -
     Args:
         curricula: one run for each teacher.
         name: identifier of the chart.
-        caption: which runs they are.
+        caption: runs that are shown.
     """
     names = short_labels(curricula, LONGEST_NAME)
     panels = [

@@ -94,12 +94,12 @@ class Ratios(NamedTuple):
     Attributes:
         ratios: by teacher, one for each axis; NaN where there is none; infinite where the teacher is over 0
             and Random is not, 1 where both are at 0.
-        shares: of the infinite ones, by teacher and axis: the result over the best one of that axis.
+        shares: results over the best one of their axis where ratios are infinite, by teacher and axis.
         upper: best result on the original space, for each axis; NaN where it says nothing.
-        stars: who is significantly better than Random, and where.
+        stars: teachers and axes with a result significantly better than Random's.
         differ: teachers and axes with a significant difference from Random, either way.
         doubts: teachers and axes of results that may be slips of who published them.
-        missing: what is not drawn, in words.
+        missing: sentences on results that are not drawn.
     """
 
     ratios: dict[str, list[float]]
@@ -132,10 +132,10 @@ def radar(
     Where Random is at 0, results over 0 lie in a band outside of the rings, the best at its outer edge.
 
     Args:
-        table: of `pooling.pooled` (after `pooling.reuse_random`, since Random needs no knowledge) or
+        table: results of `pooling.pooled` (after `pooling.reuse_random`, since Random needs no knowledge) or
             `published.paper_frame`; other environments and challenges are left out.
-        tests: of `pairwise.pairwise` or `pairwise_statistics.pairwise_from_statistics` against "random".
-        measure: what is drawn.
+        tests: tests of `frame.pairwise` or `frame.pairwise_from_statistics` against "random".
+        measure: measure that is drawn.
         challenges: axes, clockwise from the top; at least three.
         original: matrix that the upper baseline comes from.
 
@@ -184,8 +184,8 @@ def ratios_of_random(
         table: results of this level: teacher, challenge, perhaps doubt, and the column `mean`.
         tests: significant ones of this level: challenge, first and difference from Random.
         mean: column of `table`.
-        teachers: all of the figure.
-        challenges: axes.
+        teachers: all teachers of the figure.
+        challenges: challenges of the axes.
         original: matrix that the upper baseline comes from.
     """
     names = [matrix.challenge for matrix in challenges]
@@ -245,7 +245,7 @@ def _ratio(mean: float, lower: float) -> float:
 def _random_missing(
     names: Sequence[str], lower: Sequence[float], means: Mapping[tuple[str, str], float]
 ) -> Iterator[str]:
-    """Yields in words where Random has no result or is at 0, there with the best result."""
+    """Yields sentences on challenges on which Random has no result or is at 0."""
     for name, random in zip(names, lower, strict=True):
         words = name.replace("_", " ")
         if math.isnan(random):
@@ -262,7 +262,7 @@ def _random_missing(
 def _no_result(
     means: Mapping[tuple[str, str], float], teachers: Sequence[str], names: Sequence[str]
 ) -> list[str]:
-    """Returns in words who has no results, and where."""
+    """Returns sentences on teachers without results, with the challenges."""
     gaps: dict[str, list[str]] = {}
     for teacher in teachers:
         absent = [name.replace("_", " ") for name in names if (teacher, name) not in means]

@@ -156,10 +156,10 @@ def state(
     """Returns boxes, Gaussians and probed tasks of a teacher at a step; the marks are empty without probes.
 
     Args:
-        curriculum: of the run.
-        teacher: of the run.
+        curriculum: curriculum of the run.
+        teacher: teacher of the run.
         step: moment.
-        view: of the task space.
+        view: view of the task space.
         scores: colours of regions; None where there is one.
         most: largest number of probed tasks; None for all.
     """
@@ -183,13 +183,13 @@ def state(
 def probed_tasks(
     curricula: Mapping[str, Curriculum], axes: Sequence[Axis], name: str, caption: str
 ) -> Chart | None:
-    """Returns what each teacher would teach at any moment; None without probes.
+    """Returns tasks that each teacher would propose at any moment; None without probes.
 
     Args:
         curricula: one run for each teacher; without probes it has no panel.
         axes: the dimensions of the task space.
         name: identifier of the chart.
-        caption: which runs they are.
+        caption: runs that are shown.
     """
     view, names = TaskView(axes), short_labels(curricula, LONGEST_NAME)
     panels = []
@@ -214,13 +214,13 @@ def _moving(curriculum: Curriculum, teacher: str, name: str, steps: Sequence[int
 def training_tasks(
     curricula: Mapping[str, Curriculum], axes: Sequence[Axis], name: str, caption: str
 ) -> Chart | None:
-    """Returns what each teacher taught in each part of its run, coloured by return; None without episodes.
+    """Returns training tasks in each part of a run, coloured by return; None without episodes.
 
     Args:
         curricula: one run for each teacher; without episodes it has no panel.
         axes: the dimensions of the task space.
         name: identifier of the chart.
-        caption: which runs they are.
+        caption: runs that are shown.
     """
     view, names = TaskView(axes), short_labels(curricula, LONGEST_NAME)
     shown = {teacher: each for teacher, each in curricula.items() if len(each.episodes)}
@@ -278,7 +278,7 @@ def projected(curriculum: Curriculum, dimensions: tuple[int, int]) -> Curriculum
     other, that with the highest score is seen.
 
     Args:
-        curriculum: of any number of dimensions.
+        curriculum: curriculum of any number of dimensions.
         dimensions: the one to the right and the one up, from 0.
 
     Raises:

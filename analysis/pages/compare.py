@@ -66,14 +66,14 @@ from tma_ray.commands.exits import installed_version
 
 @dataclass(frozen=True, eq=False)
 class Place:
-    """Where teachers of one's own have results, and those that may be compared with them.
+    """A challenge and level with results of the reader's teachers and of comparable ones.
 
     Attributes:
         anchor: identifier on the page.
         title: challenge, students and level.
         chosen_by: its values in the columns that readers choose by.
         rows: cells of the ranking, the best teacher first.
-        step_rows: JSON of what changes of them at every evaluation.
+        step_rows: JSON of their changes at every evaluation.
         points: teacher, seed, step (or `END`) and value of every run.
         charts: learning curves, and seed by seed.
     """
@@ -93,10 +93,10 @@ def places(
     """Yields each place with its ranking and charts.
 
     Args:
-        runs: of `compare.together`, at their ends.
-        curves: of `compare.together`, at every evaluation.
-        tests: of `compare.duels`.
-        measure: of `tested.MEASURES`; learning curves are always of mastered tasks.
+        runs: runs of `sides.together`, at their ends.
+        curves: runs of `sides.together`, at every evaluation.
+        tests: tests of `sides.duels`.
+        measure: one of `tested.MEASURES`; learning curves are always of mastered tasks.
     """
     if runs.empty:
         return
@@ -220,9 +220,9 @@ def write_comparison(
         baselines: names of released baselines, folders or addresses of results.
         output: folder for pages, each in a folder named by its baselines; ``compare`` in the first of
             `sources` if that is a folder.
-        tell: is called with what the page says first: what cannot be compared, ranks over all challenges,
-            and what would tell a teacher from Random.
-        measure: of `tested.MEASURES`, that teachers are ranked by and tested on.
+        tell: function that is called with the first sentences of the page: results that cannot be compared,
+            ranks over all challenges, and runs that would distinguish a teacher from Random.
+        measure: one of `tested.MEASURES`, by which teachers are ranked and tested.
 
     Raises:
         ResultsRootError: one of `sources` or a baseline is not a results root.
@@ -282,7 +282,7 @@ def _render(
 
 
 def _boards(ranked: Sequence[Rank]) -> dict[str, list[Rank]]:
-    """Returns the ranks of each level and budget on as many challenges, by what is ranked."""
+    """Returns the ranks of each level and budget on as many challenges, by conditions and challenges."""
     found: dict[str, list[Rank]] = {}
     for rank in ranked:
         if rank.of > 1:
@@ -319,7 +319,7 @@ def _tell(standings: Sequence[str], tell: Callable[[str], object] | None) -> Non
 
 
 def _radars(runs: pd.DataFrame, others: Sequence[Side]) -> Iterator[Picture]:
-    """Yields the radar of what may be compared, and one of each published table."""
+    """Yields the radar of comparable results, and one of each published table."""
     kinds = [*SETTINGS, "students"]
     students = runs["pool"].map(lambda pool: ", ".join(sorted({student for _, student in parts_of(pool)})))
     for place, (_, group) in enumerate(runs.assign(students=students).groupby(kinds, dropna=False), start=1):
@@ -334,7 +334,7 @@ def _radars(runs: pd.DataFrame, others: Sequence[Side]) -> Iterator[Picture]:
 
 
 def _tables(runs: pd.DataFrame) -> Iterator[dict[str, Any]]:
-    """Yields the paper's tables of what may be compared, as text by row and column."""
+    """Yields the paper's tables of comparable results, as text by row and column."""
     for _, alike in runs.groupby(SETTINGS, dropna=False):
         for _, matrices, chosen in by_students(alike):
             both = pd.concat([pooled(chosen), pooled(chosen, by=["embodiment"])], ignore_index=True)

@@ -33,7 +33,7 @@ def page(template: str, **content: Any) -> str:
 
 @cache
 def _environment() -> Environment:
-    """Returns what compiles templates, each once."""
+    """Returns the environment of templates, which compiles each once."""
     environment = Environment(
         loader=PackageLoader("analysis.pages.page"),
         autoescape=True,
@@ -52,9 +52,9 @@ def page_folder(root: str | Path, output: Path | None, name: str, what: str) -> 
 
     Args:
         root: a folder, or an ``s3://`` or ``gs://`` address.
-        output: what the user asked for, if anything.
-        name: of the folder.
-        what: is written, in words.
+        output: folder that the user asked for, if any.
+        name: name of the folder.
+        what: kind of page, for messages.
 
     Raises:
         ValueError: no `output`, and an object store or a root in which links would be written through.
@@ -74,7 +74,7 @@ def page_folder(root: str | Path, output: Path | None, name: str, what: str) -> 
 
 
 def write_page(folder: Path, text: str, beside: Mapping[str, bytes]) -> Path:
-    """Writes a page as ``index.html`` of `folder`, with files beside it by name; returns the page."""
+    """Writes a page as ``index.html`` of a folder, with other files by name; returns the page."""
     folder.mkdir(parents=True, exist_ok=True)
     for name, content in beside.items():
         (folder / name).write_bytes(content)
@@ -101,7 +101,7 @@ FILTERS = {
 
 @dataclass(frozen=True)
 class Choice:
-    """One of several: its value in the data, its name, and whether a page shows it at first."""
+    """An option of a control: value in the data, name, colour, and True if it is shown at first."""
 
     value: str
     name: str
@@ -111,7 +111,7 @@ class Choice:
 
 @dataclass(frozen=True)
 class Filter:
-    """A column by which comparisons may be chosen, and what there is of it."""
+    """A column by which comparisons may be chosen, with its values."""
 
     column: str
     name: str
@@ -120,12 +120,12 @@ class Filter:
 
 @dataclass(frozen=True)
 class Controls:
-    """What a reader may choose.
+    """Controls of a page.
 
     Attributes:
-        teachers: that may be left out.
-        filters: with more than one choice each.
-        steps: of evaluations, ascending, as value and name.
+        teachers: teachers that may be left out.
+        filters: filters with more than one choice each.
+        steps: steps of evaluations, ascending.
     """
 
     teachers: tuple[Choice, ...]
@@ -134,25 +134,25 @@ class Controls:
 
     @property
     def hidden(self) -> int:
-        """How many teachers the page does not show at first."""
+        """Number of teachers that the page does not show at first."""
         return sum(not teacher.shown for teacher in self.teachers)
 
     @property
     def any(self) -> bool:
-        """Whether there is anything to choose."""
+        """True if there is anything to choose."""
         return len(self.teachers) > 1 or bool(self.filters) or len(self.steps) > 1
 
 
 def controls(
     comparisons: pd.DataFrame, teachers: Iterable[str], steps: Iterable[int], shown: Collection[str]
 ) -> Controls:
-    """Returns what a reader may choose.
+    """Returns the controls of a page.
 
     Args:
         comparisons: one row each, with some of the columns of `FILTERS`.
-        teachers: that the page has.
-        steps: at which students were evaluated.
-        shown: teachers that it shows at first.
+        teachers: teachers of the page.
+        steps: steps at which students were evaluated.
+        shown: teachers that are shown at first.
     """
     named = tuple(
         Choice(teacher, marked_label(teacher), look(teacher).colour, teacher in shown)
@@ -167,7 +167,7 @@ def controls(
 
 
 def _repeats(comparisons: pd.DataFrame, found: Filter) -> bool:
-    """Tells whether experiments are just the challenges by other names."""
+    """True if experiments are the challenges by other names."""
     return found.column == "experiment" and bool(
         (comparisons["experiment"] == comparisons["challenge"]).all()
     )
@@ -211,7 +211,7 @@ def leading(
     Args:
         results: a row for each teacher and challenge, with the columns teacher and `measure`.
         measure: column of `results`; NaN where there is nothing.
-        teachers: of the page, also those without results yet.
+        teachers: all teachers of the page, also those without results yet.
         within: columns that the teachers of a comparison have in common.
     """
     everyone = frozenset(map(str, teachers))
@@ -236,14 +236,14 @@ CAPTION = (
 
 @dataclass(frozen=True, eq=False)
 class Overall:
-    """What the section shows.
+    """Content of the section over all challenges.
 
     Attributes:
-        rows: of `overall_rows`.
-        over: the thresholds of its last column, as text.
+        rows: rows of `overall_rows`.
+        over: thresholds of the last column, as text.
         charts: performance profiles, one for each level and budget.
-        quantity: that is aggregated, as charts call it.
-        caveat: where a teacher has few runs of a challenge; else empty.
+        quantity: name of the aggregated measure.
+        caveat: warning where a teacher has few runs of a challenge; else empty.
     """
 
     rows: list[dict[str, Any]]

@@ -33,13 +33,13 @@ from tma_ray.tasks import MASTERY_RETURN
 
 
 def counts_of(cells: pd.DataFrame) -> dict[str, int]:
-    """Returns how many runs there are, in all and in each state."""
+    """Returns the number of runs, in all and in each state."""
     runs = cells.drop_duplicates("run_id")["status"].value_counts()
     return {"runs": int(runs.sum())} | {status: int(runs.get(status, 0)) for status in STATUSES}
 
 
 def what_ran(cells: pd.DataFrame) -> str:
-    """Returns what was run: ``Random and ALP-GMM, 4 seeds each, 20 million steps``."""
+    """Returns the extent of a campaign: ``Random and ALP-GMM, 4 seeds each, 20 million steps``."""
     teachers = [label(teacher) for teacher in sorted(cells["teacher"].unique(), key=teacher_order)]
     named = " and ".join(teachers) if len(teachers) < 3 else f"{len(teachers)} teachers"
     parts = [named]
@@ -52,7 +52,7 @@ def what_ran(cells: pd.DataFrame) -> str:
 
 
 def unfinished(frames: Frames) -> dict[str, list[dict[str, Any]]]:
-    """Returns the failed and the running runs: which, how far, and why they failed."""
+    """Returns the failed and the running runs with their progress and errors."""
     reached = frames.evaluations.groupby("run_id", observed=True)["step"].max().rename("reached")
     runs = frames.cells.drop_duplicates("run_id").merge(
         reached.rename_axis("run_id").reset_index().astype({"run_id": object}), how="left", on="run_id"
@@ -81,7 +81,7 @@ def _described(run: pd.Series) -> dict[str, Any]:
 
 
 def machines(attempts: pd.DataFrame) -> list[dict[str, Any]]:
-    """Returns what the runs were computed with, versions included, one entry per distinct fingerprint."""
+    """Returns machines and versions of the runs, one entry per distinct fingerprint."""
     found = []
     for fingerprint, rows in attempts.astype({"fingerprint": object, "host": object}).groupby("fingerprint"):
         content = parsed(fingerprint) or {"fingerprint": fingerprint}
@@ -120,7 +120,7 @@ def settings(cells: pd.DataFrame) -> list[dict[str, str]]:
 
 @dataclass(frozen=True)
 class Download:
-    """A CSV file of the report: its name, what a row of it is, and its content."""
+    """A CSV file of the report: name, meaning of a row, and content."""
 
     name: str
     row: str
@@ -128,7 +128,7 @@ class Download:
 
     @property
     def compressed(self) -> bytes:
-        """The content as gzip has it, always the same: what the page holds is a quarter as large."""
+        """The content compressed by gzip, always to the same bytes."""
         return gzip.compress(self.content, mtime=0)
 
 
@@ -170,11 +170,11 @@ def write_report(
     Args:
         sources: results roots and baselines with runs: folders, addresses, names.
         output: folder to write to; ``report`` in the first of `sources` if that is a folder.
-        videos: to embed, of `videos.wanted_videos`.
+        videos: videos to embed, of `videos.wanted_videos`.
         reload: time after which an open page reads itself again, s; 0 for never.
 
     Returns:
-        The page, ``index.html`` in `output`; beside it figures (PNG) and tables (CSV).
+        The page, ``index.html`` in `output`; next to it figures (PNG) and tables (CSV).
 
     Raises:
         ResultsRootError: one of `sources` is not a results root.

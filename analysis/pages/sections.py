@@ -46,7 +46,7 @@ def curve_caption(value: str, table: pd.DataFrame) -> str:
 
 
 def counts(rows: pd.DataFrame) -> str:
-    """Returns how many runs stand behind each teacher: ``n = 4 seeds``, or one number per teacher."""
+    """Returns the number of runs of each teacher: ``n = 4 seeds``, or one number per teacher."""
     counts = rows.groupby("teacher")["run_id"].nunique()
     usual = int(counts.mode().iloc[-1])
     text = f"n = {usual} seed{'s' if usual > 1 else ''}" + (" per teacher" if len(counts) > 1 else "")
@@ -103,7 +103,7 @@ def points_of(mine: Measured, column: str) -> pd.DataFrame:
 def panels_of(
     frames: Frames, mine: Measured, curricula: Mapping[str, Curriculum], anchor: str
 ) -> Iterator[Chart]:
-    """Yields which test tasks are mastered, and what teachers would teach, at any step."""
+    """Yields charts of mastered test tasks, training tasks, probed tasks and teachers' logs."""
     if mine.finals.empty:
         return
     axes, which = task_axes(mine.cells), which_runs(curricula)
@@ -184,11 +184,11 @@ def end_rows(mine: Measured) -> list[dict[str, Any]]:
 
 
 def step_rows(mine: Measured, everything: Measured) -> dict[str, dict[str, dict[str, str]]]:
-    """Returns what changes of the rows at every evaluation, as text by step, teacher and column.
+    """Returns the rows at every evaluation, as text by step, teacher and column.
 
     Args:
-        mine: what was measured of the comparison.
-        everything: of the root, where Random may have run at another level or in another experiment.
+        mine: measures of the comparison.
+        everything: measures of the root, where Random may have run at another level or in another experiment.
     """
     curves = mine.evaluations
     if curves.empty:
@@ -250,11 +250,11 @@ class Section:
 
     Attributes:
         anchor: identifier on the page.
-        title: what is compared.
+        title: title of the comparison.
         chosen_by: its values in the columns of `controls.FILTERS`.
-        sentences: what was found.
+        sentences: findings.
         rows: cells of the table, one row per teacher, at the ends of runs.
-        step_rows: JSON of what changes of them at every evaluation.
+        step_rows: JSON of their changes at every evaluation.
         charts: for all teachers each.
         panels: charts for one teacher each.
         pictures: figures that stay as they are.
@@ -275,8 +275,8 @@ def sections(frames: Frames, measured: Measured, shown: Collection[str]) -> Iter
     """Yields a section for each comparison of the root, in a fixed order.
 
     Args:
-        frames: of the root.
-        measured: of the root.
+        frames: results of the root.
+        measured: measures of the root.
         shown: teachers that figures have, which cannot be chosen on the page as charts can.
     """
     for anchor, title, mine in titled(measured):
@@ -305,7 +305,7 @@ def titled(measured: Measured) -> Iterator[tuple[str, str, Measured]]:
 
 
 def _title(comparison: pd.Series, several: dict[str, bool]) -> str:
-    """Returns what a comparison is about."""
+    """Returns the title of a comparison."""
     name = comparison["challenge"]
     challenge = challenge_title(comparison["environment"], name, name)
     parts = [

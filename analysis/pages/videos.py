@@ -25,11 +25,11 @@ class WantedVideo:
 
     Attributes:
         comparison: anchor of the section it belongs to.
-        teacher: of the run.
-        run_id: whose policy plays.
+        teacher: teacher of the run.
+        run_id: run whose policy plays.
         rank: "best" or "worst" of the teacher's seeds, "only" where there is one.
-        seed: of the run.
-        test_set: of the task.
+        seed: seed of the run.
+        test_set: test set of the task.
         task_index: its place in the test set.
         task: values by dimension, separated by commas.
     """
@@ -45,13 +45,13 @@ class WantedVideo:
 
     @property
     def name(self) -> str:
-        """Of a file."""
+        """Name of a file."""
         return f"{self.run_id}-{self.test_set}-{self.task_index}"
 
 
 @dataclass(frozen=True)
 class Video:
-    """A file that shows what was wanted, and what came of it."""
+    """A video file of a wanted episode, and its return."""
 
     wanted: WantedVideo
     file: Path
@@ -59,7 +59,7 @@ class Video:
 
     @property
     def content(self) -> bytes:
-        """Of the file."""
+        """Content of the file."""
         return self.file.read_bytes()
 
     @property
@@ -69,7 +69,7 @@ class Video:
 
     @property
     def caption(self) -> str:
-        """What is shown."""
+        """Teacher, seed, task and return in words."""
         which = "its only seed" if self.wanted.rank == "only" else f"its {self.wanted.rank} seed"
         return (
             f"{label(self.wanted.teacher)}, seed {self.wanted.seed} ({which} by mastered tasks), on test "

@@ -56,9 +56,9 @@ class TableResults:
 
     Attributes:
         rows: one result each, with the columns `RESULTS`.
-        matrices: which bodies and students belong to each challenge.
-        name: tells these from other results of the same place in file names; empty for the first.
-        remark: of what runs they are, for readers.
+        matrices: bodies and students of each challenge.
+        name: part of file names that distinguishes results of the same place; empty for the first.
+        remark: sentence on the runs behind them.
     """
 
     rows: pd.DataFrame
@@ -71,7 +71,7 @@ def published_table_results(frame: pd.DataFrame | None = None) -> TableResults:
     """Returns published results, those of the paper by default.
 
     Args:
-        frame: in the columns of `published.paper_frame`.
+        frame: table with the columns of `paper_frame`.
     """
     frame = paper_frame() if frame is None else frame
     steps = " or ".join(amount(steps) for steps in sorted(frame["steps"].unique()))
@@ -87,8 +87,8 @@ def table_results(frames: Frames, step: int | None = None) -> list[TableResults]
     those that pool the paper's. Points of searches for hyper-parameters are left out.
 
     Args:
-        frames: of `load`.
-        step: at which runs are read; None for their ends.
+        frames: result of `load`.
+        step: step at which runs are read; None for their ends.
     """
     cells, values = without_searches(frames.cells), run_measures(frames, step)
     found: list[TableResults] = []
@@ -105,7 +105,7 @@ def results_of(frame: pd.DataFrame) -> pd.DataFrame:
     """Returns the columns `RESULTS` of pooled results or of published ones.
 
     Args:
-        frame: of `pooling.pooled`, some by embodiment or not, or of `published.paper_frame`.
+        frame: results of `pooling.pooled`, some by embodiment or not, or of `published.paper_frame`.
     """
     found = frame.rename(columns={"mastered_percent_mean": "mean", "mastered_percent_std": "std"})
     if "pool" in found:
@@ -133,7 +133,7 @@ def _tuples(sets: Sequence[set[str]], index: pd.Index[Any]) -> pd.Series:
 
 
 def _apart(frame: pd.DataFrame, step: int | None) -> Iterator[tuple[str, pd.DataFrame]]:
-    """Yields groups of results with the same settings, and what to say of each."""
+    """Yields groups of results with the same settings, each with a remark."""
     shipped = shipped_together(frame["environment"].unique())
     places = frame[["engine", "environment", "challenge"]].itertuples(index=False, name=None)
     own = [
@@ -205,10 +205,10 @@ def parkour(results: TableResults) -> Table:
 
 
 def hyperparameters(found: pd.DataFrame | None = None) -> Table:
-    """Returns what was searched of each teacher: values tried, the paper's choice, the best point found.
+    """Returns searched hyper-parameters: values tried, the paper's choice, the best point found.
 
     Args:
-        found: of `search.search_results`; None where nothing was searched.
+        found: result of `search_results`; None where nothing was searched.
     """
     found = pd.DataFrame(columns=POINTS) if found is None else found
     columns = {"values": "Values tried", "chosen": "The paper's choice", "found": "Best found"}
@@ -238,7 +238,7 @@ def hyperparameters(found: pd.DataFrame | None = None) -> Table:
 
 
 def knowledge_needs() -> Table:
-    """Returns what each teacher requires, can use and ignores of an expert's knowledge."""
+    """Returns the expert knowledge that each teacher requires, can use and ignores."""
     columns = {
         "initial_distribution": "Initial distribution",
         "target_distribution": "Target distribution",

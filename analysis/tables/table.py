@@ -18,14 +18,14 @@ class Cell:
     """One cell: the mean of a measure over runs, or words.
 
     Attributes:
-        n: runs behind the numbers.
-        mean: of them; NaN where the cell is empty.
+        n: number of runs.
+        mean: mean over runs; NaN where the cell is empty.
         std: standard deviation over them; NaN where there is none.
         digits: decimals of `mean` that count; a standard deviation has one.
-        words: what the cell says instead of numbers.
-        missing: why it is empty, or why it is not of all the runs that belong here; else empty.
-        doubt: why the number may be wrong; else empty.
-        best: whether no other number of its column is higher as shown.
+        words: text instead of numbers.
+        missing: reason why it is empty, or not of all the runs that belong here; else empty.
+        doubt: reason why the number may be wrong; else empty.
+        best: True if no other number of its column is higher as shown.
     """
 
     n: int = 0
@@ -39,12 +39,12 @@ class Cell:
 
     @property
     def has_number(self) -> bool:
-        """Whether there is a mean to show."""
+        """True if there is a mean to show."""
         return math.isfinite(self.mean)
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """What a reader must know about the cell."""
+        """Remarks on the cell."""
         doubt = f"doubtful: {self.doubt}" if self.doubt else ""
         return tuple(text for text in (self.missing, doubt) if text)
 
@@ -57,13 +57,13 @@ class Table:
     """A table of labelled rows and columns.
 
     Attributes:
-        name: what its file is called, without ending.
-        title: what it shows.
-        head: what the rows are.
+        name: name of its file, without ending.
+        title: content.
+        head: heading of the column of rows.
         rows: label of each row, by key, in order.
         columns: label of each column, by key, in order.
         cells: by key of row and column; where there is none, nothing was run.
-        remarks: what holds for the whole table.
+        remarks: remarks on the whole table.
     """
 
     name: str
@@ -119,7 +119,7 @@ DASH = "\N{EN DASH}"
 
 
 class TableFormat(StrEnum):
-    """What a table can be written as."""
+    """Formats of tables."""
 
     MARKDOWN = "markdown"
     LATEX = "latex"
@@ -145,7 +145,7 @@ def render(table: Table, kind: TableFormat) -> str:
 
 @dataclass(frozen=True)
 class _Marks:
-    """How a format writes what is not plain text."""
+    """Marks of a format for what is not plain text."""
 
     escape: Callable[[str], str]
     bold: Callable[[str], str]

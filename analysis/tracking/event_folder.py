@@ -73,7 +73,7 @@ class EventFile:
     tensorboardX's own `SummaryWriter` would need a thread and a queue for every file.
 
     Args:
-        folder: where it lies.
+        folder: folder of the file.
         number: tells it from other files of this folder that were opened in the same second.
     """
 
@@ -116,12 +116,12 @@ class _Run:
     """What has been written of a run.
 
     Attributes:
-        folder: of its event files.
+        folder: folder of its event files.
         counts: points written, by table.
-        files: what its manifest listed when they were read.
-        writer: of the file that grows, if one is open.
-        opened: how many files there were.
-        cleared: whether points were taken back since the last file was opened.
+        files: files of its manifest when they were read.
+        writer: writer of the growing file, if one is open.
+        opened: number of files so far.
+        cleared: True if points were withdrawn since the last file was opened.
     """
 
     folder: Path

@@ -40,8 +40,8 @@ class WandbProject:
         root: a folder, or an ``s3://`` or ``gs://`` address.
         project: name of the project.
         entity: user or team that has it; None for the one who is logged in.
-        folder: where the library writes, and what was sent is noted.
-        offline: whether the library only writes to `folder`, for ``wandb sync``.
+        folder: folder of the library's files, and of notes on points that were sent.
+        offline: True if the library only writes to `folder`, for ``wandb sync``.
 
     Raises:
         ResultsRootError: no results root at that place, or one of another version.

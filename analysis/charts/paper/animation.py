@@ -66,7 +66,7 @@ def _images(chart: Chart) -> Iterator[Image.Image]:
 
 
 def _palette(images: Sequence[Image.Image]) -> Image.Image:
-    """Returns the colours that all frames share, so that what does not move does not flicker."""
+    """Returns the colours that all frames share, so that still parts do not flicker."""
     few = [images[index] for index in spread(len(images), 5)]
     width, height = few[0].size
     sheet = Image.new("RGB", (width, height * len(few)))

@@ -215,7 +215,7 @@ def _step_unit(high: float) -> tuple[float, str]:
 
 
 def finish(figure: Figure, grid: Grid, chart: Chart) -> None:
-    """Adds what lies around the panels: scales of colours, legends, heading and note."""
+    """Adds colour bars, legends, heading and note around the panels."""
     for row, panels in zip(grid, chart.panels, strict=True):
         for axes, panel in zip(row, panels, strict=True):
             if axes is not None and panel.x.kind is Kind.STEPS:
@@ -245,14 +245,14 @@ def _in_unit(unit: float, step: float, _: int) -> str:
 
 
 def _handles(chart: Chart) -> list[Line2D]:
-    """Returns the entries of the legend: of named lines, each once, and of what marks mean."""
+    """Returns the entries of the legend: named marks, each once, and keys."""
     marks = {mark.name: mark for panel in chart.all_panels for mark in panel.marks if mark.name}
     lines = [] if chart.legend is Legend.BESIDE else [line_handle(mark) for mark in marks.values()]
     return [*lines, *map(mark_handle, chart.keys)]
 
 
 def _colour_bars(figure: Figure, grid: Grid, chart: Chart) -> None:
-    """Draws the scale of colours once if all rows have the same, else beside each row that has one."""
+    """Draws the scale of colours once if all rows have the same, else next to each row that has one."""
     found = [
         next((c for panel in row if panel for c in map(_colours, panel.marks) if c), None)
         for row in chart.panels

@@ -163,7 +163,7 @@ class RadarAxes:
             self._axes.annotate("\N{DAGGER}", place, xytext=(3, 2), gid="doubt", **style)
 
     def _draw_stars(self) -> None:
-        """Draws stars in short rows beside the name of their axis, in their order."""
+        """Draws stars in short rows next to the name of their axis, in their order."""
         for axis, name in enumerate(self._radar.axes):
             mine: list[Star] = [star for star in self._radar.stars if star.axis == axis]
             anchor, align, up = self._place(axis)

@@ -89,8 +89,8 @@ def save(figure: Figure, path: str | Path, vector: Vector = Vector.PDF) -> tuple
     """Writes `figure` as a vector file and as a PNG file; the same figure gives the same bytes.
 
     Args:
-        figure: what to write.
-        path: of both files, without their endings; folders above it are made.
+        figure: figure to write.
+        path: path of both files, without their endings; folders above it are made.
         vector: format of the vector file.
 
     Returns:
@@ -128,9 +128,9 @@ class Picture:
 
     Attributes:
         name: file name without its ending.
-        png: the file.
-        title: what it is, in a few words.
-        caption: what is shown, of how many seeds.
+        png: content of the file.
+        title: content in a few words.
+        caption: content and number of seeds.
         width: its natural width on the page, CSS pixels.
     """
 
@@ -147,5 +147,5 @@ class Picture:
 
     @property
     def wide(self) -> bool:
-        """Whether it needs the full width of the page."""
+        """True if it needs the full width of the page."""
         return self.width > 600
