@@ -54,11 +54,13 @@ class Node:
         name: host name.
         address: IPv4 address on the bridge.
         folder: what it has written, on this machine.
+        public: second address, if it has one.
     """
 
     name: str
     address: str
     folder: Path
+    public: str = ""
     _process: subprocess.Popen[bytes] | None = None
     _init: int = 0
 
@@ -72,10 +74,10 @@ class Node:
         self.folder.mkdir(exist_ok=True)
         enter = ["nsenter", f"--target={switch}", "--net", "--mount", "--pid"]
         apart = ["unshare", "--net", "--mount", "--pid", "--uts", "--ipc", "--fork", "--kill-child"]
-        script = ["bash", str(Path(__file__).with_name("node.sh"))]
+        script = ["bash", str(Path(__file__).with_name("node.sh")), str(self.folder), self.name]
         with (self.folder / "console.log").open("ab") as log:
             self._process = subprocess.Popen(
-                [*enter, *apart, *script, str(self.folder), self.name, self.address, *paths],
+                [*enter, *apart, *script, f"{self.address} {self.public}", *paths],
                 env={"PATH": SEARCHED}, stdin=subprocess.DEVNULL, stdout=log, stderr=log,
             )  # fmt: skip
         deadline = time.monotonic() + 60
@@ -194,6 +196,11 @@ class Bed:
         for node in nodes:
             node.start(self._switch, self._paths)
         return nodes
+
+    def add(self, name: str, address: str, public: str) -> Node:
+        """Powers a node on that is new, with two addresses; returns it."""
+        self.nodes[name] = Node(name, address, self.shared.parent / name, public)
+        return self.on(name)[0]
 
     def close(self) -> None:
         """Ends all nodes with all that belongs to them."""

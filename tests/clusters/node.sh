@@ -1,12 +1,13 @@
 #!/bin/bash
 # The first process of a node of the bed: makes its file system, network and user, and becomes its sshd.
 #
-#     node.sh FOLDER NAME ADDRESS [KIND:PATH ...]
+#     node.sh FOLDER NAME "ADDRESS [PUBLIC ADDRESS]" [KIND:PATH ...]
 #
 # FOLDER keeps what the node writes. Each PATH is seen where this machine has it: "read" as it is, "own" with
 # changes that stay the node's. What else the node sees is this machine's system, with changes of its own.
 set -euo pipefail
-folder=$1 name=$2 address=$3
+folder=$1 name=$2
+read -r address public <<<"$3"
 shift 3
 root=$folder/root
 mkdir -p "$root"
@@ -54,7 +55,9 @@ nsenter --net=/proc/1/ns/net ip link set "$name" master bridge up
 # The same one after a restart: neighbours remember it for a minute.
 ip link set eth0 address "$(printf '02:00:%02x:%02x:%02x:%02x' ${address//./ })"
 ip address add "$address/24" dev eth0
+[[ -z $public ]] || ip address add "$public/32" dev eth0
 ip link set eth0 up
+ip route add default dev eth0 # everybody is on the bridge
 ip link set lo up
 hostname "$name"
 
@@ -64,6 +67,7 @@ umount -l .
 cd /
 echo "$name" >/etc/hostname
 cp /shared/.bed/hosts /etc/hosts
+grep -q " $name\$" /etc/hosts || echo "$address $name" >>/etc/hosts
 rm -f /etc/nologin
 id ubuntu &>/dev/null || useradd --create-home --shell /bin/bash --password '*' ubuntu
 for home in /root /home/ubuntu; do

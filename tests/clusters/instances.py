@@ -1,0 +1,85 @@
+"""Machines of a bed for the instances that somebody starts at a server which answers as AWS."""
+
+from __future__ import annotations
+
+import json
+import threading
+from typing import Any
+
+from bed import USER, VENV, Bed, Node
+from checkout import PACKAGES, lend_environment
+from object_store import ObjectStore
+
+WATCH = """
+import json, time
+import boto3
+
+while True:
+    found = []
+    for reservation in boto3.client("ec2").describe_instances()["Reservations"]:
+        found += reservation["Instances"]
+    print(json.dumps(found, default=str), flush=True)
+    time.sleep(2)
+"""
+
+
+class Instances:
+    """Starts a node for each new instance, with its addresses, and powers those off that were terminated.
+
+    Args:
+        bed: of the nodes.
+        laptop: node with the key that the launcher made.
+        store: server of AWS.
+
+    Attributes:
+        seen: what the server last said of each instance, by its id.
+    """
+
+    def __init__(self, bed: Bed, laptop: Node, store: ObjectStore) -> None:
+        self._bed, self._laptop, self._store = bed, laptop, store
+        self.seen: dict[str, dict[str, Any]] = {}
+        self._nodes: dict[str, Node] = {}
+        laptop.write("/tmp/watch.py", WATCH)
+        self._process = laptop.start_process(f"{VENV}/bin/python /tmp/watch.py 2> watch.log")
+        self._thread = threading.Thread(target=self._watch, daemon=True)
+        self._thread.start()
+
+    def close(self) -> None:
+        """Ends the watch; nodes stay as they are."""
+        self._process.kill()
+        self._process.wait()
+
+    def of_kind(self, kind: str) -> list[dict[str, Any]]:
+        """Returns the instances that the launcher has tagged as "head" or "worker"."""
+        return [each for each in self.seen.values() if tags(each).get("ray-node-type") == kind]
+
+    def _watch(self) -> None:
+        assert self._process.stdout is not None
+        for line in self._process.stdout:
+            for instance in json.loads(line):
+                name, state = instance["InstanceId"], instance["State"]["Name"]
+                self.seen[name] = instance
+                if state == "running" and name not in self._nodes:
+                    self._nodes[name] = self._start(instance)
+                elif state in ("terminated", "shutting-down") and name in self._nodes:
+                    self._nodes.pop(name).power_off()
+
+    def _start(self, instance: dict[str, Any]) -> Node:
+        node = self._bed.add(
+            instance["InstanceId"], instance["PrivateIpAddress"], instance["PublicIpAddress"]
+        )
+        lend_environment(node)
+        self._store.make_known(node)
+        # Without a network there is nothing to fetch, and what is asked for is there.
+        node.write("/usr/local/bin/apt-get", "#!/bin/sh\n")
+        node.run("chmod 755 /usr/local/bin/apt-get", user="root")
+        if tags(instance).get("ray-node-type") == "head":
+            node.run(f"rm -rf {PACKAGES}/torch {PACKAGES}/torch-*", user="root")
+        public = self._laptop.run("for key in ~/.ssh/*.pem; do ssh-keygen -y -f $key; done")
+        node.run(f"echo '{public.strip()}' >> ~{USER}/.ssh/authorized_keys", user="root")
+        return node
+
+
+def tags(instance: dict[str, Any]) -> dict[str, str]:
+    """Returns the tags of an instance."""
+    return {tag["Key"]: tag["Value"] for tag in instance.get("Tags", ())}
