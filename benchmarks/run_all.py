@@ -24,6 +24,7 @@ SMALLEST = {
     "actor_overhead": "--students ppo --steps 200 --episodes 5 --repeats 1",
     "checkpoints": "--transitions 100 --more 10",
     "scheduler": "--runs 2 --processes 1",
+    "cluster_scale": "--runs 4",
     "analysis_scale": "--root build/smallest_benchmark --seeds 1 --steps 500000",
     "analysis_commands": "--root build/smallest_separate --seeds 1 --steps 500000",
 }

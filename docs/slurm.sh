@@ -60,7 +60,7 @@ leave() {
     kill -TERM "${steps[@]}" 2>/dev/null || true
     wait "${steps[@]}" 2>/dev/null || true
     "${step[@]}" "--nodes=$SLURM_JOB_NUM_NODES" "--ntasks=$SLURM_JOB_NUM_NODES" rm -rf "$place" || true
-    if [[ $1 == 130 && $again == yes ]]; then
+    if [[ $again == yes && ! $1 =~ ^[012]$ ]]; then # not done, failed or refused, however it left
         scontrol requeue "$SLURM_JOB_ID"
     fi
     exit "$1"

@@ -29,6 +29,9 @@ VENV = Path(sys.prefix).resolve()
 
 PROGRAMS = ("ip", "nsenter", "pivot_root", "rsync", "setpriv", "sshd", "tmux", "unshare")
 
+KERNELS = Path("/var/tmp/clusters-kernels")
+"""Compiled kernels, of all beds that there were: on several nodes of a busy machine they take minutes."""
+
 NETWORK = "10.77.0"
 """First three numbers of the addresses, which no other namespace sees."""
 
@@ -110,7 +113,7 @@ class Node:
         command: str,
         *,
         user: str = USER,
-        timeout: float = 600,
+        timeout: float = 1800,
         code: int | None = 0,
         shown: bool = True,
     ) -> str:
@@ -212,7 +215,9 @@ class Bed:
 def bed_of(*names: str) -> Iterator[Bed]:
     """A bed whose nodes have this checkout and its virtual environment, with changes of their own."""
     folder = Path(tempfile.mkdtemp(prefix="clusters-", dir="/var/tmp"))
-    paths = [f"read:{sys.base_prefix}", f"read:{REPOSITORY}", f"own:{VENV}"]
+    KERNELS.mkdir(exist_ok=True)
+    KERNELS.chmod(0o1777)
+    paths = [f"read:{sys.base_prefix}", f"read:{REPOSITORY}", f"own:{VENV}", f"write:{KERNELS}"]
     bed = Bed(folder, names, paths)
     try:
         yield bed

@@ -6,7 +6,7 @@ import shutil
 import sys
 from pathlib import Path
 
-from bed import REPOSITORY, USER, VENV, Node
+from bed import KERNELS, REPOSITORY, USER, VENV, Node
 
 PACKAGES = VENV / "lib" / f"python{sys.version_info.major}.{sys.version_info.minor}" / "site-packages"
 
@@ -32,12 +32,11 @@ def lend_environment(node: Node) -> None:
     """Lets the node's user change the virtual environment, as its own, and find it in ``~/venv``.
 
     What the cluster's files install is there, in the same versions: no package index is needed. Kernels are
-    compiled once for all nodes.
+    compiled once for all beds.
     """
     node.run(
         f"chown -R {USER}: {VENV}/bin {PACKAGES}/*tma_ray*; chown {USER}: {PACKAGES}; "
         f"ln -sfn {VENV} ~{USER}/venv; "
-        "install -d -m 1777 /shared/kernels; "
-        "echo 'export NUMBA_CACHE_DIR=/shared/kernels PYTHONDONTWRITEBYTECODE=1' > /etc/profile.d/kernels.sh",
+        f"echo 'export NUMBA_CACHE_DIR={KERNELS} PYTHONDONTWRITEBYTECODE=1' > /etc/profile.d/kernels.sh",
         user="root",
     )

@@ -35,6 +35,6 @@ class Laptop:
         """Starts a command in the checkout; see `Node.start_process`."""
         return self._node.start_process(ACTIVE + command)
 
-    def run(self, command: str, *, timeout: float = 600, code: int | None = 0, shown: bool = True) -> str:
+    def run(self, command: str, *, timeout: float = 1800, code: int | None = 0, shown: bool = True) -> str:
         """Runs a command in the checkout, whose virtual environment is active; see `Node.run`."""
         return self._node.run(ACTIVE + command, timeout=timeout, code=code, shown=shown)

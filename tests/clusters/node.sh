@@ -3,8 +3,8 @@
 #
 #     node.sh FOLDER NAME "ADDRESS [PUBLIC ADDRESS]" [KIND:PATH ...]
 #
-# FOLDER keeps what the node writes. Each PATH is seen where this machine has it: "read" as it is, "own" with
-# changes that stay the node's. What else the node sees is this machine's system, with changes of its own.
+# FOLDER keeps what the node writes. Each PATH is seen where this machine has it: "read" as it is, "write" to be
+# changed, "own" with changes that stay the node's. What else the node sees is this machine's system, with changes of its own.
 set -euo pipefail
 folder=$1 name=$2
 read -r address public <<<"$3"
@@ -30,6 +30,7 @@ for each in "$@"; do
     mkdir -p "$root$path"
     case $each in
         own:*) own "$path" ;;
+        write:*) mount --bind "$path" "$root$path" ;;
         read:*) mount --bind "$path" "$root$path" && mount -o remount,bind,ro "$root$path" ;;
     esac
 done

@@ -14,6 +14,8 @@ from launcher import Laptop
 from object_store import BUCKET, ObjectStore
 from small_runs import data_files
 
+SHORT = CAMPAIGN.replace("--steps 20000", "--steps 8000")
+
 ACCOUNT = """
 import boto3
 
@@ -48,10 +50,10 @@ def test_the_head_starts_a_spot_worker_for_waiting_runs_and_down_ends_both(bed: 
     laptop.write(
         "cluster.yaml", text.replace("ami-00000000000000000", image).replace("sg-00000000000000000", group)
     )
-    laptop.run(f"python {CAMPAIGN} --local --results /shared/undisturbed")
+    laptop.run(f"python {SHORT} --local --results /shared/undisturbed")
 
     instances = Instances(bed, node, store)
-    laptop.run("ray up --yes cluster.yaml", timeout=900)
+    laptop.run("ray up --yes cluster.yaml")
     (head,) = instances.of_kind("head")
     assert head["InstanceType"] == "m7i.large"
     assert head["IamInstanceProfile"]["Arn"].endswith("/tma-ray-head")
@@ -59,7 +61,7 @@ def test_the_head_starts_a_spot_worker_for_waiting_runs_and_down_ends_both(bed: 
 
     results = f"s3://{BUCKET}/results"
     flags = f"--address auto --autoscaling --yes --results {results}"
-    output = laptop.run(f"ray submit cluster.yaml {CAMPAIGN} {flags}", timeout=1500)
+    output = laptop.run(f"ray submit cluster.yaml {SHORT} {flags}")
     assert "4/4 runs done" in output
     assert re.search("to which the cluster may grow", output.replace("\r\n", ""))
     (worker,) = instances.of_kind("worker")
