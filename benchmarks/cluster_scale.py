@@ -9,8 +9,10 @@ published and finished, and writes its evaluations.
 
 from __future__ import annotations
 
+import argparse
 import io
 import json
+import math
 import tempfile
 import time
 from dataclasses import replace
@@ -28,7 +30,6 @@ from tma_ray.campaign import scheduler
 from tma_ray.campaign.cluster.base import Head
 from tma_ray.campaign.cluster.joined import connect
 from tma_ray.campaign.progress import ProgressView, Snapshot
-from tma_ray.command_line import Parser
 from tma_ray.results import Committer, PartFile, RunWriter, Store, Table
 from tma_ray.runs import Cell, RunSpec, Schedule, effective_spec
 from tma_ray.tasks import KnowledgeLevel
@@ -101,7 +102,7 @@ class Driver:
         self._process = psutil.Process()
 
     def execute(
-        self, runs: list[RunSpec], last: int, done_before: int = 0
+        self, runs: list[RunSpec], last: float = math.inf, done_before: int = 0
     ) -> tuple[Snapshot, dict[str, float]]:
         """Executes runs until `last` of them have been started; returns how it ended and what it took."""
         memory: list[tuple[int, int]] = []
@@ -112,7 +113,7 @@ class Driver:
             nonlocal first
             launched = Substitute.launched - before
             first = first or (time.perf_counter() - start if launched else 0.0)
-            if (not memory and launched >= WARM) or (len(memory) == 1 and launched >= last):
+            if not memory and launched >= WARM:
                 memory.append((launched, self._process.memory_info().rss))
             return launched >= last
 
@@ -150,7 +151,7 @@ def measure(count: int, root: str) -> dict[str, Any]:
             mock.patch.object(scheduler, "ray", RayWithoutDeath()),
         ):
             half, first = driver.execute(runs, count // 2)
-            ended, second = driver.execute(runs, count, half.done)
+            ended, second = driver.execute(runs, done_before=half.done)
         assert ended.done == count, ended
         return {"places": RAYLETS * PLACES, "first_half": first, "resumed": second}
     finally:
@@ -160,7 +161,7 @@ def measure(count: int, root: str) -> dict[str, Any]:
 
 def main() -> None:
     """Measures a campaign."""
-    parser = Parser(description=__doc__)
+    parser = argparse.ArgumentParser(allow_abbrev=False, description=__doc__)
     parser.add_argument("--runs", type=int, default=2000, help="of the campaign (%(default)s)")
     parser.add_argument("--output", type=Path)
     options = parser.parse_args()

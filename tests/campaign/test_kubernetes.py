@@ -16,6 +16,7 @@ from test_cluster_yaml import CONFIG, locked
 import tma_ray
 from tma_ray import cli
 from tma_ray.campaign.settings import GIB, Resources
+from tma_ray.command_line import read
 
 DEPLOY = Path(__file__).parents[2] / "deploy"
 CLAIM, MANIFEST = yaml.safe_load_all((DEPLOY / "kuberay.yaml").read_text())
@@ -64,7 +65,8 @@ def test_the_entry_point_is_a_command_that_may_be_repeated() -> None:
     found = re.search(r"python experiments/(\w+)\.py (.*)'", MANIFEST["spec"]["entrypoint"])
     assert found is not None
     assert (DEPLOY.parent / "experiments" / f"{found[1]}.py").is_file()
-    options = cli._parser().parse_args([found[1], *found[2].split()])
+    call = read(cli.app(), [found[1], *found[2].split()])
+    options = call.keywords["options"]
     assert (options.address, options.autoscaling, options.yes) == ("auto", True, True)
     assert options.results.startswith("/results/")
     assert MANIFEST["spec"]["backoffLimit"] > 0

@@ -76,7 +76,7 @@ def wait_for_workers(laptop: Laptop, count: int) -> None:
         there, _, _ = laptop.run(f"ray exec {FILE} 'ray status'", shown=False).partition("Pending:")
         return sum(int(number) for number in re.findall(r"^ (\d+) local\.cluster\.node", there, re.MULTILINE))
 
-    wait_until(lambda: nodes() == 1 + count, 600)
+    wait_until(lambda: nodes() == 1 + count, 1200)
 
 
 def trains(node: Node) -> bool:
