@@ -156,7 +156,7 @@ def measure(count: int, root: str) -> dict[str, Any]:
         return {"places": RAYLETS * PLACES, "first_half": first, "resumed": second}
     finally:
         ray.shutdown()
-        cluster.shutdown()
+        cluster.shutdown()  # type: ignore[no-untyped-call]
 
 
 def main() -> None:

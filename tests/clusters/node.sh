@@ -51,8 +51,8 @@ ln -s pts/ptmx "$root/dev/ptmx"
 ln -s /proc/self/fd "$root/dev/fd"
 
 # /proc is still that of the switch, whose first process is 1.
-ip link add eth0 type veth peer name "$name" netns /proc/1/ns/net
-nsenter --net=/proc/1/ns/net ip link set "$name" master bridge up
+ip link add eth0 type veth peer name "${name:0:15}" netns /proc/1/ns/net
+nsenter --net=/proc/1/ns/net ip link set "${name:0:15}" master bridge up
 # The same one after a restart: neighbours remember it for a minute.
 ip link set eth0 address "$(printf '02:00:%02x:%02x:%02x:%02x' ${address//./ })"
 ip address add "$address/24" dev eth0

@@ -50,7 +50,6 @@ def test_the_head_starts_a_spot_worker_for_waiting_runs_and_down_ends_both(bed: 
     laptop.write(
         "cluster.yaml", text.replace("ami-00000000000000000", image).replace("sg-00000000000000000", group)
     )
-    laptop.run(f"python {SHORT} --local --results /shared/undisturbed")
 
     instances = Instances(bed, node, store)
     laptop.run("ray up --yes cluster.yaml")
@@ -67,6 +66,7 @@ def test_the_head_starts_a_spot_worker_for_waiting_runs_and_down_ends_both(bed: 
     (worker,) = instances.of_kind("worker")
     assert worker["InstanceType"] == "c7i.4xlarge"
     assert worker["IamInstanceProfile"]["Arn"].endswith("/tma-ray-worker")
+    laptop.run(f"python {SHORT} --local --results /shared/undisturbed")
     assert store.data_files("results") == data_files(bed.shared / "undisturbed")
 
     laptop.run("ray down --yes cluster.yaml")
