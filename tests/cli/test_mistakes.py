@@ -68,18 +68,16 @@ def places(root: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Mappi
     monkeypatch.setattr(estimation, "measured_speeds", lambda kinds, *_: dict.fromkeys(kinds, MEASURED))
     monkeypatch.setattr(single, "run_locally", lambda *_: AttemptOutcome.DONE)
     monkeypatch.setattr(execution, "execute_plan", _checked_plan)
-    for name in ("empty", "foreign", "source", "home", "checkout/.git", "busy/tmp"):
+    for name in ("empty", "foreign", "home", "checkout/.git", "busy/tmp"):
         (tmp_path / name).mkdir(parents=True)
     (tmp_path / "file").write_text("a,b\n1,2\n")
     (tmp_path / "foreign" / "precious.txt").write_text("not ours\n")
-    (tmp_path / "source" / "tasks.csv").write_text("0,6\n1.5,3\n")
     (tmp_path / "loop").symlink_to(tmp_path / "loop")
     named = {
         name: tmp_path / name
         for name in (
             "empty",
             "foreign",
-            "source",
             "file",
             "loop",
             "missing",
