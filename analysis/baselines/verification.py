@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Collection, Iterator
 from dataclasses import dataclass
-from pathlib import Path, PurePosixPath
+from pathlib import Path
 from typing import Final
 
 import pyarrow as pa
@@ -33,7 +33,7 @@ from tma_ray.results import (
     verify_root,
 )
 
-ENDINGS: Final = (".json", ".parquet", ".safetensors", ".md")
+ENDINGS: Final = (".json", ".parquet", ".safetensors", ".md", ".jsonl.gz")
 """What files of a baseline are, beside the inputs of its runs: nothing that runs when it is read."""
 
 
@@ -80,7 +80,7 @@ def _damaged_files(store: Store, baseline: Baseline) -> Iterator[Damage]:
     for path in sorted(set(store.files()) - set(files) - {BASELINE_FILE} - FOREIGN_FILES):
         yield Damage(path, "it is not of this baseline")
     for file in files.values():
-        if PurePosixPath(file.path).suffix not in ENDINGS and not file.path.startswith(f"{INPUTS}/"):
+        if not file.path.endswith(ENDINGS) and not file.path.startswith(f"{INPUTS}/"):
             yield Damage(file.path, "a baseline does not hold files of this kind")
         try:
             read_checked(store, file.path, file.sha256)

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import gzip
 import hashlib
+import io
 import json
-from collections.abc import Iterable, Mapping, Sequence
+import zlib
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from typing import Any, Final, Self
 
@@ -12,8 +15,17 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.compute as pc
 
-from tma_ray.decoding import INT64_MAX, DamagedFileError, Natural, Sha256, SmallNatural, decode_json
-from tma_ray.results.layout import TABLES, check_path, manifest_path, staging_folder, table_path
+from tma_ray.decoding import (
+    INT64_MAX,
+    MOST_BYTES,
+    DamagedFileError,
+    Natural,
+    Sha256,
+    SmallNatural,
+    check_size,
+    decode_json,
+)
+from tma_ray.results.layout import INDEX_FILE, TABLES, check_path, manifest_path, staging_folder, table_path
 from tma_ray.results.parquet import decode, decode_rows, unreadable_rows
 from tma_ray.results.records import RunRecord, RunStatus, check_spec
 from tma_ray.results.schema import Table
@@ -100,10 +112,13 @@ class Manifest:
     files: tuple[PartFile, ...] = ()
     error: str | None = None
 
+    def to_json(self) -> dict[str, Any]:
+        """Returns the fields as JSON values."""
+        return asdict(self) | {"files": [file.to_json() for file in self.files]}
+
     def to_bytes(self) -> bytes:
         """Returns the content of the manifest file."""
-        content = asdict(self) | {"files": [file.to_json() for file in self.files]}
-        return json.dumps(content, indent=1).encode()
+        return json.dumps(self.to_json(), indent=1).encode()
 
     @staticmethod
     def load(store: Store, run_id: str) -> Manifest:
@@ -113,7 +128,15 @@ class Manifest:
             FileNotFoundError: the run has published nothing.
             DamagedFileError: as `load_manifest` does.
         """
-        return load_manifest(store, manifest_path(run_id))
+        try:
+            return load_manifest(store, manifest_path(run_id))
+        except FileNotFoundError:
+            for _, found in read_index(store, f'"run_id": "{run_id}"'):
+                if isinstance(found, Exception):
+                    raise found from None
+                if found.run.run_id == run_id:
+                    return found
+            raise
 
     def check(self, run_id: str) -> None:
         """Refuses a manifest that cannot be that of `run_id`.
@@ -156,6 +179,51 @@ def load_manifest(store: Store, path: str) -> Manifest:
     except ValueError as error:
         raise DamagedFileError(f"{store.where(path)} is damaged: {error}") from error
     return manifest
+
+
+def write_index(store: Store, manifests: Iterable[Manifest]) -> None:
+    """Writes the manifests of a root that is complete as one file, one JSON object a line, by run id."""
+    ordered = sorted(manifests, key=lambda manifest: manifest.run.run_id)
+    lines = (json.dumps(manifest.to_json(), ensure_ascii=False) for manifest in ordered)
+    text = "".join(f"{line}\n" for line in lines)
+    store.write_bytes(INDEX_FILE, gzip.compress(text.encode(), mtime=0))
+
+
+def read_index(store: Store, text: str = "") -> Iterator[tuple[str, Manifest | Exception]]:
+    """Yields name and manifest of each line of a root's index that contains `text`, nothing if it has none.
+
+    A line that is damaged gives its error instead, and so does an index that cannot be read.
+    """
+    try:
+        lines = _index_lines(store)
+    except FileNotFoundError:
+        return
+    except (OSError, DamagedFileError) as error:
+        yield INDEX_FILE, error
+        return
+    for number, line in enumerate(lines, start=1):
+        if text.encode() in line:
+            name = f"{INDEX_FILE} line {number}"
+            try:
+                manifest = decode_json(line, Manifest, store.where(name))
+                manifest.check(manifest.run.run_id)
+            except DamagedFileError as error:
+                yield name, error
+            except ValueError as error:
+                yield name, DamagedFileError(f"{store.where(name)} is damaged: {error}")
+            else:
+                yield name, manifest
+
+
+def _index_lines(store: Store) -> list[bytes]:
+    data = store.read_bytes(INDEX_FILE)
+    try:
+        with gzip.GzipFile(fileobj=io.BytesIO(data)) as file:
+            content = file.read(MOST_BYTES + 1)
+    except (OSError, EOFError, zlib.error) as error:
+        raise DamagedFileError(f"{store.where(INDEX_FILE)} is damaged: {error}") from error
+    check_size(store.where(INDEX_FILE), len(content), MOST_BYTES)
+    return content.splitlines()
 
 
 UNREADABLE: Final = (OSError, pa.ArrowException, DamagedFileError)

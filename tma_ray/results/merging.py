@@ -28,7 +28,7 @@ from tma_ray.results.layout import (
     table_path,
 )
 from tma_ray.results.lease import Lease
-from tma_ray.results.manifest import UNREADABLE, Manifest, PartFile
+from tma_ray.results.manifest import UNREADABLE, Manifest, PartFile, write_index
 from tma_ray.results.parquet import decode, decode_rows, encode, encode_together, same_rows
 from tma_ray.results.reader import Results
 from tma_ray.results.records import RunStatus
@@ -284,9 +284,9 @@ def copy_merged(results: Results, target: Store, contents: Contents = WHOLE) -> 
     sound, damaged = sound_runs(results, contents)
     ours = pa.array([manifest.run.run_id for manifest in sound], pa.string())
     create_root(target)
+    packed: list[Manifest] = []
     for name, manifests in grouped(sound, experiments_of(results)).items():
-        for manifest in pack(results, manifests, target, name, lambda: None, contents):
-            target.write_bytes(manifest_path(manifest.run.run_id), manifest.to_bytes())
+        packed += pack(results, manifests, target, name, lambda: None, contents)
     for path in results.store.files(f"{TABLES}/{Table.CELLS}"):
         try:
             cells = decode(Table.CELLS, results.store.read_bytes(path))
@@ -297,6 +297,7 @@ def copy_merged(results: Results, target: Store, contents: Contents = WHOLE) -> 
                 cells = cells.filter(pc.is_in(cells["run_id"].cast(pa.string()), ours))
             target.write_bytes(path, encode(Table.CELLS, cells))
     left_out = copy_beside(results, target, sound, contents)
+    write_index(target, packed)
     return Copy(left_out, tuple(dict.fromkeys([*results.problems, *damaged])))
 
 
@@ -477,7 +478,7 @@ class Shard:
 def add_shard(results: Results, target: Store, name: str, contents: Contents = LEAN) -> Shard:
     """Adds to a root those runs of another that are done and that it lacks, with their cells.
 
-    No file that is there is changed: each table gets one file called `name`, each run its manifest.
+    No table that is there is changed: each gets one file called `name`, and the index a line for each run.
 
     Args:
         results: the root of the batch, which may have begun with the runs of `target`.
@@ -498,13 +499,12 @@ def add_shard(results: Results, target: Store, name: str, contents: Contents = L
     sound, damaged = sound_runs(results, contents)
     new = [manifest for manifest in sound if manifest.run.run_id not in known]
     cells = _new_cells(results, before, known | {manifest.run.run_id for manifest in new})
-    if new:
-        for manifest in pack(results, new, target, name, lambda: None, contents):
-            target.write_bytes(manifest_path(manifest.run.run_id), manifest.to_bytes())
+    packed = pack(results, new, target, name, lambda: None, contents) if new else []
     if cells:
         rows = to_arrow(Table.CELLS, SCHEMAS[Table.CELLS], cells)
         target.write_bytes(table_path(Table.CELLS, name), encode(Table.CELLS, rows))
     unsafe = copy_beside(results, target, new, contents)
+    write_index(target, (*before.runs(), *packed))
     return Shard(len(new), len(cells), unsafe, tuple(dict.fromkeys([*results.problems, *damaged])))
 
 
@@ -534,7 +534,7 @@ def start_from(store: Store, source: Store) -> int:
             lease.keep()
             _copy_file(source, store, path)
         for manifest in new:  # last: a run is there when its manifest is
-            _copy_file(source, store, manifest_path(manifest.run.run_id))
+            store.write_bytes(manifest_path(manifest.run.run_id), manifest.to_bytes())
     return len(new)
 
 

@@ -22,6 +22,7 @@ from tma_ray.results.manifest import (
     PartFile,
     by_appearance,
     load_manifest,
+    read_index,
     read_slice,
     read_slices,
     shared_by_path,
@@ -85,7 +86,9 @@ class Results:
         new = [path for path, stamp in stamps.items() if (path, stamp) not in known]
         read = dict(zip(new, self._map(self._load, new, self._threads()), strict=True))
         found = {key: known[key] if key in known else read[key[0]] for key in stamps.items()}
-        self._manifests = tuple(manifest for manifest in found.values() if manifest is not None)
+        indexed = self._indexed({PurePosixPath(path).stem for path in stamps})
+        own = (manifest for manifest in found.values() if manifest is not None)
+        self._manifests = tuple(sorted((*own, *indexed), key=lambda each: manifest_path(each.run.run_id)))
         lost = lost_manifests(store, self._manifests, {PurePosixPath(path).stem for path in stamps})
         self._map(lambda path: self._report(path, lost[path]), list(lost), 1)
         self._places = {manifest.run.run_id: place for place, manifest in enumerate(self._manifests)}
@@ -212,11 +215,7 @@ class Results:
             try:
                 found.append(self._file_slice(file, columns, shared))
             except UNREADABLE as error:
-                fresh = (
-                    self._load(manifest_path(manifest.run.run_id))
-                    if isinstance(error, FileNotFoundError)
-                    else None
-                )
+                fresh = self._newer(manifest) if isinstance(error, FileNotFoundError) else None
                 # Parts go when a run ends, and files when they are merged.
                 if fresh is not None and fresh.files != manifest.files:
                     return self._run_rows(fresh, table, columns, {})
@@ -235,6 +234,21 @@ class Results:
 
     def _load(self, path: str) -> Manifest | None:
         return self._tried(path, lambda: load_manifest(self.store, path))
+
+    def _newer(self, manifest: Manifest) -> Manifest | None:
+        run_id = manifest.run.run_id
+        return self._tried(manifest_path(run_id), lambda: Manifest.load(self.store, run_id))
+
+    def _indexed(self, own: set[str]) -> list[Manifest]:
+        """Returns the manifests of the index of runs that have no manifest of their `own`."""
+        known, manifests = len(self.problems), []
+        for name, found in read_index(self.store):
+            if isinstance(found, Exception):
+                self._report(name, found)
+            elif found.run.run_id not in own:
+                manifests.append(found)
+        self._warn(known)
+        return manifests
 
     def _tried(self, path: str, read: Callable[[], T]) -> T | None:
         try:
@@ -261,9 +275,13 @@ class Results:
         else:
             with ThreadPoolExecutor(threads) as executor:
                 found = list(executor.map(function, items))
-        for problem in self.problems[known:]:
-            warnings.warn(problem, DamagedFileWarning, stacklevel=4)
+        self._warn(known)
         return found
+
+    def _warn(self, known: int) -> None:
+        """Warns of the problems after the first `known` ones."""
+        for problem in self.problems[known:]:
+            warnings.warn(problem, DamagedFileWarning, stacklevel=5)
 
 
 def _repeated(run_ids: Sequence[str], counts: Sequence[int]) -> pa.Array:

@@ -27,7 +27,15 @@ from tma_ray.results.layout import (
     manifest_path,
     policy_folder,
 )
-from tma_ray.results.manifest import UNREADABLE, Manifest, PartFile, damaged_rows, is_hit, load_manifest
+from tma_ray.results.manifest import (
+    UNREADABLE,
+    Manifest,
+    PartFile,
+    damaged_rows,
+    is_hit,
+    load_manifest,
+    read_index,
+)
 from tma_ray.results.parquet import decode, opened
 from tma_ray.results.records import RunStatus
 from tma_ray.results.schema import DATA_TABLES, SCHEMAS, Table
@@ -251,6 +259,12 @@ def _manifests(store: Store) -> tuple[list[Manifest], list[Damage]]:
             found.append(load_manifest(store, path))
         except UNREADABLE as error:
             damage.append(Damage(path, damage_reason(error, store.where(path))))
+    own = {PurePosixPath(path).stem for path in store.files(MANIFESTS)}
+    for name, each in read_index(store):
+        if isinstance(each, Exception):
+            damage.append(Damage(name, damage_reason(each, store.where(name))))
+        elif each.run.run_id not in own:
+            found.append(each)
     return found, damage
 
 
