@@ -77,7 +77,7 @@ def test_a_release_has_one_file_per_table_and_experiment_and_nothing_that_runs(r
         "tables/episodes/again.parquet",
         "tables/episodes/original.parquet",
     ]
-    assert {Path(name).suffix for name in files} == {".json", ".md", ".parquet", ".safetensors"}
+    assert {Path(name).suffix for name in files} == {".gz", ".json", ".md", ".parquet", ".safetensors"}
     assert sum(name.endswith(".safetensors") for name in files) == 6
     assert not [name for name in files if name.startswith(("staging", "checkpoints", "tmp", "lease"))]
 
