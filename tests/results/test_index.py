@@ -60,8 +60,9 @@ def test_a_damaged_line_leaves_the_others(released: Store) -> None:
     lines = gzip.decompress(released.read_bytes(INDEX_FILE)).splitlines()
     lines[1] = b"{"
     released.write_bytes(INDEX_FILE, gzip.compress(b"\n".join(lines), mtime=0))
-    with pytest.warns(DamagedFileWarning, match=r"manifests\.jsonl\.gz line 2 was left out"):
+    with pytest.warns(DamagedFileWarning) as warned:
         results = Results(released)
+    assert "manifests.jsonl.gz line 2 was left out" in str(warned[0].message)
     assert [each.run.run_id for each in results.runs()] == ["run-0", "run-10"]
     assert any("line 2" in each.path for each in verify_root(released).damage)
 
