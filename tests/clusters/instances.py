@@ -7,7 +7,7 @@ import threading
 from typing import Any
 
 from bed import USER, VENV, Bed, Node
-from checkout import PACKAGES, lend_environment
+from checkout import lend_environment
 from object_store import ObjectStore
 
 WATCH = """
@@ -73,8 +73,6 @@ class Instances:
         # Without a network there is nothing to fetch, and what is asked for is there.
         node.write("/usr/local/bin/apt-get", "#!/bin/sh\n")
         node.run("chmod 755 /usr/local/bin/apt-get", user="root")
-        if tags(instance).get("ray-node-type") == "head":
-            node.run(f"rm -rf {PACKAGES}/torch {PACKAGES}/torch-*", user="root")
         public = self._laptop.run("for key in ~/.ssh/*.pem; do ssh-keygen -y -f $key; done")
         node.run(f"echo '{public.strip()}' >> ~{USER}/.ssh/authorized_keys", user="root")
         return node
