@@ -60,7 +60,10 @@ leave() {
     kill -TERM "${steps[@]}" 2>/dev/null || true
     wait "${steps[@]}" 2>/dev/null || true
     "${step[@]}" "--nodes=$SLURM_JOB_NUM_NODES" "--ntasks=$SLURM_JOB_NUM_NODES" rm -rf "$place" || true
-    if [[ $again == yes && ! $1 =~ ^[012]$ ]]; then # not done, failed or refused, however it left
+    # Where a partition has a grace time, a job that is preempted loses its steps, and this shell is told nothing.
+    if [[ $(scontrol show job "$SLURM_JOB_ID") == *" PreemptTime=2"* && ! $1 =~ ^[02]$ ]]; then
+        scontrol requeue "$SLURM_JOB_ID"
+    elif [[ $again == yes && ! $1 =~ ^[012]$ ]]; then # not done, failed or refused, however it left
         scontrol requeue "$SLURM_JOB_ID"
     fi
     exit "$1"
