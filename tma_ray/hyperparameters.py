@@ -19,7 +19,7 @@ from functools import cache
 from numbers import Integral, Real
 from typing import Any, NamedTuple, Union, get_args, get_origin, get_type_hints
 
-from tma_ray.commands.arguments import check_kind
+from tma_ray.arguments import check_kind
 from tma_ray.part_names import LIST_SEPARATOR, nearest
 
 PRESET = "preset"

@@ -16,7 +16,7 @@ import pandas as pd
 
 from analysis.data.frames import Frames, frames_of, joined, load
 from analysis.data.reference import is_baseline, published_frame
-from tma_ray.commands.arguments import check_kind
+from tma_ray.arguments import check_kind
 from tma_ray.commands.values import expanded
 from tma_ray.decoding import DamagedFileError, Natural, Sha256, decode_json
 from tma_ray.part_names import nearest

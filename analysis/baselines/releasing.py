@@ -29,7 +29,7 @@ from analysis.data.frames import STATUSES, Frames, load
 from analysis.measures.evaluations import ceilings_in_words
 from analysis.tables.paper_tables import result_tables, table_results
 from analysis.tables.table import Table as ResultTable
-from tma_ray.commands.arguments import check_known
+from tma_ray.arguments import check_known
 from tma_ray.commands.exits import installed_version
 from tma_ray.commands.values import expanded
 from tma_ray.results import (

@@ -28,7 +28,7 @@ from analysis.statistics.estimates import (
     performance_profile,
     probability_of_improvement,
 )
-from tma_ray.commands.arguments import check_names
+from tma_ray.arguments import check_names
 
 ACROSS = ["expert_knowledge", *CONDITIONS]
 """Columns that runs of several challenges must have in common to be aggregated."""

@@ -18,8 +18,8 @@ from analysis.measures.pooling import COMPARED, PARTS
 from analysis.measures.tested import Seeds, compared, scale_of, seeds_to_pair
 from analysis.statistics import Comparison, Description, Method, Scale, describe, holm, welch_from_statistics
 from analysis.statistics.power import detectable_difference, detectable_in_pairs
+from tma_ray.arguments import check_known, check_names
 from tma_ray.benchmark import TEACHERS
-from tma_ray.commands.arguments import check_known, check_names
 
 OTHER_PARTS = "other bodies or students"
 """Why two groups were not tested whose runs are not of the same bodies and students."""

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from analysis.data.frames import Frames
 from analysis.data.identity import parsed
 from analysis.data.tables import check_columns
-from tma_ray.commands.arguments import check_kind
+from tma_ray.arguments import check_kind
 from tma_ray.results import Table
 from tma_ray.tasks import MASTERY_RETURN
 

@@ -21,7 +21,7 @@ from analysis.data.identity import (
     with_settings,
 )
 from analysis.data.tables import evaluation_measures, evaluation_warnings, training_warnings, with_plain_texts
-from tma_ray.commands.arguments import check_kind, check_known, check_names
+from tma_ray.arguments import check_kind, check_known, check_names
 from tma_ray.results import CHIPMUNK, SCHEMAS, Results, Table
 
 COMPARISON = [

@@ -8,7 +8,7 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from tma_ray.commands.arguments import check_kind, check_known, check_names
+from tma_ray.arguments import check_kind, check_known, check_names
 
 MADE_BY = "a table, as from analysis.runs_after(frames)"
 

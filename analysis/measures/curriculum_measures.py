@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from analysis.data.frames import Frames
 from analysis.data.identity import parsed
-from tma_ray.commands.arguments import check_kind, check_names
+from tma_ray.arguments import check_kind, check_names
 from tma_ray.commands.values import STEP
 from tma_ray.tasks import Dimension, Task, TaskSpace
 

@@ -18,8 +18,8 @@ from analysis.data.tables import check_measure, with_plain_texts
 from analysis.formatting import amount
 from analysis.measures.run_measures import NOT_FINITE, run_measures
 from analysis.statistics import describe
+from tma_ray.arguments import check_names
 from tma_ray.benchmark import MATRICES, Matrix, challenges_of
-from tma_ray.commands.arguments import check_names
 from tma_ray.part_names import base_name, split_name
 from tma_ray.results import BOX2D, BOX2D_TEST_SET, CHIPMUNK, SIMULATED
 

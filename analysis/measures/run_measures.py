@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from analysis.data.frames import Frames, computed_once
 from analysis.measures.evaluations import training_curves
-from tma_ray.commands.arguments import check_names
+from tma_ray.arguments import check_names
 from tma_ray.commands.values import SHARE, STEP
 
 NOT_FINITE = "returns not finite"

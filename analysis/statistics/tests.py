@@ -14,7 +14,7 @@ import pandas as pd
 from numpy.typing import ArrayLike, NDArray
 
 from analysis.statistics.samples import CONFIDENCE, SIGNIFICANCE, Description, describe, finite
-from tma_ray.commands.arguments import check_kind
+from tma_ray.arguments import check_kind
 
 MOST = 20_000
 """Arrangements up to which all are looked at: two samples of 8 runs have 12,870."""

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from functools import cache
 from pathlib import Path
 
-from tma_ray.commands.arguments import check_kind
+from tma_ray.arguments import check_kind
 from tma_ray.commands.values import expanded
 from tma_ray.part_names import base_name, nearest
 from tma_ray.tasks import TaskSpace, TestSet

@@ -9,8 +9,8 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
+from tma_ray.arguments import check_fields, check_kind, check_names
 from tma_ray.benchmark import Matrix
-from tma_ray.commands.arguments import check_fields, check_kind, check_names
 from tma_ray.commands.texts import counted
 from tma_ray.commands.values import SEED
 from tma_ray.part_names import base_name

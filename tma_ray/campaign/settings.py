@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 from enum import StrEnum
 from typing import Final
 
-from tma_ray.commands.arguments import check_fields
+from tma_ray.arguments import check_fields
 from tma_ray.commands.values import CORES, GPUS, LOSSES, MEMORY, SECONDS, WIDTH
 from tma_ray.runs.placement import Placement, check_device
 from tma_ray.students.players import CohortSettings

@@ -11,7 +11,7 @@ from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 from numpy.typing import ArrayLike, NDArray
 
-from tma_ray.commands.arguments import check_whole
+from tma_ray.arguments import check_whole
 from tma_ray.envs.registration import Environment, make_environment, mastery_return
 from tma_ray.physics import Engine, EngineBatch, batch_engines
 from tma_ray.tasks import Task, TaskSpace

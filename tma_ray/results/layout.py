@@ -11,7 +11,7 @@ from typing import Final, NoReturn
 
 import pyarrow as pa
 
-from tma_ray.commands.arguments import check_kind
+from tma_ray.arguments import check_kind
 from tma_ray.decoding import DamagedFileError, DamagedFileWarning, Natural, decode_json
 from tma_ray.results.parquet import schema_version
 from tma_ray.results.schema import SCHEMA_VERSION, Table

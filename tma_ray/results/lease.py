@@ -16,7 +16,7 @@ from types import TracebackType
 from typing import Final, NoReturn, Self
 from uuid import uuid4
 
-from tma_ray.commands.arguments import check_kind
+from tma_ray.arguments import check_kind
 from tma_ray.commands.exits import RefusedError
 from tma_ray.decoding import DamagedFileError, Natural, Seconds, SmallNatural, decode_json
 from tma_ray.results.layout import HEARTBEAT_FILE, LEASE_FILE, STOP_FILE

@@ -13,7 +13,7 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.compute as pc
 
-from tma_ray.commands.arguments import check_known, check_names
+from tma_ray.arguments import check_known, check_names
 from tma_ray.decoding import DamagedFileWarning
 from tma_ray.results.layout import MANIFESTS, TABLES, check_root, manifest_path, table_path
 from tma_ray.results.manifest import (

@@ -17,7 +17,7 @@ from typing import Self
 
 import numpy as np
 
-from tma_ray.commands.arguments import check_kind
+from tma_ray.arguments import check_kind
 from tma_ray.results import (
     AttemptOutcome,
     AttemptRecord,

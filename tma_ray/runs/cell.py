@@ -11,8 +11,8 @@ from typing import Any
 import gymnasium
 import numpy as np
 
+from tma_ray.arguments import check_fields, check_kind
 from tma_ray.benchmark import challenges_of, find_challenge, load_test_set
-from tma_ray.commands.arguments import check_fields, check_kind
 from tma_ray.envs import ENVIRONMENTS, make_environment, mastery_return
 from tma_ray.hyperparameters import differing, identifying, parameters_of, parse_settings, plain
 from tma_ray.part_names import base_name, join_name, nearest, split_name, text_of

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from tma_ray.commands.arguments import check_fields
+from tma_ray.arguments import check_fields
 from tma_ray.commands.exits import installed_version
 from tma_ray.commands.values import PROCESSES, SECONDS
 from tma_ray.part_names import nearest

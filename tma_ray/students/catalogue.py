@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from tma_ray.commands.arguments import check_kind
+from tma_ray.arguments import check_kind
 from tma_ray.commands.values import PROCESSES
 from tma_ray.hyperparameters import differing, identifying, plain
 from tma_ray.part_names import base_name, join_name, split_name

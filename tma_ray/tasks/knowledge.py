@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from tma_ray.commands.arguments import check_finite, check_kind, check_whole
+from tma_ray.arguments import check_finite, check_kind, check_whole
 from tma_ray.decoding import MOST_TEXT_BYTES, read_file
 from tma_ray.tasks.episodes import MASTERY_RETURN
 from tma_ray.tasks.spaces import ShuffledSpace, Task, TaskSpace

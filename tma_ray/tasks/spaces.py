@@ -10,7 +10,7 @@ from typing import TypeAlias
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from tma_ray.commands.arguments import check_finite, check_kind, check_names, check_pair, check_whole
+from tma_ray.arguments import check_finite, check_kind, check_names, check_pair, check_whole
 
 Task: TypeAlias = NDArray[np.float32]
 """One task (d,) or several (n, d), float32 as every environment receives them."""

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from tma_ray.commands.arguments import check_kind
+from tma_ray.arguments import check_kind
 from tma_ray.commands.values import SEED
 from tma_ray.tasks import (
     MASTERY_RETURN,

@@ -32,8 +32,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from tma_ray.arguments import check_fields
 from tma_ray.benchmark import find_challenge, load_test_set
-from tma_ray.commands.arguments import check_fields
 from tma_ray.part_names import nearest
 from tma_ray.tasks import Answer, Episode, Outcomes, Query, QueryKind, Task, TaskSpace, TestSet, Trajectory
 from tma_ray.teachers import Teacher

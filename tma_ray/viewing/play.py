@@ -10,7 +10,7 @@ from typing import Any, Final
 
 import numpy as np
 
-from tma_ray.commands.arguments import check_fields, check_names, check_whole
+from tma_ray.arguments import check_fields, check_names, check_whole
 from tma_ray.embodiments import load_embodiment
 from tma_ray.envs import make_environment
 from tma_ray.playground.contents import PLAYED

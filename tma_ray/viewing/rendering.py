@@ -14,7 +14,7 @@ from gymnasium import spaces
 from numpy.typing import NDArray
 from PIL import Image
 
-from tma_ray.commands.arguments import check_fields, check_whole
+from tma_ray.arguments import check_fields, check_whole
 from tma_ray.commands.values import COORDINATE
 from tma_ray.envs import ENVIRONMENTS, Environment, make_environment, mastery_return
 from tma_ray.part_names import nearest

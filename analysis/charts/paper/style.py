@@ -15,7 +15,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
 from analysis.looks import INK, MUTED, RULE
-from tma_ray.commands.arguments import check_kind
+from tma_ray.arguments import check_kind
 
 DPI = 150
 """Resolution of the PNG files, in dots per inch."""

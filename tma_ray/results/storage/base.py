@@ -15,7 +15,7 @@ from uuid import uuid4
 
 import pyarrow as pa
 
-from tma_ray.commands.arguments import check_kind
+from tma_ray.arguments import check_kind
 from tma_ray.decoding import MOST_BYTES, MOST_TEXT_BYTES, DamagedFileError
 
 T = TypeVar("T")

@@ -15,7 +15,7 @@ import numpy as np
 from gymnasium import spaces
 from numpy.typing import NDArray
 
-from tma_ray.commands.arguments import check_fields, check_whole
+from tma_ray.arguments import check_fields, check_whole
 from tma_ray.students.base import Observations
 
 ALIGNMENT = 64
