@@ -62,6 +62,8 @@ METAVARS: Mapping[str, str] = {
     "WIDTH": "the number of slots of a cohort, or off",
     "X": "a number",
     "SECONDS": "a time in s",
+    "HOURS": "a time, as 8h or 30min",
+    "POINTS": "a difference of per cents",
     "GIB": "a size in GiB",
     "VALUE": "a value",
 }

@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections import Counter
 from pathlib import Path
 
+import pandas as pd
+
 from analysis.baselines import baselines, find_baseline
 from analysis.commands.releases import NO_BREAK
 from analysis.commands.releases import markdown as leaderboards
@@ -18,6 +20,9 @@ from tma_ray.testing.matrix import cells_of, runs_of, tabulate
 
 PICTURES = Path(__file__).parents[1] / "images" / "leaderboard"
 """Curricula of releases that ship, by ``make_leaderboard_pictures.py``."""
+
+MEASURED_TRIALS = Path(__file__).parents[2] / "benchmarks" / "measured" / "trials.csv"
+"""Simulated trials, by ``benchmarks/trials.py``."""
 
 SIMULATED_RELEASE = "simulated-1"
 
@@ -57,3 +62,27 @@ def simulated_students() -> str:
 def _on_one_line(text: str) -> str:
     """Returns a mean with its margin and mark without places where a line may break."""
     return text.replace(" ", NO_BREAK) if "±" in text else text
+
+
+def trials() -> str:
+    """Returns the errors and seeds of simulated trials, as `benchmarks/trials.py` measured them."""
+    rows = pd.read_csv(MEASURED_TRIALS)
+    table = pd.DataFrame(
+        {
+            "cells": rows["names"] + " (" + rows["cells"].astype(str) + ")",
+            "true difference": rows["true"].map("{:+.1f}".format),
+            "seeds": rows["seeds"].map("{:.1f}".format),
+            "wrong, %": (100 * rows["wrong"]).map("{:.1f}".format),
+            "beside Random: better / worse / alike, %": _verdicts(rows, "random"),
+            "beside the best": _verdicts(rows, "best"),
+            "bias, naive": rows["naive_bias"].map("{:+.2f}".format),
+            "bias, median-unbiased": rows["median_bias"].map("{:+.2f}".format),
+        }
+    )
+    return markdown(table)
+
+
+def _verdicts(rows: pd.DataFrame, reference: str) -> pd.Series:
+    shares = (100 * rows[f"{reference}_{verdict}"] for verdict in ("better", "worse", "alike"))
+    parts = [share.map("{:.0f}".format) for share in shares]
+    return parts[0].str.cat(parts[1:], sep=" / ")

@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from typing import Any
 
 import pyarrow as pa
-from release_tables import leaderboard, simulated_students
+from release_tables import leaderboard, simulated_students, trials
 
 from analysis.commands.releases import shipped_findings
 from tma_ray import cli, command_line
@@ -272,6 +272,7 @@ GENERATED: dict[str, Callable[[], str]] = {
     "json keys": json_keys,
     "metavars": metavars,
     "leaderboard": leaderboard,
+    "trials": trials,
     "simulated students": simulated_students,
     "findings": shipped_findings,
 }

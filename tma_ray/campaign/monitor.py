@@ -17,7 +17,18 @@ from rich.table import Table as Grid
 from rich.text import Text
 
 from tma_ray.campaign.progress import duration, learner_line
-from tma_ray.results import LOGS, TABLES, Heartbeat, Manifest, Results, RunProgress, RunStatus, Store, Table
+from tma_ray.results import (
+    LOGS,
+    TABLES,
+    Heartbeat,
+    Manifest,
+    Results,
+    RunProgress,
+    RunStatus,
+    Store,
+    Table,
+    TrialFile,
+)
 from tma_ray.terminal import terminal
 
 T = TypeVar("T")
@@ -57,10 +68,12 @@ class Overview:
     Attributes:
         campaigns: runs by campaign and by cell; a cell is named by what it consists of.
         heartbeat: the root's last; None if no campaign ever gave one.
+        trial: trial that the campaign is of; None if it is of none.
     """
 
     campaigns: Mapping[str, Mapping[tuple[str, ...], list[RunState]]]
     heartbeat: Heartbeat | None
+    trial: TrialFile | None = None
 
     @property
     def failed(self) -> bool:
@@ -112,7 +125,7 @@ class Observer:
             cells = campaigns.setdefault(row["campaign"], {})
             state = states.get(row["run_id"], RunState(row["run_id"], WAITING, 0, 0))
             cells.setdefault(_cell(row), []).append(state)
-        return Overview(campaigns, heartbeat)
+        return Overview(campaigns, heartbeat, TrialFile.load(self._store))
 
     def _published_steps(self, results: Results) -> dict[str, int]:
         """Returns the step of the last published episode of every unfinished run."""
@@ -222,11 +235,13 @@ def watch_status(root: str | Path, cells: bool = False, console: Console | None 
 
 
 def _page(root: str | Path, found: Overview, cells: bool, now: float) -> Group:
+    trial = [Text(line) for line in _trial_lines(found.trial)]
     if not found.campaigns:
-        return Group(Text(f"{root} holds no campaign yet."))
+        return Group(*trial, Text(f"{root} holds no campaign yet."))
     parts: list[RenderableType] = [Text(_sign_of_life(found.heartbeat, now))]
     if found.heartbeat is not None and found.heartbeat.alive(now):
         parts += [Text(learner_line(learner)) for learner in found.heartbeat.learners]
+    parts += trial
     for campaign, by_cell in found.campaigns.items():
         runs = _distinct(chain.from_iterable(by_cell.values()))
         groups: dict[str, list[RunState]] = {}
@@ -236,6 +251,17 @@ def _page(root: str | Path, found: Overview, cells: bool, now: float) -> Group:
         parts += [Text(f"\ncampaign {campaign}: {_headline(runs)}", style="bold"), _grid(groups)]
         parts += [Text(line) for line in _failures(root, runs)]
     return Group(*parts)
+
+
+def _trial_lines(trial: TrialFile | None) -> Iterator[str]:
+    """Yields where a trial stands: what it is of, and a line a look."""
+    if trial is None:
+        return
+    design = trial.design
+    looks = ", ".join(map(str, design["looks"]))
+    state = f"ended ({trial.ended})" if trial.ended else "under way"
+    yield f"Trial of {design['teacher']} against {design['release']}: {state}; looks after {looks} seeds"
+    yield from (f"  {look.said}" for look in trial.looks)
 
 
 def _sign_of_life(heartbeat: Heartbeat | None, now: float) -> str:

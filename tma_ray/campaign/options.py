@@ -95,6 +95,35 @@ def parse_space(text: str) -> dict[str, tuple[float, float]]:
     return space
 
 
+LONGEST_HOURS = 100_000.0
+"""Number of hours from which on a budget is a slip."""
+
+
+def parse_hours(text: str) -> float:
+    """Return a time such as 8h, 30min or 8 in hours.
+
+    Raises:
+        ValueError: it is none.
+    """
+    found = re.fullmatch(r"(\d+(?:\.\d+)?)\s*(h|min)?", text.strip())
+    hours = float(found[1]) / (60 if found[2] == "min" else 1) if found else 0.0
+    if not 0 < hours < LONGEST_HOURS:
+        raise refused(text, "expected a time such as 8h or 30min")
+    return hours
+
+
+def parse_points(text: str) -> float:
+    """Return a margin in points.
+
+    Raises:
+        ValueError: it is none.
+    """
+    points = float(text) if re.fullmatch(r"\d+(\.\d+)?", text.strip()) else 0.0
+    if not 0 < points < 100:
+        raise refused(text, "expected points of mastered tasks, over 0 and under 100")
+    return points
+
+
 def parse_seeds(text: str) -> tuple[int, ...]:
     """Return the first seeds of a number ("4"), or given ones ("8-11", "0,5").
 
@@ -371,6 +400,30 @@ class ExperimentOptions(ExecutionOptions, ChoiceOptions):
 
     tier: Annotated[Tier, choice(Tier, **WHAT)] = Tier.PAPER
     stage: Annotated[str | None, value(named("the name of a stage"), "NAME", **WHAT)] = None
+    results: Results = "results"
+
+
+@Parameter(name="*")
+@dataclass(frozen=True, kw_only=True)
+class TrialOptions(ExecutionOptions):
+    """Options of a trial.
+
+    Attributes:
+        against: release to compare with (default: the newest that ships)
+        cells: cells of it: challenges, or challenge/body where it has several bodies (default: all)
+        margin: difference that does not matter, of tasks mastered over training (default: 2.5)
+        budget: time that it may take here (default: none)
+        simulated: rehearse it on simulated students: the same design, minutes instead of hours
+        jobs: number of processes with --simulated
+        results: folder, s3:// or gs:// to write to
+    """
+
+    against: Annotated[str | None, value(named("a release"), "BASELINE", **WHAT)] = None
+    cells: Names = None
+    margin: Annotated[float | None, value(parse_points, "POINTS", **WHAT)] = None
+    budget: Annotated[float | None, value(parse_hours, "HOURS", **WHAT)] = None
+    simulated: Annotated[bool, Parameter(**WHAT)] = False
+    jobs: Annotated[int, value(PROCESSES, "N", **HOW)] = 2
     results: Results = "results"
 
 

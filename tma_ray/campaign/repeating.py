@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -77,21 +77,53 @@ def like_plan(
             or a release that this version cannot repeat.
     """
     settings = _chosen(_settings(released, core), challenges, seeds)
-    runs: dict[str, tuple[int, RunSpec]] = {}
-    rows: list[dict[str, Any]] = []
-    for setting in settings:
-        for teacher in teachers:
-            cell = _cell(setting, teacher)
-            spec = effective_spec(cell, 0, setting.template.schedule)
-            first = _checked(replace(spec, test_set=setting.template.test_set), setting, released)
-            for place, seed in enumerate(setting.seeds):
-                spec = replace(first, seed=seed)
-                runs.setdefault(spec.run_id, (place, spec))
-                rows.append({**cell_row(setting.experiment, cell, spec), "seed": seed, "run_id": spec.run_id})
-    ordered = sorted(runs.values(), key=lambda placed: placed[0])
+    planned = [
+        (place, spec, row)
+        for setting in settings
+        for teacher in teachers
+        for place, (spec, row) in enumerate(_runs(setting, teacher, released))
+    ]
+    rows = tuple(row for _, _, row in planned)
+    runs = {spec.run_id: spec for _, spec, _ in sorted(planned, key=lambda each: each[0])}
     cells = counted(len(settings) * len(teachers), "cell")
     size = f"{cells} like those of {released.store}, {len(rows):,} with their seeds"
-    return Plan(name, size, tuple(spec for _, spec in ordered), tuple(rows))
+    return Plan(name, size, tuple(runs.values()), rows)
+
+
+def trial_plan(
+    name: str, released: Results, teacher: str, places: Sequence[tuple[str, ...]], seeds: Sequence[int]
+) -> Plan:
+    """Returns the runs of `teacher` on cells of a release with other seeds, one cell after the other.
+
+    Args:
+        name: of the campaign.
+        released: the release.
+        teacher: name in the teacher registry, or ``module:Name``.
+        places: environment, challenge, body, student and level of expert knowledge of each cell, in order.
+        seeds: of every cell.
+
+    Raises:
+        ValueError: a teacher that cannot run, or a release that this version cannot repeat.
+    """
+    known = {
+        (spec.environment, spec.challenge, spec.embodiment, spec.student, setting.level.value): setting
+        for setting in _settings(released, ())
+        for spec in [setting.template]
+    }
+    settings = [replace(known[place], seeds=tuple(seeds)) for place in places]  # type: ignore[index]
+    planned = [each for setting in settings for each in _runs(setting, teacher, released)]
+    size = f"{counted(len(places), 'cell')} of {released.store} x {counted(len(seeds), 'seed')}"
+    return Plan(name, size, tuple(spec for spec, _ in planned), tuple(row for _, row in planned))
+
+
+def _runs(setting: _Setting, teacher: str, released: Results) -> Iterator[tuple[RunSpec, dict[str, Any]]]:
+    """Yields the spec of each seed of a cell, and its row in the table of cells."""
+    cell = _cell(setting, teacher)
+    spec = effective_spec(cell, 0, setting.template.schedule)
+    first = _checked(replace(spec, test_set=setting.template.test_set), setting, released)
+    for seed in setting.seeds:
+        spec = replace(first, seed=seed)
+        yield spec, {**cell_row(setting.experiment, cell, spec), "seed": seed, "run_id": spec.run_id}
 
 
 def _settings(released: Results, core: Collection[str]) -> list[_Setting]:

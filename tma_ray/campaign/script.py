@@ -25,6 +25,7 @@ from tma_ray.campaign.options import (
 )
 from tma_ray.campaign.plan import CampaignSpec, Plan
 from tma_ray.campaign.progress import Snapshot
+from tma_ray.campaign.settings import Settings
 from tma_ray.commands.exits import FAILED, RAY_LOST
 from tma_ray.commands.interrupts import INTERRUPTED
 from tma_ray.commands.texts import counted
@@ -78,8 +79,6 @@ def run_plan(
         ConnectionError: nothing listens at the address.
         Exception: errors of `execute_plan`.
     """
-    from tma_ray.campaign.execution import execute_plan
-
     console, settings, address = terminal(), chosen_settings(options), chosen_address(options)
     if options.dry_run:
         check_usable(Store.open(results))
@@ -95,8 +94,16 @@ def run_plan(
         return 0
     if cost is not None:
         confirm(plan.name, cost, yes=options.yes, ask=terminal_question(address))
+    ended = executed(plan, results, settings, address)
+    return ended if isinstance(ended, int) else _conclude(ended, results, console)
+
+
+def executed(plan: Plan, results: str, settings: Settings, address: str | None) -> Snapshot | int:
+    """Execute `plan`; return how its runs ended, or the exit code of an end that was told."""
+    from tma_ray.campaign.execution import execute_plan
+
     try:
-        ended = execute_plan(plan, results, settings, address)
+        return execute_plan(plan, results, settings, address)
     except KeyboardInterrupt:  # the second one: runs go on from the checkpoints they had
         return INTERRUPTED
     except OutageError as error:
@@ -105,17 +112,17 @@ def run_plan(
     except HeadLostError as error:
         sys.stderr.write(f"{plan.name}: {error}; the same command continues where it was\n")
         return RAY_LOST
-    return _conclude(ended, results, console)
 
 
 def _conclude(ended: Snapshot, results: str, console: Console) -> int:
     """Print the end of a campaign and the next command; return the exit code."""
-    code, sentence = _ending(ended, results)
+    code, sentence = ending(ended, results)
     console.print(sentence, highlight=False, soft_wrap=True)
     return code
 
 
-def _ending(ended: Snapshot, results: str) -> tuple[int, str]:
+def ending(ended: Snapshot, results: str) -> tuple[int, str]:
+    """Return the exit code of a campaign that ended, and a sentence on it."""
     if ended.done == ended.total:
         page = " -o report" if "://" in results else ""
         return (

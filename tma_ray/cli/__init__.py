@@ -28,6 +28,7 @@ COMMANDS: Mapping[str, str] = {
     "rerun": "running:rerun",
     "stop": "running:stop",
     "simulate": "running:simulate",
+    "trial": "trying:trial",
     "experiment": "running:experiment",
     "quickstart": "running:quickstart",
     "status": "looking:status",

@@ -81,6 +81,7 @@ from tma_ray.results.storage import (
     explained_disk,
     retry,
 )
+from tma_ray.results.trials import TrialFile, TrialLook
 from tma_ray.results.verification import Damage, Inspector, RootVerification, damage_reason, verify_root
 from tma_ray.results.writer import RunWriter
 
@@ -136,6 +137,8 @@ __all__ = [
     "StorageError",
     "Store",
     "Table",
+    "TrialFile",
+    "TrialLook",
     "accepted_manifest",
     "add_shard",
     "ask_to_stop",

@@ -62,6 +62,8 @@ class Teacher(ABC):
         wants_trajectory: True if it may ask for trajectories; for others the run does not record them.
         wants_evaluations: True if it may propose episodes from which the student does not learn, or ask for
             evaluations of tasks; it runs only with students that can play without learning.
+        most_dimensions: dimensions of a task space up to which it can teach; None for any number.
+        constant_dimensions: True if it can teach in a space one of whose dimensions has a single value.
         space: the box to choose tasks from.
         knowledge: expert knowledge of the task space.
         rng: the only source of randomness.
@@ -73,6 +75,8 @@ class Teacher(ABC):
     presets: ClassVar[Mapping[str, Mapping[str, Any]]] = {}
     wants_trajectory: ClassVar[bool] = False
     wants_evaluations: ClassVar[bool] = False
+    most_dimensions: ClassVar[int | None] = None
+    constant_dimensions: ClassVar[bool] = True
 
     space: TaskSpace = field(init=False, repr=False)
     knowledge: ExpertKnowledge = field(init=False, repr=False)
@@ -82,6 +86,15 @@ class Teacher(ABC):
         """Prepares for a new run; overriding methods call this one first."""
         self.space, self.knowledge, self.rng = space, knowledge, rng
         self._updates: list[TeacherUpdate] = []
+
+    @classmethod
+    def refusal(cls, space: TaskSpace) -> str:
+        """Returns why a task space is beyond the limits that the teacher declares; empty if it is not."""
+        if cls.most_dimensions is not None and space.size > cls.most_dimensions:
+            return f"{cls.__name__} teaches {cls.most_dimensions} dimensions at most, not {space.size}"
+        if not cls.constant_dimensions and (space.width == 0).any():
+            return f"{cls.__name__} does not teach in spaces with a constant dimension"
+        return ""
 
     @abstractmethod
     def sample(self) -> Task | Proposal:

@@ -17,7 +17,7 @@ from unittest import SkipTest
 import numpy as np
 
 from tma_ray.tasks import KnowledgeLevel, TeacherUpdate
-from tma_ray.teachers import Teacher, effective_level, hyperparameters_of
+from tma_ray.teachers import Teacher, effective_level, hyperparameters_of, make_teacher
 from tma_ray.testing.trials import (
     SCENARIOS,
     Saved,
@@ -35,6 +35,9 @@ SAVED_AFTER = (0, 1, 149, 150, 211)
 
 SET_BY_START = ("space", "knowledge", "rng")
 """Attributes that `Teacher.start` sets."""
+
+QUICK_SCENARIOS = 3
+"""Scenarios of the quick check: a line, a plane, and a space with a constant dimension."""
 
 PROBED = 20
 """Tasks asked of a probe."""
@@ -79,10 +82,18 @@ class TeacherConformance:
     scenarios: ClassVar[Sequence[Scenario]] = SCENARIOS
     episodes: ClassVar[int] = 320
 
+    @classmethod
+    def claimed_scenarios(cls) -> list[Scenario]:
+        """Returns those of `scenarios` whose spaces are within the limits that the teacher declares."""
+        claimed = [one for one in cls.scenarios if not cls.teacher.refusal(one.space)]
+        assert claimed, f"{cls.teacher.__name__} declares limits within which no scenario is; raise them"
+        return claimed
+
     def pytest_generate_tests(self, metafunc: Any) -> None:
         """Tells pytest to run the methods that take a scenario, or a pupil, for each of them."""
         if "scenario" in metafunc.fixturenames:
-            metafunc.parametrize("scenario", self.scenarios, ids=[one.name for one in self.scenarios])
+            claimed = self.claimed_scenarios() if hasattr(self, "teacher") else self.scenarios
+            metafunc.parametrize("scenario", claimed, ids=[one.name for one in claimed])
         if "pupil" in metafunc.fixturenames:
             metafunc.parametrize("pupil", [TrialStudent.HOPELESS, TrialStudent.PERFECT])
 
@@ -112,9 +123,9 @@ class TeacherConformance:
 
     def test_hyperparameters_never_change(self) -> None:
         """Checks that what is learned goes into attributes that end in an underscore, not into fields."""
-        teacher = self._started(self.scenarios[0])
+        teacher = self._started(self.claimed_scenarios()[0])
         before = copy.deepcopy(hyperparameters_of(teacher))
-        play(teacher, self.scenarios[0], 0, self.episodes // 2)
+        play(teacher, self.claimed_scenarios()[0], 0, self.episodes // 2)
         after = hyperparameters_of(teacher)
         changed = [name for name in before if before[name] != after[name]]
         assert not changed, f"{self._name} changed its hyper-parameters {changed} while it was learning"
@@ -130,7 +141,7 @@ class TeacherConformance:
                 self._check_refusal(level)
             else:
                 assert effective_level(self.teacher, self._name, level) in levels
-        scenario = self.scenarios[0]
+        scenario = self.claimed_scenarios()[0]
         plays = [
             play(self._started(scenario, level=level), scenario, 0, self.episodes) for level in levels[:-1]
         ] + [self._record(scenario).tasks]
@@ -147,7 +158,7 @@ class TeacherConformance:
 
     def test_tasks_stay_inside_whatever_the_student_does(self, pupil: TrialStudent) -> None:
         """Also when nothing is ever mastered, or everything at once."""
-        scenario = self.scenarios[-1]
+        scenario = self.claimed_scenarios()[-1]
         teacher = self._started(scenario)
         check_tasks(play(teacher, scenario, 0, self.episodes, pupil), scenario.space, self._name)
         for update in teacher.drain_updates():
@@ -170,7 +181,7 @@ class TeacherConformance:
 
     def test_global_randomness_is_left_alone(self) -> None:
         """A teacher in the student's process must not disturb the student, nor be disturbed."""
-        scenario = self.scenarios[0]
+        scenario = self.claimed_scenarios()[0]
         teacher = self._started(scenario)
         play(teacher, scenario, 0, 1)
         before = _global_state()
@@ -198,11 +209,12 @@ class TeacherConformance:
 
     def test_a_saved_teacher_continues_in_a_new_process(self) -> None:
         """Bit for bit, after any number of episodes."""
-        records = [self._record(scenario) for scenario in self.scenarios]
+        scenarios = self.claimed_scenarios()
+        records = [self._record(scenario) for scenario in scenarios]
         after = [SAVED_AFTER[index % len(SAVED_AFTER)] for index in range(len(records))]
         saved = tuple(
             Saved(scenario, record.states[episodes], episodes, self.episodes)
-            for scenario, record, episodes in zip(self.scenarios, records, after, strict=True)
+            for scenario, record, episodes in zip(scenarios, records, after, strict=True)
         )
         plays = continued(self.teacher, self.hyperparameters, self._level, saved)
         for start, record, tasks in zip(saved, records, plays, strict=True):
@@ -239,6 +251,11 @@ class TeacherConformance:
         except AttributeError as error:  # it uses what it has not been given
             if error.name not in SET_BY_START:
                 raise
+        except MemoryError as error:
+            raise AssertionError(
+                f"{self._name} needs too much memory in {scenario.space.size} dimensions ({error}): let it "
+                f"need less, or declare most_dimensions in its class"
+            ) from error
         else:
             if all(name in vars(teacher) for name in SET_BY_START):
                 return teacher
@@ -268,6 +285,29 @@ class TeacherConformance:
         except ValueError as error:
             refusal = str(error)
         assert self._name in refusal, f"{self._name} cannot run at level {level.value!r} and does not say so"
+
+
+def check_quickly(name: str) -> None:
+    """Checks within seconds, and without pytest, what a teacher promises, before anything is spent on it.
+
+    Args:
+        name: registered name or ``module:Name``, with hyper-parameters if wanted.
+
+    Raises:
+        ValueError: a promise is broken; the message says which, and what to do.
+    """
+    teacher = make_teacher(name)
+    own = {"teacher": type(teacher), "hyperparameters": hyperparameters_of(teacher)}
+    contract = type(f"Quick{type(teacher).__name__}", (TeacherConformance,), own)()
+    try:
+        contract.test_hyperparameters_are_fields_with_defaults()
+        contract.test_unknown_hyperparameters_are_refused()
+        contract.test_hyperparameters_never_change()
+        for scenario in contract.claimed_scenarios()[:QUICK_SCENARIOS]:
+            contract.test_tasks_stay_inside_the_space(scenario)
+            contract.test_the_seed_determines_the_curriculum(scenario)
+    except AssertionError as error:
+        raise ValueError(f"{name} breaks the contract of teachers: {error}") from error
 
 
 def _global_state() -> dict[str, Any]:

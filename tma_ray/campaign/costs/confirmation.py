@@ -43,7 +43,7 @@ def long_cost(
     """
     if _hours(estimate(plan, settings, find_speeds=_slowest)) <= LONGEST_HOURS:
         return None
-    runs = _unfinished(plan, results)
+    runs = unfinished(plan, results)
     if not runs:
         return None
     left = replace(plan, runs=runs)
@@ -91,7 +91,8 @@ def _hours(cost: Cost) -> float:
     return cost.wall_hours
 
 
-def _unfinished(plan: Plan, results: str) -> tuple[RunSpec, ...]:
+def unfinished(plan: Plan, results: str) -> tuple[RunSpec, ...]:
+    """Returns the runs of a plan that are not done in a results root."""
     store = Store.open(results)
     check_usable(store)
     try:

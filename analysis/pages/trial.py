@@ -1,0 +1,117 @@
+"""The page of a trial: the verdict, how far the next one is, curves, costs, and what a paper needs."""
+
+from __future__ import annotations
+
+from collections.abc import Hashable, Mapping
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any
+
+import pandas as pd
+
+from analysis.charts.curves import learning_curves
+from analysis.charts.page import on_page
+from analysis.charts.paper.drawing import draw
+from analysis.charts.paper.style import save
+from analysis.charts.trial import course_chart
+from analysis.data.frames import Frames
+from analysis.formatting import ends, number
+from analysis.looks import shown_together
+from analysis.names import label, own_first
+from analysis.pages.page import Controls, page, page_folder, write_page
+from analysis.trials.course import course, curves
+from analysis.trials.design import Design, Released
+from analysis.trials.standing import Look
+from analysis.trials.wording import (
+    ENDINGS,
+    latex_row,
+    look_line,
+    methods,
+    plan_lines,
+    sentence,
+    verdict_table,
+)
+from tma_ray.commands.exits import installed_version
+from tma_ray.commands.texts import counted
+
+
+def write_trial(
+    root: str | Path, design: Design, released: Released, looks: list[Look], frames: Frames, own: Frames
+) -> Path:
+    """Writes the page of a trial into its root, with a table, a figure, a LaTeX row and methods beside it.
+
+    Args:
+        root: results root of the trial.
+        design: what was fixed.
+        released: runs of the release.
+        looks: looks so far.
+        frames: frames of the release.
+        own: frames of the results root.
+
+    Returns:
+        The page, ``trial/index.html``.
+
+    Raises:
+        ValueError: an object store, or links in the folder.
+    """
+    folder = page_folder(root, None, "trial", "page")
+    courses = {name: course(design, released, looks, name) for name in design.references}
+    beside: dict[str, bytes] = {}
+    with shown_together([design.teacher, *design.references]), own_first([design.teacher]):
+        if looks:
+            beside["verdicts.csv"] = (
+                verdict_table(design, looks).to_csv(index=False, float_format="%.3f").encode()
+            )
+            beside["row.tex"] = latex_row(design, looks[-1]).encode()
+            beside["methods.txt"] = (methods(design, looks[-1], _versions()) + "\n").encode()
+            save(draw(course_chart(courses, design.teacher, design.margin)), folder / "trial")
+        text = _render(design, released, looks, courses, curves(design, frames, own), own)
+    return write_page(folder, text, beside)
+
+
+def _versions() -> str:
+    names = ("tma_ray", "numpy", "scipy")
+    return f"Software: {', '.join(f'{name} {installed_version(name)}' for name in names)}."
+
+
+def _render(
+    design: Design,
+    released: Released,
+    looks: list[Look],
+    courses: dict[str, pd.DataFrame],
+    lines: pd.DataFrame,
+    own: Frames,
+) -> str:
+    hours = float(own.run_hours.sum())
+    runs = int((own.cells.drop_duplicates("run_id")["status"] == "done").sum())
+    most = design.looks[-1] * len(design.cells)
+    caption = f"mean over {counted(len(design.cells), 'cell')} ± one standard error over runs"
+    shown = [
+        course_chart({name: table}, design.teacher, design.margin, f"course-{place}")
+        for place, (name, table) in enumerate(courses.items())
+    ]
+    shown.append(
+        learning_curves(lines, "Mastered test tasks (%)", "curves", "Learning curves", caption.capitalize())
+    )
+    return page(
+        "trial.html.j2",
+        teacher=label(design.teacher),
+        release=design.release,
+        verdict=sentence(design, looks[-1]) if looks else "No look is complete yet.",
+        ended=ENDINGS.get(looks[-1].ending, "") if looks else "",
+        lines=[look_line(look) for look in looks],
+        plan=[text.strip() for text in plan_lines(design, released)],
+        rows=[_row(row) for row in verdict_table(design, looks).to_dict("records")],
+        charts=[on_page(each) for each in shown],
+        cost=f"{runs} of at most {most} runs" + (f", {hours:.1f} hours of runs" if hours else ""),
+        methods=methods(design, looks[-1], _versions()) if looks else "",
+        warnings=list(own.notes) if looks else [],
+        controls=Controls((), (), ()),
+        written=datetime.now(UTC),
+    )
+
+
+def _row(row: Mapping[Hashable, Any]) -> dict[Hashable, Any]:
+    """Returns a row of the table of verdicts as text."""
+    interval = ends(row["low"], row["high"])
+    return {**row, "interval": interval} | {name: number(row[name]) for name in ("difference", "estimate")}

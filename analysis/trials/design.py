@@ -1,0 +1,404 @@
+"""The design of a trial: what is fixed before its first run, from what was released."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import asdict, dataclass, replace
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+import pandas as pd
+from scipy import optimize
+
+from analysis.baselines.catalogue import Baseline, BaselineError, BaselineKind, baselines
+from analysis.data.frames import Frames
+from analysis.data.reference import BASELINE, is_baseline
+from analysis.measures.run_measures import NOT_FINITE, run_measures
+from analysis.statistics import Scale
+from analysis.statistics.power import POWER
+from analysis.trials.boundaries import crossing
+from analysis.trials.rules import (
+    COMPARISONS,
+    ERROR,
+    LOOKS,
+    Difference,
+    Floats,
+    Moments,
+    Rule,
+    difference,
+    planned_fractions,
+    quantile,
+)
+from analysis.trials.simulation import Cell, Setting, simulate
+from tma_ray.decoding import decode_json
+from tma_ray.part_names import nearest
+from tma_ray.results import SIMULATED
+from tma_ray.tasks import KnowledgeLevel
+
+MEASURE = "mastered_area"
+"""The headline: mean of the mastered test tasks over the budget, %."""
+
+MARGIN = 2.5
+"""Difference in points of `MEASURE` that does not matter. Mastery grows about evenly over a run, so that its
+mean over the budget is half of its end: this is half of the 5 points by which ends are judged."""
+
+PLACE = ["environment", "challenge", "embodiment", "student", "expert_knowledge"]
+"""Columns that tell the cells of a trial."""
+
+ERRORS = (0.05, 0.045, 0.04, 0.035, 0.03, 0.025, 0.02, 0.015, 0.01)
+"""Errors to spend, of which the largest is chosen whose verdicts are wrong in at most `ERROR` of trials."""
+
+TRIALS = 4_000
+"""Simulated trials behind that choice."""
+
+
+@dataclass(frozen=True)
+class TrialCell:
+    """A cell of a trial.
+
+    Attributes:
+        name: name of it: the challenge, with the body where the release has it with several.
+        environment: its name.
+        challenge: its name.
+        embodiment: body.
+        student: algorithm.
+        expert_knowledge: level offered.
+        slope: points of `MEASURE` per radian of its arcsine, at the mean of the release.
+        deviation: standard deviation of a run on the arcsine scale, rad, pooled over the release's teachers.
+        hours: median hours of a run in the release; 0 if unknown.
+    """
+
+    name: str
+    environment: str
+    challenge: str
+    embodiment: str
+    student: str
+    expert_knowledge: str
+    slope: float
+    deviation: float
+    hours: float
+
+    @property
+    def place(self) -> tuple[str, ...]:
+        """Values of `PLACE`."""
+        return tuple(getattr(self, name) for name in PLACE)
+
+
+@dataclass(frozen=True)
+class Design:
+    """All that a trial fixes beforehand.
+
+    Attributes:
+        teacher: its canonical name.
+        release: name of the release it is compared with.
+        release_digest: SHA-256 of the release's list of files.
+        best: teacher of the release with the highest mean, other than Random.
+        candidates: number of teachers that it was chosen among.
+        cells: cells, in the order in which they are run.
+        seeds: seeds of the new teacher, none of which the release has.
+        margin: difference in points that does not matter.
+        error: error that is spent, of both comparisons together; at most `ERROR`, and less where simulated
+            trials with the release's residuals need it.
+        simulated_error: share of those trials with a wrong verdict, the largest over true differences.
+        looks: seeds of every cell at each look.
+        measure: column of `run_measures`.
+        runs: SHA-256 of the ids of all runs: another source or setting of the teacher is another trial.
+    """
+
+    teacher: str
+    release: str
+    release_digest: str
+    best: str
+    candidates: int
+    cells: tuple[TrialCell, ...]
+    seeds: tuple[int, ...]
+    margin: float = MARGIN
+    error: float = ERROR
+    simulated_error: float = 0.0
+    looks: tuple[int, ...] = LOOKS
+    measure: str = MEASURE
+    runs: str = ""
+
+    @classmethod
+    def of(cls, content: Mapping[str, Any], where: str) -> Design:
+        """Returns the design of a trial file.
+
+        Raises:
+            DamagedFileError: it is not what was written.
+        """
+        return decode_json(json.dumps(content), cls, where)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Returns it as plain data."""
+        return asdict(self)
+
+    @property
+    def references(self) -> tuple[str, str]:
+        """Teachers that the new one is compared with."""
+        return BASELINE, self.best
+
+    @property
+    def slopes(self) -> Floats:
+        """Points per radian in each cell (cells,)."""
+        return np.array([cell.slope for cell in self.cells])
+
+    def rule(self, reference: str, runs: Floats) -> Rule:
+        """Returns the rule of one comparison.
+
+        Args:
+            reference: one of `references`.
+            runs: runs of the reference in each cell (cells,).
+        """
+        candidates = 1 if is_baseline(reference) else self.candidates
+        fractions = planned_fractions(self.looks, self.slopes, runs)
+        return Rule(self.looks, fractions, self.margin, candidates, self.error / COMPARISONS)
+
+    def differing(self, other: Design) -> list[str]:
+        """Returns in words what another design has otherwise, except what is computed of the rest."""
+        computed = {"error", "simulated_error", "runs"}
+        mine, theirs = self.to_dict(), other.to_dict()
+        words = [
+            f"{name}: {mine[name]!r:.80}, not {theirs[name]!r:.80}"
+            for name in mine
+            if name not in computed and mine[name] != theirs[name]
+        ]
+        if not words and self.runs != other.runs:
+            words = [f"runs: the source of {self.teacher} or a setting of its runs is another one"]
+        return words
+
+
+@dataclass(frozen=True)
+class Released:
+    """The runs of a release that a trial is compared with.
+
+    Attributes:
+        runs: `PLACE`, teacher, run_id, seed, `MEASURE` and angle, its arcsine in rad; a row a run.
+    """
+
+    runs: pd.DataFrame
+
+    @classmethod
+    def of(cls, frames: Frames) -> Released:
+        """Returns the runs of `frames` that have ended with finite returns."""
+        return cls(ended_runs(frames).dropna(subset=["angle"]))
+
+    def moments(self, teacher: str, places: Sequence[tuple[str, ...]]) -> Moments:
+        """Returns the moments of a teacher's runs in cells."""
+        return moments([self.angles(teacher, place) for place in places])
+
+    def angles(self, teacher: str, place: tuple[str, ...]) -> Floats:
+        """Returns the arcsines of a teacher's runs in a cell (runs,), rad."""
+        return self._angles.get((teacher, *place), np.zeros(0))
+
+    @cached_property
+    def _angles(self) -> dict[tuple[str, ...], Floats]:
+        groups = self.runs.groupby(["teacher", *PLACE], sort=False)["angle"]
+        return {tuple(map(str, key)): values.to_numpy(float) for key, values in groups}
+
+
+def ended_runs(frames: Frames) -> pd.DataFrame:
+    """Returns the runs that have ended: `PLACE`, teacher, run_id, seed, `MEASURE` and angle.
+
+    Both measures of a run whose returns are not finite are NaN.
+    """
+    cells = frames.cells[[*PLACE, "teacher", "seed", "run_id"]].drop_duplicates()
+    measures = run_measures(frames, training=False)
+    ended = measures["reason"].isin(["", NOT_FINITE])
+    rows = cells.merge(measures.loc[ended, ["run_id", MEASURE]], on="run_id")
+    return rows.assign(angle=Scale.ARCSINE.of(rows[MEASURE])).astype(dict.fromkeys([*PLACE, "teacher"], str))
+
+
+def moments(samples: Sequence[Floats]) -> Moments:
+    """Returns the moments of one sample a cell; NaN of a sample that is too small."""
+    with np.errstate(invalid="ignore", divide="ignore"):
+        means = [sample.mean() if sample.size else np.nan for sample in samples]
+        variances = [sample.var(ddof=1) if sample.size > 1 else np.nan for sample in samples]
+    return Moments(np.array(means), np.array(variances), np.array([float(s.size) for s in samples]))
+
+
+def newest_release() -> Baseline:
+    """Returns the release made last of those with runs of real students that have names here.
+
+    Raises:
+        BaselineError: there is none.
+    """
+    found = [
+        each
+        for each in baselines()
+        if each.manifest.kind is BaselineKind.RUNS and each.manifest.engine != SIMULATED
+    ]
+    if not found:
+        raise BaselineError("no release of real students has a name here: give one with --against")
+    return max(found, key=lambda each: each.manifest.created)
+
+
+def make_design(
+    teacher: str,
+    baseline: Baseline,
+    frames: Frames,
+    margin: float = MARGIN,
+    wanted: Collection[str] = (),
+    looks: tuple[int, ...] = LOOKS,
+) -> Design:
+    """Returns the design of a trial against a release.
+
+    Args:
+        teacher: canonical name of the new teacher.
+        baseline: the release.
+        frames: its frames.
+        margin: difference in points that does not matter.
+        wanted: names of cells, of `cell_names`; all by default.
+        looks: seeds of every cell at each look.
+
+    Raises:
+        ValueError: an unknown cell, or too few runs of Random or of others to compare with.
+    """
+    released = Released.of(frames)
+    core = (
+        frames.cells
+        if not baseline.manifest.core
+        else frames.cells[frames.cells["campaign"].isin(baseline.manifest.core)]
+    )
+    places = _chosen(core, wanted)
+    cells = _ordered([_cell(name, place, released, frames) for name, place in places.items()], released)
+    best, candidates = _best(released, [cell.place for cell in cells], baseline.manifest.name)
+    first = int(released.runs["seed"].max()) + 1
+    design = Design(
+        teacher,
+        baseline.manifest.name,
+        hashlib.sha256(repr(baseline.manifest.files).encode()).hexdigest(),
+        best,
+        candidates,
+        cells,
+        tuple(range(first, first + looks[-1])),
+        margin,
+        looks=looks,
+    )
+    return _calibrated(design, released)
+
+
+def _chosen(cells: pd.DataFrame, wanted: Collection[str]) -> dict[str, tuple[str, ...]]:
+    """Returns the places of Random at the highest level of knowledge that each has, by name."""
+    own = cells[cells["teacher"].map(lambda name: is_baseline(str(name)))]
+    places: dict[tuple[str, ...], tuple[str, ...]] = {}
+    for place in sorted({tuple(map(str, row)) for row in own[PLACE].itertuples(index=False)}):
+        held = places.get(place[:-1])
+        if held is None or KnowledgeLevel(held[-1]).rank < KnowledgeLevel(place[-1]).rank:
+            places[place[:-1]] = place
+    challenges = [place[:2] for place in places.values()]
+    known = {
+        place[1] if challenges.count(place[:2]) == 1 else f"{place[1]}/{place[2]}": place
+        for place in places.values()
+    }
+    for name in wanted:
+        if name not in known:
+            raise ValueError(
+                f"the release has no cell {name!r}: {nearest(name, known)}it has {', '.join(known)}"
+            )
+    return {name: place for name, place in known.items() if not wanted or name in wanted}
+
+
+def _cell(name: str, place: tuple[str, ...], released: Released, frames: Frames) -> TrialCell:
+    rows = released.runs[(released.runs[PLACE] == list(place)).all(axis=1)]
+    groups = rows.groupby("teacher")["angle"]
+    freedom = (groups.size() - 1).sum()
+    deviation = float(np.sqrt((groups.var() * (groups.size() - 1)).sum() / freedom))
+    slope = 100 * float(np.sin(2 * groups.mean().mean()))
+    hours = frames.run_hours.reindex(rows["run_id"].unique()).median()
+    known = dict(zip(PLACE, place, strict=True))
+    return TrialCell(
+        name, **known, slope=slope, deviation=deviation, hours=0.0 if np.isnan(hours) else float(hours)
+    )
+
+
+def _ordered(cells: Sequence[TrialCell], released: Released) -> tuple[TrialCell, ...]:
+    """Returns the cells in which a core-hour tells most of teachers first.
+
+    That is the variance between the release's teachers, without what their seeds add to it, over the variance
+    of a run, for each hour of a run.
+    """
+
+    def worth(cell: TrialCell) -> float:
+        rows = released.runs[(released.runs[PLACE] == list(cell.place)).all(axis=1)]
+        groups = rows.groupby("teacher")["angle"]
+        noise = cell.deviation**2
+        signal = max(float(groups.mean().var()) - noise * float((1 / groups.size()).mean()), 0.0)
+        return signal / noise / (cell.hours or 1.0)
+
+    return tuple(sorted(cells, key=worth, reverse=True))
+
+
+def _best(released: Released, places: Sequence[tuple[str, ...]], name: str) -> tuple[str, int]:
+    """Returns the best teacher but Random over cells of equal weight, and how many have as many runs."""
+    needed = released.moments(BASELINE, places).runs
+    if needed.min() < 3:
+        raise ValueError(f"{name} has {needed.min():.0f} runs of Random in a cell: a trial needs 3")
+    areas = released.runs.groupby(["teacher", *PLACE])[MEASURE].mean()
+    means = {
+        teacher: float(np.mean([areas[teacher, *place] for place in places]))
+        for teacher in released.runs["teacher"].unique()
+        if not is_baseline(teacher) and (released.moments(teacher, places).runs >= needed).all()
+    }
+    if not means:
+        raise ValueError(f"{name} has no teacher with as many runs as Random in these cells")
+    return max(means, key=lambda teacher: means[teacher]), len(means)
+
+
+def setting_of(design: Design, released: Released) -> Setting:
+    """Returns a design for simulated trials, with residuals of the teachers that the best is chosen among."""
+    cells = tuple(_simulated_cell(cell, released) for cell in design.cells)
+    return Setting(cells, design.looks, design.margin, design.candidates, design.error)
+
+
+def _simulated_cell(cell: TrialCell, released: Released) -> Cell:
+    rows = released.runs[(released.runs[PLACE] == list(cell.place)).all(axis=1)]
+    groups = rows.groupby("teacher")["angle"]
+    sizes = groups.transform("size")
+    residuals = (rows["angle"] - groups.transform("mean")) * np.sqrt(sizes / (sizes - 1))
+    runs = released.angles(BASELINE, cell.place).size
+    return Cell(cell.slope, residuals[sizes >= runs].to_numpy(float), runs)
+
+
+def _calibrated(design: Design, released: Released) -> Design:
+    """Returns the design with the largest of `ERRORS` by which simulated verdicts are wrong rarely enough.
+
+    Student's quantiles of few and skewed values spend more than they should; trials over one cell feel it.
+    """
+    setting, wrong = setting_of(design, released), 1.0
+    truths = 0.0, design.margin, -design.margin
+    for error in ERRORS:
+        trial = replace(setting, error=error)
+        wrong = max(float(simulate(trial, true, TRIALS).wrong.mean()) for true in truths)
+        if wrong + 2 * np.sqrt(wrong / TRIALS) <= ERROR:
+            return replace(design, error=error, simulated_error=wrong)
+    raise ValueError(
+        f"verdicts in these cells would be wrong in {100 * wrong:.1f} % of trials: choose more of them"
+    )
+
+
+def detectable(design: Design, reference: str, runs: Floats) -> float:
+    """Returns the difference in points that a trial finds with probability `POWER`, at any of its looks.
+
+    For normal runs with the release's standard deviations.
+    """
+    rule, expected = design.rule(reference, runs), planned(design, runs)
+    freedoms = [float(each.freedom) for each in expected]
+    bounds = [float(quantile(np.array(f), bound)) for f, bound in zip(freedoms, rule.lower, strict=True)]
+    information = [float(each.error) ** -2 for each in expected]
+    scale = float(expected[-1].error)
+
+    def excess(shift: float) -> float:
+        return sum(crossing(bounds, information, shift * scale)) - POWER
+
+    return float(optimize.brentq(excess, 0.0, 50.0)) * scale
+
+
+def planned(design: Design, runs: Floats) -> list[Difference]:
+    """Returns what each look has if the new teacher is like the reference."""
+    variance = np.array([cell.deviation**2 for cell in design.cells])
+    reference = Moments(np.zeros_like(variance), variance, runs)
+    teachers = [replace(reference, runs=np.full_like(variance, seeds)) for seeds in design.looks]
+    return [difference(teacher, reference, design.slopes) for teacher in teachers]

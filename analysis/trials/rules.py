@@ -1,0 +1,223 @@
+"""The rules of a trial: repeated confidence intervals at its looks, verdicts by them, and when it is futile.
+
+Every function takes arrays: one trial, or thousands of simulated ones, by the same rules.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from enum import StrEnum
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import special
+
+from analysis.trials.boundaries import boundaries
+
+LOOKS = (3, 5, 10, 20)
+"""Seeds of every cell after which a trial is looked at."""
+
+ERROR = 0.05
+"""Probability of a wrong verdict in either comparison, at any look."""
+
+COMPARISONS = 2
+"""With Random and with the best teacher: each has an equal part of the error (Bonferroni)."""
+
+FUTILE = 0.3
+"""Conditional power under which a comparison is given up."""
+
+Floats = NDArray[np.float64]
+
+
+class Verdict(StrEnum):
+    """Verdict of a comparison at a look.
+
+    Attributes:
+        BETTER: the interval is over 0.
+        WORSE: it is under 0.
+        ALIKE: it is within the margin.
+        OPEN: none of these; more seeds may tell.
+    """
+
+    BETTER = "better"
+    WORSE = "worse"
+    ALIKE = "alike"
+    OPEN = "open"
+
+
+@dataclass(frozen=True)
+class Moments:
+    """Means of samples of runs in cells, on the arcsine scale.
+
+    Attributes:
+        mean: means (..., cells), rad.
+        variance: variances of one run (..., cells), rad².
+        runs: number of runs of each (cells,).
+    """
+
+    mean: Floats
+    variance: Floats
+    runs: Floats
+
+    @classmethod
+    def of(cls, values: Floats) -> Moments:
+        """Returns the moments of samples (..., cells, runs)."""
+        runs = np.full(values.shape[-2], float(values.shape[-1]))
+        return cls(values.mean(axis=-1), values.var(axis=-1, ddof=1), runs)
+
+
+@dataclass(frozen=True)
+class Difference:
+    """Differences of a teacher to a reference over all cells, in points of the measure.
+
+    Attributes:
+        value: mean over cells (...).
+        error: its standard error (...).
+        freedom: degrees of freedom after Welch and Satterthwaite (...).
+    """
+
+    value: Floats
+    error: Floats
+    freedom: Floats
+
+
+def difference(teacher: Moments, reference: Moments, slopes: Floats) -> Difference:
+    """Returns the difference over cells of equal weight.
+
+    Args:
+        teacher: runs of the new teacher.
+        reference: runs of the other.
+        slopes: points per radian in each cell (cells,).
+    """
+    weights = slopes / len(slopes)
+    parts = [(weights**2 * each.variance / each.runs, each.runs - 1) for each in (teacher, reference)]
+    variance = sum(part.sum(axis=-1) for part, _ in parts)
+    squares = sum((part**2 / own).sum(axis=-1) for part, own in parts)
+    with np.errstate(invalid="ignore", divide="ignore"):  # no spread in any sample: no interval
+        freedom = variance**2 / squares
+    value = (weights * (teacher.mean - reference.mean)).sum(axis=-1)
+    return Difference(value, np.sqrt(variance), freedom)
+
+
+@dataclass(frozen=True)
+class Rule:
+    """The rule of one comparison.
+
+    Attributes:
+        looks: seeds of every cell at each look.
+        fractions: information of each look over that of the last, as planned.
+        margin: largest difference in points that does not matter.
+        candidates: teachers among which the reference was chosen as the best; 1 if it was not chosen.
+        error: probability of a wrong verdict at any look.
+    """
+
+    looks: tuple[int, ...]
+    fractions: tuple[float, ...]
+    margin: float
+    candidates: int = 1
+    error: float = ERROR / COMPARISONS
+
+    @cached_property
+    def lower(self) -> tuple[float, ...]:
+        """Standard errors under the difference at which the interval of each look begins, if normal."""
+        return self._bounds(self.error / 2)
+
+    @cached_property
+    def upper(self) -> tuple[float, ...]:
+        """Standard errors over the difference at which it ends: further for one chosen as the best.
+
+        The best of several is overestimated, so that the difference to it is underestimated, never
+        overestimated: only this end needs Šidák's correction.
+        """
+        return self._bounds(1 - (1 - self.error / 2) ** (1 / self.candidates))
+
+    def _bounds(self, error: float) -> tuple[float, ...]:
+        """Returns boundaries that hold whatever the ratio of variances of teacher and reference is.
+
+        Error is spent by the planned information. Statistics of looks are least correlated, and cross most
+        often, where all variance is the new teacher's: this correlation is used (Slepian, 1962).
+        """
+        return boundaries(self.fractions, error, tuple(map(float, self.looks)))
+
+    def interval(self, found: Difference, look: int) -> tuple[Floats, Floats]:
+        """Returns both ends of the repeated confidence interval at look `look`, from 0 on.
+
+        Student's t in the place of the normal distribution, at the same probability. All intervals of a
+        trial hold the true difference at once with probability 1 - error.
+        """
+        return (
+            found.value - self.reach(found, look, above=True),
+            found.value + self.reach(found, look, above=False),
+        )
+
+    def reach(self, found: Difference, look: int, *, above: bool) -> Floats:
+        """Returns how far a difference must be from 0 for a verdict at look `look`, in points.
+
+        Args:
+            found: differences, of which the errors are read.
+            look: number of the look, from 0 on.
+            above: True for better, False for worse.
+        """
+        bounds = self.lower if above else self.upper
+        with np.errstate(invalid="ignore"):  # no spread in any sample: nothing is far enough
+            return np.asarray(
+                np.where(found.error > 0, quantile(found.freedom, bounds[look]) * found.error, math.inf),
+                np.float64,
+            )
+
+    def verdicts(self, found: Difference, look: int) -> NDArray[np.str_]:
+        """Returns the `Verdict` of each difference at look `look`."""
+        low, high = self.interval(found, look)
+        decided = (low > 0, high < 0, (low > -self.margin) & (high < self.margin))
+        return np.select(decided, (Verdict.BETTER, Verdict.WORSE, Verdict.ALIKE), Verdict.OPEN)
+
+    def power(self, teacher: Moments, reference: Moments, slopes: Floats, last: int | None = None) -> Floats:
+        """Returns the probability that a later look decides, as the seeds so far let expect.
+
+        Conditional power at look `last`, averaged over the differences that the seeds so far leave open
+        (predictive power; Spiegelhalter, Freedman and Blackburn, 1986).
+
+        Args:
+            teacher: runs of the new teacher so far.
+            reference: runs of the other.
+            slopes: points per radian in each cell (cells,).
+            last: number of the look, from 0 on; the last one by default.
+        """
+        last = len(self.looks) - 1 if last is None else last
+        seeds = np.full_like(teacher.runs, self.looks[last])
+        now = difference(teacher, reference, slopes)
+        then = difference(Moments(teacher.mean, teacher.variance, seeds), reference, slopes)
+        parts = (slopes / len(slopes)) ** 2 * teacher.variance * (1 / teacher.runs - 1 / seeds)
+        spread = np.sqrt(np.maximum(parts.sum(axis=-1), np.finfo(float).tiny))
+        low, high = (self.reach(then, last, above=above) for above in (True, False))
+        # It decides outside [-high, low], and between low - margin and margin - high.
+        inside = np.minimum(self.margin - high, low), np.maximum(low - self.margin, -high)
+
+        def chance(value: Floats) -> Floats:
+            return np.asarray(special.ndtr((value - now.value) / spread), np.float64)
+
+        undecided = chance(low) - chance(-high)
+        alike = np.maximum(chance(inside[0]) - chance(inside[1]), 0.0)
+        return np.asarray(1 - undecided + alike, np.float64)
+
+
+def planned_fractions(looks: Sequence[int], slopes: Floats, reference_runs: Floats) -> tuple[float, ...]:
+    """Returns the information of each look over that of the last, for equal variances in all samples.
+
+    The reference's runs are fixed: their part of the variance stays.
+
+    Args:
+        looks: seeds of every cell at each look.
+        slopes: points per radian in each cell (cells,).
+        reference_runs: runs of the reference in each cell (cells,).
+    """
+    variances = [float((slopes**2 * (1 / seeds + 1 / reference_runs)).sum()) for seeds in looks]
+    return tuple(variances[-1] / variance for variance in variances)
+
+
+def quantile(freedom: Floats, bound: float) -> Floats:
+    """Returns Student's quantiles at the probability of a normal statistic under `bound`."""
+    return np.asarray(-special.stdtrit(freedom, float(special.ndtr(-bound))), np.float64)

@@ -1,0 +1,78 @@
+"""Trials simulated with the residuals of a release: errors, seeds to the verdict, and the bias of estimates.
+
+python benchmarks/trials.py > benchmarks/measured/trials.csv
+"""
+
+from __future__ import annotations
+
+import sys
+
+import numpy as np
+import pandas as pd
+
+from analysis.baselines import find_baseline
+from analysis.trials.boundaries import median_unbiased
+from analysis.trials.design import Released, make_design, setting_of
+from analysis.trials.rules import Verdict
+from analysis.trials.simulation import Outcomes, Setting, simulate
+
+RELEASE = "lite-1"
+
+TRIALS = 4_000
+
+SEED = 2026
+"""Of the trials; another one than that of the calibration of designs."""
+
+CELLS = ((), ("original", "diverse_students/spider"), ("original",), ("rugged_difficulty",))
+
+
+def row(setting: Setting, true: float) -> dict[str, object]:
+    """Returns what `TRIALS` trials of a teacher come to that is `true` points better than all others."""
+    found = simulate(setting, true, TRIALS, SEED)
+    shares: dict[str, object] = {}
+    for name, verdicts in zip(("random", "best"), found.verdicts, strict=True):
+        shares |= {f"{name}_{verdict.value}": (verdicts == verdict).mean() for verdict in Verdict}
+    return {
+        "cells": len(setting.cells),
+        "margin": setting.margin,
+        "spent": setting.error,
+        "true": true,
+        "seeds": found.seeds.mean(),
+        "wrong": found.wrong.mean(),
+        **shares,
+        "naive_bias": found.estimates[0].mean() - true,
+        "median_bias": np.median(unbiased(setting, found)) - true,
+    }
+
+
+def unbiased(setting: Setting, found: Outcomes) -> list[float]:
+    """Returns the median-unbiased estimates of the difference to Random, of each tenth trial."""
+    rule, estimates = setting.rules[0], []
+    planned = [1 / (1 / seeds + 1 / setting.cells[0].runs) for seeds in setting.looks]
+    for trial in range(0, TRIALS, 10):
+        look = int(found.looks[0][trial])
+        value, error = float(found.estimates[0][trial]), float(found.errors[0][trial])
+        information = [each / planned[look] / error**2 for each in planned[: look + 1]]
+        bounds = rule.lower if value > 0 else rule.upper
+        estimates.append(median_unbiased(value / error, bounds[:look], information))
+    return estimates
+
+
+def main() -> None:
+    """Prints a row for each choice of cells and each true difference."""
+    baseline = find_baseline(RELEASE)
+    frames = baseline.frames()
+    released = Released.of(frames)
+    rows = []
+    for wanted in CELLS:
+        design = make_design("trial", baseline, frames, wanted=wanted)
+        setting = setting_of(design, released)
+        rows += [
+            {"names": ", ".join(wanted) or "all"} | row(setting, factor * design.margin)
+            for factor in (-1, 0, 1, 2)
+        ]
+    pd.DataFrame(rows).to_csv(sys.stdout, index=False, float_format="%.4f")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,126 @@
+"""The rules of trials: boundaries against published ones, intervals against the project's tests, errors."""
+
+import math
+
+import numpy as np
+import pandas as pd
+import pytest
+from scipy import stats
+
+from analysis.statistics import stratified
+from analysis.trials.boundaries import boundaries, crossing, median_unbiased, spent
+from analysis.trials.rules import LOOKS, Moments, Rule, Verdict, difference, planned_fractions
+from analysis.trials.simulation import Cell, Setting, simulate
+
+
+@pytest.mark.parametrize(
+    "published",
+    [
+        (2.9626, 1.9686),
+        (3.7103, 2.5114, 1.9930),
+        (4.3326, 2.9631, 2.3590, 2.0141),
+        (4.8769, 3.3569, 2.6803, 2.2898, 2.0310),
+    ],
+)
+def test_boundaries_are_the_published_ones(published: tuple[float, ...]) -> None:
+    """Two-sided 0.05, equal steps: Reboussin, DeMets, Kim and Lan (2000), their O'Brien-Fleming function."""
+    fractions = tuple((look + 1) / len(published) for look in range(len(published)))
+    assert boundaries(fractions, 0.025, fractions) == pytest.approx(published, abs=2e-4)
+
+
+def test_all_error_is_spent_at_the_end_and_in_the_planned_portions() -> None:
+    fractions = (0.47, 0.63, 0.83, 1.0)
+    portions = np.cumsum(crossing(boundaries(fractions, 0.0125, fractions), fractions))
+    assert portions == pytest.approx([spent(fraction, 0.0125) for fraction in fractions], abs=1e-9)
+    assert portions[-1] == pytest.approx(0.0125)
+
+
+def test_crossing_agrees_with_two_correlated_normals() -> None:
+    bounds, information, drift = (1.2, 1.9), (1.0, 2.5), 0.7
+    mean = [drift * math.sqrt(held) for held in information]
+    joint = stats.multivariate_normal(mean, [[1, math.sqrt(0.4)], [math.sqrt(0.4), 1]])
+    first = 1 - stats.norm.cdf(bounds[0] - mean[0])
+    neither = joint.cdf(np.array(bounds))
+    assert crossing(bounds, information, drift) == pytest.approx([first, 1 - first - neither], abs=1e-5)
+
+
+def test_boundaries_hold_whatever_the_ratio_of_variances_is() -> None:
+    rule = Rule(LOOKS, planned_fractions(LOOKS, np.ones(1), np.full(1, 5.0)), 2.5)
+    for new_share in (0.01, 0.5, 1.0):
+        information = [1 / (new_share / seeds + (1 - new_share) / 5) for seeds in LOOKS]
+        assert sum(crossing(rule.lower, information)) <= rule.error / 2 + 1e-9
+
+
+def test_the_median_unbiased_estimate_is_too_high_as_often_as_too_low() -> None:
+    rng = np.random.default_rng(5)
+    information, bounds, true = np.array([1.0, 2.0]), (2.0, 1.5), 1.2
+    steps = rng.normal(true * np.array([1.0, 1.0]), 1.0, (600, 2))
+    statistics = np.cumsum(steps, axis=1) / np.sqrt(information)
+    found = [
+        median_unbiased(first, (), information[:1])
+        if first > bounds[0]
+        else median_unbiased(last, bounds[:1], information)
+        for first, last in statistics
+    ]
+    assert np.mean(np.array(found) > true) == pytest.approx(0.5, abs=0.06)
+
+
+def test_one_look_is_the_stratified_test_of_the_project() -> None:
+    rng = np.random.default_rng(2)
+    new, old = rng.normal(0.5, 0.1, (3, 6)), rng.normal(0.4, 0.2, (3, 5))
+    pairs = [
+        (pd.Series(a, index=[f"a{i}" for i in range(6)]), pd.Series(b)) for a, b in zip(new, old, strict=True)
+    ]
+    test = stratified(pairs, [1, 1, 1])
+    found = difference(Moments.of(new), Moments.of(old), np.ones(3))
+    assert found.value == pytest.approx(test.difference)
+    assert found.error == pytest.approx(test.difference / test.t)
+    assert found.freedom == pytest.approx(test.degrees_of_freedom)
+    low, high = Rule((6,), (1.0,), 1.0, error=0.05).interval(found, 0)
+    assert (low, high) == pytest.approx((test.low, test.high))
+
+
+@pytest.mark.parametrize(
+    ("value", "verdict"),
+    [(5.0, Verdict.BETTER), (-5.0, Verdict.WORSE), (0.2, Verdict.ALIKE), (1.9, Verdict.OPEN)],
+)
+def test_verdicts_follow_the_interval(value: float, verdict: Verdict) -> None:
+    rule = Rule((20,), (1.0,), margin=2.5, error=0.05)
+    new = Moments(np.array([value]), np.array([20.0]), np.array([20.0]))
+    old = Moments(np.zeros(1), np.array([5.0]), np.array([20.0]))
+    assert str(rule.verdicts(difference(new, old, np.ones(1)), 0)) == verdict
+
+
+def test_no_spread_decides_nothing() -> None:
+    still = Moments(np.zeros(1), np.zeros(1), np.array([3.0]))
+    found = difference(Moments(np.ones(1), still.variance, still.runs), still, np.ones(1))
+    assert str(Rule((3,), (1.0,), 5.0).verdicts(found, 0)) == Verdict.OPEN
+
+
+def test_the_chance_of_a_verdict_is_that_of_the_seeds_to_come() -> None:
+    rng = np.random.default_rng(8)
+    rule = Rule((5, 20), planned_fractions((5, 20), np.ones(1), np.full(1, 50.0)), 0.5, candidates=3)
+    new, old = Moments.of(rng.normal(0.4, 1.0, (1, 5))), Moments.of(rng.normal(0.0, 1.0, (1, 50)))
+    deviation = math.sqrt(new.variance[0] * (1 / 5 - 1 / 20))
+    means = rng.normal(new.mean[0], deviation, 20_000)[:, None]
+    later = Moments(means, np.broadcast_to(new.variance, means.shape), np.array([20.0]))
+    decided = rule.verdicts(difference(later, old, np.ones(1)), 1) != Verdict.OPEN
+    assert float(rule.power(new, old, np.ones(1))) == pytest.approx(decided.mean(), abs=0.01)
+
+
+@pytest.fixture(scope="module")
+def setting() -> Setting:
+    residuals = np.random.default_rng(0).normal(0.0, 0.06, 60)
+    residuals -= residuals.mean()
+    return Setting(tuple(Cell(60.0, residuals, 5) for _ in range(4)), LOOKS, 3.0, 9, 0.05)
+
+
+@pytest.mark.parametrize("true", [0.0, 3.0, -3.0])
+def test_verdicts_are_wrong_in_at_most_one_of_twenty_trials(setting: Setting, true: float) -> None:
+    assert simulate(setting, true, 3_000).wrong.mean() < 0.05
+
+
+def test_a_large_difference_is_found_with_few_seeds_and_no_difference_never_as_one(setting: Setting) -> None:
+    found = simulate(setting, 9.0, 1_000)
+    assert (found.verdicts == Verdict.BETTER).mean() > 0.98
+    assert found.seeds.mean() < 7

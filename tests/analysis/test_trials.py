@@ -1,0 +1,148 @@
+"""Trials against lite-1: the design, verdicts of released teachers under other seeds, and their words."""
+
+from dataclasses import replace
+
+import pandas as pd
+import pytest
+
+from analysis.baselines import find_baseline
+from analysis.data.frames import Frames
+from analysis.trials.design import (
+    MEASURE,
+    PLACE,
+    Design,
+    Released,
+    detectable,
+    ended_runs,
+    make_design,
+    newest_release,
+)
+from analysis.trials.rules import LOOKS, Verdict
+from analysis.trials.standing import Ending, looks_at
+from analysis.trials.wording import latex_row, methods, plan_lines, sentence, verdict_table
+
+CELLS = ("original", "diverse_students/spider")
+
+
+@pytest.fixture(scope="module")
+def frames() -> Frames:
+    return find_baseline("lite-1").frames()
+
+
+@pytest.fixture(scope="module")
+def released(frames: Frames) -> Released:
+    return Released.of(frames)
+
+
+@pytest.fixture(scope="module")
+def design(frames: Frames) -> Design:
+    return make_design("mine:Frontier", find_baseline("lite-1"), frames, wanted=CELLS)
+
+
+def _runs_like(teacher: str, design: Design, frames: Frames, seeds: int, points: float = 0.0) -> pd.DataFrame:
+    """Returns runs of the new teacher: those of a released one over and over, some points better."""
+    rows = ended_runs(frames)
+    found = []
+    for cell in design.cells:
+        own = rows[(rows[PLACE] == list(cell.place)).all(axis=1) & (rows["teacher"] == teacher)]
+        own = pd.concat([own] * 10, ignore_index=True).head(seeds)
+        angles = own["angle"] + points / cell.slope
+        found.append(own.assign(teacher=design.teacher, seed=list(design.seeds[:seeds]), angle=angles))
+    return pd.concat(found, ignore_index=True)
+
+
+def test_the_design_says_whom_where_and_with_which_seeds(design: Design, frames: Frames) -> None:
+    assert design.release == newest_release().manifest.name
+    assert design.references[0] == "random"
+    means = ended_runs(frames).groupby(["teacher", *PLACE])[MEASURE].mean()
+    assert design.best == max(
+        ("alp_gmm", "goal_gan:preset=release", "riac"),
+        key=lambda teacher: sum(means[(teacher, *cell.place)] for cell in design.cells),
+    )
+    assert [cell.name for cell in design.cells] == ["original", "diverse_students/spider"]
+    assert min(design.seeds) > frames.cells["seed"].max()
+    assert design.looks == LOOKS
+    assert design.simulated_error < 0.05
+
+
+def test_a_design_survives_its_file_and_tells_another_one_apart(design: Design) -> None:
+    again = Design.of(design.to_dict(), "trial.json")
+    assert again == design
+    assert again.differing(replace(design, margin=4.0)) == ["margin: 2.5, not 4.0"]
+    assert "source" in again.differing(replace(design, runs="another"))[0]
+
+
+def test_an_unknown_cell_is_refused_with_those_there_are(frames: Frames) -> None:
+    with pytest.raises(ValueError, match=r"no cell 'orginal'.*original"):
+        make_design("mine:Frontier", find_baseline("lite-1"), frames, wanted=["orginal"])
+
+
+def test_a_much_better_teacher_wins_at_an_early_look(
+    design: Design, released: Released, frames: Frames
+) -> None:
+    looks = looks_at(design, released, _runs_like(design.best, design, frames, 10, points=12.0))
+    assert looks[-1].ending is Ending.DECIDED
+    assert [each.verdict for each in looks[-1].settled] == [Verdict.BETTER, Verdict.BETTER]
+    assert looks[-1].seeds < LOOKS[-1]
+    said = sentence(design, looks[-1])
+    assert "better than Random" in said
+    assert "better than GoalGAN (release), the best of 9 there" in said
+
+
+def test_random_again_is_never_better_and_worse_than_the_best(
+    design: Design, released: Released, frames: Frames
+) -> None:
+    looks = looks_at(design, released, _runs_like("random", design, frames, 20))
+    assert looks[-1].settled[0].verdict is not Verdict.BETTER
+    assert looks[-1].settled[1].verdict is Verdict.WORSE
+
+
+def test_a_look_waits_for_all_of_its_runs_and_none_follows_the_end(
+    design: Design, released: Released, frames: Frames
+) -> None:
+    runs = _runs_like(design.best, design, frames, 20)
+    assert looks_at(design, released, runs.iloc[:-1].head(2)) == []
+    four = runs[runs["seed"].isin(design.seeds[:4])]
+    assert [look.seeds for look in looks_at(design, released, four)] == [3]
+    better = looks_at(design, released, _runs_like(design.best, design, frames, 20, points=30.0))
+    assert sum(bool(look.ending) for look in better) == 1
+    assert better[-1].ending
+
+
+def test_a_verdict_that_is_reached_stays(design: Design, released: Released, frames: Frames) -> None:
+    runs = _runs_like("random", design, frames, 20, points=-5.0)
+    later = runs["seed"].isin(design.seeds[5:])
+    runs.loc[later, "angle"] += 0.3  # from then on far better
+    looks = looks_at(design, released, runs)
+    first = next(look for look in looks if look.findings[1].verdict is Verdict.WORSE)
+    assert first.seeds < looks[-1].seeds
+    assert looks[-1].settled[1] == first.findings[1]
+
+
+def test_runs_that_are_not_finite_are_left_out_by_number(
+    design: Design, released: Released, frames: Frames
+) -> None:
+    runs = _runs_like(design.best, design, frames, 5)
+    runs.loc[0, "angle"] = float("nan")
+    assert looks_at(design, released, runs)[0].excluded == 1
+
+
+def test_the_detectable_difference_falls_with_the_number_of_cells(
+    design: Design, frames: Frames, released: Released
+) -> None:
+    found = []
+    for made in (design, make_design("mine:Frontier", find_baseline("lite-1"), frames, wanted=["original"])):
+        runs = released.moments("random", [cell.place for cell in made.cells]).runs
+        found.append(detectable(made, "random", runs))
+    assert found[0] < found[1]
+
+
+def test_everything_that_is_written_has_the_numbers(
+    design: Design, released: Released, frames: Frames
+) -> None:
+    looks = looks_at(design, released, _runs_like(design.best, design, frames, 20))
+    assert any("6, 10, 20, 40 runs" in line for line in plan_lines(design, released))
+    table = verdict_table(design, looks)
+    assert len(table) == 2 * len(looks)
+    assert latex_row(design, looks[-1]).startswith("mine:Frontier & ")
+    assert f"ended after {looks[-1].seeds} " in methods(design, looks[-1], "")

@@ -1,0 +1,148 @@
+"""Trials: which runs a look has, budgets, designs that stay, and an interrupted one that continues."""
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from analysis.baselines import find_baseline
+from analysis.trials.design import make_design
+from tma_ray.campaign import trials
+from tma_ray.campaign.costs.estimation import estimate
+from tma_ray.campaign.costs.known import kind_of
+from tma_ray.campaign.costs.speed import Throughput
+from tma_ray.campaign.options import TrialOptions
+from tma_ray.campaign.plan import Plan
+from tma_ray.campaign.progress import Snapshot
+from tma_ray.campaign.repeating import trial_plan
+from tma_ray.campaign.settings import Settings
+from tma_ray.cli import main
+from tma_ray.results import Results, Store, TrialFile, TrialLook, create_root
+
+PLACES = [
+    ("stump_tracks", "original", "classic_bipedal", "ppo", "high"),
+    ("stump_tracks", "diverse_students", "spider", "ppo", "high"),
+]
+
+
+@pytest.fixture(scope="module")
+def plans() -> list[Plan]:
+    released = Results(find_baseline("lite-1").store())
+    return [trial_plan("trial", released, "sobol", PLACES, range(5, 5 + seeds)) for seeds in (3, 5)]
+
+
+def test_a_look_has_its_seeds_of_every_cell_one_cell_after_the_other(plans: list[Plan]) -> None:
+    found = [(spec.challenge, spec.seed) for spec in plans[0].runs]
+    assert found == [(place[1], seed) for place in PLACES for seed in (5, 6, 7)]
+    assert {spec.run_id for spec in plans[0].runs} < {spec.run_id for spec in plans[1].runs}
+    assert {spec.schedule.steps for spec in plans[0].runs} == {2_000_000}
+
+
+@pytest.fixture
+def looks(plans: list[Plan], tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Callable[..., list[int]]:
+    """Runs looks, each done at once, at 1,000 steps a second; returns how many runs each had."""
+    speed = Throughput("ppo", training=1_000, playing=10_000, transition_bytes=0)
+    known = {kind_of(spec): speed for plan in plans for spec in plan.runs}
+    cost = estimate(plans[-1], Settings(), known)
+
+    def run(budget: float | None, ends: list[bool]) -> list[int]:
+        asked: list[int] = []
+
+        def executed(plan: Plan, *_: object) -> Snapshot:
+            asked.append(len(plan.runs))
+            return Snapshot(len(plan.runs), len(plan.runs), 0, 0, 0, 0, 0, ())
+
+        monkeypatch.setattr(trials, "executed", executed)
+        options = TrialOptions(results=str(tmp_path), local=True, budget=budget)
+        judged = iter(ends)
+        assert trials.run_looks(plans, cost, options, lambda: next(judged)) == 0
+        return asked
+
+    return run
+
+
+def test_the_next_look_begins_only_if_the_trial_goes_on(looks: Callable[..., list[int]]) -> None:
+    assert looks(None, [False, False]) == [6, 10]
+    assert looks(None, [True]) == [6]
+
+
+def test_a_look_that_does_not_fit_into_the_budget_does_not_begin(
+    looks: Callable[..., list[int]], capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert looks(0.2, []) == []
+    assert "another --budget continues" in capsys.readouterr().out
+    assert looks(100.0, [False, False]) == [6, 10]
+
+
+@pytest.fixture(scope="module")
+def planned(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A root with a trial that has been designed and has no runs."""
+    folder = tmp_path_factory.mktemp("trial") / "results"
+    baseline = find_baseline("simulated-1")
+    design = make_design("sobol", baseline, baseline.frames(), wanted=["original"])
+    store = Store.open(folder)
+    create_root(store)
+    TrialFile(design.to_dict(), (TrialLook(3, "look after 3 seeds: open"),)).save(store)
+    return folder
+
+
+@pytest.mark.parametrize(
+    ("changes", "named"),
+    [
+        (("sobol", "--margin", "4"), "margin: 2.5, not 4.0"),
+        (("riac",), "teacher: 'sobol', not 'riac'"),
+        (("sobol", "--cells", "mostly_trivial"), "cells"),
+    ],
+)
+def test_another_design_is_another_trial(
+    planned: Path, changes: tuple[str, ...], named: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    before = (planned / "trial.json").read_bytes()
+    assert main(["trial", *changes, "--simulated", "--results", str(planned)]) == 2
+    assert named in capsys.readouterr().err
+    assert (planned / "trial.json").read_bytes() == before
+
+
+def test_the_plan_is_told_before_anything_is_spent(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    folder = tmp_path / "results"
+    command = ["trial", "sobol", "--simulated", "--cells", "original", "--dry-run", "--results", str(folder)]
+    assert main(command) == 0
+    said = capsys.readouterr().out
+    assert "compared with: Random, and CURROT, the best of 17 teachers there" in said
+    assert "3, 5, 10, 20 runs, at most 20" in said
+    assert not folder.exists()
+
+
+def test_status_tells_where_a_trial_stands(planned: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["status", str(planned)]) == 0
+    said = capsys.readouterr().out
+    assert "Trial of sobol against simulated-1: under way; looks after 3, 5, 10, 20 seeds" in said
+    assert "look after 3 seeds: open" in said
+
+
+@pytest.mark.slow
+def test_a_trial_that_is_killed_keeps_its_design_and_comes_to_the_same_verdicts(tmp_path: Path) -> None:
+    killed, whole = tmp_path / "killed", tmp_path / "whole"
+    command = [sys.executable, "-m", "tma_ray", "trial", "sobol", "--simulated", "--cells", "original"]
+    started = subprocess.Popen([*command, "--results", str(killed)], start_new_session=True)
+    while not list((killed / "manifests").glob("*")):
+        assert started.poll() is None
+        time.sleep(0.1)
+    os.killpg(started.pid, signal.SIGKILL)
+    started.wait()
+    design = json.loads((killed / "trial.json").read_text())["design"]
+    for folder in (killed, whole):
+        subprocess.run([*command, "--results", str(folder)], check=True)
+    found = [json.loads((folder / "trial.json").read_text()) for folder in (killed, whole)]
+    assert found[0] == found[1]
+    assert found[0]["design"] == design
+    assert found[0]["ended"]
+    assert (killed / "trial" / "index.html").exists()

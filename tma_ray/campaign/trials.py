@@ -1,0 +1,149 @@
+"""The runs of a trial: look after look, within a budget, each judged before the next begins."""
+
+from __future__ import annotations
+
+import contextlib
+import time
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import closing, contextmanager
+from dataclasses import replace
+from threading import Timer
+
+from tma_ray.campaign.costs.confirmation import confirm, terminal_question, unfinished
+from tma_ray.campaign.costs.estimation import Cost, estimate
+from tma_ray.campaign.options import TrialOptions, chosen_address, chosen_nodes, chosen_settings
+from tma_ray.campaign.plan import Plan
+from tma_ray.campaign.script import ending, executed
+from tma_ray.campaign.simulated import SimulatedRoot
+from tma_ray.results import NotRunningError, Store, ask_to_stop
+from tma_ray.tasks import KnowledgeLevel
+from tma_ray.terminal import terminal
+from tma_ray.testing import EPISODES, find_simulated_challenge, matrix
+
+CAMPAIGN = "trial"
+"""Name of the campaign of a trial."""
+
+Judge = Callable[[], bool]
+"""Tells the verdicts of the looks so far; returns True if the trial ends there."""
+
+
+def trial_cost(plans: Sequence[Plan], options: TrialOptions) -> Cost | None:
+    """Return the cost of all looks but for what is done; None if nothing is left.
+
+    Args:
+        plans: runs until each look, those of the looks before included.
+        options: options of the command.
+
+    Raises:
+        ResultsRootError: the results root belongs to something else.
+    """
+    left = unfinished(plans[-1], str(options.results))
+    if not left:
+        return None
+    return estimate(replace(plans[-1], runs=left), chosen_settings(options), nodes=chosen_nodes(options))
+
+
+def confirm_trial(cost: Cost | None, options: TrialOptions) -> None:
+    """Return if a trial of this cost shall be started.
+
+    Raises:
+        ValueError: it shall not, or nobody can be asked.
+    """
+    if cost is not None and min(cost.wall_hours, options.budget or cost.wall_hours) > 1:
+        confirm(CAMPAIGN, cost, yes=options.yes, ask=terminal_question(chosen_address(options)))
+
+
+def run_looks(plans: Sequence[Plan], cost: Cost | None, options: TrialOptions, judge: Judge) -> int:
+    """Run what each look lacks and has it judged, until the trial ends or its budget does.
+
+    A look begins only if what it lacks fits into the budget; one that takes longer than expected is stopped
+    there, with checkpoints, and the same command continues it.
+
+    Args:
+        plans: runs until each look, those of the looks before included.
+        cost: of `trial_cost`.
+        options: its options, with budget, h; None for as long as it takes.
+        judge: is called after each look.
+
+    Returns:
+        The exit code, as of `script.main`.
+    """
+    console, settings, results = terminal(), chosen_settings(options), str(options.results)
+    deadline = time.monotonic() + 3600 * options.budget if options.budget else None
+    for plan in plans:
+        left = replace(plan, runs=unfinished(plan, results))
+        if left.runs:
+            known = cost.throughputs if cost else None
+            hours = estimate(left, settings, known, nodes=chosen_nodes(options)).wall_hours
+            if deadline is not None and time.monotonic() + 3600 * hours > deadline:
+                console.print(
+                    f"The budget does not hold the next look, {hours:.1f} h for {len(left.runs)} runs. The "
+                    f"same command with another --budget continues.",
+                    highlight=False,
+                    soft_wrap=True,
+                )
+                return 0
+            with _stopped_at(deadline, results):
+                ended = executed(plan, results, settings, chosen_address(options))
+            code, sentence = (ended, "") if isinstance(ended, int) else ending(ended, results)
+            if code:
+                console.print(sentence, highlight=False, soft_wrap=True)
+                return code
+        if judge():
+            break
+    return 0
+
+
+@contextmanager
+def _stopped_at(deadline: float | None, results: str) -> Iterator[None]:
+    """Ask the campaign on a results root to stop at a time of the monotonic clock."""
+    if deadline is None:
+        yield
+        return
+
+    def stop() -> None:
+        with contextlib.suppress(NotRunningError):
+            ask_to_stop(Store.open(results))
+
+    timer = Timer(max(deadline - time.monotonic(), 0.0), stop)
+    timer.daemon = True
+    timer.start()
+    try:
+        yield
+    finally:
+        timer.cancel()
+
+
+def simulate_looks(
+    teacher: str,
+    places: Sequence[tuple[str, ...]],
+    looks: Sequence[Sequence[int]],
+    options: TrialOptions,
+    judge: Judge,
+) -> int:
+    """Run a trial on simulated students, as `run_looks`.
+
+    Args:
+        teacher: canonical name.
+        places: cells: environment, challenge, body, student and level of expert knowledge.
+        looks: seeds of every cell until each look.
+        options: with results and jobs.
+        judge: is called after each look.
+
+    Raises:
+        ProcessLostError: a process was killed; the same call continues.
+    """
+    cells = [
+        cell
+        for _, challenge, _, _, level in places
+        for cell in matrix.cells_of([teacher], [find_simulated_challenge(challenge)], [KnowledgeLevel(level)])
+    ]
+    for seeds in looks:
+        root = SimulatedRoot(options.results, cells, seeds, EPISODES)
+        runs = matrix.run_cells(cells, seeds, EPISODES, options.jobs, tuple(root.kept()))
+        with closing(runs):
+            for run in runs:
+                root.add(run)
+        if judge():
+            break
+    return 0

@@ -1,0 +1,167 @@
+"""The command that tries a new teacher against a release, by a design fixed beforehand."""
+
+from __future__ import annotations
+
+import hashlib
+import re
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from tma_ray.campaign.options import EXECUTION_DEFAULTS, TrialOptions
+from tma_ray.cli.options import Name
+from tma_ray.command_line import command
+from tma_ray.commands.exits import RefusedError
+from tma_ray.part_names import base_name
+from tma_ray.results import Results, Store, TrialFile, TrialLook, check_usable, create_root
+from tma_ray.terminal import terminal
+
+if TYPE_CHECKING:
+    from analysis.baselines import Baseline
+    from analysis.data.frames import Frames
+    from analysis.trials.design import Design, Released
+    from analysis.trials.standing import Look
+    from tma_ray.campaign.plan import Plan
+
+REHEARSED, REHEARSED_CELLS = "simulated-1", ("original", "mostly_unfeasible")
+"""Release of simulated students that rehearsals are against, and their cells."""
+
+
+@command(defaults=EXECUTION_DEFAULTS)
+def trial(name: Name, /, *, options: TrialOptions = TrialOptions()) -> int:
+    """Try a new teacher against a release: whether it is better, worse or alike.
+
+    It is compared with Random and the best teacher of the release, by a design that is fixed before the
+    first run: looks after 3, 5, 10 and 20 seeds of every cell, stopped early for success, likeness and
+    futility. The same command continues.
+
+    Args:
+        name: teacher, as module:Name, file.py:Name or a registered name
+
+    Examples:
+        tma-ray trial mine.py:Frontier --simulated
+        tma-ray trial mine.py:Frontier --budget 8h --dry-run
+    """
+    from analysis.baselines import find_baseline
+    from analysis.trials.design import MARGIN, Design, Released, make_design, newest_release
+    from analysis.trials.wording import plan_lines
+    from tma_ray.teachers import canonical_teacher
+
+    store = Store.open(options.results)
+    check_usable(store)
+    teacher = canonical_teacher(name.replace(".py:", ":"))
+    kept = TrialFile.load(store)
+    before = Design.of(kept.design, str(store)) if kept else None
+    against = options.against or (before.release if before else REHEARSED if options.simulated else "")
+    baseline = find_baseline(against) if against else newest_release()
+    frames = baseline.frames()
+    cells, margin = options.cells or (REHEARSED_CELLS if options.simulated else ()), options.margin or MARGIN
+    if before:
+        cells = options.cells or tuple(cell.name for cell in before.cells)
+        margin = options.margin or before.margin
+    design, released = make_design(teacher, baseline, frames, margin, cells), Released.of(frames)
+    design, plans = _planned(design, baseline, simulated=options.simulated)
+    if before and before.differing(design):
+        raise RefusedError(
+            f"{store} holds another trial, whose design is fixed ({'; '.join(before.differing(design))}): "
+            f"choose another --results for this one"
+        )
+    design = before or design
+    for line in plan_lines(design, released):
+        terminal().print(line, highlight=False, soft_wrap=True)
+    return _started(options, _Trial(store, design, released, frames), plans)
+
+
+def _planned(design: Design, baseline: Baseline, *, simulated: bool) -> tuple[Design, list[Plan]]:
+    """Return the design with the digest of its runs, and these of each look; none of simulated students."""
+    from tma_ray.campaign.repeating import trial_plan
+    from tma_ray.campaign.trials import CAMPAIGN
+    from tma_ray.teachers import TEACHERS
+
+    if simulated:
+        plugin = TEACHERS.plugin(design.teacher)
+        return replace(design, runs=plugin.digest if plugin else ""), []
+    results, places = Results(baseline.store()), [cell.place for cell in design.cells]
+    plans = [
+        trial_plan(CAMPAIGN, results, design.teacher, places, design.seeds[:seeds]) for seeds in design.looks
+    ]
+    names = "\n".join(spec.run_id for spec in plans[-1].runs)
+    return replace(design, runs=hashlib.sha256(names.encode()).hexdigest()), plans
+
+
+def _started(options: TrialOptions, trial: _Trial, plans: list[Plan]) -> int:
+    """Tell the cost and run the looks."""
+    from tma_ray.campaign.trials import confirm_trial, run_looks, simulate_looks, trial_cost
+    from tma_ray.testing.conformance import check_quickly
+
+    cost = trial_cost(plans, options) if plans else None
+    if cost:
+        terminal().print("at most, " + cost.describe(), highlight=False, soft_wrap=True)
+    if options.dry_run:
+        return 0
+    confirm_trial(cost, options)
+    check_quickly(trial.design.teacher)
+    if TrialFile.load(trial.store) is None:
+        create_root(trial.store)
+        TrialFile(trial.design.to_dict()).save(trial.store)
+    if plans:
+        code = run_looks(plans, cost, options, trial.judge)
+    else:
+        seeds = [trial.design.seeds[:count] for count in trial.design.looks]
+        places = [cell.place for cell in trial.design.cells]
+        code = simulate_looks(trial.design.teacher, places, seeds, options, trial.judge)
+    trial.conclude()
+    return code
+
+
+@dataclass
+class _Trial:
+    """A trial under way.
+
+    Attributes:
+        store: its results root.
+        design: what is fixed.
+        released: runs that it is compared with.
+        frames: all of the release.
+        looks: looks so far.
+        page: page of the last one; None in an object store.
+    """
+
+    store: Store
+    design: Design
+    released: Released
+    frames: Frames
+    looks: list[Look] = field(default_factory=list)
+    page: Path | None = None
+
+    def judge(self) -> bool:
+        """Tell the verdicts of a new look, and write them; return True if the trial ends."""
+        from analysis.data.frames import frames_of
+        from analysis.trials.design import ended_runs
+        from analysis.trials.standing import looks_at
+        from analysis.trials.wording import look_line
+
+        told = len(self.looks)
+        own = frames_of(Results(self.store))
+        self.looks = looks_at(self.design, self.released, ended_runs(own))
+        said = tuple(TrialLook(look.seeds, look_line(look)) for look in self.looks)
+        for look in said[told:]:
+            terminal().print(look.said, highlight=False, soft_wrap=True)
+        ended = self.looks[-1].ending if self.looks else ""
+        TrialFile(self.design.to_dict(), said, str(ended)).save(self.store)
+        if not self.store.is_object_store:
+            from analysis.pages.trial import write_trial
+
+            self.page = write_trial(str(self.store), self.design, self.released, self.looks, self.frames, own)
+        return bool(ended)
+
+    def conclude(self) -> None:
+        """Print the verdict of a trial that has ended, and what comes next."""
+        from analysis.trials.wording import sentence
+
+        if not (self.looks and self.looks[-1].ending):
+            return
+        name = re.sub(r"[^0-9a-z]+", "-", base_name(self.design.teacher).lower()).strip("-")
+        following = f"tma-ray release {self.store} {name}-1 --lean --licence CC-BY-4.0"
+        for line in (sentence(self.design, self.looks[-1]), f"page: {self.page}", f"Next: '{following}'"):
+            terminal().print(line, highlight=False, soft_wrap=True)
