@@ -33,7 +33,7 @@ SMALL: dict[str, list[str]] = {
     "render": ["--steps", "3"],
     "plan": ["--seeds", "1"],
     "figures": ["--only", "radar"],
-    "play": ["--task", "0.5,3", "--steps", "3", "--output", "played.gif"],
+    "play": ["--task", "0.5,3", "--output", "played.html"],
 }
 """What is added to commands of `tma-ray`: the last of two equal flags counts."""
 

@@ -41,8 +41,6 @@ CHANGES = (
     Change("*", "s3://my-bucket/stumps", "results", BUCKET),
     Change("*", " --watch", "", ENDLESS),
     Change("*", "/shared/results", "results", "there is no such folder here"),
-    Change("*", "play --policy sac_alp_gmm-s0 --results results",
-           "play --policy {run} --results results -o played.html", "no browser opens"),
     Change("*", "sac_alp_gmm-s0-…", "{run}", "the name of a run that there is"),
     Change("*", 'load_policy("sac"', 'load_policy("ppo"', "whose student is PPO"),
     Change("*", "sac_alp_gmm-s0", "{run}", "likewise"),
