@@ -101,7 +101,7 @@ def test_exactly_this_version_is_installed_from_mounted_files(config: dict[str, 
         "cluster.lock",
         "torch.lock",
     }
-    kinds = ("setup_commands", "head_setup_commands", "worker_setup_commands")
+    kinds = ("setup_commands", "head_setup_commands")
     commands = [command for kind in kinds for command in config.get(kind, ())]
     installs = [found[1] for each in commands if (found := re.search(r"pip install --quiet (.*)", each))]
     assert installs == [
@@ -129,8 +129,8 @@ def test_four_lines_of_the_local_file_are_to_be_filled_in() -> None:
     assert "--dashboard-host=127.0.0.1" in starts
 
 
-@pytest.mark.parametrize("commands", [CONFIG["worker_setup_commands"], LOCAL["setup_commands"]])
-def test_every_environment_is_compiled_where_runs_train(commands: list[str]) -> None:
+@pytest.mark.parametrize("commands", [CONFIG["setup_commands"], LOCAL["setup_commands"]])
+def test_every_environment_is_compiled_on_every_node(commands: list[str]) -> None:
     (warm,) = (command for command in commands if "tma-ray run" in command)
     loop, _, rest = warm.partition("; do ")
     assert set(loop.split(" in ")[1].split()) == set(ENVIRONMENTS.names())
