@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from tma_ray.decoding import check_file
 
 MOST_BYTES: Final = 2**28
-"""Largest content of a ``.npz`` file that is read, when it is not told otherwise."""
+"""Largest content of a ``.npz`` file that is read by default, bytes."""
 
 _HEADERS: Final = {
     (1, 0): np.lib.format.read_array_header_1_0,
@@ -22,7 +22,7 @@ _HEADERS: Final = {
 
 
 def load_arrays(path: Path, most_bytes: int = MOST_BYTES) -> dict[str, NDArray[Any]]:
-    """Returns the arrays of a ``.npz`` file by name.
+    """Return the arrays of a ``.npz`` file by name.
 
     Raises:
         FileNotFoundError: the file is missing.
@@ -43,7 +43,7 @@ def load_arrays(path: Path, most_bytes: int = MOST_BYTES) -> dict[str, NDArray[A
 
 
 def _check_header(file: IO[bytes], size: int, where: str) -> None:
-    """Refuses an array that claims more bytes than the `size` of its file leaves."""
+    """Refuse an array that claims more bytes than the `size` of its file leaves."""
     try:
         shape, _, dtype = _HEADERS[np.lib.format.read_magic(file)](file)
     except (KeyError, ValueError, EOFError) as error:

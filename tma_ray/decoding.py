@@ -53,7 +53,7 @@ class DamagedFileWarning(UserWarning):
 
 
 def check_file(path: str | os.PathLike[str], most_bytes: int = MOST_BYTES) -> None:
-    """Refuses what cannot be read whole before it is opened: pipes wait, devices and sparse files do not end.
+    """Refuse what cannot be read whole before it is opened: pipes wait, devices and sparse files do not end.
 
     Raises:
         FileNotFoundError: there is nothing at `path`.
@@ -68,7 +68,7 @@ def check_file(path: str | os.PathLike[str], most_bytes: int = MOST_BYTES) -> No
 
 
 def check_size(where: str | os.PathLike[str], size: int, most_bytes: int = MOST_BYTES) -> None:
-    """Refuses a file of more than `most_bytes`.
+    """Refuse a file of more than `most_bytes`.
 
     Raises:
         DamagedFileError: it has more.
@@ -80,14 +80,14 @@ def check_size(where: str | os.PathLike[str], size: int, most_bytes: int = MOST_
 
 
 def read_file(path: str | os.PathLike[str], most_bytes: int = MOST_BYTES) -> bytes:
-    """Returns the content of a file; raises as `check_file` does."""
+    """Return the content of a file; raises as `check_file` does."""
     check_file(path, most_bytes)
     with open(path, "rb", buffering=0) as file:  # noqa: PTH123 - half the time, for thousands of files
         return file.read()
 
 
 def decode_json(data: bytes | str, kind: type[T], where: str) -> T:
-    """Returns the JSON in `data` as a `kind`; fields that it does not declare are ignored.
+    """Return the JSON in `data` as a `kind`; fields that it does not declare are ignored.
 
     Args:
         data: UTF-8 text.

@@ -31,9 +31,9 @@ class PluginSource:
     both a teacher and the campaign that tries it.
 
     Attributes:
-        module: what to import to have the plug-in; for a script the name of its file.
+        module: name to import for the plug-in; for a script the name of its file.
         files: content by path below the folder that imports start from.
-        installed: it is an installed package, which every machine needs by itself.
+        installed: True for an installed package, which every machine needs by itself.
     """
 
     module: str
@@ -52,7 +52,7 @@ class PluginSource:
 
     @classmethod
     def of(cls, module: str, data_files: Iterable[str] = ()) -> PluginSource:
-        """Returns the source of a module that has been imported.
+        """Return the source of a module that has been imported.
 
         Args:
             module: its ``__name__``; "__main__" for the script that is running.
@@ -79,7 +79,7 @@ class PluginSource:
 
 
 def importable_name(module: str) -> str:
-    """Returns the name by which another process can import `module`.
+    """Return the name by which another process can import `module`.
 
     Raises:
         ValueError: it was typed into an interactive session, or its file's name cannot be a module's.
@@ -113,7 +113,7 @@ class _Collector:
         self.files: dict[str, bytes] = {}
 
     def place(self, module: str) -> tuple[Path, Path]:
-        """Returns the root of `module` and its file.
+        """Return the root of `module` and its file.
 
         Raises:
             FileNotFoundError: it is not followed, or not a module.
@@ -126,7 +126,7 @@ class _Collector:
         raise FileNotFoundError(module)
 
     def add(self, module: str) -> None:
-        """Adds the file of `module`, those of the packages around it, and what they import."""
+        """Add the file of `module`, those of the packages around it, and what they import."""
         parts = module.split(".")
         for length in range(1, len(parts) + 1):
             name = ".".join(parts[:length])
@@ -149,7 +149,7 @@ class _Collector:
 
 
 def _folders_of(top: str) -> list[Path]:
-    """Returns the folders that hold the top-level module or package `top`: several for a namespace."""
+    """Return the folders that hold the top-level module or package `top`: several for a namespace."""
     try:
         found = importlib.util.find_spec(top)
     except (ImportError, ValueError):  # no such module, or one without a spec
@@ -167,7 +167,7 @@ def _is_installed(folder: Path) -> bool:
 
 
 def _imports(code: bytes, package: str) -> Iterator[str]:
-    """Yields the names that `code`, of a module in `package`, imports; some may be no modules."""
+    """Yield the names that `code`, of a module in `package`, imports; some may be no modules."""
     for node in ast.walk(ast.parse(_imported_part(code))):
         if isinstance(node, ast.Import):
             yield from (alias.name for alias in node.names)
@@ -178,7 +178,7 @@ def _imports(code: bytes, package: str) -> Iterator[str]:
 
 
 def _imported_part(code: bytes) -> bytes:
-    """Returns `code` without what runs only when its file is started as a script."""
+    """Return `code` without what runs only when its file is started as a script."""
     lines = code.splitlines(keepends=True)
     end = len(lines)
     for node in reversed(ast.parse(code).body):

@@ -52,7 +52,7 @@ class StaleAttemptError(RuntimeError):
 
 
 def accepted_manifest(store: Store, run_id: str, attempt: int) -> Manifest | None:
-    """Returns what a run has published, None if nothing, as long as `attempt` may go on with it.
+    """Return what a run has published, None if nothing, as long as `attempt` may go on with it.
 
     A damaged manifest counts as none: it is replaced by the next that the attempt publishes.
 
@@ -70,18 +70,18 @@ def accepted_manifest(store: Store, run_id: str, attempt: int) -> Manifest | Non
 
 
 def _readable(store: Store, run_id: str) -> Manifest | None:
-    """Returns the manifest of a run, None if there is none or it is damaged, which is logged."""
+    """Return the manifest of a run, None if there is none or it is damaged, which is logged."""
     try:
         return Manifest.load(store, run_id)
     except FileNotFoundError:
         return None
     except DamagedFileError as error:
-        logger.warning("%s; it is written anew", error)
+        logger.warning("%s; it is written again", error)
         return None
 
 
 class Committer:
-    """Publishes runs. A results root has one committer at a time; its readers need none.
+    """Publish runs. A results root has one committer at a time; its readers need none.
 
     Every method may be called again after a kill in the middle of it, and then leads to the same
     files. Between any two file operations readers see each evaluation once and whole: data becomes
@@ -100,11 +100,11 @@ class Committer:
 
     @classmethod
     def open(cls, uri: str | Path) -> Self:
-        """Returns the committer of the root at a folder or URI, which is made if it is empty."""
+        """Return the committer of the root at a folder or URI, which is made if it is empty."""
         return cls(Store.open(uri))
 
     def manifest(self, run_id: str) -> Manifest | None:
-        """Returns what a run has published, None if nothing.
+        """Return what a run has published, None if nothing.
 
         Raises:
             DamagedFileError: the manifest cannot be read.
@@ -115,7 +115,7 @@ class Committer:
             return None
 
     def start(self, run: RunRecord) -> int:
-        """Returns the number of a new attempt at a run; from here on older ones publish nothing.
+        """Return the number of a new attempt at a run; from here on older ones publish nothing.
 
         What the run has published stays visible until the attempt publishes. One before it without a row
         gets one: its driver died.
@@ -137,7 +137,7 @@ class Committer:
         withdraw(self.store, run_id, attempt)
 
     def done(self, run_ids: Iterable[str]) -> set[str]:
-        """Returns which of some runs are done and whole.
+        """Return which of some runs are done and whole.
 
         All their files are read and compared with their checksums. A run that is damaged is taken back, which
         is logged, and may be started again.
@@ -158,11 +158,11 @@ class Committer:
         return whole
 
     def publish(self, run: RunRecord, attempt: int, parts: Sequence[PartFile]) -> None:
-        """Makes the parts of a committed checkpoint the visible rows of the run.
+        """Make the parts of a committed checkpoint the visible rows of the run.
 
         Args:
-            run: what the run is.
-            attempt: which attempt reports.
+            run: description of the run.
+            attempt: number of the attempt that reports.
             parts: all parts of the run so far, in order.
 
         Raises:
@@ -177,12 +177,12 @@ class Committer:
         self._replace(published, Manifest(run, RunStatus.RUNNING, attempt, tuple(parts)))
 
     def finish(self, run: RunRecord, attempt: int, final: Sequence[PartFile]) -> None:
-        """Publishes canonical files and policy of a run that has ended, then removes its staging folder.
+        """Publish canonical files and policy of a run that has ended, then removes its staging folder.
 
         Args:
-            run: what the run is.
-            attempt: which attempt reports.
-            final: what `RunWriter.finish` returned, one file per data table.
+            run: description of the run.
+            attempt: number of the attempt that reports.
+            final: result of `RunWriter.finish`, one file per data table.
 
         Raises:
             StaleAttemptError: a later attempt is accepted, or another one has finished the run.
@@ -208,7 +208,7 @@ class Committer:
         self.store.delete(staging_folder(run.run_id))
 
     def fail(self, run: RunRecord, attempt: int, error: str) -> None:
-        """Marks a run as failed; what it has published stays, and a later attempt may take it up again.
+        """Mark a run as failed; what it has published stays, and a later attempt may continue it.
 
         Raises:
             StaleAttemptError: a later attempt is accepted, or the run is done.
@@ -218,12 +218,12 @@ class Committer:
         self._replace(published, Manifest(run, RunStatus.FAILED, attempt, files, error))
 
     def record_attempt(self, record: AttemptRecord) -> None:
-        """Writes the row of an attempt, replacing an earlier one of the same number."""
+        """Write the row of an attempt, replacing an earlier one of the same number."""
         row = {**asdict(record), "outcome": record.outcome.value}
         self._merge(Table.ATTEMPTS, record.run_id, [row], key=("attempt",))
 
     def write_cells(self, campaign: str, rows: Sequence[Mapping[str, Any]]) -> None:
-        """Writes the cells of a campaign and their runs.
+        """Write the cells of a campaign and their runs.
 
         Cells that the campaign has written before and that are not among `rows` stay: a campaign
         may be run teacher by teacher.
@@ -236,7 +236,7 @@ class Committer:
         self._merge(Table.CELLS, campaign, [{"campaign": campaign, **row} for row in rows], key)
 
     def sweep(self) -> None:
-        """Removes what kills and stale attempts left: half-made files; all but the results of runs done."""
+        """Remove what kills and stale attempts left: half-made files; all but the results of runs done."""
         self.store.clear_temporaries(TEMPORARY_SECONDS)
         for place in (STAGING, CHECKPOINTS):
             for run_id in sorted({PurePosixPath(path).parts[1] for path in self.store.files(place)}):
@@ -246,13 +246,13 @@ class Committer:
                     self.store.delete(f"{place}/{check_id(run_id)}")
 
     def _record_lost(self, run_id: str, attempt: int) -> None:
-        """Writes the row of an attempt that has none, since its driver died with it."""
+        """Write the row of an attempt that has none, since its driver died with it."""
         if not self._has_row(run_id, attempt) and not is_withdrawn(self.store, run_id, attempt):
             kept = read_progress(self.store, run_id, attempt)
             self.record_attempt(kept or unheard(self.store, run_id, attempt))
 
     def _record_done(self, run_id: str, attempt: int) -> None:
-        """Writes what an attempt kept that has finished its run: its driver may die before it writes more."""
+        """Write what an attempt kept that has finished its run: its driver may die before it writes more."""
         kept = read_progress(self.store, run_id, attempt)
         if kept is not None and not self._has_row(run_id, attempt):
             self.record_attempt(replace(kept, outcome=AttemptOutcome.DONE))
@@ -266,7 +266,7 @@ class Committer:
             self.store.move(path, f"{policy_folder(run_id)}/{PurePosixPath(path).name}")
 
     def _replace(self, published: Manifest | None, new: Manifest) -> None:
-        """Writes the run's row, then its manifest, so that a manifest never stands without its row."""
+        """Write the run's row, then its manifest, so that a manifest never stands without its row."""
         if published is None or published.row() != new.row():
             row = to_arrow(Table.RUNS, SCHEMAS[Table.RUNS], [new.row()])
             self.store.write_bytes(table_path(Table.RUNS, new.run.run_id), encode(Table.RUNS, row))
@@ -284,7 +284,7 @@ class Committer:
         self.store.write_bytes(path, encode(table, to_arrow(table, SCHEMAS[table], ordered)))
 
     def _rows_before(self, table: Table, path: str) -> list[dict[str, Any]]:
-        """Returns the rows of a file that is about to be replaced; none if it is damaged, which is logged."""
+        """Return the rows of a file that is about to be replaced; none if it is damaged, which is logged."""
         try:
             rows: list[dict[str, Any]] = decode(table, self.store.read_bytes(path)).to_pylist()
         except FileNotFoundError:
@@ -292,13 +292,13 @@ class Committer:
         except UNREADABLE as error:
             if isinstance(error, StorageError):
                 raise
-            logger.warning("%s is damaged and is written anew: %s", self.store.where(path), error)
+            logger.warning("%s is damaged and is written again: %s", self.store.where(path), error)
             return []
         return rows
 
 
 def next_attempt(store: Store, run_id: str) -> int:
-    """Returns a number over that of every attempt at a run that has left a trace.
+    """Return a number over that of every attempt at a run that has left a trace.
 
     For runs without a manifest that can be read: no two attempts may ever write to the same files.
     """

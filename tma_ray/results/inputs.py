@@ -69,14 +69,14 @@ def plugin_path(digest: str) -> str:
 
 
 def keep_input(store: Store, data: bytes) -> None:
-    """Writes the content of a file, unless it is there."""
+    """Write the content of a file, unless it is there."""
     path = input_path(hashlib.sha256(data).hexdigest())
     if not store.exists(path):
         store.write_bytes(path, data)
 
 
 def read_input(store: Store, sha256: str) -> bytes:
-    """Returns the content of a file that was kept.
+    """Return the content of a file that was kept.
 
     Raises:
         FileNotFoundError: it was not.
@@ -89,7 +89,7 @@ def read_input(store: Store, sha256: str) -> bytes:
 
 
 def keep_plugin(store: Store, source: PluginSource) -> None:
-    """Writes the source of a plug-in, for others to read; nothing runs it from there."""
+    """Write the source of a plug-in, for others to read; nothing runs it from there."""
     path = plugin_path(source.digest)
     if store.exists(path):
         return
@@ -99,7 +99,7 @@ def keep_plugin(store: Store, source: PluginSource) -> None:
 
 
 def read_plugin(store: Store, digest: str) -> PluginSource:
-    """Returns the source of a plug-in that was kept.
+    """Return the source of a plug-in that was kept.
 
     Raises:
         FileNotFoundError: it was not.
@@ -119,7 +119,7 @@ def read_plugin(store: Store, digest: str) -> PluginSource:
 
 
 def kept_files(store: Store, runs: Iterable[RunRecord]) -> list[str]:
-    """Returns the paths of what a root keeps of the inputs and plug-ins of `runs`."""
+    """Return the paths of what a root keeps of the inputs and plug-ins of `runs`."""
     wanted: set[str] = set()
     for run in runs:
         read = _read_by(run)
@@ -129,7 +129,7 @@ def kept_files(store: Store, runs: Iterable[RunRecord]) -> list[str]:
 
 
 def damaged_inputs(store: Store, runs: Iterable[RunRecord]) -> Iterator[tuple[str, str, str]]:
-    """Yields path, problem and run id of each input that is missing or is not what was written."""
+    """Yield path, problem and run id of each input that is missing or is not what was written."""
     needed = {input_path(file.sha256): run.run_id for run in runs for file in _read_by(run).inputs.values()}
     present = set(store.files(INPUTS))
     for path in sorted(set(needed) - present):
@@ -147,7 +147,7 @@ def damaged_inputs(store: Store, runs: Iterable[RunRecord]) -> Iterator[tuple[st
 
 
 def _read_by(run: RunRecord) -> _Read:
-    """Returns what the spec of a run says that it reads: nothing for any other text."""
+    """Return what the spec of a run says that it reads: nothing for any other text."""
     try:
         return decode_json(run.spec, _Read, f"the spec of run {run.run_id}")
     except DamagedFileError:

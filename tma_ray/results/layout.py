@@ -56,7 +56,7 @@ class RootFile:
 
 
 def check_usable(store: Store) -> None:
-    """Refuses a place that neither is a results root of this version nor could become one; leaves nothing.
+    """Refuse a place that neither is a results root of this version nor could become one; leaves nothing.
 
     Raises:
         ResultsRootError: something else is there, or a root of another version.
@@ -82,7 +82,7 @@ def _check_content(store: Store) -> None:
 
 
 def create_root(store: Store) -> None:
-    """Makes an empty place a results root; leaves one of this version as it is, and mends its `ROOT_FILE`.
+    """Make an empty place a results root; leaves one of this version as it is, and mends its `ROOT_FILE`.
 
     Raises:
         ResultsRootError: something else is there, or a root of another version.
@@ -95,7 +95,7 @@ def create_root(store: Store) -> None:
 
 
 def check_root(store: Store) -> None:
-    """Refuses what is not a results root of this version.
+    """Refuse what is not a results root of this version.
 
     Where `ROOT_FILE` is missing or damaged, the version is that which the tables name.
 
@@ -131,7 +131,7 @@ def _root_file(store: Store) -> RootFile | DamagedFileError | None:
 
 
 def _version_of_tables(store: Store) -> int | None:
-    """Returns the schema version that a table of runs names, None if none can be read."""
+    """Return the schema version that a table of runs names, None if none can be read."""
     for path in store.files(f"{TABLES}/{Table.RUNS}"):
         try:
             return store.read_parts(path, schema_version)
@@ -151,12 +151,12 @@ def _refuse(store: Store, problem: DamagedFileError | None) -> NoReturn:
 
 
 def is_id(name: str) -> bool:
-    """Returns True if `name` can be part of a path: up to `LONGEST_ID` letters, digits, "_" and "-"."""
+    """Return True if `name` can be part of a path: up to `LONGEST_ID` letters, digits, "_" and "-"."""
     return _ID.fullmatch(name) is not None
 
 
 def check_id(name: str) -> str:
-    """Returns `name` if it can be part of a path.
+    """Return `name` if it can be part of a path.
 
     Raises:
         ValueError: anything but letters, digits, "_" and "-", or too many of them.
@@ -169,7 +169,7 @@ def check_id(name: str) -> str:
 
 
 def check_path(path: str) -> str:
-    """Returns `path` if it stays below the folder that it is relative to: files name other files.
+    """Return `path` if it stays below the folder that it is relative to: files name other files.
 
     Raises:
         ValueError: an absolute path, or one with "..", a backslash or an empty part.

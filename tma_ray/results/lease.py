@@ -29,9 +29,9 @@ class Process:
     """A process, as others on its machine can find it.
 
     Attributes:
-        boot: of the machine, a new id after every restart.
-        namespace: in which the number is one.
-        pid: its number.
+        boot: id of the machine's start, new after every restart.
+        namespace: namespace of the number.
+        pid: number of the process.
     """
 
     boot: str
@@ -40,7 +40,7 @@ class Process:
 
     @classmethod
     def this(cls) -> Process | None:
-        """Returns this process, None where others could not find it."""
+        """Return this process, None where others could not find it."""
         try:
             boot = Path("/proc/sys/kernel/random/boot_id").read_text().strip()
             namespace = str(Path("/proc/self/ns/pid").readlink())
@@ -49,7 +49,7 @@ class Process:
         return cls(boot, namespace, os.getpid())
 
     def is_dead(self) -> bool:
-        """Tells whether it is known to have ended; one of another machine never is."""
+        """True if the process is known to have ended; one of another machine never is."""
         here = Process.this()
         if here is None or (self.boot, self.namespace) != (here.boot, here.namespace):
             return False
@@ -82,13 +82,13 @@ class LearnerProgress:
 
     Attributes:
         host: name of its machine.
-        device: torch's name of where it learns.
-        width: its slots.
-        runs: that are in them.
-        updates_per_second: updates of single runs, of late.
-        busy: share of the time in which it had work, of late.
-        memory_gib: in use, of the GPU, or by its process on a CPU, GiB.
-        memory_total_gib: that there is, GiB.
+        device: name of its device, as torch has it.
+        width: number of its slots.
+        runs: number of runs in them.
+        updates_per_second: recent updates of single runs, 1/s.
+        busy: recent share of the time with work, in [0, 1].
+        memory_gib: memory in use, of the GPU, or by its process on a CPU, GiB.
+        memory_total_gib: memory of the device, GiB.
     """
 
     host: str
@@ -107,11 +107,11 @@ class Heartbeat:
 
     Attributes:
         holder: campaign, host and process, as in the lease.
-        at: when it was given, s since 1970.
+        at: time of writing, s since 1970.
         runs: the running runs by id.
-        ended: whether it was the last, of a campaign that has left.
-        process: that gave it, None where others could not find it.
-        learners: of cohorts, if runs learn in any.
+        ended: True for the last one, of a campaign that has ended.
+        process: process that wrote it; None where others could not find it.
+        learners: learners of cohorts.
     """
 
     holder: str
@@ -123,14 +123,14 @@ class Heartbeat:
 
     @classmethod
     def load(cls, store: Store) -> Self | None:
-        """Returns the last heartbeat on a root; None if there is none, or none that can be read."""
+        """Return the last heartbeat on a root; None if there is none, or none that can be read."""
         try:
             return decode_json(store.read_bytes(HEARTBEAT_FILE), cls, store.where(HEARTBEAT_FILE))
         except (FileNotFoundError, DamagedFileError):
             return None  # of no consequence: it only tells more than the manifests do
 
     def alive(self, now: float) -> bool:
-        """Tells whether its campaign is running, as far as one can know at `now`.
+        """True if its campaign is running, as far as can be known at `now`.
 
         A sign from the future is none: the clock of who gave it is wrong.
         """
@@ -139,12 +139,12 @@ class Heartbeat:
         return abs(now - self.at) < SILENT_SECONDS
 
     def write(self, store: Store) -> None:
-        """Replaces the root's heartbeat by this one."""
+        """Replace the root's heartbeat by this one."""
         store.write_bytes(HEARTBEAT_FILE, json.dumps(asdict(self)).encode())
 
 
 class HeartbeatWriter:
-    """Writes a campaign's heartbeats, not more often than every `HEARTBEAT_SECONDS`.
+    """Write a campaign's heartbeats, not more often than every `HEARTBEAT_SECONDS`.
 
     Args:
         store: the results root.
@@ -159,7 +159,7 @@ class HeartbeatWriter:
         self._last = 0.0
 
     def beat(self, runs: Mapping[str, RunProgress], learners: Sequence[LearnerProgress] = ()) -> None:
-        """Says which runs are running, and how their learners are, if it is time."""
+        """Write the progress of running runs and learners, if it is time."""
         if self._clock() - self._last >= HEARTBEAT_SECONDS:
             self._last = self._clock()
             with suppress(StorageError):  # it is for those who watch: the next one will do
@@ -167,7 +167,7 @@ class HeartbeatWriter:
                 Heartbeat(self._holder, self._last, runs, False, process, theirs).write(self._store)
 
     def end(self) -> None:
-        """Says that the campaign has left, unless another one has taken the root over."""
+        """Write that the campaign has ended, unless another one holds the root by now."""
         with suppress(StorageError):
             newest = Heartbeat.load(self._store)
             if newest is not None and newest.holder == self._holder:
@@ -191,9 +191,9 @@ class LeaseFile:
 
     Attributes:
         holder: campaign, host and process, for messages.
-        token: random, of this lease alone.
-        renewed_at: last sign of life, s since 1970 by the holder's clock.
-        process: the holder, None where others could not find it.
+        token: random text of this lease alone.
+        renewed_at: time of the last renewal, s since 1970 by the holder's clock.
+        process: process of the holder; None where others could not find it.
     """
 
     holder: str
@@ -203,7 +203,7 @@ class LeaseFile:
 
     @classmethod
     def load(cls, store: Store) -> LeaseFile | None:
-        """Returns the lease of a root, None if there is none.
+        """Return the lease of a root, None if there is none.
 
         Raises:
             DamagedFileError: there is one that cannot be read.
@@ -214,11 +214,11 @@ class LeaseFile:
         return found
 
     def standing(self, now: float, seconds: float) -> Standing:
-        """Returns whether the holder lives.
+        """Return the state of the holder.
 
         Args:
             now: s since 1970.
-            seconds: after how long without renewal a holder counts as dead.
+            seconds: time without renewal after which a holder counts as dead, s.
         """
         if now - self.renewed_at >= seconds or (self.process is not None and self.process.is_dead()):
             return Standing.DEAD
@@ -227,11 +227,11 @@ class LeaseFile:
 
 @dataclass(frozen=True)
 class StopRequest:
-    """Asks a holder to leave: the one of a lease, or, where that could not be read, of a name.
+    """Ask a holder to leave: the one of a lease, or, where that could not be read, of a name.
 
     Attributes:
-        token: of the lease, or empty.
-        holder: its name, or empty.
+        token: token of the lease, or empty.
+        holder: name of the holder, or empty.
     """
 
     token: str = ""
@@ -239,7 +239,7 @@ class StopRequest:
 
     @classmethod
     def load(cls, store: Store) -> StopRequest | None:
-        """Returns the request that lies on a root, None if there is none.
+        """Return the request that lies on a root, None if there is none.
 
         Raises:
             DamagedFileError: there is one that cannot be read.
@@ -250,7 +250,7 @@ class StopRequest:
             return None
 
     def write(self, store: Store) -> None:
-        """Puts the request on a root."""
+        """Write the request to a root."""
         store.write_bytes(STOP_FILE, json.dumps(asdict(self)).encode())
 
 
@@ -258,7 +258,7 @@ LEASE_SECONDS: Final = 120.0
 """Age over which a lease that nobody renewed is taken to be that of a killed process, s."""
 
 STOP_CHECK_SECONDS: Final = 3.0
-"""How often a campaign looks whether it was asked to stop, s."""
+"""Time between two looks for a request to stop, s."""
 
 logger = logging.getLogger(__name__)
 
@@ -281,7 +281,7 @@ class Lease:
 
     The lease of a process that is known to be dead, because it ran on this machine, is free at once. So is
     one that cannot be read, unless a heartbeat shows that a campaign lives; a holder that finds its own
-    damaged writes it anew. Of one from the future, clocks tell nothing: it is watched for half of `seconds`,
+    damaged writes it again. Of one from the future, clocks tell nothing: it is watched for half of `seconds`,
     in which a living holder renews it twice, and is free if nothing has changed.
 
     A request to an object store that was sent before the lease was lost, and is still being tried, may
@@ -290,10 +290,10 @@ class Lease:
 
     Args:
         store: the results root.
-        holder: who asks, for the other's message: campaign, host, process.
-        seconds: after how long without renewal the lease may be taken over, s.
+        holder: name of the campaign, host and process, for messages of others.
+        seconds: time without renewal after which another may replace the lease, s.
         clock: current time, s since 1970; a holder whose clock is late by `seconds` is taken for dead.
-        sleep: waits so many s.
+        sleep: function that waits so many s.
     """
 
     def __init__(
@@ -323,7 +323,7 @@ class Lease:
         self.release()
 
     def acquire(self) -> None:
-        """Takes the lease if it is free, released, damaged, or no longer renewed.
+        """Acquire the lease if it is free, released, damaged, or no longer renewed.
 
         Raises:
             RootInUseError: another campaign renewed it less than `seconds` ago, or while it was watched.
@@ -337,7 +337,7 @@ class Lease:
             self._refuse(_readable(self.store))
 
     def renew(self) -> None:
-        """Gives a sign of life; to be called before anything is published after a pause.
+        """Renew the lease; to be called before anything is published after a pause.
 
         Raises:
             RootInUseError: another campaign has taken the lease over; publish nothing more.
@@ -351,7 +351,7 @@ class Lease:
             self._refuse_renewal(_readable(self.store))
 
     def keep(self) -> None:
-        """Renews the lease if a quarter of its time has passed; cheap enough for every turn of a loop.
+        """Renew the lease if a quarter of its time has passed; cheap enough for every turn of a loop.
 
         Raises:
             RootInUseError: as `renew`.
@@ -360,7 +360,7 @@ class Lease:
             self.renew()
 
     def release(self) -> None:
-        """Gives the lease back; one that was taken over stays with its holder."""
+        """Delete the lease; one that another campaign has replaced stays."""
         try:
             self.renew()  # nobody can take it over for a while: what is deleted next is ours
         except RootInUseError:
@@ -369,7 +369,7 @@ class Lease:
         self.store.delete(LEASE_FILE)
 
     def asked_to_stop(self) -> bool:
-        """Tells whether `ask_to_stop` was called for this holder; cheap enough for every turn of a loop."""
+        """True if `ask_to_stop` was called for this holder; cheap enough for every turn of a loop."""
         if not self._asked and self._clock() - self._looked_at >= STOP_CHECK_SECONDS:
             self._looked_at = self._clock()
             try:
@@ -384,7 +384,7 @@ class Lease:
         return self._asked
 
     def _watched(self) -> LeaseFile | None:
-        """Returns a lease from the future, after watching that nobody renews it; None for any other."""
+        """Return a lease from the future, after watching that nobody renews it; None for any other."""
         current = _readable(self.store)
         if current is None or current.standing(self._clock(), self.seconds) is not Standing.AHEAD:
             return None
@@ -400,7 +400,7 @@ class Lease:
         return current
 
     def _refuse_living(self, found: LeaseFile | DamagedFileError | None, silent: LeaseFile | None) -> None:
-        """Refuses a root whose lease is held; one that is `silent` after it was watched may be replaced.
+        """Refuse a root whose lease is held; one that is `silent` after it was watched may be replaced.
 
         Raises:
             RootInUseError: the holder lives.
@@ -435,7 +435,7 @@ class Lease:
         return isinstance(found, LeaseFile) and found.token == self._token
 
     def _write(self, found: LeaseFile | DamagedFileError | None, version: Version) -> bool:
-        """Writes our lease in place of what was found; returns False if somebody else was faster."""
+        """Write our lease in place of what was found; returns False if somebody else was faster."""
         self._renewed_at = self._clock()
         lease = LeaseFile(self.holder, self._token, self._renewed_at, Process.this())
         data = json.dumps(asdict(lease)).encode()
@@ -451,7 +451,7 @@ class Lease:
 
 
 def ask_to_stop(store: Store, seconds: float = LEASE_SECONDS) -> str:
-    """Asks the campaign that holds a results root to leave with checkpoints; returns how it is called.
+    """Ask the campaign that holds a results root to stop with checkpoints; return its name.
 
     From any machine that sees the root. The campaign looks every few seconds.
 
@@ -480,7 +480,7 @@ def ask_to_stop(store: Store, seconds: float = LEASE_SECONDS) -> str:
 
 
 def holder_of(store: Store, seconds: float = LEASE_SECONDS) -> str | None:
-    """Returns how the campaign is called that holds a results root, None if nobody alive does.
+    """Return the name of the campaign that holds a results root, None if nobody alive does.
 
     Where the lease cannot be read, or is from the future, the last heartbeat tells.
     """
@@ -497,7 +497,7 @@ def holder_of(store: Store, seconds: float = LEASE_SECONDS) -> str | None:
 
 
 def _look(store: Store) -> tuple[LeaseFile | DamagedFileError | None, Version]:
-    """Returns the lease of a root or why it cannot be read, and its version; None for what there is not."""
+    """Return the lease of a root or why it cannot be read, and its version; None for what there is not."""
     try:
         data, version = store.read_version(LEASE_FILE)
     except FileNotFoundError:

@@ -36,7 +36,7 @@ MOST_RUN_ROWS: Final = 50_000_000
 
 
 def read_checked(store: Store, path: str, sha256: str) -> bytes:
-    """Returns the content of a file with this checksum.
+    """Return the content of a file with this checksum.
 
     Raises:
         FileNotFoundError: the file is not there.
@@ -53,10 +53,10 @@ class PartFile:
     """One Parquet file of a run, or the run's rows in a file that many runs share.
 
     Attributes:
-        table: whose rows it holds.
-        path: where it lies, from the results root.
-        rows: how many are the run's.
-        sha256: of the bytes of the file, hexadecimal.
+        table: table of the rows.
+        path: path of the file, from the results root.
+        rows: number of rows of the run.
+        sha256: checksum of the file, hexadecimal.
         first: row of the file at which the run's begin; None for a file of the run alone.
     """
 
@@ -71,12 +71,12 @@ class PartFile:
 
     @classmethod
     def write(cls, store: Store, path: str, table: Table, rows: int, data: bytes) -> Self:
-        """Writes `data`, the encoded `rows` of `table`, and returns the file that it became."""
+        """Write `data`, the encoded `rows` of `table`, and returns the file that it became."""
         store.write_bytes(path, data)
         return cls(table, path, rows, hashlib.sha256(data).hexdigest())
 
     def read(self, store: Store) -> bytes:
-        """Returns the content.
+        """Return the content.
 
         Raises:
             FileNotFoundError: the file is not there.
@@ -85,11 +85,11 @@ class PartFile:
         return read_checked(store, self.path, self.sha256)
 
     def at(self, path: str) -> Self:
-        """Returns the same content at another path."""
+        """Return the same content at another path."""
         return replace(self, path=path)
 
     def to_json(self) -> dict[str, Any]:
-        """Returns the fields as JSON values."""
+        """Return the fields as JSON values."""
         value = asdict(self)
         return value if self.first is not None else {k: v for k, v in value.items() if k != "first"}
 
@@ -99,11 +99,11 @@ class Manifest:
     """Published files and state of a run.
 
     Attributes:
-        run: what the run is.
-        status: how far it is.
+        run: description of the run.
+        status: status of the run.
         attempt: the accepted attempt; older ones may publish nothing any more.
         files: parts in order while it runs, one canonical file per data table when it is done.
-        error: why it failed.
+        error: reason of a failure.
     """
 
     run: RunRecord
@@ -113,16 +113,16 @@ class Manifest:
     error: str | None = None
 
     def to_json(self) -> dict[str, Any]:
-        """Returns the fields as JSON values."""
+        """Return the fields as JSON values."""
         return asdict(self) | {"files": [file.to_json() for file in self.files]}
 
     def to_bytes(self) -> bytes:
-        """Returns the content of the manifest file."""
+        """Return the content of the manifest file."""
         return json.dumps(self.to_json(), indent=1).encode()
 
     @staticmethod
     def load(store: Store, run_id: str) -> Manifest:
-        """Returns the manifest of a run.
+        """Return the manifest of a run.
 
         Raises:
             FileNotFoundError: the run has published nothing.
@@ -139,7 +139,7 @@ class Manifest:
             raise
 
     def check(self, run_id: str) -> None:
-        """Refuses a manifest that cannot be that of `run_id`.
+        """Refuse a manifest that cannot be that of `run_id`.
 
         Raises:
             ValueError: that of another run, one whose spec is not its own, or one that lists files of others.
@@ -162,12 +162,12 @@ class Manifest:
             raise ValueError("it lists a file twice")
 
     def row(self) -> dict[str, Any]:
-        """Returns the row of the table of runs."""
+        """Return the row of the table of runs."""
         return {**vars(self.run), "status": self.status.value, "error": self.error}
 
 
 def load_manifest(store: Store, path: str) -> Manifest:
-    """Returns the manifest at `path`.
+    """Return the manifest at `path`.
 
     Raises:
         FileNotFoundError: there is none.
@@ -182,7 +182,7 @@ def load_manifest(store: Store, path: str) -> Manifest:
 
 
 def write_index(store: Store, manifests: Iterable[Manifest]) -> None:
-    """Writes the manifests of a root that is complete as one file, one JSON object a line, by run id."""
+    """Write the manifests of a root that is complete as one file, one JSON object a line, by run id."""
     ordered = sorted(manifests, key=lambda manifest: manifest.run.run_id)
     lines = (json.dumps(manifest.to_json(), ensure_ascii=False) for manifest in ordered)
     text = "".join(f"{line}\n" for line in lines)
@@ -190,7 +190,7 @@ def write_index(store: Store, manifests: Iterable[Manifest]) -> None:
 
 
 def read_index(store: Store, text: str = "") -> Iterator[tuple[str, Manifest | Exception]]:
-    """Yields name and manifest of each line of a root's index that contains `text`, nothing if it has none.
+    """Yield name and manifest of each line of a root's index that contains `text`, nothing if it has none.
 
     A line that is damaged gives its error instead, and so does an index that cannot be read.
     """
@@ -234,7 +234,7 @@ FEW: Final = 8
 
 
 def read_slice(store: Store, file: PartFile, columns: Sequence[str]) -> pa.Table:
-    """Returns the rows of one run, reading little else. Pages are checked by their own checksums only.
+    """Return the rows of one run, reading little else. Pages are checked by their own checksums only.
 
     Raises:
         FileNotFoundError: the file is not there.
@@ -253,7 +253,7 @@ def read_slice(store: Store, file: PartFile, columns: Sequence[str]) -> pa.Table
 def read_slices(
     store: Store, files: Sequence[PartFile], columns: Sequence[str]
 ) -> Mapping[PartFile, pa.Table | Exception]:
-    """Returns the rows of each run in one file, or why they cannot be read.
+    """Return the rows of each run in one file, or why they cannot be read.
 
     Args:
         store: the results root.
@@ -273,7 +273,7 @@ def read_slices(
 
 
 def damaged_rows(store: Store, file: PartFile) -> tuple[tuple[int, int], ...]:
-    """Returns first and end of rows that cannot be read of a file whose checksum is not the recorded one.
+    """Return first and end of rows that cannot be read of a file whose checksum is not the recorded one.
 
     Pages have checksums of their own, so that damage can be told from the rest. Where no page is damaged it
     is what describes them all, and no row can be trusted.
@@ -286,7 +286,7 @@ def damaged_rows(store: Store, file: PartFile) -> tuple[tuple[int, int], ...]:
 
 
 def is_hit(file: PartFile, damaged: Sequence[tuple[int, int]]) -> bool:
-    """Tells whether rows of a run are among those that `damaged_rows` returned."""
+    """True if rows of a run are among those that `damaged_rows` returned."""
     first = file.first or 0
     return any(first < end and start < first + file.rows for start, end in damaged)
 
@@ -306,7 +306,7 @@ def _tried(store: Store, file: PartFile, columns: Sequence[str]) -> pa.Table | E
 
 
 def shared_by_path(files: Iterable[PartFile]) -> dict[str, list[PartFile]]:
-    """Returns those of `files` that are parts of shared ones and hold rows, by path."""
+    """Return those of `files` that are parts of shared ones and hold rows, by path."""
     found: dict[str, list[PartFile]] = {}
     for file in files:
         if file.first is not None and file.rows:
@@ -315,7 +315,7 @@ def shared_by_path(files: Iterable[PartFile]) -> dict[str, list[PartFile]]:
 
 
 def by_appearance(rows: pa.Table) -> pa.Table:
-    """Returns `rows` with the dictionary of every column in order of appearance, without what is not used."""
+    """Return `rows` with the dictionary of every column in order of appearance, without what is not used."""
     for place, field in enumerate(rows.schema):
         if pa.types.is_dictionary(field.type):
             column = rows.column(place).combine_chunks()
@@ -326,7 +326,7 @@ def by_appearance(rows: pa.Table) -> pa.Table:
 
 
 def _used(column: pa.DictionaryArray) -> pa.Array:
-    """Returns the indices of `column` in order of appearance, each once; most follow their like."""
+    """Return the indices of `column` in order of appearance, each once; most follow their like."""
     if column.null_count or not len(column):
         return pc.drop_null(pc.unique(column.indices))
     indices = column.indices.to_numpy()
@@ -335,7 +335,7 @@ def _used(column: pa.DictionaryArray) -> pa.Array:
 
 
 def _renumbered(column: pa.DictionaryArray, used: pa.Array) -> pa.Array:
-    """Returns the indices of `column` as places in `used`; a look-up, since there are tens of millions."""
+    """Return the indices of `column` as places in `used`; a look-up, since there are tens of millions."""
     if column.null_count:
         return pc.index_in(column.indices, used).cast(column.indices.type)
     places = np.zeros(len(column.dictionary), dtype=column.indices.type.to_pandas_dtype())

@@ -45,10 +45,10 @@ class Contents:
     """Contents of a copy of a root.
 
     Attributes:
-        tables: which tables that runs write.
-        unfinished: whether runs that are not done are copied.
-        policies: whether final policies are copied.
-        hosts: whether attempts name the machines that they were made on.
+        tables: data tables that are copied.
+        unfinished: True to copy runs that are not done.
+        policies: True to copy final policies.
+        hosts: True to keep the names of machines in the table of attempts.
     """
 
     tables: tuple[Table, ...] = DATA_TABLES
@@ -67,7 +67,7 @@ LEAN: Final = Contents(
 
 
 def experiments_of(results: Results) -> dict[str, str]:
-    """Returns the experiment of each run by id, as file names have it; of several the first by name."""
+    """Return the experiment of each run by id, as file names have it; of several the first by name."""
     cells = results.table(Table.CELLS, columns=["experiment", "run_id"]).to_pylist()
     found = {
         cell["run_id"]: cell["experiment"]
@@ -81,7 +81,7 @@ def experiments_of(results: Results) -> dict[str, str]:
 
 
 def grouped(manifests: Sequence[Manifest], experiments: Mapping[str, str]) -> dict[str, list[Manifest]]:
-    """Returns `manifests` by experiment, each group by run id."""
+    """Return `manifests` by experiment, each group by run id."""
     groups: dict[str, list[Manifest]] = {}
     for manifest in sorted(manifests, key=lambda manifest: manifest.run.run_id):
         groups.setdefault(experiments[manifest.run.run_id], []).append(manifest)
@@ -96,7 +96,7 @@ def pack(
     tick: Callable[[], None],
     contents: Contents = WHOLE,
 ) -> list[Manifest]:
-    """Writes one file per table with all rows of some runs; returns manifests that lead to them.
+    """Write one file per table with all rows of some runs; returns manifests that lead to them.
 
     The rows come run after run, each run's as they were written: in order of steps. Nothing refers to the
     files yet when it returns; they have been read back and compared with what they were made of.
@@ -132,7 +132,7 @@ def _without_hosts(attempts: pa.Table) -> pa.Table:
 
 
 def _rows_of(results: Results, table: Table, run_id: str) -> pa.Table:
-    """Returns the rows of one run.
+    """Return the rows of one run.
 
     Raises:
         DamagedFileError: some cannot be read.
@@ -183,7 +183,7 @@ def _pack_table(
 
 
 JOURNAL: Final = "compacting.json"
-"""Lists what a compaction leaves without use: files that it replaces, or its own if it is interrupted."""
+"""Name of the list of files without use: replaced ones, or new ones of an interrupted compaction."""
 
 _MERGED: Final = re.compile(rf"{TABLES}/[^/]+/[^/]+\.parquet")
 
@@ -209,7 +209,7 @@ class Journal:
 
     @classmethod
     def load(cls, store: Store) -> Journal:
-        """Returns the journal of a root; an empty one if there is none, or one that cannot be read."""
+        """Return the journal of a root; an empty one if there is none, or one that cannot be read."""
         try:
             return decode_json(store.read_bytes(JOURNAL), cls, store.where(JOURNAL))
         except FileNotFoundError:
@@ -219,13 +219,13 @@ class Journal:
             return cls()
 
     def write(self, store: Store) -> None:
-        """Replaces the journal of a root by this one."""
+        """Replace the journal of a root by this one."""
         content = Journal(tuple(sorted(set(self.unless_used))), self.replaced)
         store.write_bytes(JOURNAL, json.dumps(asdict(content)).encode())
 
 
 def clean(store: Store) -> None:
-    """Deletes what the journal lists and no manifest needs.
+    """Delete what the journal lists and no manifest needs.
 
     While a manifest cannot be read, what it may list stays: all but files of runs whose manifests can.
     """
@@ -245,7 +245,7 @@ def clean(store: Store) -> None:
 
 
 def _is_of(path: str, run_ids: set[str]) -> bool:
-    """Tells whether a file is one of these runs' alone."""
+    """True if a file belongs to one of these runs alone."""
     place = PurePosixPath(path)
     return not run_ids.isdisjoint((*place.parts, place.stem))
 
@@ -259,7 +259,7 @@ class Copy:
     """Runs and files that a copy of a root lacks.
 
     Attributes:
-        policy_files: that were left out, since they are neither JSON nor safetensors.
+        policy_files: files of policies that were left out, being neither JSON nor safetensors.
         damaged: a message for each run and file that was left out, since it is damaged.
     """
 
@@ -268,7 +268,7 @@ class Copy:
 
 
 def copy_merged(results: Results, target: Store, contents: Contents = WHOLE) -> Copy:
-    """Copies all that a root says of its runs, and their policies, to an empty place, files merged.
+    """Copy all that a root says of its runs, and their policies, to an empty place, files merged.
 
     What is damaged is left out.
 
@@ -304,7 +304,7 @@ def copy_merged(results: Results, target: Store, contents: Contents = WHOLE) -> 
 def copy_beside(
     results: Results, target: Store, manifests: Sequence[Manifest], contents: Contents
 ) -> tuple[str, ...]:
-    """Copies what runs read, and their policies; returns files of policies that were left out as unsafe."""
+    """Copy what runs read, and their policies; returns files of policies that were left out as unsafe."""
     for path in kept_files(results.store, (manifest.run for manifest in manifests)):
         target.write_bytes(path, results.store.read_bytes(path))
     if not contents.policies:
@@ -320,7 +320,7 @@ def copy_beside(
 
 
 def sound_runs(results: Results, contents: Contents) -> tuple[list[Manifest], list[str]]:
-    """Returns the runs of a root that are to be copied and whose files are whole, and the damage of others.
+    """Return the runs of a root that are to be copied and whose files are whole, and the damage of others.
 
     Raises:
         DamagedFileError: a file was written by a newer version, with columns that would be lost.
@@ -337,7 +337,7 @@ def sound_runs(results: Results, contents: Contents) -> tuple[list[Manifest], li
 
 
 def newer_version(store: Store, path: str) -> str:
-    """Returns why a file with columns that this version does not know is neither merged nor copied."""
+    """Return why a file with columns that this version does not know is neither merged nor copied."""
     return (
         f"{store.where(path)} was written by a newer tma_ray, with columns that this one would lose: it was "
         f"left as it is; use that version"
@@ -349,11 +349,11 @@ class Compaction:
     """Outcome of a compaction.
 
     Attributes:
-        runs: whose files were merged.
-        files_before: files of tables before.
-        files_after: files of tables after.
-        bytes_before: their size before.
-        bytes_after: their size after.
+        runs: number of runs whose files were merged.
+        files_before: number of files of tables before.
+        files_after: number of files of tables after.
+        bytes_before: size of those files before, bytes.
+        bytes_after: size of those files after, bytes.
     """
 
     runs: int
@@ -364,7 +364,7 @@ class Compaction:
 
 
 def compact(root: str | Path) -> Compaction:
-    """Merges the files of all runs of a root that are done, experiment by experiment.
+    """Merge the files of all runs of a root that are done, experiment by experiment.
 
     The merged files are written aside, read back and compared; then one manifest after the other is
     switched to them, and what no manifest needs any more is deleted. A kill at any time leaves a root that
@@ -398,7 +398,7 @@ def compact(root: str | Path) -> Compaction:
 
 
 def _mergeable(results: Results) -> Iterator[Manifest]:
-    """Yields the runs that are done and can be merged without loss; warns of others."""
+    """Yield the runs that are done and can be merged without loss; warns of others."""
     done = [manifest for manifest in results.runs() if manifest.status is RunStatus.DONE]
     for manifest, found in Inspector(results.store).inspect_all(done):
         for damage in found.damage:
@@ -427,7 +427,7 @@ def _merge(results: Results, manifests: Sequence[Manifest], experiment: str, lea
 
 
 def _only_about(store: Store, run_ids: Collection[str]) -> Iterator[str]:
-    """Yields the files of the tables about runs that say nothing of any other run."""
+    """Yield the files of the tables about runs that say nothing of any other run."""
     for table in (Table.RUNS, Table.ATTEMPTS):
         for path in store.files(f"{TABLES}/{table}"):
             try:
@@ -463,9 +463,9 @@ class Shard:
     """Additions of one batch.
 
     Attributes:
-        runs: how many were added.
-        cells: how many rows the table of cells got.
-        policy_files: that were left out, since they are neither JSON nor safetensors.
+        runs: number of runs that were added.
+        cells: number of rows added to the table of cells.
+        policy_files: files of policies that were left out, being neither JSON nor safetensors.
         damaged: a message for each run that was left out, since it is damaged.
     """
 
@@ -476,7 +476,7 @@ class Shard:
 
 
 def add_shard(results: Results, target: Store, name: str, contents: Contents = LEAN) -> Shard:
-    """Adds to a root those runs of another that are done and that it lacks, with their cells.
+    """Add to a root those runs of another that are done and that it lacks, with their cells.
 
     No table that is there is changed: each gets one file called `name`, and the index a line for each run.
 
@@ -509,7 +509,7 @@ def add_shard(results: Results, target: Store, name: str, contents: Contents = L
 
 
 def start_from(store: Store, source: Store) -> int:
-    """Copies the runs of a root that are done, with their cells, to another that lacks them.
+    """Copy the runs of a root that are done, with their cells, to another that lacks them.
 
     A campaign on that root takes them as its own, and does what is missing. Files keep their paths.
 
@@ -539,7 +539,7 @@ def start_from(store: Store, source: Store) -> int:
 
 
 def _new_cells(results: Results, before: Results, run_ids: set[str]) -> list[dict[str, Any]]:
-    """Returns the rows of cells that `before` lacks and whose runs are among `run_ids`, each once, sorted."""
+    """Return the rows of cells that `before` lacks and whose runs are among `run_ids`, each once, sorted."""
     names = SCHEMAS[Table.CELLS].names
     known = {tuple(row.values()) for row in before.table(Table.CELLS).to_pylist()}
     found = {tuple(row.values()) for row in results.table(Table.CELLS, run_ids).to_pylist()}
@@ -547,7 +547,7 @@ def _new_cells(results: Results, before: Results, run_ids: set[str]) -> list[dic
 
 
 def _files_of(source: Store, manifests: list[Manifest]) -> list[str]:
-    """Returns the paths of all that a root says of some runs, but their manifests."""
+    """Return the paths of all that a root says of some runs, but their manifests."""
     if not manifests:
         return []
     files = {file.path for manifest in manifests for file in manifest.files}

@@ -40,7 +40,7 @@ _BOOLEANS, _BYTE, _INTEGERS, _DOUBLE, _BINARY, _STRUCTURE = (1, 2), 3, (4, 5, 6)
 def unpacked_sizes(
     file: pq.ParquetFile, source: Any, groups: Iterable[int], columns: Collection[str], kept: Collection[str]
 ) -> Iterator[int]:
-    """Yields bounds of the bytes that pages of some columns take in memory, one by one.
+    """Yield bounds of the bytes that pages of some columns take in memory, one by one.
 
     Args:
         file: the opened file.
@@ -70,7 +70,7 @@ def _numbers(page: _Fields) -> int:
 
 
 def _texts(page: _Fields, largest: int) -> int:
-    """Returns the bytes of texts, of which those in the dictionary have `largest` bytes or fewer."""
+    """Return the bytes of texts, of which those in the dictionary have `largest` bytes or fewer."""
     encoding = page.get(_DATA_2, {}).get(4, page.get(_DATA, {}).get(2, _PLAIN))
     if encoding in (_PLAIN, _LENGTHS_APART):
         return _numbers(page)
@@ -83,7 +83,7 @@ def _count(page: _Fields) -> int:
 
 
 def _pages(source: Any, chunk: Any) -> Iterator[_Fields]:
-    """Yields the headers of the pages of a column."""
+    """Yield the headers of the pages of a column."""
     at = chunk.data_page_offset
     if chunk.has_dictionary_page:
         at = min(at, chunk.dictionary_page_offset or at)
@@ -97,7 +97,7 @@ def _pages(source: Any, chunk: Any) -> Iterator[_Fields]:
 
 
 def _header(source: Any, at: int) -> tuple[_Fields, int]:
-    """Returns the header of a page and how many bytes it has."""
+    """Return the header of a page and how many bytes it has."""
     for size in HEADER_BYTES:
         try:
             return _structure(source.read_at(size, at), 0)
@@ -107,7 +107,7 @@ def _header(source: Any, at: int) -> tuple[_Fields, int]:
 
 
 def _structure(data: bytes, at: int) -> tuple[_Fields, int]:
-    """Returns the numbers and structures in a structure of Thrift's compact protocol, and where it ends."""
+    """Return the numbers and structures in a structure of Thrift's compact protocol, and where it ends."""
     fields: _Fields = {}
     number = 0
     while data[at]:
@@ -171,7 +171,7 @@ _REPEATED: Final = {
 
 
 def encode(table: Table, rows: pa.Table) -> bytes:
-    """Returns `rows` as a Parquet file; its bytes depend on their values and order only."""
+    """Return `rows` as a Parquet file; its bytes depend on their values and order only."""
     sink = pa.BufferOutputStream()
     options = _options(table)
     pq.write_table(_canonical(table, rows), sink, row_group_size=ROW_GROUP_ROWS, **options)
@@ -179,7 +179,7 @@ def encode(table: Table, rows: pa.Table) -> bytes:
 
 
 def encode_together(table: Table, parts: Iterable[pa.Table]) -> bytes:
-    """Returns the rows of `parts`, one after the other, as a Parquet file.
+    """Return the rows of `parts`, one after the other, as a Parquet file.
 
     No part is divided between row groups unless it alone is too large for one, so that its rows can be read
     without those of many others. `parts` are taken one by one, and few are in memory at once.
@@ -197,7 +197,7 @@ def encode_together(table: Table, parts: Iterable[pa.Table]) -> bytes:
 
 
 def decode_rows(table: Table, file: Any, first: int, count: int, columns: Sequence[str]) -> pa.Table:
-    """Returns `count` rows from `first` on of an open Parquet file, reading the row groups that hold them.
+    """Return `count` rows from `first` on of an open Parquet file, reading the row groups that hold them.
 
     Raises:
         OSError, pa.ArrowException: the bytes are not a complete Parquet file of this table.
@@ -226,14 +226,14 @@ def decode(
     *,
     checked: bool = False,
 ) -> pa.Table:
-    """Returns the rows of a Parquet file with all columns of its table, or these in this order.
+    """Return the rows of a Parquet file with all columns of its table, or these in this order.
 
     Args:
-        table: whose rows they are.
-        data: the file.
-        columns: which of its columns.
-        count: how many rows it has to have; any number up to `MOST_ROWS` if None.
-        checked: whether `data` was compared with a checksum: those of its pages say nothing more then.
+        table: table of the rows.
+        data: content of the file.
+        columns: names of the columns to read; all if None.
+        count: number of rows that it must have; any number up to `MOST_ROWS` if None.
+        checked: True if `data` was compared with a checksum, which makes those of its pages needless.
 
     Raises:
         OSError, pa.ArrowException: the bytes are not a complete Parquet file of this table.
@@ -251,7 +251,7 @@ def decode(
 
 
 def opened(data: bytes) -> pq.ParquetFile:
-    """Returns a Parquet file of which only the end was read: how many rows and which columns it has.
+    """Return a Parquet file of which only the end was read: how many rows and which columns it has.
 
     Raises:
         OSError, pa.ArrowException: the bytes are not a Parquet file.
@@ -260,18 +260,18 @@ def opened(data: bytes) -> pq.ParquetFile:
 
 
 def schema_version(file: Any) -> int:
-    """Returns the schema version that an open Parquet file names.
+    """Return the schema version that an open Parquet file names.
 
     Raises:
         OSError, pa.ArrowException: the bytes are not a Parquet file.
         KeyError: it names none.
-        ValueError: likewise.
+        ValueError: the version is no number.
     """
     return int((pq.read_schema(file).metadata or {})[VERSION_KEY.encode()])
 
 
 def unreadable_rows(table: Table, data: bytes) -> Iterator[tuple[int, int]]:
-    """Yields first and end of the rows of each row group in which a page is damaged.
+    """Yield first and end of the rows of each row group in which a page is damaged.
 
     Raises:
         OSError, pa.ArrowException: the bytes are not a Parquet file at all.
@@ -289,13 +289,13 @@ def unreadable_rows(table: Table, data: bytes) -> Iterator[tuple[int, int]]:
 
 
 def same_rows(table: Table, rows: pa.Table, others: pa.Table) -> bool:
-    """Tells whether two tables would be the same file: the same values in the same order, NaN included."""
+    """True if two tables would be the same file: the same values in the same order, NaN included."""
     alike = _canonical(table, rows).equals(_canonical(table, others))
     return alike or encode(table, rows) == encode(table, others)  # NaN equals itself as bytes only
 
 
 def _opened(table: Table, source: Any, *, checked: bool = False) -> pq.ParquetFile:
-    """Returns an opened file whose ids are read as dictionaries, whatever the file says of them."""
+    """Return an opened file whose ids are read as dictionaries, whatever the file says of them."""
     metadata = pq.read_metadata(source)
     there = set(metadata.schema.names)  # an older file lacks some, which must not be asked for
     ids = [name for name in _ids(table) if name in there]
@@ -316,7 +316,7 @@ def _check_size(
     columns: Sequence[str],
     most_rows: int,
 ) -> None:
-    """Refuses columns of row groups that would fill the memory.
+    """Refuse columns of row groups that would fill the memory.
 
     Raises:
         DamagedFileError: too many rows or bytes, or pages that do not tell their size.
@@ -333,7 +333,7 @@ def _check_size(
 
 
 def _present(file: pq.ParquetFile, columns: Sequence[str]) -> list[str]:
-    """Returns those of `columns` that are in `file`; of others, one that says how many rows there are."""
+    """Return those of `columns` that are in `file`; of others, one that says how many rows there are."""
     there = file.schema_arrow.names
     return [name for name in columns if name in there] or there[:1]
 
@@ -359,7 +359,7 @@ def _write_group(writer: pq.ParquetWriter, table: Table, parts: Sequence[pa.Tabl
 
 
 def _canonical(table: Table, rows: pa.Table) -> pa.Table:
-    """Returns `rows` with dictionaries of ids in order of appearance, whatever their parts held."""
+    """Return `rows` with dictionaries of ids in order of appearance, whatever their parts held."""
     schema = SCHEMAS[table]
     return pa.Table.from_arrays([_rebuilt(rows[field.name], field.type) for field in schema], schema=schema)
 
@@ -395,7 +395,7 @@ def _encoding(kind: pa.DataType) -> str | None:
 
 
 def _leaves(path: str, kind: pa.DataType) -> Iterator[tuple[str, pa.DataType]]:
-    """Yields the Parquet columns that a column of this type becomes."""
+    """Yield the Parquet columns that a column of this type becomes."""
     if pa.types.is_map(kind):
         yield from _leaves(f"{path}.key_value.key", kind.key_type)
         yield from _leaves(f"{path}.key_value.value", kind.item_type)
@@ -467,7 +467,7 @@ PUBLISHED_SCHEMA: Final = pa.schema(
 
 
 def write_published(store: Store, rows: Sequence[Mapping[str, Any]]) -> None:
-    """Writes published results as `PUBLISHED_FILE`.
+    """Write published results as `PUBLISHED_FILE`.
 
     Raises:
         ValueError: a row without exactly the columns of `PUBLISHED_SCHEMA`.
@@ -485,7 +485,7 @@ def write_published(store: Store, rows: Sequence[Mapping[str, Any]]) -> None:
 
 
 def read_published(store: Store) -> pa.Table:
-    """Returns what `write_published` wrote.
+    """Return what `write_published` wrote.
 
     Raises:
         FileNotFoundError: there is none.

@@ -42,7 +42,7 @@ _Known: TypeAlias = dict[tuple[str, tuple[int | None, int | None]], Manifest | N
 """Manifests by path, and by when the file was written and its bytes."""
 
 SHOWN_RUNS: Final = 5
-"""How many runs a message names."""
+"""Number of runs that a message names."""
 
 RUN_ID: Final = "run_id"
 """The column that all tables of runs have."""
@@ -100,15 +100,15 @@ class Results:
 
     @classmethod
     def open(cls, uri: str | Path) -> Self:
-        """Returns the results at a folder or URI."""
+        """Return the results at a folder or URI."""
         return cls(Store.open(uri))
 
     def runs(self) -> tuple[Manifest, ...]:
-        """Returns what each run has published, with its status and error, by run id."""
+        """Return what each run has published, with its status and error, by run id."""
         return self._manifests
 
     def find(self, name: str) -> Manifest:
-        """Returns what the run has published whose id is, or alone begins with, `name`.
+        """Return what the run has published whose id is, or alone begins with, `name`.
 
         Raises:
             ValueError: no such run, or several.
@@ -125,10 +125,10 @@ class Results:
     def table(
         self, table: Table, run_ids: Collection[str] | None = None, columns: Sequence[str] | None = None
     ) -> pa.Table:
-        """Returns the rows of a table: run after run by id, each run's in the order they were written.
+        """Return the rows of a table: run after run by id, each run's in the order they were written.
 
         Args:
-            table: which one.
+            table: name of the table.
             run_ids: only these runs, those of them that are there; all by default.
             columns: only these columns, in this order; all by default.
 
@@ -164,14 +164,14 @@ class Results:
         return rows.add_column(names.index(RUN_ID), SCHEMAS[table].field(RUN_ID), ids)
 
     def _of_runs(self, run_ids: Collection[str] | None) -> Sequence[Manifest]:
-        """Returns the manifests of these runs, or of all, by run id."""
+        """Return the manifests of these runs, or of all, by run id."""
         if run_ids is None:
             return self._manifests
         places = sorted(self._places[run_id] for run_id in set(run_ids) if run_id in self._places)
         return [self._manifests[place] for place in places]
 
     def _about_runs(self, table: Table, run_ids: Collection[str] | None, names: Sequence[str]) -> pa.Table:
-        """Returns at least the columns `names` of a table that no run has alone, and the keys of its rows."""
+        """Return at least the columns `names` of a table that no run has alone, and the keys of its rows."""
         names = [name for name in SCHEMAS[table].names if name in {*names, *KEYS.get(table, ())}]
         if table is Table.RUNS:
             rows = to_arrow(table, SCHEMAS[table], [manifest.row() for manifest in self.runs()])
@@ -187,7 +187,7 @@ class Results:
         return rows if pc.all(wanted, min_count=0).as_py() else rows.filter(wanted)
 
     def _paths_about(self, table: Table, run_ids: Collection[str] | None) -> list[str]:
-        """Returns the files that may hold rows of these runs: their own, and those of several runs."""
+        """Return the files that may hold rows of these runs: their own, and those of several runs."""
         paths = self.store.files(f"{TABLES}/{table}")
         if table is not Table.ATTEMPTS or run_ids is None:
             return list(paths)
@@ -199,7 +199,7 @@ class Results:
         return self._tried(path, lambda: decode(table, self.store.read_bytes(path), columns))
 
     def _shared(self, chosen: Sequence[Manifest], table: Table, columns: Sequence[str]) -> _Shared:
-        """Reads the files that many of the chosen runs share, each once."""
+        """Read the files that many of the chosen runs share, each once."""
         files = (file for manifest in chosen for file in manifest.files if file.table is table)
         found = self._map(
             lambda sharing: read_slices(self.store, sharing, columns), shared_by_path(files).values()
@@ -240,7 +240,7 @@ class Results:
         return self._tried(manifest_path(run_id), lambda: Manifest.load(self.store, run_id))
 
     def _indexed(self, own: set[str]) -> list[Manifest]:
-        """Returns the manifests of the index of runs that have no manifest of their `own`."""
+        """Return the manifests of the index of runs that have no manifest of their `own`."""
         known, manifests = len(self.problems), []
         for name, found in read_index(self.store):
             if isinstance(found, Exception):
@@ -264,11 +264,11 @@ class Results:
             self.problems.append(problem)
 
     def _threads(self, rows: Iterable[int] = ()) -> int:
-        """Returns how many threads read files of so many rows: for small local ones they only cost time."""
+        """Return how many threads read files of so many rows: for small local ones they only cost time."""
         return _THREADS if self.store.is_object_store or max(rows, default=0) > _SMALL_ROWS else 1
 
     def _map(self, function: Callable[[S], T], items: Iterable[S], threads: int = _THREADS) -> list[T]:
-        """Returns the results in the order of `items`, computed in threads; warns of new problems."""
+        """Return the results in the order of `items`, computed in threads; warns of new problems."""
         known = len(self.problems)
         if threads == 1:
             found = list(map(function, items))
@@ -279,20 +279,20 @@ class Results:
         return found
 
     def _warn(self, known: int) -> None:
-        """Warns of the problems after the first `known` ones."""
+        """Warn of the problems after the first `known` ones."""
         for problem in self.problems[known:]:
             warnings.warn(problem, DamagedFileWarning, stacklevel=5)
 
 
 def _repeated(run_ids: Sequence[str], counts: Sequence[int]) -> pa.Array:
-    """Returns each id as often as its count says, as a dictionary of those that appear."""
+    """Return each id as often as its count says, as a dictionary of those that appear."""
     present = [(run_id, count) for run_id, count in zip(run_ids, counts, strict=True) if count]
     places = np.repeat(np.arange(len(present), dtype=np.int32), [count for _, count in present])
     return pa.DictionaryArray.from_arrays(pa.array(places), pa.array([i for i, _ in present], pa.string()))
 
 
 def _each_once(attempts: pa.Table) -> pa.Table:
-    """Returns attempts by run and number; while files are being merged some are there twice."""
+    """Return attempts by run and number; while files are being merged some are there twice."""
     keys = list(zip(attempts["run_id"].to_pylist(), attempts["attempt"].to_pylist(), strict=True))
     places = {key: place for place, key in enumerate(keys)}
     order = [places[key] for key in sorted(places)]

@@ -39,7 +39,7 @@ class RunRecord:
         embodiment: name of the body.
         student: name of the deep-RL algorithm.
         teacher: name of the ACL algorithm.
-        expert_knowledge: level of what the teacher was told and used.
+        expert_knowledge: level of expert knowledge that the teacher had and used.
         test_set: name of the test set of its evaluations.
         steps: budget, environment steps.
         seed: seed of the run.
@@ -80,14 +80,14 @@ class AttemptRecord:
     """One attempt at a run.
 
     Attributes:
-        run_id: of the run.
-        attempt: its number, from 0.
-        started_at: when it began, with a time zone.
-        wall_seconds: how long it took, set-up included, s.
+        run_id: id of the run.
+        attempt: number of the attempt, from 0.
+        started_at: time of its start, with a time zone.
+        wall_seconds: duration, set-up included, s.
         env_steps_per_second: environment steps over the time of the loop, set-up left out, 1/s.
-        host: where it ran.
+        host: name of its machine.
         fingerprint: of the CPU model, thread count and library versions, JSON.
-        outcome: how it ended.
+        outcome: outcome of the attempt.
     """
 
     run_id: str
@@ -125,7 +125,7 @@ class SpecFacts:
         challenge: name of the variant of the environment.
         student: name of the deep-RL algorithm.
         teacher: name of the ACL algorithm.
-        seed: of the run.
+        seed: seed of the run.
         mastery_threshold: episodic return over which a task is mastered.
         schedule: its budget.
         plugins: sources of what does not ship with tma_ray, by part of the run.
@@ -153,12 +153,12 @@ class SpecFacts:
 
 
 def spec_digest(spec: str) -> str:
-    """Returns the hash of a spec, JSON with sorted keys, of which the end of its run's id is made."""
+    """Return the hash of a spec, JSON with sorted keys, of which the end of its run's id is made."""
     return hashlib.sha256(spec.encode()).hexdigest()
 
 
 def check_spec(run: RunRecord) -> None:
-    """Refuses a record whose spec is not that of its id, or says something else than its columns.
+    """Refuse a record whose spec is not that of its id, or says something else than its columns.
 
     Ids of imported runs are hashes of their source files instead, and are not compared.
 
@@ -197,13 +197,13 @@ WITHDRAWN: Final = b"null"
 
 
 def write_progress(store: Store, record: AttemptRecord) -> None:
-    """Keeps the record of an attempt under way, as if it were lost now, beside its parts."""
+    """Keep the record of an attempt under way, as if it were lost now, beside its parts."""
     content = {**asdict(record), "started_at": record.started_at.isoformat()}
     store.write_bytes(progress_path(record.run_id, record.attempt), json.dumps(content).encode())
 
 
 def read_progress(store: Store, run_id: str, attempt: int) -> AttemptRecord | None:
-    """Returns the last record that an attempt has kept, None if there is none that can be read."""
+    """Return the last record that an attempt has kept, None if there is none that can be read."""
     path = progress_path(run_id, attempt)
     try:
         record = decode_json(store.read_bytes(path), AttemptRecord, store.where(path))
@@ -213,12 +213,12 @@ def read_progress(store: Store, run_id: str, attempt: int) -> AttemptRecord | No
 
 
 def withdraw(store: Store, run_id: str, attempt: int) -> None:
-    """Keeps, in place of the record of an attempt under way, that it never began."""
+    """Keep, in place of the record of an attempt under way, that it never began."""
     store.write_bytes(progress_path(run_id, attempt), WITHDRAWN)
 
 
 def is_withdrawn(store: Store, run_id: str, attempt: int) -> bool:
-    """Returns True if an attempt is known never to have begun."""
+    """Return True if an attempt is known never to have begun."""
     try:
         return store.read_bytes(progress_path(run_id, attempt)) == WITHDRAWN
     except FileNotFoundError:
@@ -226,7 +226,7 @@ def is_withdrawn(store: Store, run_id: str, attempt: int) -> bool:
 
 
 def unheard(store: Store, run_id: str, attempt: int) -> AttemptRecord:
-    """Returns the record of a published attempt that kept none.
+    """Return the record of a published attempt that kept none.
 
     It has published nothing but its number, so that the run's manifest tells when it was started.
     """

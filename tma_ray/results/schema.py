@@ -62,7 +62,7 @@ DEFAULT: Final = b"default"
 
 
 def default_of(field: pa.Field) -> Any:
-    """Returns what rows have in a column that did not exist when they were written.
+    """Return what rows have in a column that did not exist when they were written.
 
     Raises:
         KeyError: it has always existed: it is neither nullable, nor does it name a default.
@@ -172,7 +172,7 @@ SCHEMAS: Final[Mapping[Table, pa.Schema]] = {
 
 
 def teacher_log_row(step: int, episode: int, update: TeacherUpdate) -> dict[str, Any]:
-    """Returns the row of the teacher log that tells of an update after `episode`, at `step`."""
+    """Return the row of the teacher log that tells of an update after `episode`, at `step`."""
     return {
         "step": step,
         "episode": episode,
@@ -188,7 +188,7 @@ def teacher_log_row(step: int, episode: int, update: TeacherUpdate) -> dict[str,
 
 
 def to_arrow(table: Table, schema: pa.Schema, rows: Sequence[Mapping[str, Any]]) -> pa.Table:
-    """Returns `rows` with the columns of `schema`; one that is nullable or has a default may be left out.
+    """Return `rows` with the columns of `schema`; one that is nullable or has a default may be left out.
 
     Raises:
         ValueError: a column missing, unknown, or of a wrong type; the message names table and column.
@@ -206,7 +206,7 @@ def to_arrow(table: Table, schema: pa.Schema, rows: Sequence[Mapping[str, Any]])
 
 
 def completed(schema: pa.Schema, names: Sequence[str], rows: pa.Table) -> pa.Table:
-    """Returns `rows` of a file with the columns `names` of `schema`, whatever columns the file has.
+    """Return `rows` of a file with the columns `names` of `schema`, whatever columns the file has.
 
     A column that came into the schema later is null or has the default that the schema names; one that this
     schema does not know is left out.
@@ -227,7 +227,7 @@ def completed(schema: pa.Schema, names: Sequence[str], rows: pa.Table) -> pa.Tab
 
 
 def selected(schema: pa.Schema, names: Sequence[str]) -> pa.Schema:
-    """Returns the columns `names` of `schema`, in their order."""
+    """Return the columns `names` of `schema`, in their order."""
     return pa.schema([schema.field(name) for name in names], schema.metadata)
 
 
@@ -236,7 +236,7 @@ def _typed(column: pa.ChunkedArray, kind: pa.DataType) -> pa.ChunkedArray:
 
 
 def _defaults(schema: pa.Schema) -> dict[str, Any]:
-    """Returns the defaults that columns of `schema` name."""
+    """Return the defaults that columns of `schema` name."""
     found = {}
     for field in schema:
         try:

@@ -52,9 +52,9 @@ class Damage:
     """One thing that is not as it was written.
 
     Attributes:
-        path: of the file, from the results root.
-        problem: what is the matter with it.
-        run_id: of the run that it belongs to, empty if it holds several runs.
+        path: path of the file, from the results root.
+        problem: description of the damage.
+        run_id: id of the run of the file; empty for a file of several runs.
     """
 
     path: str
@@ -71,7 +71,7 @@ class Inspection:
     """Findings in the files of one run.
 
     Attributes:
-        damage: what is not as it was written.
+        damage: list of what is not as it was written.
         newer: files with columns that this version does not know.
     """
 
@@ -80,9 +80,9 @@ class Inspection:
 
 
 class Inspector:
-    """Compares the files of runs with their manifests, reading each file once.
+    """Compare the files of runs with their manifests, reading each file once.
 
-    Damage of a file that many runs share is told of those runs only whose rows it hit.
+    Damage of a file that many runs share is reported for those runs whose rows it hit.
 
     Args:
         store: the results root.
@@ -97,7 +97,7 @@ class Inspector:
         self._lock = threading.Lock()
 
     def inspect(self, manifest: Manifest) -> Inspection:
-        """Returns what is wrong with the files that a manifest lists.
+        """Return what is wrong with the files that a manifest lists.
 
         Raises:
             StorageError: the storage refuses to read.
@@ -109,7 +109,7 @@ class Inspector:
         )
 
     def inspect_all(self, manifests: Sequence[Manifest]) -> Iterator[tuple[Manifest, Inspection]]:
-        """Yields each manifest with what is wrong with its files."""
+        """Yield each manifest with what is wrong with its files."""
         # Small files of a disk are read faster by one thread.
         with ThreadPoolExecutor(_THREADS if self._store.is_object_store else 1) as executor:
             yield from zip(manifests, executor.map(self.inspect, manifests), strict=True)
@@ -148,7 +148,7 @@ class Inspector:
 def lost_manifests(
     store: Store, manifests: Collection[Manifest], damaged: Collection[str]
 ) -> dict[str, DamagedFileError]:
-    """Returns the manifests that are gone, by path, with what shows that they were there.
+    """Return the manifests that are gone, by path, with what shows that they were there.
 
     A run gets its manifest when it starts, and keeps it. One without has lost it if its row says that it
     is done, or if a row or cell lists it and one of the `TRACES` of runs that have started is there.
@@ -181,7 +181,7 @@ def lost_manifests(
 
 
 def _unknown_files(store: Store, table: Table, run_ids: Collection[str]) -> Iterator[str]:
-    """Yields the files of a table about runs that are not called like one of these runs."""
+    """Yield the files of a table about runs that are not called like one of these runs."""
     folder = f"{TABLES}/{table}"
     names = sorted(_names(store, folder))
     yield from (f"{folder}/{name}" for name in names if name.removesuffix(".parquet") not in run_ids)
@@ -201,7 +201,7 @@ def _rows(store: Store, table: Table, path: str, columns: Sequence[str]) -> list
 
 
 def damage_reason(error: Exception, where: str) -> str:
-    """Returns what is the matter with the file `where`, which raised `error` when it was read."""
+    """Return what is the matter with the file `where`, which raised `error` when it was read."""
     if isinstance(error, FileNotFoundError):
         return "it is missing"
     return str(error).removeprefix(f"{where} is damaged: ")
@@ -216,9 +216,9 @@ class RootVerification:
     """Findings in a results root.
 
     Attributes:
-        runs: how many have a manifest that can be read.
+        runs: number of runs with a readable manifest.
         files: path and sha256 of each file that their manifests list.
-        damage: what is not as it was written.
+        damage: list of what is not as it was written.
         unlisted: files of tables and policies that belong to no run; readers ignore them.
     """
 
@@ -229,7 +229,7 @@ class RootVerification:
 
 
 def verify_root(store: Store) -> RootVerification:
-    """Compares all that a results root holds with its manifests.
+    """Compare all that a results root holds with its manifests.
 
     Raises:
         ResultsRootError: the root does not exist, or is one of another version.
@@ -269,7 +269,7 @@ def _manifests(store: Store) -> tuple[list[Manifest], list[Damage]]:
 
 
 def _listed_twice(manifests: Iterable[Manifest]) -> Iterator[Damage]:
-    """Yields files, or rows of shared files, that two runs claim."""
+    """Yield files, or rows of shared files, that two runs claim."""
     claims: dict[str, list[tuple[int, int, str]]] = {}
     for manifest in manifests:
         for file in manifest.files:
@@ -284,7 +284,7 @@ def _listed_twice(manifests: Iterable[Manifest]) -> Iterator[Damage]:
 
 
 def _foreign_rows(store: Store, manifests: Iterable[Manifest]) -> Iterator[Damage]:
-    """Yields rows of shared files that are listed for a run and name another."""
+    """Yield rows of shared files that are listed for a run and name another."""
     shared: dict[str, list[tuple[PartFile, str]]] = {}
     for manifest in manifests:
         for file in manifest.files:
@@ -294,7 +294,7 @@ def _foreign_rows(store: Store, manifests: Iterable[Manifest]) -> Iterator[Damag
         try:
             ids = decode(slices[0][0].table, store.read_bytes(path), ["run_id"])["run_id"]
         except UNREADABLE:
-            continue  # told already
+            continue  # reported already
         for file, run_id in slices:
             mine = ids.slice(file.first, file.rows).cast(pa.string())
             if len(mine) < file.rows or pc.unique(mine).to_pylist() != [run_id]:
@@ -313,7 +313,7 @@ def _tables_about_runs(store: Store) -> Iterator[Damage]:
 
 
 def _foreign_policies(store: Store, manifests: Iterable[Manifest]) -> Iterator[Damage]:
-    """Yields policies whose spec is not that of their run."""
+    """Yield policies whose spec is not that of their run."""
     saved = set(store.files(POLICIES))
     for manifest in manifests:
         path = f"{policy_folder(manifest.run.run_id)}/{SPEC_FILE}"

@@ -15,14 +15,14 @@ from tma_ray.results.storage import Store
 
 
 class RunWriter:
-    """Writes the rows of one attempt at a run, outside of readers' view.
+    """Write the rows of one attempt at a run, outside of readers' view.
 
     Rows are committed by a checkpoint that holds what `flush` returned; an attempt that resumes
     from it hands them back as `committed`, and later parts of the attempt before are never read.
 
     Args:
         store: the results root.
-        run_id: of the run.
+        run_id: id of the run.
         attempt: number of this attempt; no two processes may share one.
         committed: parts that belong to the run so far, of whatever attempt.
 
@@ -44,7 +44,7 @@ class RunWriter:
         self._buffer: dict[Table, list[pa.Table]] = {table: [] for table in DATA_TABLES}
 
     def add(self, table: Table, rows: Sequence[Mapping[str, Any]]) -> None:
-        """Appends rows; those of one evaluation belong in one call, so that no part holds half of it.
+        """Append rows; those of one evaluation belong in one call, so that no part holds half of it.
 
         Args:
             table: one of `DATA_TABLES`.
@@ -59,7 +59,7 @@ class RunWriter:
         self._buffer[table].append(to_arrow(table, SCHEMAS[table].remove(0), rows))
 
     def flush(self) -> tuple[PartFile, ...]:
-        """Writes the rows added since the last call as the next part; returns all parts of the run so far."""
+        """Write the rows added since the last call as the next part; returns all parts of the run so far."""
         written = []
         for table, buffered in self._buffer.items():
             rows = pa.concat_tables(buffered) if buffered else None
@@ -74,7 +74,7 @@ class RunWriter:
         return self._parts
 
     def finish(self) -> tuple[PartFile, ...]:
-        """Writes and returns the canonical files, one per data table, also for tables without rows.
+        """Write and returns the canonical files, one per data table, also for tables without rows.
 
         Their bytes depend on the rows only, not on how these were split over parts and attempts.
 
@@ -85,7 +85,7 @@ class RunWriter:
         return tuple(self._merge(table) for table in DATA_TABLES)
 
     def _merge(self, table: Table) -> PartFile:
-        """Writes the rows of all parts, and those that no part holds yet."""
+        """Write the rows of all parts, and those that no part holds yet."""
         parts = [decode(table, part.read(self.store)) for part in self._parts if part.table is table]
         schema, last = SCHEMAS[table], [_with_run_id(self.run_id, rows) for rows in self._buffer[table]]
         parts += [completed(schema, schema.names, rows) for rows in last]

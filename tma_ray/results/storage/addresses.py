@@ -54,7 +54,7 @@ class AddressStore(Store, schemes=("*",)):
 
     @classmethod
     def at(cls, uri: str) -> AddressStore:
-        """Returns the store at an address.
+        """Return the store at an address.
 
         Raises:
             ObjectStoreError: neither library knows its scheme, or one is missing.
@@ -75,12 +75,12 @@ class AddressStore(Store, schemes=("*",)):
             return read(file)
 
     def read_version(self, path: str) -> tuple[bytes, Version]:
-        """Returns the content of a small file, which is its version too."""
+        """Return the content of a small file, which is its version too."""
         data = self._read(path, MOST_TEXT_BYTES)
         return data, data
 
     def write_bytes(self, path: str, data: bytes) -> None:
-        """Writes or replaces a file.
+        """Write or replaces a file.
 
         Raises:
             ObjectStoreError: addresses of this kind can only be read.
@@ -93,14 +93,14 @@ class AddressStore(Store, schemes=("*",)):
             raise ObjectStoreError(f"{self}: results at an address of this kind can only be read") from error
 
     def create(self, path: str, data: bytes) -> bool:
-        """Writes a new file; False if there is one. Two may write at the same instant."""
+        """Write a new file; False if there is one. Two may write at the same instant."""
         if self.exists(path):
             return False
         self.write_bytes(path, data)
         return True
 
     def replace(self, path: str, data: bytes, version: Version) -> bool:
-        """Replaces a file of this `version`; False if it is another. Two may write at the same instant."""
+        """Replace a file of this `version`; False if it is another. Two may write at the same instant."""
         if not self.exists(path) or self.read_version(path)[1] != version:
             return False
         self.write_bytes(path, data)
@@ -111,7 +111,7 @@ class AddressStore(Store, schemes=("*",)):
         return bool(self._info(path).type == fs.FileType.File)
 
     def stamps(self, folder: str = "") -> dict[str, Stamp]:
-        """Returns the `Stamp` of each of `files` below `folder`, by path, sorted."""
+        """Return the `Stamp` of each of `files` below `folder`, by path, sorted."""
         found = self._listed(folder, recursive=True)
         files = [info for info in found if info.type == fs.FileType.File]
         return dict(sorted((f.path.removeprefix(self._prefix), (f.mtime_ns, f.size)) for f in files))
@@ -125,12 +125,12 @@ class AddressStore(Store, schemes=("*",)):
         return cast("list[fs.FileInfo]", self.filesystem.get_file_info(selector))
 
     def move(self, source: str, destination: str) -> None:
-        """Moves a file, replacing what is at `destination`."""
+        """Move a file, replacing what is at `destination`."""
         self._make_parent(destination)
         self.filesystem.move(self.full_path(source), self.full_path(destination))
 
     def delete(self, path: str) -> None:
-        """Deletes a file, or a folder with all it holds."""
+        """Delete a file, or a folder with all it holds."""
         kind = self._info(path).type
         if kind == fs.FileType.File:
             self.filesystem.delete_file(self.full_path(path))
@@ -147,7 +147,7 @@ class AddressStore(Store, schemes=("*",)):
 
 
 def open_address(uri: str) -> tuple[Any, str]:
-    """Returns the file system and path of an address that pyarrow or fsspec knows.
+    """Return the file system and path of an address that pyarrow or fsspec knows.
 
     Raises:
         ObjectStoreError: neither knows it, or a library is missing.
@@ -165,7 +165,7 @@ def open_address(uri: str) -> tuple[Any, str]:
 
 
 def _opened(uri: str) -> tuple[Any, str]:
-    """Returns the file system of an address, pyarrow's or fsspec's, and the path in it."""
+    """Return the file system of an address, pyarrow's or fsspec's, and the path in it."""
     with suppress(pa.ArrowInvalid, ValueError):  # not its own: fsspec may know it
         filesystem, path = fs.FileSystem.from_uri(uri)
         handler = getattr(filesystem, "handler", None)  # pyarrow hands some over to fsspec itself
@@ -179,7 +179,7 @@ class AddressHandler(fs.FSSpecHandler):  # type: ignore[misc] # pyarrow has no t
     """A file system of fsspec, for pyarrow, that tells missing files from places that cannot be reached."""
 
     def get_file_info(self, paths: list[str]) -> list[fs.FileInfo]:
-        """Returns type and size of each path.
+        """Return type and size of each path.
 
         Raises:
             ObjectStoreError: the place cannot be reached, or refuses.
@@ -187,7 +187,7 @@ class AddressHandler(fs.FSSpecHandler):  # type: ignore[misc] # pyarrow has no t
         return [self._info(path) for path in paths]
 
     def get_file_info_selector(self, selector: fs.FileSelector) -> list[fs.FileInfo]:
-        """Returns what lies in a folder; raises as `get_file_info`."""
+        """Return what lies in a folder; raises as `get_file_info`."""
         with self._reached(selector.base_dir):
             found: list[fs.FileInfo] = super().get_file_info_selector(selector)
         if not found:
@@ -195,7 +195,7 @@ class AddressHandler(fs.FSSpecHandler):  # type: ignore[misc] # pyarrow has no t
         return found
 
     def open_input_file(self, path: str) -> pa.PythonFile:
-        """Returns a file to read.
+        """Return a file to read.
 
         Raises:
             FileNotFoundError: the place lacks it.
@@ -206,15 +206,15 @@ class AddressHandler(fs.FSSpecHandler):  # type: ignore[misc] # pyarrow has no t
         return self._opened(path, "r")
 
     def open_input_stream(self, path: str) -> pa.PythonFile:
-        """Returns a file to read; raises as `open_input_file`."""
+        """Return a file to read; raises as `open_input_file`."""
         return self.open_input_file(path)
 
     def open_output_stream(self, path: str, metadata: Any) -> pa.PythonFile:  # noqa: ARG002 - as pyarrow asks
-        """Returns a file to write; raises as `get_file_info`."""
+        """Return a file to write; raises as `get_file_info`."""
         return self._opened(path, "w")
 
     def create_dir(self, path: str, recursive: bool) -> None:
-        """Makes a folder; raises as `get_file_info`."""
+        """Make a folder; raises as `get_file_info`."""
         with self._reached(path):
             super().create_dir(path, recursive)
 
@@ -242,17 +242,17 @@ class _ReachedFile:
         self._where = where
 
     def read(self, size: int = -1) -> bytes:
-        """Returns the next `size` bytes, or all that are left."""
+        """Return the next `size` bytes, or all that are left."""
         with _reached(self._where):
             return cast("bytes", self._file.read(size))
 
     def write(self, data: bytes) -> int:
-        """Writes bytes, some of them when the file is closed."""
+        """Write bytes, some of them when the file is closed."""
         with _reached(self._where):
             return cast("int", self._file.write(data))
 
     def close(self) -> None:
-        """Writes what is left."""
+        """Write what is left."""
         with _reached(self._where):
             self._file.close()
 
@@ -262,7 +262,7 @@ class _ReachedFile:
 
 @contextmanager
 def _reached(where: str) -> Iterator[None]:
-    """Turns what libraries raise within the block of a connection into one error.
+    """Turn what libraries raise within the block of a connection into one error.
 
     Raises:
         FileNotFoundError: the place says that it lacks the file.
@@ -284,7 +284,7 @@ def _reached(where: str) -> Iterator[None]:
 
 
 def _refusal(error: BaseException) -> BaseException | None:
-    """Returns the first of an error and its causes that is not of a missing file, None if all are."""
+    """Return the first of an error and its causes that is not of a missing file, None if all are."""
     causes = [error]
     while causes[-1].__cause__ is not None:
         causes.append(causes[-1].__cause__)
@@ -297,6 +297,6 @@ def _says_absent(error: BaseException) -> bool:
 
 
 def _status(error: BaseException) -> int | None:
-    """Returns the HTTP answer that an error of aiohttp or httpx reports, None if it is of another kind."""
+    """Return the HTTP answer that an error of aiohttp or httpx reports, None if it is of another kind."""
     found = getattr(error, "status", None) or getattr(getattr(error, "response", None), "status_code", None)
     return found if isinstance(found, int) else None

@@ -77,12 +77,12 @@ class Store(ABC):
         self._last: tuple[str, bytes] = "", b""
 
     def __init_subclass__(cls, *, schemes: tuple[str, ...] = ()) -> None:
-        """Registers an implementation for addresses of these schemes; "" is a folder, "*" any other."""
+        """Register an implementation for addresses of these schemes; "" is a folder, "*" any other."""
         Store._kinds.update(dict.fromkeys(schemes, cls))
 
     @classmethod
     def open(cls, uri: str | Path) -> Store:
-        """Returns the store at a folder or a URI such as ``s3://bucket/folder`` or ``gs://bucket/folder``.
+        """Return the store at a folder or a URI such as ``s3://bucket/folder`` or ``gs://bucket/folder``.
 
         Raises:
             ValueError: a URI that holds credentials, no bucket, or unknown parameters.
@@ -95,10 +95,10 @@ class Store(ABC):
     @classmethod
     @abstractmethod
     def at(cls, uri: str) -> Store:
-        """Returns the store of this kind at a folder or address; raises as `open`."""
+        """Return the store of this kind at a folder or address; raises as `open`."""
 
     def recorded(self, sha256: Mapping[str, str]) -> Self:
-        """Returns this store limited to files with recorded checksums: nothing else is ever shown.
+        """Return this store limited to files with recorded checksums: nothing else is ever shown.
 
         Args:
             sha256: checksum of each file by path, hexadecimal. Files are read whole to be compared with it.
@@ -108,11 +108,11 @@ class Store(ABC):
         return limited
 
     def where(self, path: str) -> str:
-        """Returns `path` with its root, as a message names it: no credentials of a URI."""
+        """Return `path` with its root, as a message names it: no credentials of a URI."""
         return f"{self}/{path}" if path else str(self)
 
     def full_path(self, path: str) -> str:
-        """Returns `path` from the root of the file system or object store.
+        """Return `path` from the root of the file system or object store.
 
         Raises:
             ValueError: an absolute path, or one that leaves the root.
@@ -123,7 +123,7 @@ class Store(ABC):
         return self._prefix + "/".join(parts)
 
     def read_bytes(self, path: str, most_bytes: int | None = None) -> bytes:
-        """Returns the content of a file.
+        """Return the content of a file.
 
         Args:
             path: path of the file, from the root.
@@ -142,7 +142,7 @@ class Store(ABC):
         return data
 
     def read_parts(self, path: str, read: Callable[[Any], T]) -> T:
-        """Returns what `read` makes of the opened file, of which it need not read all.
+        """Return what `read` makes of the opened file, of which it need not read all.
 
         For files that are never replaced. Raises as `read_bytes`.
         """
@@ -153,14 +153,14 @@ class Store(ABC):
         return read(pa.BufferReader(self._last[1]))
 
     def names(self, folder: str = "") -> set[str]:
-        """Returns the names of files, folders and links directly in `folder`; none if it does not exist."""
+        """Return the names of files, folders and links directly in `folder`; none if it does not exist."""
         if self._recorded is None:
             return self._names(folder)
         prefix = f"{folder}/" if folder else ""
         return {path[len(prefix) :].split("/")[0] for path in self._recorded if path.startswith(prefix)}
 
     def files(self, folder: str = "") -> tuple[str, ...]:
-        """Returns the paths of all files below `folder`, sorted; none if it does not exist.
+        """Return the paths of all files below `folder`, sorted; none if it does not exist.
 
         On a disk what lies in the place of a file is among them, so that whoever reads it names it: pipes,
         links that lead nowhere or out of the root, folders with the name of a file or that cannot be listed.
@@ -168,7 +168,7 @@ class Store(ABC):
         return tuple(self.stamps(folder))
 
     def temporary(self) -> str:
-        """Returns a new path for a temporary file, with a name that says that the file is ours."""
+        """Return a new path for a temporary file, with a name that says that the file is ours."""
         return f"{TEMPORARY}/{self._mark()}{uuid4().hex}"
 
     def is_temporary(self, path: str) -> bool:
@@ -180,7 +180,7 @@ class Store(ABC):
         return self.exists(path)
 
     def check_place(self, *folders: str) -> None:  # noqa: B027 - a bucket has nothing to check
-        """Refuses a folder of this machine that cannot be a results root, and links that lead out of it.
+        """Refuse a folder of this machine that cannot be a results root, and links that lead out of it.
 
         Args:
             folders: paths of folders that are written to.
@@ -191,21 +191,21 @@ class Store(ABC):
         """
 
     def clear_temporaries(self, older_than: float) -> None:  # noqa: B027 - only a disk keeps any
-        """Deletes temporary files that killed processes left on a disk; other files in their folder stay.
+        """Delete temporary files that killed processes left on a disk; other files in their folder stay.
 
         Args:
             older_than: age of what goes, s; younger files may be in the making.
         """
 
     def check_listable(self) -> None:  # noqa: B027 - a folder that is missing lists like an empty one
-        """Refuses an object store whose bucket does not exist.
+        """Refuse an object store whose bucket does not exist.
 
         Raises:
             ObjectStoreError: the bucket does not exist, or we may not list it.
         """
 
     def check_access(self) -> None:
-        """Checks the rights to list, write, read and delete outside of a disk; leaves nothing there.
+        """Check the rights to list, write, read and delete outside of a disk; leaves nothing there.
 
         Raises:
             ObjectStoreError: a right or the bucket is missing.
@@ -219,22 +219,22 @@ class Store(ABC):
 
     @abstractmethod
     def read_version(self, path: str) -> tuple[bytes, Version]:
-        """Returns the content of a small file, and its version for `replace`; raises as `read_bytes`."""
+        """Return the content of a small file, and its version for `replace`; raises as `read_bytes`."""
 
     @abstractmethod
     def write_bytes(self, path: str, data: bytes) -> None:
-        """Writes or replaces a file, atomically and durably."""
+        """Write or replaces a file, atomically and durably."""
 
     @abstractmethod
     def create(self, path: str, data: bytes) -> bool:
-        """Writes a new file; returns False and changes nothing if there is one.
+        """Write a new file; returns False and changes nothing if there is one.
 
         Exactly one of several writers makes it, in folders and in buckets.
         """
 
     @abstractmethod
     def replace(self, path: str, data: bytes, version: Version) -> bool:
-        """Replaces a file; returns False and changes nothing if its version is another.
+        """Replace a file; returns False and changes nothing if its version is another.
 
         Exactly one of several writers that have read the same version replaces it: in a bucket by a
         conditional request, in a folder under a lock of its file system, where that has locks.
@@ -242,7 +242,7 @@ class Store(ABC):
 
     @abstractmethod
     def move(self, source: str, destination: str) -> None:
-        """Moves a file, replacing what is at `destination`; in an object store a copy, then a deletion.
+        """Move a file, replacing what is at `destination`; in an object store a copy, then a deletion.
 
         Raises:
             FileNotFoundError: there is nothing at `source`.
@@ -250,7 +250,7 @@ class Store(ABC):
 
     @abstractmethod
     def delete(self, path: str) -> None:
-        """Deletes a file, or a folder with all it holds; fine if there is none."""
+        """Delete a file, or a folder with all it holds; fine if there is none."""
 
     @abstractmethod
     def exists(self, path: str) -> bool:
@@ -258,26 +258,26 @@ class Store(ABC):
 
     @abstractmethod
     def stamps(self, folder: str = "") -> dict[str, Stamp]:
-        """Returns the `Stamp` of each of `files` below `folder`, by path, sorted."""
+        """Return the `Stamp` of each of `files` below `folder`, by path, sorted."""
 
     @abstractmethod
     def _read(self, path: str, most_bytes: int) -> bytes:
-        """Returns the content of a file of at most so many bytes; raises as `read_bytes`."""
+        """Return the content of a file of at most so many bytes; raises as `read_bytes`."""
 
     @abstractmethod
     def _read_parts(self, path: str, read: Callable[[Any], T]) -> T:
-        """Returns what `read` makes of the opened file; raises as `read_bytes`."""
+        """Return what `read` makes of the opened file; raises as `read_bytes`."""
 
     @abstractmethod
     def _names(self, folder: str) -> set[str]:
-        """Returns the names of all that lies directly in `folder`; none if it does not exist."""
+        """Return the names of all that lies directly in `folder`; none if it does not exist."""
 
     def _mark(self) -> str:
         return "tma_ray-"
 
 
 def retry(action: Callable[[], T], seconds: float, give_up: Callable[[], bool] = lambda: False) -> T:
-    """Repeats `action` as long as the storage refuses it; returns its first result.
+    """Repeat `action` as long as the storage refuses it; returns its first result.
 
     Args:
         action: operation that may be called again after a `StorageError`.

@@ -91,7 +91,7 @@ class BucketStore(Store, schemes=("s3", "gs")):
 
     @classmethod
     def at(cls, uri: str) -> BucketStore:
-        """Returns the store at ``s3://bucket/folder`` or ``gs://bucket/folder``.
+        """Return the store at ``s3://bucket/folder`` or ``gs://bucket/folder``.
 
         Credentials come from the environment. The region and the endpoint found here are part of what another
         process is sent.
@@ -125,7 +125,7 @@ class BucketStore(Store, schemes=("s3", "gs")):
         return self._get(path, most_bytes)[0]
 
     def read_version(self, path: str) -> tuple[bytes, Version]:
-        """Returns content and tag of a small object."""
+        """Return content and tag of a small object."""
         data, meta = self._get(path, MOST_TEXT_BYTES)
         return data, {name: meta[name] for name in ("e_tag", "version") if meta.get(name)}
 
@@ -142,16 +142,16 @@ class BucketStore(Store, schemes=("s3", "gs")):
             return read(pa.PythonFile(file, mode="r"))
 
     def write_bytes(self, path: str, data: bytes) -> None:
-        """Writes or replaces an object."""
+        """Write or replaces an object."""
         with _explained(self.where(path)):
             self._objects.put(self._key(path), data, chunk_size=PART_BYTES)
 
     def create(self, path: str, data: bytes) -> bool:
-        """Writes a new object by a conditional request; False if there is one."""
+        """Write a new object by a conditional request; False if there is one."""
         return self._put_if(path, data, "create")
 
     def replace(self, path: str, data: bytes, version: Version) -> bool:
-        """Replaces an object of this `version` by a conditional request; False if it is another."""
+        """Replace an object of this `version` by a conditional request; False if it is another."""
         return self._put_if(path, data, version)
 
     def _put_if(self, path: str, data: bytes, condition: Any) -> bool:
@@ -174,7 +174,7 @@ class BucketStore(Store, schemes=("s3", "gs")):
         return True
 
     def stamps(self, folder: str = "") -> dict[str, Stamp]:
-        """Returns the `Stamp` of each of `files` below `folder`, by path, sorted."""
+        """Return the `Stamp` of each of `files` below `folder`, by path, sorted."""
         with _explained(self.where(folder)):
             found = {each["path"]: each for each in self._listed(folder)}
         parents = {path.rpartition("/")[0] for path in found} | {self._prefix_of(folder)}
@@ -192,12 +192,12 @@ class BucketStore(Store, schemes=("s3", "gs")):
         return {path.rpartition("/")[2] for path in paths} - {""}
 
     def move(self, source: str, destination: str) -> None:
-        """Copies an object, then deletes it at `source`."""
+        """Copy an object, then deletes it at `source`."""
         with _explained(self.where(source)):
             self._objects.rename(self._key(source), self._key(destination))
 
     def delete(self, path: str) -> None:
-        """Deletes an object, and all below a folder of this name."""
+        """Delete an object, and all below a folder of this name."""
         key = self._key(path)
         with _explained(self.where(path)):
             inner = [each["path"] for each in self._listed(path)]
@@ -207,14 +207,14 @@ class BucketStore(Store, schemes=("s3", "gs")):
                 self._objects.delete(key)
 
     def check_listable(self) -> None:
-        """Refuses a bucket that does not exist or cannot be listed."""
+        """Refuse a bucket that does not exist or cannot be listed."""
         self._names("")
 
     def _listed(self, folder: str) -> Iterator[Mapping[str, Any]]:
         return (each for batch in self._objects.list(self._prefix_of(folder)) for each in batch)
 
     def _key(self, path: str) -> str:
-        """Returns `path` from the top of the bucket."""
+        """Return `path` from the top of the bucket."""
         return self.full_path(path).partition("/")[2]
 
     def _prefix_of(self, folder: str) -> str:
@@ -248,7 +248,7 @@ class _ObjectFile(io.RawIOBase):
 
 @contextmanager
 def _explained(where: str) -> Iterator[None]:
-    """Turns what obstore raises within the block into errors that name `where` and say what to do.
+    """Turn what obstore raises within the block into errors that name `where` and say what to do.
 
     Raises:
         FileNotFoundError: the object is not there.
@@ -302,7 +302,7 @@ def _parameters(parts: SplitResult) -> dict[str, str]:
 
 
 def _s3_options(bucket: str, given: dict[str, str]) -> dict[str, str]:
-    """Returns where the bucket is: as the URI says, else the environment, else as AWS itself says."""
+    """Return where the bucket is: as the URI says, else the environment, else as AWS itself says."""
     environment = os.environ.get
     endpoint = (
         given.get("endpoint_override")
@@ -322,7 +322,7 @@ def _s3_options(bucket: str, given: dict[str, str]) -> dict[str, str]:
 
 
 def _open(scheme: str, bucket: str, options: Mapping[str, str]) -> Any:
-    """Returns the bucket as obstore knows it."""
+    """Return the bucket as obstore knows it."""
     from obstore.store import GCSStore, S3Store
 
     endpoint = options.get("endpoint_override", "")
@@ -350,7 +350,7 @@ def _open(scheme: str, bucket: str, options: Mapping[str, str]) -> Any:
 
 
 def _profile_credentials() -> Callable[[], dict[str, Any]] | None:
-    """Returns a reader of the keys of a profile in AWS's own files, None where obstore finds others.
+    """Return a reader of the keys of a profile in AWS's own files, None where obstore finds others.
 
     Raises:
         ObjectStoreError: the profile has no keys and no process that prints some.
@@ -374,7 +374,7 @@ def _profile_credentials() -> Callable[[], dict[str, Any]] | None:
 
 
 def _profile(name: str) -> dict[str, str]:
-    """Returns the settings of a profile in AWS's configuration and credentials files."""
+    """Return the settings of a profile in AWS's configuration and credentials files."""
     found: dict[str, str] = {}
     for variable, place, section in (
         ("AWS_CONFIG_FILE", "~/.aws/config", name if name == "default" else f"profile {name}"),
@@ -388,7 +388,7 @@ def _profile(name: str) -> dict[str, str]:
 
 
 def _keys(profile: Mapping[str, str]) -> dict[str, Any]:
-    """Returns the keys of a profile as obstore takes them, with the time at which it asks again."""
+    """Return the keys of a profile as obstore takes them, with the time at which it asks again."""
     expires: Any = datetime.now(UTC) + FILE_CREDENTIALS_TIME
     if "aws_access_key_id" in profile:
         names = "aws_access_key_id", "aws_secret_access_key", "aws_session_token"

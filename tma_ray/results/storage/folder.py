@@ -58,7 +58,7 @@ class FolderStore(Store, schemes=("", "file")):
 
     @classmethod
     def at(cls, uri: str) -> FolderStore:
-        """Returns the store at a path or a ``file://`` address."""
+        """Return the store at a path or a ``file://`` address."""
         path = unquote(urlsplit(uri).path) if uri.startswith("file://") else uri
         return cls(expanded(path).absolute().as_posix())
 
@@ -78,24 +78,24 @@ class FolderStore(Store, schemes=("", "file")):
                 return read(file)
 
     def read_version(self, path: str) -> tuple[bytes, Version]:
-        """Returns content and checksum of a small file."""
+        """Return content and checksum of a small file."""
         data = self._read(path, MOST_TEXT_BYTES)
         return data, hashlib.sha256(data).hexdigest()
 
     def write_bytes(self, path: str, data: bytes) -> None:
-        """Writes or replaces a file."""
+        """Write or replaces a file."""
         target = self._own_path(path)
         with explained_disk(self.where(path)):
             write_file(target, self._aside(), data)
 
     def create(self, path: str, data: bytes) -> bool:
-        """Writes a new file by an exclusive link, which needs no locks; False if there is one."""
+        """Write a new file by an exclusive link, which needs no locks; False if there is one."""
         target = self._own_path(path)
         with explained_disk(self.where(path)):
             return write_file(target, self._aside(), data, exclusive=True)
 
     def replace(self, path: str, data: bytes, version: Version) -> bool:
-        """Replaces a file of this `version` under the lock of the root's folder; False if it is another."""
+        """Replace a file of this `version` under the lock of the root's folder; False if it is another."""
         with explained_disk(self.where(path)), locked_folder(Path(self.base)):
             try:
                 if self.read_version(path)[1] != version:
@@ -115,7 +115,7 @@ class FolderStore(Store, schemes=("", "file")):
         return os.path.lexists(self.full_path(path))
 
     def stamps(self, folder: str = "") -> dict[str, Stamp]:
-        """Returns the `Stamp` of each of `files` below `folder`, by path, sorted."""
+        """Return the `Stamp` of each of `files` below `folder`, by path, sorted."""
         full = self.full_path(folder) if folder else self.base
         self._refuse_links_out(folder)
         with explained_disk(self.where(folder)), suppress(FileNotFoundError):
@@ -129,7 +129,7 @@ class FolderStore(Store, schemes=("", "file")):
         return set()
 
     def move(self, source: str, destination: str) -> None:
-        """Moves a file, replacing what is at `destination`."""
+        """Move a file, replacing what is at `destination`."""
         old, new = self._own_path(source), self._own_path(destination)
         with explained_disk(self.where(source)):
             make_folder(new.parent)
@@ -138,7 +138,7 @@ class FolderStore(Store, schemes=("", "file")):
             sync_folder(old.parent)
 
     def delete(self, path: str) -> None:
-        """Deletes a file, a link but not its target, or a folder at once, even while it is written to."""
+        """Delete a file, a link but not its target, or a folder at once, even while it is written to."""
         here = self._own_path(path)
         with explained_disk(self.where(path)):
             if here.is_dir() and not here.is_symlink():
@@ -146,18 +146,18 @@ class FolderStore(Store, schemes=("", "file")):
             delete(here)
 
     def check_place(self, *folders: str) -> None:
-        """Refuses a folder that cannot be a results root, and links in `folders` that lead out of it."""
+        """Refuse a folder that cannot be a results root, and links in `folders` that lead out of it."""
         with explained_disk(self.where("")):
             refuse_place(Path(self.base))
         for folder in folders:
             self._refuse_links_out(folder)
 
     def check_access(self) -> None:
-        """Refuses a folder that cannot be a results root."""
+        """Refuse a folder that cannot be a results root."""
         self.check_place()
 
     def clear_temporaries(self, older_than: float) -> None:
-        """Deletes temporary files of this root that are older than `older_than` s."""
+        """Delete temporary files of this root that are older than `older_than` s."""
         self._refuse_links_out(TEMPORARY)
         for name in sorted(self._names(TEMPORARY)):
             if self.is_temporary(f"{TEMPORARY}/{name}"):
@@ -167,7 +167,7 @@ class FolderStore(Store, schemes=("", "file")):
                         delete(file)
 
     def temporary(self) -> str:
-        """Returns a new path for a temporary file, whose folder is made; the name has the root's inode.
+        """Return a new path for a temporary file, whose folder is made; the name has the root's inode.
 
         Raises:
             DamagedFileError: the folder is a symbolic link that leads out of the root.
@@ -180,14 +180,14 @@ class FolderStore(Store, schemes=("", "file")):
         return f"tma_ray-{Path(self.base).stat().st_ino}-"
 
     def _refuse_links_out(self, path: str) -> None:
-        """Refuses symbolic links that lead out of the root: it may be others' who made it."""
+        """Refuse symbolic links that lead out of the root: it may be others' who made it."""
         if links_out(self.base, path):
             raise DamagedFileError(
                 f"{self.where(path)} is damaged: a symbolic link leads out of the root or nowhere"
             )
 
     def _own_path(self, path: str) -> Path:
-        """Returns the full path, unless a link in its folder leads out of the root."""
+        """Return the full path, unless a link in its folder leads out of the root."""
         full = self.full_path(path)
         self._refuse_links_out(str(PurePosixPath(path).parent))
         return Path(full)
@@ -198,7 +198,7 @@ class FolderStore(Store, schemes=("", "file")):
 
 @contextmanager
 def explained_disk(where: str, kinds: Collection[int] | None = None) -> Iterator[None]:
-    """Turns what the operating system raises within the block into errors that name `where`.
+    """Turn what the operating system raises within the block into errors that name `where`.
 
     Args:
         where: name of the file or folder.
@@ -227,7 +227,7 @@ def explained_disk(where: str, kinds: Collection[int] | None = None) -> Iterator
 
 
 def write_file(target: Path, temporary: Path, data: bytes, *, exclusive: bool = False) -> bool:
-    """Writes a file by way of a `temporary` one, atomically and durably.
+    """Write a file by way of a `temporary` one, atomically and durably.
 
     Args:
         target: where to.
@@ -258,7 +258,7 @@ def write_file(target: Path, temporary: Path, data: bytes, *, exclusive: bool = 
 
 @contextmanager
 def locked_folder(folder: Path) -> Iterator[None]:
-    """Keeps other processes out of blocks under the lock of the same folder, which is made if need be.
+    """Keep other processes out of blocks under the lock of the same folder, which is made if need be.
 
     The lock ends with its process. Where the file system has none, or it is not to be had for `LOCK_SECONDS`,
     the block is entered without.
@@ -273,7 +273,7 @@ def locked_folder(folder: Path) -> Iterator[None]:
 
 
 def make_folder(folder: Path) -> None:
-    """Makes a folder and its parents durably: each new name is synced in the folder that holds it."""
+    """Make a folder and its parents durably: each new name is synced in the folder that holds it."""
     missing = [path for path in (folder, *folder.parents) if not path.exists()]
     for path in reversed(missing):
         path.mkdir(exist_ok=True)
@@ -281,7 +281,7 @@ def make_folder(folder: Path) -> None:
 
 
 def sync_folder(folder: Path) -> None:
-    """Makes the names in a folder survive a crash of the machine."""
+    """Make the names in a folder survive a crash of the machine."""
     descriptor = os.open(folder, os.O_RDONLY)
     try:
         os.fsync(descriptor)
@@ -290,7 +290,7 @@ def sync_folder(folder: Path) -> None:
 
 
 def _lock(descriptor: int) -> None:
-    """Locks an open folder, unless its file system has no locks or another process keeps it too long."""
+    """Lock an open folder, unless its file system has no locks or another process keeps it too long."""
     deadline = time.monotonic() + LOCK_SECONDS
     while time.monotonic() < deadline:
         try:
@@ -304,7 +304,7 @@ def _lock(descriptor: int) -> None:
 
 
 def links_out(base: str, path: str) -> bool:
-    """Tells whether a symbolic link between the folder `base` and `path` leads out of it, or nowhere."""
+    """True if a symbolic link between the folder `base` and `path` leads out of it, or nowhere."""
     place, linked = base, False
     for part in path.split("/"):
         place = f"{place}/{part}"
@@ -318,7 +318,7 @@ def links_out(base: str, path: str) -> bool:
 
 
 def stamps_below(base: str, folder: str) -> Iterator[tuple[str, tuple[int | None, int | None]]]:
-    """Yields paths from `base`, times of writing (ns since 1970) and bytes of all files below `folder`.
+    """Yield paths from `base`, times of writing (ns since 1970) and bytes of all files below `folder`.
 
     Time and bytes are None of what lies in the place of a file: pipes, sockets and devices, links that lead
     nowhere, in a circle or out of `base`, folders that are called like a file or cannot be listed.
@@ -356,14 +356,14 @@ def _stamps_in(base: str, folder: str) -> Iterator[tuple[str, tuple[int | None, 
 
 
 def _strays(base: str, path: str) -> bool:
-    """Returns True if a link to a folder leads out of the folder `base`, or to one that the link lies in."""
+    """Return True if a link to a folder leads out of the folder `base`, or to one that the link lies in."""
     return links_out(base, path) or Path(base, path).parent.resolve().is_relative_to(
         Path(base, path).resolve()
     )
 
 
 def refuse_place(folder: Path) -> None:
-    """Refuses a folder that holds more than results.
+    """Refuse a folder that holds more than results.
 
     Raises:
         ResultsRootError: it is the root of the file system, the user's home, or the top of a source checkout.
@@ -383,7 +383,7 @@ def refuse_place(folder: Path) -> None:
 
 
 def delete(path: Path) -> None:
-    """Deletes a file, a link but not its target, or as much of a folder as can be; fine if there is none."""
+    """Delete a file, a link but not its target, or as much of a folder as can be; fine if there is none."""
     if path.is_dir() and not path.is_symlink():
         shutil.rmtree(path, ignore_errors=True)
     else:
