@@ -27,9 +27,9 @@ def card(
     """Returns the card of a baseline.
 
     Args:
-        manifest: what it says of itself.
-        made: how it came to be, in words.
-        citation: what others should cite; empty for the name, version and date of the baseline itself.
+        manifest: manifest of the baseline.
+        made: origin of its results, in words.
+        citation: text that others cite; empty for name, software and date of the baseline itself.
         tables: its results.
         ceilings: bounds of these, a sentence each.
     """
@@ -42,14 +42,13 @@ def card(
         trim_blocks=True,
         lstrip_blocks=True,
     )
-    cited = citation or f"{manifest.name}, made with {manifest.software} on {manifest.created[:10]}."
     text = environment.get_template("card.md.j2").render(
         manifest=manifest,
         published=manifest.kind is BaselineKind.PUBLISHED,
         holds=[(name.replace("_", " "), _plain(name, value)) for name, value in manifest.holds.items()],
         planned=", ".join(f"{_safe(name)} {count:,}" for name, count in sorted(manifest.planned.items())),
         made=made,
-        citation=cited,
+        citation=citation or manifest.citation,
         ceilings=ceilings,
         tables="\n".join(render(table, TableFormat.MARKDOWN) for table in tables),
     )
@@ -92,21 +91,29 @@ LIBRARIES: Final = ("python", "tma_ray", "torch", "numpy", "pymunk")
 """Entries of a fingerprint that the card of a release shows."""
 
 
-def made_on(attempts: pd.DataFrame) -> str:
-    """Returns how many attempts there were, for how long, on which processors and with which software.
+def made_on(attempts: pd.DataFrame, seeds: pd.Series) -> str:
+    """Returns hours, machines, processors and software of the attempts at runs, in words.
 
     Args:
         attempts: table of attempts, at least one.
+        seeds: seed of each run, indexed by its id.
     """
     hosts = attempts["host"].astype(str)
     machines = f", on machines: {hosts[hosts != ''].nunique()}" if (hosts != "").any() else ""
-    hours = float(attempts["wall_seconds"].sum())
-    text = f"Attempts: {len(attempts):,}{machines}, for {duration(hours)} together."
-    prints = [parsed(str(each)) for each in attempts["fingerprint"].unique()]
-    processors = _values(prints, "cpu")
-    if processors:
-        text += f" Processors: {', '.join(processors)}; devices: {', '.join(_devices(prints))}."
-    versions = [f"{name} {', '.join(_values(prints, name))}" for name in LIBRARIES if _values(prints, name)]
+    spent = attempts["wall_seconds"].astype(float).groupby(attempts["run_id"].astype(str)).sum()
+    usual = float(spent.median())  # a few stalled runs would decide a mean
+    text = f"Attempts: {len(attempts):,}{machines}; a run takes {duration(usual)} in the median."
+    texts = attempts["fingerprint"].astype(str)
+    prints = {each: parsed(each) for each in texts.unique()}
+    known = list(prints.values())
+    used = attempts["run_id"].astype(str).map(seeds).groupby(texts.map(lambda each: prints[each].get("cpu")))
+    by_processor = {str(cpu): sorted(set(rows.dropna().astype(int))) for cpu, rows in used}
+    if by_processor:
+        shown = [f"{cpu} (seeds {_ranges(mine)})" for cpu, mine in by_processor.items()]
+        text += f" Processors: {', '.join(shown)}; devices: {', '.join(_devices(known))}."
+        if len(set(map(tuple, by_processor.values()))) > 1:
+            text += " Hardware goes with seeds: a difference between seeds may be one between processors."
+    versions = [f"{name} {', '.join(_values(known, name))}" for name in LIBRARIES if _values(known, name)]
     return f"{text} Software: {'; '.join(versions)}." if versions else text
 
 

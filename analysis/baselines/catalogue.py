@@ -27,7 +27,7 @@ FORMAT: Final = "tma_ray baseline"
 FORMAT_VERSION: Final = 1
 
 FOREIGN_FILES: Final = frozenset({".gitattributes"})
-"""Files that a place may keep beside those of a baseline: the hub's data sets have one from the start."""
+"""Files that a place may keep next to those of a baseline: the hub's data sets have one from the start."""
 
 
 class BaselineError(ValueError):
@@ -35,7 +35,7 @@ class BaselineError(ValueError):
 
 
 class BaselineKind(StrEnum):
-    """What the tables of a baseline are."""
+    """Kind of the tables of a baseline."""
 
     RUNS = "runs"
     """Those of a results root: every evaluation and episode of every run."""
@@ -62,7 +62,7 @@ class BaselineFile:
 
     @classmethod
     def of(cls, store: Store, path: str) -> Self:
-        """Returns what the file at `path` is now."""
+        """Returns path, size and checksum of the file at `path`."""
         data = store.read_bytes(path)
         return cls(path, len(data), hashlib.sha256(data).hexdigest())
 
@@ -91,7 +91,7 @@ UNSAID: Final = About()
 
 @dataclass(frozen=True)
 class _Format:
-    """What every version of `BASELINE_FILE` says first."""
+    """First fields of every version of `BASELINE_FILE`."""
 
     format: str
     format_version: int
@@ -99,22 +99,22 @@ class _Format:
 
 @dataclass(frozen=True)
 class BaselineManifest:
-    """What a baseline is, and of which files it consists.
+    """Manifest of a baseline: content, origin and files.
 
     Attributes:
-        name: what it is called.
-        kind: what its tables are.
-        schema_version: of its tables.
-        engine: what simulated its worlds.
-        physics_versions: of tma_ray, of its runs; empty for other engines.
-        licence: under which others may use it, an SPDX identifier or words; empty if nobody said.
-        created: when it was made, ISO 8601.
-        software: what made it, with its version.
-        partial: what is missing of the campaigns that it holds; empty if nothing is.
-        caveats: what a reader must know besides.
+        name: name of the baseline.
+        kind: kind of its tables.
+        schema_version: schema version of its tables.
+        engine: simulator of its worlds.
+        physics_versions: versions of tma_ray's physics among its runs; empty for other engines.
+        licence: terms under which others may use it, an SPDX identifier or words; empty if none are given.
+        created: time at which it was made, ISO 8601.
+        software: program that made it, with its version.
+        partial: runs that are missing of its campaigns, in words; empty if none are.
+        caveats: further limits of its results.
         holds: values of each column of its cells, and counts, by name.
-        files: all others in its folder.
-        benchmark_versions: of its runs, rising; 0 for those made before there was one.
+        files: all other files in its folder.
+        benchmark_versions: versions of the benchmark among its runs, rising; 0 for older runs.
         core: campaigns that ``tma-ray campaign --like`` repeats; empty for all of them.
         planned: runs that each campaign was to have, by its name, of a release that grows by shards.
         gaps: campaigns that it is to have and that have not begun, in words; empty if nobody named any.
@@ -137,6 +137,11 @@ class BaselineManifest:
     planned: Mapping[str, Natural] = field(default_factory=dict)
     gaps: str = ""
 
+    @property
+    def citation(self) -> str:
+        """Text that others cite if its authors give no other."""
+        return f"{self.name}, made with {self.software} on {self.created[:10]}."
+
     def to_bytes(self) -> bytes:
         """Returns the content of `BASELINE_FILE`."""
         content = {"format": FORMAT, "format_version": FORMAT_VERSION, **asdict(self)}
@@ -144,7 +149,7 @@ class BaselineManifest:
 
     @classmethod
     def load(cls, store: Store) -> Self:
-        """Returns what the baseline in `store` says of itself.
+        """Returns the manifest of the baseline in `store`.
 
         Raises:
             BaselineError: not a baseline, a damaged one, or one of another version.
@@ -178,7 +183,7 @@ class Baseline:
 
     Attributes:
         place: folder, or address in an object store.
-        manifest: what it says of itself.
+        manifest: manifest of the baseline.
     """
 
     place: str
@@ -361,7 +366,7 @@ def read_one(place: str | Path) -> Frames:
     if _without_runs(baseline):
         raise BaselineError(
             f"{place} has published means and deviations only, and no runs to pool or to test with: set it "
-            f"beside yours with tma-ray compare, or ask for its tables and figures alone"
+            f"next to yours with tma-ray compare, or ask for its tables and figures alone"
         )
     return baseline.frames()
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import re
 import shutil
 from collections.abc import Mapping, Sequence
@@ -24,6 +25,7 @@ from analysis.baselines.catalogue import (
     BaselineKind,
     BaselineManifest,
 )
+from analysis.baselines.croissant import CROISSANT_FILE, croissant
 from analysis.baselines.verification import verify
 from analysis.data.frames import STATUSES, Frames, load
 from analysis.measures.evaluations import ceilings_in_words
@@ -83,12 +85,12 @@ def release(
 
     Args:
         root: a folder, or an ``s3://`` or ``gs://`` address, on which no campaign is running.
-        name: of the release and its folder.
+        name: name of the release and its folder.
         output: folder in which that is made; the current one by default.
-        licence: under which others may use it, an SPDX identifier such as ``CC-BY-4.0``.
+        licence: terms under which others may use it, an SPDX identifier such as ``CC-BY-4.0``.
         partial: pack campaigns that are not done or are damaged as well, and say so.
         contents: `tma_ray.results.LEAN` leaves out episodes, logs of teachers, policies, names of machines.
-        about: what its runs do not tell; by default what a release says that is packed anew.
+        about: statements that its runs do not make; by default those of a release that is packed again.
 
     Returns:
         The new folder.
@@ -126,7 +128,7 @@ def describe(
     about: About,
     planned: Mapping[str, int],
 ) -> None:
-    """Writes card and manifest of a root that was copied to `place`, and verifies all of it.
+    """Writes card, metadata and manifest of a root that was copied to `place`, and verifies all of it.
 
     Raises:
         BaselineError: it is not as it should be.
@@ -134,15 +136,19 @@ def describe(
     """
     store = Store.open(place)
     (place / "tmp").rmdir()  # empty, since all that was written is in its place
-    for file in (CARD_FILE, BASELINE_FILE):
+    for file in (CARD_FILE, CROISSANT_FILE, BASELINE_FILE):
         (place / file).unlink(missing_ok=True)
     released = load(place)
     for campaign in about.core:
         check_known("campaign", campaign, set(released.cells["campaign"]), "the release has")
     manifest = _manifest(released, name, licence, missing, copy, store)
     manifest = replace(manifest, core=about.core, gaps=about.gaps, planned=dict(planned))
-    text = card(manifest, _made(released), tables=_tables(released), ceilings=ceilings_in_words(released))
+    made = _made(released)
+    text = card(manifest, made, tables=_tables(released), ceilings=ceilings_in_words(released))
     (place / CARD_FILE).write_text(text, encoding="utf-8")
+    files = tuple(BaselineFile.of(store, path) for path in store.files())
+    described = json.dumps(croissant(manifest, files, made), indent=1, ensure_ascii=False)
+    (place / CROISSANT_FILE).write_text(f"{described}\n", encoding="utf-8")
     files = tuple(BaselineFile.of(store, path) for path in store.files())
     (place / BASELINE_FILE).write_bytes(replace(manifest, files=files).to_bytes())
     problems = verify(place).problems
@@ -151,7 +157,7 @@ def describe(
 
 
 def release_folder(name: str, output: Path) -> Path:
-    """Returns where a release of this name lies within `output`.
+    """Returns the folder of a release of this name within `output`.
 
     Raises:
         BaselineError: the name has other characters, or `output` is not on a disk.
@@ -178,12 +184,12 @@ def _as_release(frames: Frames) -> BaselineManifest | None:
 
 
 def _refuse_unfinished(frames: Frames, partial: bool, lacking: str = "") -> str:
-    """Returns what is missing of the campaigns, in words, if that is allowed.
+    """Returns the gaps of the campaigns, in words, if they are allowed.
 
     Args:
-        frames: of the root.
-        partial: whether something may be missing.
-        lacking: what a release that is packed anew lacked.
+        frames: results of the root.
+        partial: True if something may be missing.
+        lacking: gaps of a release that is packed again, in words.
     """
     holder = holder_of(frames.results.store)
     if holder is not None:
@@ -264,7 +270,7 @@ def _physics_versions(cells: pd.DataFrame) -> tuple[int, ...]:
 
 
 def _made(frames: Frames) -> str:
-    """Returns how the runs were made, in words."""
+    """Returns the origin of the runs, in words."""
     engines = set(frames.cells["engine"])
     others = sorted(engines - {CHIPMUNK, SIMULATED})
     text = f"Imported from results that others made in worlds of {', '.join(others)}." if others else ""
@@ -277,7 +283,8 @@ def _made(frames: Frames) -> str:
         )
     attempts = frames.attempts
     if len(attempts):
-        text += f" {made_on(attempts)}"
+        runs = frames.cells.drop_duplicates("run_id").set_index("run_id")
+        text += f" {made_on(attempts, runs['seed'])}"
     return text.strip() + " Every run has its whole specification in the column `spec` of the table `runs`."
 
 
@@ -298,16 +305,16 @@ def add_to_release(
 
     The release is made if there is none. It holds evaluations, windows of training, curricula, cells, runs
     and attempts without names of machines; neither episodes, logs of teachers nor policies. Its other files
-    stay as they are, but for its card and ``baseline.json``. A campaign may be running on the root. If this
-    is interrupted, the release is as it was before.
+    stay as they are, but for its card, ``croissant.json`` and ``baseline.json``. A campaign may be running on
+    the root. If this is interrupted, the release is as it was before.
 
     Args:
         root: a folder, or an ``s3://`` or ``gs://`` address.
-        name: of the release and its folder.
+        name: name of the release and its folder.
         shard: name of the new files: letters, digits, "_" and "-".
         output: folder in which the release lies; the current one by default.
         licence: see `releasing.release`; by default what the release has.
-        about: what its runs do not tell; by default what the release has.
+        about: statements that its runs do not make; by default those of the release.
 
     Returns:
         The folder of the release.
@@ -376,7 +383,7 @@ def _replace(folder: Path, aside: Path) -> None:
 
 
 def _planned(results: Results) -> dict[str, int]:
-    """Returns how many runs each campaign of a root comes to."""
+    """Returns the number of runs that each campaign of a root plans."""
     cells = results.table(Table.CELLS, columns=["campaign", "run_id"]).to_pandas()
     counts = cells.astype(str).groupby("campaign")["run_id"].nunique()
     return {str(campaign): int(count) for campaign, count in counts.items()}
@@ -389,7 +396,7 @@ def _most(counts: Mapping[str, int], others: Mapping[str, int]) -> dict[str, int
 
 
 def _missing(results: Results, planned: dict[str, int]) -> str:
-    """Returns what a release lacks of its campaigns, in words."""
+    """Returns the runs that a release lacks of its campaigns, in words."""
     done = {manifest.run.run_id for manifest in results.runs() if manifest.status is RunStatus.DONE}
     cells = results.table(Table.CELLS, columns=["campaign", "run_id"]).to_pandas().astype(str)
     held = cells[cells["run_id"].isin(done)].groupby("campaign")["run_id"].nunique()

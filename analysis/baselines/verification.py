@@ -34,16 +34,16 @@ from tma_ray.results import (
 )
 
 ENDINGS: Final = (".json", ".parquet", ".safetensors", ".md", ".jsonl.gz")
-"""What files of a baseline are, beside the inputs of its runs: nothing that runs when it is read."""
+"""Endings of the files of a baseline, except for inputs of its runs: nothing that runs when it is read."""
 
 
 @dataclass(frozen=True)
 class Verification:
-    """What was found.
+    """Result of a verification.
 
     Attributes:
-        baseline: which one was looked at.
-        damage: what is not as it was released.
+        baseline: baseline that was verified.
+        damage: differences from what was released.
     """
 
     baseline: Baseline
@@ -64,7 +64,7 @@ def verify(name: str | Path) -> Verification:
     """Compares a baseline with its manifest, and reads its tables.
 
     Args:
-        name: of a known baseline, or its folder or address.
+        name: name of a known baseline, or its folder or address.
 
     Raises:
         BaselineError: no baseline of that name or place, or its manifest cannot be read.
@@ -139,7 +139,7 @@ COMBINATION = [
 
 
 def lacking(baseline: Baseline) -> list[str]:
-    """Returns what a release lacks to be complete, in words; empty if nothing.
+    """Returns the gaps of a release that is not complete, in words; empty if it is.
 
     Complete is a release of whole campaigns under a licence: every planned run is done, in each campaign the
     teachers of a combination of challenge, body, student and level have the same seeds, of which there are at
@@ -193,8 +193,8 @@ def publish(folder: str | Path, address: str) -> str:
     continued by the same call.
 
     Args:
-        folder: of the release.
-        address: of the release, such as ``s3://bucket/mine-1.0`` or ``hf://datasets/me/mine-1.0``.
+        folder: folder of the release.
+        address: address of the release, such as ``s3://bucket/mine-1.0`` or ``hf://datasets/me/mine-1.0``.
 
     Returns:
         The address.
@@ -217,7 +217,7 @@ def check_address(address: str, paths: Collection[str] | None = None) -> None:
     """Tries whether a release can be published at an address; leaves nothing there.
 
     Args:
-        address: of the release.
+        address: address of the release.
         paths: its files, which may lie there already, after an interruption; None if they are not known yet.
 
     Raises:

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from analysis.claims.judging import PaperSource, RootSource
 from analysis.data.frames import Frames
+from analysis.data.reference import BASELINE
 from analysis.statistics import SIGNIFICANCE, Description, holm, welch_from_statistics
 from tma_ray.benchmark import MATRICES
 from tma_ray.benchmark.claims import Reading
@@ -26,9 +27,9 @@ class Agreement:
 
     Attributes:
         environment: name of the environment; empty for the mean over all challenges.
-        challenge: name of the challenge; empty likewise.
+        challenge: name of the challenge; empty for the same.
         level: expert knowledge; None for several.
-        teachers: who is in both rankings; empty for the mean over all challenges.
+        teachers: names in both rankings; empty for the mean over all challenges.
         tau: 1 for the same order, -1 for the reverse; NaN if all means of a side are equal.
         low: lower end of its 95 % interval; NaN if a teacher has a single run.
         high: upper end of it.
@@ -53,13 +54,19 @@ def agreements(frames: Frames) -> list[Agreement]:
     towards 0, and draws around noisy means, such as a bootstrap's, move it there once more.
 
     Args:
-        frames: of a root or release.
+        frames: results of a root or release.
     """
+    from scipy import stats  # it takes a second to import
+
     root, paper = RootSource(frames), PaperSource()
     found, everywhere = [], []
-    for reading in _readings():
+    places = dict.fromkeys((m.environment, m.challenge, level) for m in MATRICES for level in m.levels)
+    for environment, challenge, level in places:
+        reading = Reading(BASELINE, challenge, level, environment)
         names = sorted(set(root.teachers(reading)) & set(paper.teachers(reading)))
-        sides = [[source.sample(_of(name, reading)) for name in names] for source in (root, paper)]
+        sides = [
+            [source.sample(replace(reading, teacher=name)) for name in names] for source in (root, paper)
+        ]
         pairs = [
             (name, mine.description, theirs.description)
             for name, mine, theirs in zip(names, *sides, strict=True)
@@ -68,11 +75,10 @@ def agreements(frames: Frames) -> list[Agreement]:
         if len(pairs) < FEWEST:
             continue
         ours, papers = [mine for _, mine, _ in pairs], [theirs for *_, theirs in pairs]
-        tau = float(taus(_means(ours), _means(papers))[0])
+        tau = float(stats.kendalltau(*([each.mean for each in side] for side in (ours, papers))).statistic)
         compared = pairs_in_both(ours, papers)
         teachers = tuple(name for name, *_ in pairs)
-        place = (reading.environment, reading.challenge, reading.level)
-        found.append(Agreement(*place, teachers, tau, *tau_interval([compared])))
+        found.append(Agreement(environment, challenge, level, teachers, tau, *tau_interval([compared])))
         everywhere.append(compared)
     if len(found) > 1:
         mean = float(np.mean([each.tau for each in found]))
@@ -117,27 +123,3 @@ def tau_interval(
         [[np.where(sure, signs, end).mean() for end in (-1, 1)] for (signs, _), sure in parts], axis=0
     )
     return float(low), float(high)
-
-
-def taus(first: NDArray[np.float64], second: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Returns Kendall's tau-b of each row of two arrays (n, teachers); NaN where a row is constant or NaN."""
-    pairs = np.triu_indices(first.shape[1], 1)
-    signs = [np.sign(side[:, pairs[0]] - side[:, pairs[1]]) for side in (first, second)]
-    untied = [np.abs(sign).sum(axis=1) for sign in signs]
-    with np.errstate(invalid="ignore", divide="ignore"):
-        found: NDArray[np.float64] = (signs[0] * signs[1]).sum(axis=1) / np.sqrt(untied[0] * untied[1])
-    return found
-
-
-def _readings() -> list[Reading]:
-    """Returns the places that the paper has results of, teachers left open."""
-    places = dict.fromkeys((m.environment, m.challenge, level) for m in MATRICES for level in m.levels)
-    return [Reading("random", challenge, level, environment) for environment, challenge, level in places]
-
-
-def _of(teacher: str, reading: Reading) -> Reading:
-    return Reading(teacher, reading.challenge, reading.level, reading.environment)
-
-
-def _means(samples: Sequence[Description]) -> NDArray[np.float64]:
-    return np.array([[sample.mean for sample in samples]])

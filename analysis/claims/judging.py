@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cache, singledispatch
 from typing import Any, Protocol
 
@@ -22,7 +22,7 @@ from analysis.measures.pooling import (
     runs_after,
     varying,
 )
-from analysis.measures.tested import Seeds, compared, seeds_to_pair
+from analysis.measures.tested import PAPERS, Seeds, compared, seeds_to_pair
 from analysis.names import label
 from analysis.statistics import (
     Comparison,
@@ -50,12 +50,12 @@ from tma_ray.results import BOX2D
 
 @dataclass(frozen=True)
 class Sample:
-    """What is known of one reading.
+    """Results of one reading.
 
     Attributes:
         description: n, mean and std of mastered tasks, in per cent.
         values: one per run, by run id; None where only the description is known.
-        seeds: of the runs that are to be paired by them.
+        seeds: seeds of the runs that are paired by them, by run id.
     """
 
     description: Description
@@ -67,10 +67,10 @@ class Source(Protocol):
     """Results that readings can be looked up in."""
 
     def sample(self, reading: Reading) -> Sample | None:
-        """Returns what is known of `reading`; None if it is not there, or not all of it."""
+        """Returns the results of `reading`; None if they are not there, or not complete."""
 
     def teachers(self, reading: Reading) -> Sequence[str]:
-        """Returns who has results where `reading` is read."""
+        """Returns the teachers that have results where `reading` is read."""
 
 
 @dataclass(frozen=True)
@@ -78,7 +78,7 @@ class Finding:
     """A statement held against results.
 
     Attributes:
-        statement: what was claimed.
+        statement: claim about single results.
         standing: by an interval against a margin.
         evidence: the numbers behind that, or what is missing.
     """
@@ -93,9 +93,9 @@ class Verdict:
     """A claim held against results.
 
     Attributes:
-        claim: what was claimed.
+        claim: claim of the paper.
         standing: by an interval against a margin.
-        findings: of each of its statements.
+        findings: one for each of its statements.
     """
 
     claim: Claim
@@ -113,7 +113,7 @@ class Verdict:
 
 
 def judge(source: Source, claims: Sequence[Claim] = CLAIMS) -> list[Verdict]:
-    """Returns what `source` says of each of `claims`."""
+    """Returns the standing of each of `claims` by the results of `source`."""
     return [_judge(source, claim) for claim in claims]
 
 
@@ -151,7 +151,8 @@ def _(statement: Bounded, source: Source) -> Finding:
     if statement.best_seed and sample.values is not None:
         best = float(sample.values.max())
         evidence = f"{_name(statement.reading)}: best seed {number(best)} %, n = {sample.description.n}"
-        return Finding(statement, _certain(statement.least <= best <= statement.most), evidence)
+        holds = statement.least <= best <= statement.most
+        return Finding(statement, Standing.SUPPORTED if holds else Standing.REFUTED, evidence)
     low, high = mean_percent_interval(sample.description)
     standing = Standing.UNDECIDED
     if statement.least <= low and high <= statement.most:
@@ -165,7 +166,7 @@ def _(statement: Bounded, source: Source) -> Finding:
 @_finding.register
 def _(statement: Ranked, source: Source) -> Finding:
     samples = {
-        teacher: source.sample(_of(teacher, statement.reading))
+        teacher: source.sample(replace(statement.reading, teacher=teacher))
         for teacher in source.teachers(statement.reading)
         if teacher in TEACHERS
     }
@@ -200,7 +201,7 @@ def _(statement: Scaled, source: Source) -> Finding:
     test = welch_from_statistics(first.description, scaled)
     mine, theirs = first.description.mean, second.description.mean
     evidence = (
-        f"{_name(statement.first)}: {number(mine)} % beside {number(theirs)} %; above {statement.factor:g} "
+        f"{_name(statement.first)}: {number(mine)} % and {number(theirs)} %; above {statement.factor:g} "
         f"times that by {number(test.difference)} {ends(test.low, test.high)}"
     )
     return Finding(statement, greater(test.low, test.high, 0.0), evidence)
@@ -237,36 +238,22 @@ def _missing(statement: Statement, reading: Reading) -> Finding:
     return Finding(statement, Standing.NO_DATA, f"{_name(reading)}: no complete results")
 
 
-def _certain(holds: bool) -> Standing:
-    return Standing.SUPPORTED if holds else Standing.REFUTED
-
-
-def _of(teacher: str, reading: Reading) -> Reading:
-    values = {name: getattr(reading, name) for name in ("challenge", "level", "environment", "embodiment")}
-    return Reading(teacher, **values, share=reading.share)
-
-
-def _where(reading: Reading) -> str:
-    return reading.environment + ("" if reading.challenge == "original" else f" {reading.challenge}")
-
-
 def _name(reading: Reading) -> str:
-    place = reading.challenge if reading.environment == "stump_tracks" else _where(reading)
+    place = [reading.environment] * (reading.environment != "stump_tracks")
+    place += [reading.challenge] * (reading.challenge != "original" or not place)
     body = f", {reading.embodiment}" if reading.embodiment else ""
     share = f", after {reading.share:.0%}" if reading.share < 1 else ""
-    return f"{label(reading.teacher)} ({place.replace('_', ' ')}, {reading.level}{body}{share})"
+    return f"{label(reading.teacher)} ({' '.join(place).replace('_', ' ')}, {reading.level}{body}{share})"
 
 
-MEASURE = "mastered_percent"
-
-POOL = ["environment", "challenge", "pool", "expert_knowledge", "steps", "teacher"]
-"""Columns that the runs of a result have in common."""
-
-PLACE = ("environment", "challenge", "expert_knowledge")
+PLACE = ["environment", "challenge", "expert_knowledge"]
 """Columns that tell results of one place from others."""
 
+POOL = [*PLACE, "pool", "steps", "teacher"]
+"""Columns that the runs of a result have in common."""
 
-PAPERS = "the paper's bodies, students and test tasks"
+USUAL = "the paper's bodies, students and test tasks"
+"""Conditions that have no words of their own."""
 
 
 class PaperSource:
@@ -281,76 +268,59 @@ class PaperSource:
         return Sample(Description(entry.seeds, entry.mean, entry.std))
 
     def teachers(self, reading: Reading) -> Sequence[str]:
-        """Returns who has an entry there."""
+        """Returns the teachers that have an entry there."""
         return sorted({result.teacher for result in _entries(reading)})
 
 
 class RootSource:
-    """Complete pools of the runs of one root, all under the same conditions; Random serves at every level.
+    """Complete pools of the runs of one root, all under the same conditions; Random counts at every level.
 
     Results under several conditions, such as two budgets or students, are never held against each other:
     those that complete the most pools count, and of several the largest budget.
 
     Attributes:
-        note: which conditions count and that others do not, in words; empty where all are alike.
+        note: conditions that count, and those that do not, in words; empty where all are alike.
     """
 
     def __init__(self, frames: Frames) -> None:
         self._frames = frames
-        self._read = cache(self._read_after)
-        self._places = cache(self._places_after)
-        self._grouped = cache(self._positions)
-        self._samples = cache(self._sample)
+        self._places = cache(self._complete)
         self._conditions, self.note = _chosen_conditions(runs_after(frames))
-        columns = ["environment", "challenge", "teacher"]
+        columns = ["environment", "challenge"]
         self._present = set(frames.cells[columns].itertuples(index=False, name=None))
 
     def sample(self, reading: Reading) -> Sample | None:
         """Returns the runs of the reading, None unless all of its pool are there."""
-        return self._samples(reading)
-
-    def _sample(self, reading: Reading) -> Sample | None:
-        if (reading.environment, reading.challenge, reading.teacher) not in self._present:
-            return None
-        found = self._complete(reading)
-        if found is None or (found := found[found["teacher"] == reading.teacher]).empty:
-            return None
-        best = found.sort_values("n", kind="stable").iloc[-1]
-        keys = [*POOL, "embodiment"] if reading.embodiment else POOL
-        mine = self._grouped(reading.share, bool(reading.embodiment)).get(tuple(best[keys]), [])
-        columns = self._read(reading.share)[[MEASURE, "run_id", "seed", "engine"]].take(mine)
-        values = pd.Series(columns[MEASURE].to_numpy(float), columns["run_id"].to_numpy(object)).dropna()
-        return Sample(describe(values), values, seeds_to_pair(columns))
+        return self._at(reading).get(reading.teacher)
 
     def teachers(self, reading: Reading) -> Sequence[str]:
-        """Returns who has complete results there."""
-        found = self._complete(reading)
-        return [] if found is None else sorted(found["teacher"].unique())
+        """Returns the teachers that have complete results there."""
+        return sorted(self._at(reading))
 
-    def _positions(self, share: float, by_body: bool) -> dict[Any, Any]:
-        """Returns the rows of the runs after a share of the budget, by `POOL` (and embodiment)."""
-        keys = [*POOL, "embodiment"] if by_body else POOL
-        return dict(self._read(share).groupby(keys, observed=True).indices)
+    def _at(self, reading: Reading) -> dict[str, Sample]:
+        """Returns the complete results where `reading` is read, by teacher."""
+        if (reading.environment, reading.challenge) not in self._present:
+            return {}
+        place = [reading.environment, reading.challenge, reading.level.value]
+        place += [reading.embodiment] if reading.embodiment else []
+        return self._places(reading.share, bool(reading.embodiment)).get(tuple(place), {})
 
-    def _complete(self, reading: Reading) -> pd.DataFrame | None:
-        """Returns the complete results where `reading` is read, None if there are none."""
-        return self._places(reading.share, bool(reading.embodiment)).get(_place(reading))
-
-    def _read_after(self, share: float) -> pd.DataFrame:
-        """Returns the runs that count, after a share of their budgets."""
-        runs = runs_after(self._frames, share, training=share == 1)  # of which the page shows more
-        return runs[_under(runs, self._conditions)]
-
-    def _places_after(self, share: float, by_body: bool) -> dict[tuple[str, ...], pd.DataFrame]:
-        """Returns the complete results after a share of the budget by place, over bodies or of each."""
+    def _complete(self, share: float, by_body: bool) -> dict[tuple[str, ...], dict[str, Sample]]:
+        """Returns the complete results after a share of the budget, by place (and body) and teacher."""
         by = ["embodiment"] if by_body else []
-        table = pooled(self._read(share), [MEASURE], by=by)
-        groups = table[table["missing"] == ""].groupby([*PLACE, *by], observed=True)
-        places = {tuple(map(str, key)): group for key, group in groups}
-        for key, group in list(places.items()):
-            theirs = group[group["engine"] == BOX2D]
-            if key[-1] == RELEASED_BIPEDAL and len(theirs):
-                places.setdefault((*key[:-1], BIPEDAL), theirs)
+        runs = runs_after(self._frames, share, training=share == 1)  # of which the page shows more
+        runs = runs[_under(runs, self._conditions)]
+        table, keys = pooled(runs, [PAPERS], by=by), [*POOL, *by]
+        members: dict[Any, Any] = runs.groupby(keys, observed=True).indices
+        places: dict[tuple[str, ...], dict[str, Sample]] = {}
+        for _, row in table[table["missing"] == ""].sort_values("n", kind="stable").iterrows():
+            mine = runs.take(members[tuple(row[keys])])
+            values = pd.Series(mine[PAPERS].to_numpy(float), mine["run_id"].to_numpy(object)).dropna()
+            place = tuple(map(str, row[[*PLACE, *by]]))
+            if row["engine"] == BOX2D and place[-1] == RELEASED_BIPEDAL:
+                place = (*place[:-1], BIPEDAL)
+            sample = Sample(describe(values), values, seeds_to_pair(mine))
+            places.setdefault(place, {})[str(row["teacher"])] = sample
         return places
 
 
@@ -359,21 +329,21 @@ def _chosen_conditions(runs: pd.DataFrame) -> tuple[pd.Series | None, str]:
     runs = runs[runs["steps"].notna()]
     if runs.empty:
         return None, ""
-    table = pooled(runs, [MEASURE])
+    table = pooled(runs, [PAPERS])
     counts = table.assign(complete=table["missing"] == "").groupby(CONDITIONS, dropna=False)["complete"].sum()
     ordered = counts.reset_index().sort_values(["complete", "steps"], ascending=False, kind="stable")
     chosen = ordered.iloc[0][CONDITIONS]
     if len(ordered) == 1:
         return chosen, ""
     told = varying(ordered)
-    own = ", ".join(condition_words(chosen, told)) or PAPERS
-    others = [", ".join(condition_words(row, told)) or PAPERS for _, row in ordered.iloc[1:].iterrows()]
+    own = ", ".join(condition_words(chosen, told)) or USUAL
+    others = [", ".join(condition_words(row, told)) or USUAL for _, row in ordered.iloc[1:].iterrows()]
     apart = " and of ".join(others)
     return chosen, f"Claims are judged by results of {own} alone; apart stand those of {apart}."
 
 
 def _under(runs: pd.DataFrame, conditions: pd.Series | None) -> pd.Series:
-    """Returns which runs were made under these conditions."""
+    """Returns a mask of the runs that were made under these conditions."""
     fits = pd.Series(conditions is not None, index=runs.index)
     for column, value in () if conditions is None else conditions.items():
         fits &= runs[str(column)].isna() if pd.isna(value) else runs[str(column)] == value
@@ -391,11 +361,6 @@ def _entries(reading: Reading) -> list[PaperResult]:
     ]
 
 
-def _place(reading: Reading) -> tuple[str, ...]:
-    place = (reading.environment, reading.challenge, reading.level.value)
-    return (*place, reading.embodiment) if reading.embodiment else place
-
-
 def decided(verdicts: Sequence[Verdict]) -> list[Verdict]:
     """Returns those of `verdicts` of which the results say anything, if only about one statement."""
     return [
@@ -406,7 +371,7 @@ def decided(verdicts: Sequence[Verdict]) -> list[Verdict]:
 
 
 def root_verdicts(frames: Frames) -> tuple[list[Verdict], list[str]]:
-    """Returns what the results of a root say of each of the paper's claims, and notes.
+    """Returns the standing of each of the paper's claims by the results of a root, and notes.
 
     These say which of the results claims are judged by, where there are several kinds.
     """

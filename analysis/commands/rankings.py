@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import re
 import textwrap
 from collections.abc import Mapping, Sequence
@@ -14,31 +15,28 @@ from rich.text import Text
 
 from analysis.baselines.catalogue import Sources, own_teachers, read
 from analysis.claims.judging import Verdict, root_verdicts
-from analysis.comparisons.boards import BLOCK, THRESHOLDS, headlines, interval, overall, place_of
+from analysis.comparisons.boards import THRESHOLDS, headlines, overall_rows
 from analysis.comparisons.planning import LITE, PAPER, detectable_differences
-from analysis.comparisons.sentences import places, ranked, sentences
+from analysis.comparisons.sentences import places, ranked, ranking_sentences
 from analysis.data.reference import NO_BASELINE, is_baseline
 from analysis.formatting import ends, number, p_value, plus_minus
 from analysis.measures.evaluations import final_evaluations, search_results
-from analysis.measures.pooling import runs_after, varying
-from analysis.measures.tested import MEASURE, MEASURES, how_tested
+from analysis.measures.pooling import runs_after
+from analysis.measures.tested import FINAL, HEADLINE, MEASURES, how_tested
 from analysis.names import label, mark_of, own_first
 from analysis.statistics import SIGNIFICANCE, welch
 from analysis.statistics.power import POWER
 from analysis.statistics.samples import Standing
 from tma_ray.terminal import terminal
 
-WIDTHS = {"teacher": 14, "": 12, "worst": 5, "runs": 4, "beside Random, 95 %": 23, "Holm p": 7}
-"""Columns and their widths in characters; the column without a name is the measure."""
-
-OVERALL = {"teacher": 14, "runs": 4, "mean, %": 19, "beats Random": 17, "worst": 5}
-"""Columns of the table over all challenges."""
+NAMES = 14
+"""Width of the column of teachers, in characters."""
 
 FAMILIES = "all teachers against Random, on each challenge and over challenges apart"
 
 
 def show_ranking(
-    sources: Sources, share: float = 1.0, console: Console | None = None, measure: str = MEASURE
+    sources: Sources, share: float = 1.0, console: Console | None = None, measure: str = HEADLINE
 ) -> None:
     """Print the ranking of teachers on each challenge of a root, and its conclusions in sentences.
 
@@ -69,38 +67,38 @@ def show_ranking(
         _show_overall(console, runs, measure)
     if table["p"].notna().any():
         console.print(how_tested(measure, FAMILIES), style="dim", highlight=False, markup=False)
-    for sentence in [*headlines(runs, measure), *sentences(table)]:
+    for sentence in [*headlines(runs, measure), *ranking_sentences(table)]:
         console.print(sentence, highlight=False, markup=False)
 
 
 def _show_overall(console: Console, runs: pd.DataFrame, measure: str) -> None:
     """Print estimates over the challenges that teachers share, level by level and budget by budget."""
     over = "/".join(map(str, THRESHOLDS))
-    table = overall(runs, measure)
-    told = ["steps", *(name for name in varying(table) if name != "steps")]
-    for _, rows in table.groupby(BLOCK, dropna=False, sort=False):
-        where = f"Over challenges: {place_of(rows.iloc[0], told)}"
-        console.print(where, style="bold", highlight=False, markup=False)
-        shown = _table({**OVERALL, f">{over} %": 11})
-        for _, row in rows.iterrows():
-            better = "" if is_baseline(row["teacher"]) else interval(row, "better", 2)
-            shares = "/".join(number(100 * row[f"over_{threshold}"], 0) for threshold in THRESHOLDS)
-            cells = [str(row["n"]), interval(row, "mean", 1), better, number(row["worst"]), shares]
-            _add(shown, row["teacher"], cells)
+    heads = [("teacher", NAMES), (MEASURES[measure], 17), (MEASURES[FINAL], 10), ("runs", 4)]
+    heads += [("beats Random", 17), (f">{over}", 11)]
+    for (_, place), rows in itertools.groupby(
+        overall_rows(runs, measure), lambda row: (row["block"], row["place"])
+    ):
+        console.print(f"Over challenges: {place}", style="bold", highlight=False, markup=False)
+        shown = _table(heads)
+        for row in rows:
+            cells = [str(row[name]) for name in ("mean", "final", "n", "better", "over")]
+            _add(shown, row["name"], cells)
         console.print(shown)
 
 
 def _shown(rows: pd.DataFrame, measure: str) -> Table:
     """Return the results of one challenge at one level, at most 80 columns wide."""
-    shown = _table({name or MEASURES[measure]: width for name, width in WIDTHS.items()})
+    heads = [("teacher", NAMES), (MEASURES[measure], 13), (MEASURES[FINAL], 10), ("runs", 4)]
+    shown = _table([*heads, ("beside Random, 95 %", 23), ("Holm p", 7)])
     for _, row in rows.iterrows():
         _add(shown, row["teacher"], _cells(row, measure), "bold" if row["rank"] == 1 else None)
     return shown
 
 
-def _table(widths: Mapping[str, int]) -> Table:
-    shown = Table(box=None, pad_edge=False, padding=(0, 1))
-    for heading, width in widths.items():
+def _table(heads: Sequence[tuple[str, int]]) -> Table:
+    shown = Table(box=None, pad_edge=False, padding=(0, 1, 0, 0))
+    for heading, width in heads:
         side: JustifyMethod = "left" if heading == "teacher" else "right"
         shown.add_column(heading, width=width, justify=side, no_wrap=True)
     return shown
@@ -118,14 +116,14 @@ def _lines(name: str) -> list[str]:
     lines: list[str] = []
     for place, part in enumerate(re.split(r"(?<=.)(?=:)", name)):
         indented = f"{'  ' if place else ''}{part}"
-        lines += textwrap.wrap(indented, WIDTHS["teacher"], subsequent_indent="   ", drop_whitespace=False)
+        lines += textwrap.wrap(indented, NAMES, subsequent_indent="   ", drop_whitespace=False)
     return lines
 
 
 def _cells(row: pd.Series, measure: str) -> list[str]:
     result = plus_minus(row[f"{measure}_mean"], row[f"{measure}_std"])
     partly = "*" if row["missing"] else ""
-    numbers = [result + partly, number(row["worst"]), str(row["n"])]
+    numbers = [result + partly, number(row[f"{FINAL}_mean"]), str(row["n"])]
     if is_baseline(row["teacher"]):
         return [*numbers, "", ""]
     if row["reason"] or pd.isna(row["p"]):
@@ -182,7 +180,8 @@ def show_claims(sources: Sources, details: bool = False, console: Console | None
     missing = [verdict for verdict in verdicts if verdict.standing is Standing.NO_DATA]
     if missing and not details:
         console.print(_without_data(missing, len(verdicts)), highlight=False, markup=False, style="dim")
-    for warning in (*frames.notes, *notes):
+    measure = "Claims are about the paper's measure: test tasks mastered at the last evaluation."
+    for warning in (measure, *frames.notes, *notes):
         console.print(warning, highlight=False, markup=False, style="dim")
 
 
@@ -253,7 +252,8 @@ def show_detectable_differences(
     console.print(
         f"\nSmallest difference between two teachers, in points of mastered tasks, that Welch's test finds "
         f"with {POWER:.0%} power at p < {SIGNIFICANCE}, for teachers whose seeds scatter as in the results "
-        f"of the last column: {PAPER} (SAC, 20 million steps), {LITE} (PPO, 2 million steps):",
+        f"of the last column: {PAPER} (SAC, 20 million steps, at the last evaluation), {LITE} (PPO, 2 "
+        f"million steps, over training):",
         highlight=False,
     )
     console.print(table)

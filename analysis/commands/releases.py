@@ -19,7 +19,7 @@ from analysis.comparisons.boards import Entry, Leaderboard, leaderboards
 from analysis.comparisons.sentences import caveat
 from analysis.formatting import amount, estimate, number
 from analysis.measures.evaluations import ceilings_in_words
-from analysis.measures.tested import MEASURE, QUANTITIES, how_tested
+from analysis.measures.tested import FINAL, HEADLINE, MEASURES, QUANTITIES, how_tested
 from analysis.names import challenge_title, label, short_labels
 from analysis.statistics.samples import MARGIN, Standing
 from tma_ray.results import CHIPMUNK
@@ -72,11 +72,12 @@ def _runs(manifest: BaselineManifest) -> str:
 
 
 EXPLANATION = (
-    f"{QUANTITIES[MEASURE]}: mean over seeds and [its 95 % interval]. Ranks are by the mean "
-    "over the challenges of a table, which weigh the same. In brackets are the ranks that tests over these "
-    "challenges leave open: 1 [1 to 8] of ten teachers is the highest mean, found better than two others and "
-    "not told from the other seven. Tests are Welch's, and paired by seed where seeds share a simulated "
-    f"student. {how_tested(MEASURE, 'all pairs of teachers of a table')} A teacher without results on all "
+    f"{QUANTITIES[HEADLINE]}: mean over seeds and [its 95 % interval], and next to it the mean of the last "
+    "three evaluations. Ranks are by the mean over training and over the challenges of a table, which weigh "
+    "the same. In brackets are the ranks that tests over these challenges leave open: 1 [1 to 8] of ten "
+    "teachers is the highest mean, found better than two others and not told from the other seven. Tests are "
+    "Welch's, and paired by seed where seeds share a simulated student. "
+    f"{how_tested(HEADLINE, 'all pairs of teachers of a table')} A teacher without results on all "
     "challenges is ranked on those that it has, in a table of its own. Hours are the median wall-clock hours "
     "of a run beside others on the same machine; the card of a release says which."
 )
@@ -105,7 +106,7 @@ def show_leaderboards(names: Sequence[str], console: Console | None = None) -> N
         ResultsRootError: nothing lies at a place.
     """
     console = terminal(console)
-    console.print(f"{EXPLANATION}\n", style="dim", highlight=False)
+    console.print(f"{EXPLANATION}\n", style="dim", highlight=False, markup=False)
     for name, place, partial in _places(names):
         console.print(f"{name}{f' (partial: {partial})' if partial else ''}", style="bold", highlight=False)
         frames = read(place)
@@ -168,7 +169,8 @@ def _rank_chart(board: Leaderboard) -> str:
 
 def _markdown_table(board: Leaderboard) -> str:
     """Return a leaderboard as a table without line breaks in numbers."""
-    head = ["teacher", "rank", "mean, % [95 %]", *map(_short_title, board.challenges), "runs"]
+    heads = f"{MEASURES[HEADLINE]}, % [95 %]", f"{MEASURES[FINAL]}, %"
+    head = ["teacher", "rank", *heads, *map(_short_title, board.challenges), "runs"]
     head += ["hours"] if board.timed else []
     lines = [head, ["---", *["---:"] * (len(head) - 1)]]
     for entry in board.entries:
@@ -201,12 +203,19 @@ def _caveat(board: Leaderboard) -> str:
 
 def _ranking(board: Leaderboard) -> Table:
     table = Table(box=None, pad_edge=False)
-    headings = "rank", "teacher", "mean, % [95 %]", "runs", *(["hours a run"] if board.timed else [])
+    headings = (
+        "rank",
+        "teacher",
+        f"{MEASURES[HEADLINE]}, % [95 %]",
+        MEASURES[FINAL],
+        "runs",
+        *(["hours"] if board.timed else []),
+    )
     for heading in headings:
         table.add_column(heading, justify="left" if heading == "teacher" else "right")
     for entry in board.entries:
-        place, teacher, mean, *others = _cells(board, entry)
-        table.add_row(place, teacher, mean, *others[len(board.challenges) :])
+        place, teacher, mean, final, *others = _cells(board, entry)
+        table.add_row(place, teacher, mean, final, *others[len(board.challenges) :])
     return table
 
 
@@ -235,6 +244,7 @@ def _cells(board: Leaderboard, entry: Entry) -> list[str]:
         f"{rank.rank}{open_ranks}",
         label(rank.teacher),
         estimate(rank.mean, rank.low, rank.high),
+        number(entry.final),
         *results,
         str(rank.n),
         *([number(entry.hours, 2)] if board.timed else []),

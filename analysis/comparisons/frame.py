@@ -1,31 +1,65 @@
-"""Tests between teachers: of all pairs or against Random, at the end of training and along it."""
+"""The frame of comparisons: who against whom, where, by which measure, and what the test of their means says.
+
+Rankings, ranks, boards, pages and sentences are views of it.
+"""
 
 from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Hashable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, TypeAlias
+from typing import Any, Final, TypeAlias
 
+import numpy as np
 import pandas as pd
+from numpy.typing import NDArray
 
 from analysis.data.frames import COMPARISON, GROUP
-from analysis.data.identity import CONDITIONS
-from analysis.data.reference import NO_BASELINE, baseline_rows, baseline_runs, is_baseline
+from analysis.data.identity import CONDITIONS as SPEC_CONDITIONS
+from analysis.data.reference import BASELINE, NO_BASELINE, baseline_rows, baseline_runs, is_baseline
 from analysis.data.tables import check_columns, check_measure
-from analysis.measures.pooling import COMPARED, PARTS
-from analysis.measures.tested import Seeds, compared, scale_of, seeds_to_pair
-from analysis.statistics import Comparison, Description, Method, Scale, describe, holm, welch_from_statistics
+from analysis.measures.pooling import COMPARED, CONDITIONS, PARTS
+from analysis.measures.tested import Seeds, compared, compared_over_strata, scale_of, seeds_to_pair
+from analysis.statistics import (
+    SIGNIFICANCE,
+    Comparison,
+    Description,
+    Method,
+    Scale,
+    describe,
+    holm,
+    welch_from_statistics,
+)
 from analysis.statistics.power import detectable_difference, detectable_in_pairs
 from tma_ray.arguments import check_known, check_names
 from tma_ray.benchmark import TEACHERS
 
-OTHER_PARTS = "other bodies or students"
-"""Why two groups were not tested whose runs are not of the same bodies and students."""
+ACROSS = ["expert_knowledge", *CONDITIONS]
+"""Columns that runs of several challenges must have in common to be aggregated."""
 
-OWN = ["measure", "first", "second", *Comparison.__dataclass_fields__, "uncounted", "detectable"]
-"""Columns of `pairwise` besides those that groups have in common, and holm."""
+PLACES = ["environment", "challenge", "pool", "test_sets"]
+"""Columns that tell challenges apart."""
+
+CHALLENGES = [*PLACES, *PARTS]
+"""Columns that tell the strata of an aggregate over challenges apart."""
+
+OTHER_PARTS: Final = "other bodies or students"
+"""Reason why two groups are not tested whose runs are not of the same bodies and students."""
+
+TEST = list(Comparison.__dataclass_fields__)
+"""Columns of a test, those of `statistics.Comparison`."""
+
+FRAME = ["measure", "first", "second", "challenges", "fewest", *TEST, "uncounted", "detectable"]
+"""Columns of the frame besides those that groups have in common, and holm."""
+
+APART = ("experiment", "expert_knowledge")
+"""Columns that tell comparisons of a report apart and make no difference to Random."""
+
+ALIKE = [*(column for column in COMPARISON if column not in APART), *SPEC_CONDITIONS]
+"""Columns that Random must have in common with those that are tested against it."""
+
+Randoms: TypeAlias = Mapping[Any, pd.DataFrame]
 
 
 def pairwise(
@@ -34,194 +68,177 @@ def pairwise(
     reference: str | None = None,
     within: Sequence[str] = COMPARED,
     between: str = "teacher",
+    strata: Sequence[str] = (),
     *,
     detectable: bool = True,
 ) -> pd.DataFrame:
-    """Returns the tests between groups of runs, one row a pair.
+    """Returns the frame of comparisons between groups of runs, one row a pair.
 
-    Welch's, or paired by seed where seeds share a student, on the scale of `tested.scale_of`. Runs without
-    the measure do not count. Groups are not tested that share a run or that pool other bodies or students.
+    Tests are Welch's, or paired by seed where seeds share a student, on the scale of `tested.scale_of`. Runs
+    without the measure do not count. Groups are not tested that share a run or that pool other bodies or
+    students. Over challenges (``within=ACROSS, strata=CHALLENGES``) the difference is that of the challenges
+    that both groups have with the same bodies and students; challenges have equal weight, and within a
+    challenge its bodies and students.
 
     Args:
         runs: rows of `pooling.pool_runs`; with a step column among `within`, the values of
             `run_measures.evaluations_at`, and so tests along learning curves.
         measure: column of `runs`.
-        reference: the group that all others are tested against, such as "random"; None for all pairs.
+        reference: group that all others are tested against, such as "random"; None for all pairs.
         within: columns that groups must have in common to be compared.
         between: column that tells groups apart: teacher, or expert_knowledge (with teacher among `within`).
-        detectable: whether that is computed, which takes longer than the tests.
+        strata: columns within which groups are compared, `CHALLENGES`; none for one sample a group.
+        detectable: True to compute that column, which takes longer than the tests.
 
     Returns:
         `within`, measure, first, second (the reference, if there is one), the columns of
         `statistics.Comparison` for first minus second, and
 
+        - challenges: number of those that are compared;
+        - fewest: runs that either group has of one challenge, at least;
         - uncounted: runs of both without the measure, or not yet at the step; while there are any, the
           test is not the last word;
         - detectable: smallest difference that so many runs with these standard deviations find with power
-          0.8; NaN without a test, or if it is not computed;
+          0.8; NaN without a test, over strata, or if it is not computed;
         - holm: p adjusted for all tests that have `within` in common, step left out, so that all pairs and
           steps of a comparison are one family.
     """
-    _check(runs, measure, reference, within, between)
-    within, rows = list(within), []
-    parts = [column for column in PARTS if column not in (*within, between)]
-    family, seeds = [column for column in within if column != "step"], seeds_to_pair(runs)
-    for key, group in _groups(_counted(runs, [*family, between]), within):
-        shared = dict(zip(within, key, strict=True)) | {"measure": measure}
-        named = group.groupby(between, sort=True)
-        samples = {str(name): _sample(part, measure, parts) for name, part in named}
-        for first, second in pairs_of(list(samples), reference):
-            other = samples.get(second) or _sample(group.head(0), measure, parts)
-            row = shared | {"first": first, "second": second}
-            row |= _compared(samples[first], other, seeds, scale_of(measure), detectable=detectable)
-            rows.append(row if second in samples else row | {"reason": nobody(second)})
-    table = pd.DataFrame(rows, columns=[*within, *OWN])
-    table["holm"] = table.groupby(family, dropna=False)["p"].transform(holm) if len(table) else table["p"]
-    return table
-
-
-def _counted(runs: pd.DataFrame, keys: list[str]) -> pd.DataFrame:
-    """Returns `runs` with the number of runs that have these columns in common."""
-    return runs.assign(members=runs.groupby(keys, dropna=False)["run_id"].transform("nunique"))
-
-
-def _groups(runs: pd.DataFrame, within: list[str]) -> Iterator[tuple[tuple[object, ...], pd.DataFrame]]:
-    runs = runs[runs["step"].notna()] if "step" in within else runs
-    yield from runs.groupby(within, dropna=False, sort=True)
-
-
-def pairs_of(names: Sequence[str], reference: str | None) -> Iterator[tuple[str, str]]:
-    """Yields each name with `reference`, or all pairs if there is none."""
-    if reference is None:
-        yield from itertools.combinations(names, 2)
-    else:
-        yield from ((name, reference) for name in names if name != reference)
-
-
-@dataclass(frozen=True, eq=False)
-class _Sample:
-    """A group of runs: its values by run id, its bodies and students, and how many runs have no value."""
-
-    values: pd.Series
-    parts: frozenset[tuple[object, ...]]
-    uncounted: int
-
-
-def _sample(rows: pd.DataFrame, measure: str, parts: Sequence[str]) -> _Sample:
-    rows = rows.drop_duplicates("run_id")
-    there = rows[measure].notna().to_numpy()
-    values = pd.Series(rows[measure].to_numpy(float)[there], index=rows["run_id"].to_numpy(object)[there])
-    columns = [rows[column].to_numpy(object)[there] for column in parts]
-    uncounted = int(rows["members"].max()) - len(values) if len(rows) else 0
-    return _Sample(values, frozenset(zip(*columns, strict=True)), uncounted)
-
-
-def _compared(
-    first: _Sample, second: _Sample, seeds: Seeds, scale: Scale, *, detectable: bool
-) -> dict[str, object]:
-    """Returns the test of two groups, what it left out, and the difference that it could find."""
-    comparison = compared(first.values, second.values, seeds, scale)
-    if not comparison.reason and first.parts != second.parts:
-        sizes = len(first.values), len(second.values)
-        comparison = Comparison(*sizes, comparison.difference, reason=OTHER_PARTS)
-    smallest = _detectable(comparison, first, second) if detectable else math.nan
-    uncounted = first.uncounted + second.uncounted
-    return vars(comparison) | {"uncounted": uncounted, "detectable": smallest}
-
-
-def _detectable(comparison: Comparison, first: _Sample, second: _Sample) -> float:
-    if comparison.reason or comparison.method is Method.SIGN_FLIP:
-        return math.nan
-    if comparison.method is Method.PAIRED:
-        return detectable_in_pairs(comparison.n, (comparison.high - comparison.low) / 2)
-    return detectable_difference(describe(first.values), describe(second.values))
-
-
-def check_reference(reference: str | None, table: pd.DataFrame) -> None:
-    """Refuses a reference that is neither a teacher of the table, nor one of the benchmark's.
-
-    Raises:
-        ValueError: the message holds the nearest teacher.
-    """
-    if reference is not None and len(table) and not is_baseline(reference):
-        check_known("teacher", reference, {*table["teacher"].astype(str), *TEACHERS}, "there are")
-
-
-def _check(
-    runs: pd.DataFrame, measure: str, reference: str | None, within: Sequence[str], between: str
-) -> None:
     check_names("within", within)
-    check_measure("runs", runs, measure, [*within, between])
+    check_measure("runs", runs, measure, [*within, between, *strata])
     if between == "teacher":
         check_reference(reference, runs)
+    within, rows = list(within), []
+    family, seeds = [column for column in within if column != "step"], seeds_to_pair(runs)
+    parts = [column for column in PARTS if column not in (*within, between)]
+    members = runs.groupby([*family, between], dropna=False)["run_id"].transform("nunique")
+    table = stratified_runs(runs.assign(members=members), measure, [*within, between], strata, parts)
+    table = table[table["step"].notna()] if "step" in within else table
+    for key, group in table.groupby(within, dropna=False, sort=True):
+        shared = dict(zip(within, key, strict=True)) | {"measure": measure}
+        samples = {
+            str(name): _Sample.of(part, measure, parts) for name, part in group.groupby(between, sort=True)
+        }
+        for first, second in pairs_of(list(samples), reference):
+            other = samples.get(second) or _Sample.of(group.head(0), measure, parts)
+            row = shared | {"first": first, "second": second}
+            row |= _compared(samples[first], other, seeds, scale_of(measure), over=bool(strata))
+            if second not in samples:
+                row["reason"] = nobody(second)
+            elif detectable and not strata:
+                row["detectable"] = _detectable(row, samples[first].pooled, other.pooled)
+            rows.append(row)
+    return _with_holm(pd.DataFrame(rows, columns=[*within, *FRAME]), family)
 
 
-def nobody(reference: str) -> str:
-    """Returns why nothing was compared with `reference`, which was not run."""
-    return NO_BASELINE if is_baseline(reference) else f"no {reference} to compare with"
+def over_challenges(runs: pd.DataFrame, measure: str, reference: str | None = None) -> pd.DataFrame:
+    """Returns the frame of comparisons over all challenges that two teachers have, each of equal weight."""
+    return pairwise(runs, measure, reference, ACROSS, strata=CHALLENGES, detectable=False)
 
 
-APART = ("experiment", "expert_knowledge")
-"""Columns that tell comparisons apart and make no difference to Random."""
+def from_both_sides(tests: pd.DataFrame) -> pd.DataFrame:
+    """Returns each test of a frame twice, as it is and with its sides exchanged, with the same index."""
+    exchanged = tests.assign(
+        first=tests["second"],
+        second=tests["first"],
+        difference=-tests["difference"],
+        low=-tests["high"],
+        high=-tests["low"],
+        n=tests["reference_n"],
+        reference_n=tests["n"],
+        t=-tests["t"],
+    )
+    return pd.concat([tests, exchanged])
 
-ALIKE = [*(column for column in COMPARISON if column not in APART), *CONDITIONS]
-"""Columns that Random must have in common with those that are tested against it."""
 
-Randoms: TypeAlias = Mapping[Any, pd.DataFrame]
+def verdict(test: pd.Series | Mapping[str, Any]) -> str:
+    """Returns the result of a test in a word or two, after Holm, or the reason why there was none."""
+    if test["reason"]:
+        return str(test["reason"])
+    if not test["holm"] < SIGNIFICANCE:
+        return "not distinguishable"
+    return "better" if test["difference"] > 0 else "worse"
+
+
+def pairwise_from_statistics(
+    table: pd.DataFrame,
+    measure: str = "mastered_percent",
+    reference: str | None = None,
+    within: Sequence[str] = (*COMPARED, "embodiments", "students"),
+) -> pd.DataFrame:
+    """Returns the frame of comparisons between published results, by Welch's t-test.
+
+    Of our own results prefer the runs, which also tell whether two samples share some.
+
+    Args:
+        table: one row per teacher: teacher, n, `measure` with the endings _mean and _std, and those of
+            `within` that there are.
+        measure: name of the measure that is compared.
+        reference: teacher that all others are tested against; None for all pairs.
+        within: columns that teachers must have in common to be compared; absent ones do not matter.
+
+    Returns:
+        `within`, measure, first, second, the columns of `statistics.Comparison` for first minus second, and
+        holm: p adjusted for all tests that have `within` in common.
+    """
+    values = ["n", f"{measure}_mean", f"{measure}_std"]
+    check_columns("table", table, ["teacher", *values])
+    check_reference(reference, table)
+    within, rows = [column for column in within if column in table], []
+    for key, group in table.groupby(within, dropna=False, sort=True) if within else [((), table)]:
+        results = {
+            str(row["teacher"]): Description(int(row["n"]), *map(float, row[values[1:]]))
+            for _, row in group.iterrows()
+        }
+        for first, second in pairs_of(sorted(results), reference):
+            mine, theirs = results[first], results.get(second)
+            test = Comparison(mine.n, 0, math.nan, reason=nobody(second))
+            test = test if theirs is None else welch_from_statistics(mine, theirs)
+            names = {"measure": measure, "first": first, "second": second}
+            rows.append(dict(zip(within, key, strict=True)) | names | vars(test))
+    return _with_holm(pd.DataFrame(rows, columns=[*within, "measure", "first", "second", *TEST]), within)
 
 
 def against_baseline(finals: pd.DataFrame, curves: pd.DataFrame, measure: str) -> pd.DataFrame:
-    """Returns the test of every teacher against Random, one row each, p and Holm's p by comparison.
+    """Returns the test of every teacher of a report against Random, one row each.
 
-    Where Random was run at another level of expert knowledge or in another experiment only, that one serves.
-    While runs are under way both are read at the same step, and the difference is not tested.
+    Where Random was run at another level of expert knowledge or in another experiment only, those runs are
+    used. While runs are under way both are read at the same step, and the difference is not tested.
 
     Args:
-        finals: what `final_evaluations` returned.
-        curves: what `evaluation_curves` returned.
+        finals: results of `final_evaluations`.
+        curves: results of `evaluation_curves`.
         measure: column of both.
+
+    Returns:
+        `GROUP`, measure, step, the columns of `statistics.Comparison`, and holm by comparison.
     """
     rows, randoms = [], randoms_of(finals)
     for key, teachers in finals.groupby(COMPARISON, sort=True):
         reference = reference_of(teachers, randoms)
         for name, mine in teachers.groupby("teacher", sort=True):
-            teacher = str(name)
-            if not is_baseline(teacher):
-                step, comparison = _at_one_step(mine, reference, curves, measure)
-                names = dict(zip(COMPARISON, key, strict=True)) | {"teacher": teacher}
-                rows.append(names | {"measure": measure, "step": step} | vars(comparison))
-    table = pd.DataFrame(rows, columns=[*GROUP, "measure", "step", *Comparison.__dataclass_fields__])
-    table["holm"] = table.groupby(COMPARISON)["p"].transform(holm)
-    return table
+            if not is_baseline(str(name)):
+                step, test = _at_one_step(mine, reference, curves, measure)
+                names = dict(zip(COMPARISON, key, strict=True)) | {"teacher": str(name), "measure": measure}
+                rows.append(names | {"step": step} | vars(test))
+    return _with_holm(pd.DataFrame(rows, columns=[*GROUP, "measure", "step", *TEST]), COMPARISON)
 
 
 def along_baseline(curves: pd.DataFrame, reference: pd.DataFrame, measure: str) -> pd.DataFrame:
     """Returns the test of every teacher against Random at every evaluation, with Holm's p by step.
 
     Args:
-        curves: of `evaluation_curves`, of one comparison.
-        reference: Random's rows of them, of `reference_of`.
+        curves: results of `evaluation_curves`, of one comparison.
+        reference: rows of Random among them, of `reference_of`.
         measure: column of both.
 
     Returns:
         step, teacher, the columns of `statistics.Comparison`, and holm.
     """
-    theirs: dict[Any, pd.Series] = {step: _by_run(rows, measure) for step, rows in reference.groupby("step")}
-    mine = curves[~curves["teacher"].map(is_baseline)]
-    rows, seeds = [], seeds_to_pair(curves, reference)
-    for (step, teacher), group in mine.groupby(["step", "teacher"], sort=True):
-        sample = _by_run(group, measure)
-        comparison = Comparison(int(sample.notna().sum()), 0, math.nan, reason=NO_BASELINE)
-        if step in theirs:
-            comparison = compared(sample, theirs[step], seeds, scale_of(measure))
-        rows.append({"step": step, "teacher": teacher} | vars(comparison))
-    table = pd.DataFrame(rows, columns=["step", "teacher", *Comparison.__dataclass_fields__])
-    table["holm"] = table.groupby("step")["p"].transform(holm)
-    return table
-
-
-def _by_run(rows: pd.DataFrame, measure: str) -> pd.Series:
-    return pd.Series(rows[measure].to_numpy(float), index=rows["run_id"].to_numpy(object))
+    others = curves[~curves["teacher"].map(is_baseline)]
+    runs = pd.concat([others, reference.assign(teacher=BASELINE)], ignore_index=True)
+    tests = pairwise(runs, measure, BASELINE, ["step"], detectable=False)
+    tests["holm"] = tests.groupby("step")["p"].transform(holm) if len(tests) else tests["p"]
+    return tests.rename(columns={"first": "teacher"})[["step", "teacher", *TEST, "holm"]]
 
 
 def _at_one_step(
@@ -237,11 +254,12 @@ def _at_one_step(
         mine, reference = (now[now["run_id"].isin(rows["run_id"])] for rows in (mine, reference))
     elif set(mine["step"]) != set(reference["step"]):
         reason = "trained for other numbers of steps"
-    seeds = seeds_to_pair(mine, reference)
-    comparison = compared(_by_run(mine, measure), _by_run(reference, measure), seeds, scale_of(measure))
-    if reason:
-        comparison = Comparison(comparison.n, comparison.reference_n, comparison.difference, reason=reason)
-    return step, comparison
+    first, second = (
+        pd.Series(rows[measure].to_numpy(float), rows["run_id"].to_numpy(object))
+        for rows in (mine, reference)
+    )
+    test = compared(first, second, seeds_to_pair(mine, reference), scale_of(measure))
+    return step, Comparison(test.n, test.reference_n, test.difference, reason=reason) if reason else test
 
 
 def randoms_of(everything: pd.DataFrame) -> Randoms:
@@ -254,61 +272,148 @@ def reference_of(teachers: pd.DataFrame, randoms: Randoms) -> pd.DataFrame:
 
     Args:
         teachers: rows of one comparison, at least one, with `GROUP` and the columns of `CONDITIONS`.
-        randoms: of `randoms_of` of the root.
+        randoms: results of `randoms_of` of the root.
     """
     alike = randoms.get(tuple(teachers[ALIKE].iloc[0]), teachers.head(0))
     return baseline_runs(teachers, alike, APART).drop_duplicates(["run_id", "step"])
 
 
-WITHIN = [*COMPARED, "embodiments", "students"]
-"""Columns that teachers must have in common to be compared, of those that a table has."""
+def pairs_of(names: Sequence[str], reference: str | None) -> Iterator[tuple[str, str]]:
+    """Yields each name with `reference`, or all pairs if there is none."""
+    if reference is None:
+        yield from itertools.combinations(names, 2)
+    else:
+        yield from ((name, reference) for name in names if name != reference)
 
 
-def pairwise_from_statistics(
-    table: pd.DataFrame,
-    measure: str = "mastered_percent",
-    reference: str | None = None,
-    within: Sequence[str] = WITHIN,
+def nobody(reference: str) -> str:
+    """Returns the reason why nothing was compared with `reference`, which was not run."""
+    return NO_BASELINE if is_baseline(reference) else f"no {reference} to compare with"
+
+
+def check_reference(reference: str | None, table: pd.DataFrame) -> None:
+    """Refuses a reference that is neither a teacher of the table, nor one of the benchmark's.
+
+    Raises:
+        ValueError: the message holds the nearest teacher.
+    """
+    if reference is not None and len(table) and not is_baseline(reference):
+        check_known("teacher", reference, {*table["teacher"].astype(str), *TEACHERS}, "there are")
+
+
+def stratified_runs(
+    runs: pd.DataFrame, measure: str, by: Sequence[str], strata: Sequence[str], also: Sequence[str] = ()
 ) -> pd.DataFrame:
-    """Returns Welch's t-test between teachers, one row a pair, as `pairwise.pairwise` does from runs.
+    """Returns `by`, run_id, the measure, and place (challenge), stratum and stratum_name of each row.
 
-    For published tables. Of our own results prefer the runs, which also tell whether two samples share some.
+    Strata are numbered here, in order, rather than in each of hundreds of groups. A run that is measured
+    counts once in each group.
 
     Args:
-        table: one row per teacher: teacher, n, `measure` with the endings _mean and _std, and those of
-            `within` that there are.
-        measure: what is compared.
-        reference: the teacher that all others are tested against; None for all pairs.
-        within: columns that teachers must have in common to be compared; absent ones do not matter.
-
-    Returns:
-        `within`, measure, first, second, the columns of `statistics.Comparison` for first minus second, and
-        holm: p adjusted for all tests that have `within` in common.
+        runs: rows of `pooling.pool_runs`.
+        measure: column of `runs`.
+        by: columns that a group has in common.
+        strata: columns that tell strata apart; none for one stratum.
+        also: names of further columns to keep; members and step are kept if they are there.
     """
-    check_columns("table", table, ["teacher", "n", f"{measure}_mean", f"{measure}_std"])
-    check_reference(reference, table)
-    within, rows = [column for column in within if column in table], []
-    for key, group in table.groupby(within, dropna=False, sort=True) if within else [((), table)]:
-        results = {
-            str(teacher): Description(int(n), float(mean), float(std))
-            for teacher, n, mean, std in group[
-                ["teacher", "n", f"{measure}_mean", f"{measure}_std"]
-            ].itertuples(index=False, name=None)
-        }
-        shared = dict(zip(within, key, strict=True)) | {"measure": measure}
-        for first, second in pairs_of(sorted(results), reference):
-            names = {"first": first, "second": second}
-            rows.append(
-                shared | names | vars(_compared_descriptions(results[first], results.get(second), second))
-            )
-    columns = [*within, "measure", "first", "second", *Comparison.__dataclass_fields__]
-    tests = pd.DataFrame(rows, columns=columns)
-    families = tests.groupby(within, dropna=False)["p"] if within and len(tests) else None
-    tests["holm"] = holm(tests["p"]) if families is None else families.transform(holm)
-    return tests
+    numbers = _numbered(runs, strata)
+    _, first = np.unique(numbers, return_index=True)
+    names = [", ".join(map(str, key)) for key in runs[list(strata)].to_numpy(object)[first]]
+    columns = list(dict.fromkeys([*by, *also, "run_id", measure, *({"members", "step"} & {*runs.columns})]))
+    rows = runs[columns].assign(
+        place=_numbered(runs, [column for column in strata if column in PLACES]),
+        stratum=numbers,
+        stratum_name=np.array(names, dtype=object)[numbers],
+    )
+    counted = rows[measure].notna()
+    return rows[~(counted & rows.assign(counted=counted).duplicated([*by, "run_id", "counted"]))]
 
 
-def _compared_descriptions(first: Description, second: Description | None, name: str) -> Comparison:
-    if second is None:
-        return Comparison(first.n, 0, float("nan"), reason=nobody(name))
-    return welch_from_statistics(first, second)
+def strata_of(rows: pd.DataFrame, measure: str) -> dict[str, pd.Series]:
+    """Returns the values of `measure` by stratum, named by what tells them apart, indexed by run id.
+
+    Args:
+        rows: some of `stratified_runs`; those without the measure do not count.
+        measure: column of `rows`.
+    """
+    rows = rows[rows[measure].notna()]
+    values, run_ids = rows[measure].to_numpy(float), rows["run_id"].to_numpy(object)
+    names, numbers = rows["stratum_name"].to_numpy(object), rows["stratum"].to_numpy()
+    order = np.argsort(numbers, kind="stable")
+    parts = np.split(order, np.flatnonzero(np.diff(numbers[order])) + 1) if len(order) else []
+    return {names[part[0]]: pd.Series(values[part], index=run_ids[part]) for part in parts}
+
+
+def by_challenge(rows: pd.DataFrame, measure: str) -> dict[Hashable, dict[str, pd.Series]]:
+    """Returns the samples of each body and student by challenge, of rows of `stratified_runs`."""
+    counted = rows[rows[measure].notna()]
+    return {place: strata_of(part, measure) for place, part in counted.groupby("place", sort=True)}
+
+
+def _numbered(runs: pd.DataFrame, columns: Sequence[str]) -> NDArray[np.int64]:
+    if not columns:
+        return np.zeros(len(runs), np.int64)
+    numbers = runs.groupby(list(columns), dropna=False, sort=True).ngroup()
+    return np.asarray(numbers, dtype=np.int64)
+
+
+def _with_holm(table: pd.DataFrame, family: Sequence[str]) -> pd.DataFrame:
+    """Returns a table of tests with p adjusted for those that have the columns `family` in common."""
+    groups = table.groupby(list(family), dropna=False)["p"] if family and len(table) else None
+    return table.assign(holm=holm(table["p"]) if groups is None else groups.transform(holm))
+
+
+@dataclass(frozen=True, eq=False)
+class _Sample:
+    """A group of runs.
+
+    Attributes:
+        places: values by run id, by challenge and stratum in it.
+        pooled: values of all runs as one sample.
+        parts: bodies and students of the runs.
+        uncounted: number of runs without a value.
+    """
+
+    places: Mapping[Hashable, Mapping[str, pd.Series]]
+    pooled: pd.Series
+    parts: frozenset[tuple[object, ...]]
+    uncounted: int
+
+    @classmethod
+    def of(cls, rows: pd.DataFrame, measure: str, parts: Sequence[str]) -> _Sample:
+        there = rows[rows[measure].notna()]
+        values = pd.Series(there[measure].to_numpy(float), index=there["run_id"].to_numpy(object))
+        columns = [there[column].to_numpy(object) for column in parts]
+        uncounted = int(rows["members"].max()) - len(values) if len(rows) else 0
+        return cls(by_challenge(there, measure), values, frozenset(zip(*columns, strict=True)), uncounted)
+
+
+def _compared(
+    first: _Sample, second: _Sample, seeds: Seeds, scale: Scale, *, over: bool
+) -> dict[str, object]:
+    """Returns the test of two groups, over strata or of two samples, and what it is of."""
+    mine, theirs = first.places, second.places
+    places = [place for place in mine if place in theirs and set(mine[place]) == set(theirs[place])]
+    if over:
+        names = [(place, stratum) for place in places for stratum in sorted(mine[place])]
+        pairs = [(mine[place][stratum], theirs[place][stratum]) for place, stratum in names]
+        weights = [1 / len(mine[place]) for place, _ in names]
+        test = compared_over_strata(pairs, weights, seeds, scale)
+    else:
+        test = compared(first.pooled, second.pooled, seeds, scale)
+        if not test.reason and first.parts != second.parts:
+            sizes = len(first.pooled), len(second.pooled)
+            test = Comparison(*sizes, test.difference, reason=OTHER_PARTS)
+    counts = [sum(map(len, side[place].values())) for side in (mine, theirs) for place in places]
+    fewest = min(min(counts, default=0), test.n)  # pairs may be fewer than runs
+    uncounted = first.uncounted + second.uncounted
+    own = {"challenges": len(places), "fewest": fewest, "uncounted": uncounted, "detectable": math.nan}
+    return own | vars(test)
+
+
+def _detectable(test: Mapping[str, Any], first: pd.Series, second: pd.Series) -> float:
+    if test["reason"] or test["method"] is Method.SIGN_FLIP:
+        return math.nan
+    if test["method"] is Method.PAIRED:
+        return detectable_in_pairs(test["n"], (test["high"] - test["low"]) / 2)
+    return detectable_difference(describe(first), describe(second))

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, fields
 from functools import cached_property
-from math import nan
 
 import numpy as np
 import pandas as pd
@@ -15,11 +14,11 @@ from analysis.data.curricula import Curriculum, curricula_of_runs, stack, task_a
 from analysis.data.frames import COMPARISON, Frames
 from analysis.formatting import listed
 from analysis.measures.evaluations import evaluation_curves, final_evaluations, summarise, training_curves
-from analysis.measures.run_measures import run_measures
+from analysis.measures.tested import HEADLINE, MEASURES
 from analysis.names import label, teacher_order
 
-TESTED = ("mastered_percent", "evaluation_return", "mastered_area")
-"""Mastered tasks and test return at the end, and mastered tasks on average over training."""
+TESTED = tuple(MEASURES)
+"""Measures that are tested against Random, the headline first."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -27,12 +26,12 @@ class Measured:
     """Frames that all have the columns of `load.COMPARISON`.
 
     Attributes:
-        cells: of `Frames`.
+        cells: cells of `Frames`.
         finals: one row per run, of `evaluations.final_evaluations`.
-        summary: one row per teacher, of `summarise`.
-        tests: of `measures.against_baseline`, for each of `TESTED`.
-        evaluations: of `evaluation_curves`.
-        training: of `measures.training_curves`.
+        summary: one row per teacher, of `evaluations.summarise`.
+        tests: one row per teacher and each of `TESTED`, of `frame.against_baseline`.
+        evaluations: one row per run and evaluation, of `evaluations.evaluation_curves`.
+        training: returns in training, of `evaluations.training_curves`.
     """
 
     cells: pd.DataFrame
@@ -61,33 +60,27 @@ class Measured:
 
 def measure(frames: Frames) -> Measured:
     """Returns everything that is measured of a root."""
-    finals, training = final_evaluations(frames), training_curves(frames)
-    evaluations = evaluation_curves(frames)
-    area = run_measures(frames).set_index("run_id")["mastered_area"]  # of runs that have ended
-    ends, curves = (
-        finals.assign(mastered_area=finals["run_id"].map(area)),
-        evaluations.assign(mastered_area=nan),
-    )
-    tests = [against_baseline(ends, curves, name) for name in TESTED]
+    finals, evaluations = final_evaluations(frames), evaluation_curves(frames)
+    tests = [against_baseline(finals, evaluations, name) for name in TESTED]
     return Measured(
         cells=frames.cells,
         finals=finals,
         summary=summarise(frames, finals),
         tests=pd.concat(tests, ignore_index=True),
         evaluations=evaluations,
-        training=training,
+        training=training_curves(frames),
     )
 
 
 def curricula_of(
     frames: Frames, mine: Measured, runs: Mapping[str, pd.Series] | None = None
 ) -> dict[str, Curriculum]:
-    """Returns the curriculum of the run that stands for each teacher, if it has played any episode.
+    """Returns the curriculum of the median run of each teacher, if it has played any episode.
 
     Args:
-        frames: of the root.
-        mine: of the comparison.
-        runs: of `examples_of`, or some of them; all by default.
+        frames: results of the root.
+        mine: part of the comparison.
+        runs: rows of `examples_of`, or some of them; all by default.
     """
     size = len(task_axes(mine.cells))
     examples = examples_of(mine) if runs is None else runs
@@ -100,9 +93,9 @@ def curricula_of(
 
 
 def which_runs(curricula: Mapping[str, Curriculum]) -> str:
-    """Returns which run stands for each teacher, in words."""
+    """Returns the seed of each teacher's median run, in words."""
     named = listed(f"{label(teacher)}: seed {each.seed}" for teacher, each in curricula.items())
-    return f"One run of each teacher, the median one by mastered tasks ({named})"
+    return f"One run of each teacher, the median one by mastered tasks over training ({named})"
 
 
 def in_whose_space(curricula: Mapping[str, Curriculum]) -> str:
@@ -113,9 +106,9 @@ def in_whose_space(curricula: Mapping[str, Curriculum]) -> str:
 
 
 def examples_of(mine: Measured) -> dict[str, pd.Series]:
-    """Returns each teacher's run of the median final evaluation, else its first run that has begun."""
+    """Returns the run of each teacher with the median headline, else its first run that has begun."""
     cells = mine.cells[mine.cells["status"].isin(["done", "running"])]
-    ranked = mine.finals.sort_values(["mastered_percent", "evaluation_return"], kind="stable")
+    ranked = mine.finals.sort_values([HEADLINE, "evaluation_return"], kind="stable")
     finals = {str(teacher): rows.to_numpy(object) for teacher, rows in ranked.groupby("teacher")["run_id"]}
     begun = {str(teacher): runs for teacher, runs in cells.groupby("teacher")}
     chosen = {}

@@ -11,11 +11,11 @@ from typing import Any
 import pandas as pd
 
 from analysis.baselines.catalogue import find_baseline
-from analysis.comparisons.aggregates import stratified_differences
+from analysis.comparisons.frame import TEST, over_challenges
 from analysis.data.reference import BASELINE
 from analysis.formatting import number
 from analysis.measures.pooling import pooled, runs_after
-from analysis.measures.tested import MEASURE
+from analysis.measures.tested import HEADLINE
 from analysis.names import label
 from analysis.statistics import SIGNIFICANCE, Comparison, Description, Method
 from analysis.statistics.power import MOST_SEEDS, POWER, detectable_difference, seeds_needed
@@ -24,14 +24,14 @@ from tma_ray.benchmark import paper_results
 COLUMNS = ["environment", "challenge", "seeds", "steadiest", "typical", "most_varied", "spread_of"]
 
 PAPER, LITE = "paper", "lite-1"
-"""Results that deviations are taken of: those of the paper's budget, and of a tenth of it."""
+"""Results that deviations are taken of: the paper's last evaluations, and areas at a tenth of its budget."""
 
 LITE_BUDGET = 6_000_000
 """Steps up to which a budget is nearer, as a ratio, to the 2 million of `LITE` than to the paper's 20."""
 
 
 def detectable_differences(cell_rows: Sequence[Mapping[str, Any]], steps: int) -> pd.DataFrame:
-    """Returns how far apart two teachers must be for a plan's seeds to tell, challenge by challenge.
+    """Returns the smallest differences between two teachers that a plan's seeds can detect, by challenge.
 
     Args:
         cell_rows: rows of a plan's table of cells: environment, challenge, teacher, expert_knowledge.
@@ -39,10 +39,11 @@ def detectable_differences(cell_rows: Sequence[Mapping[str, Any]], steps: int) -
 
     Returns:
         environment, challenge, seeds (of the teacher and level with the fewest, over all bodies and
-        students), and the smallest difference of mastered tasks, in points, that Welch's test at 0.05 finds
-        in 80 of 100 repetitions between two teachers of the smallest, the median and the largest standard
-        deviation among the results named in spread_of: those of `LITE` up to `LITE_BUDGET` steps, where it
-        has the challenge, else the paper's tables; NaN for a challenge that neither has, or a single seed.
+        students), and the smallest difference of mastered tasks, in points, that Welch's test at 0.05
+        finds in 80 of 100 repetitions between two teachers of the smallest, the median and the largest
+        standard deviation among the results named in spread_of: up to `LITE_BUDGET` steps those of the
+        headline in `LITE`, where it has the challenge, else of the last evaluation in the paper's tables;
+        NaN for a challenge that neither has, or a single seed.
     """
     rows = pd.DataFrame(list(cell_rows), columns=["environment", "challenge", "teacher", "expert_knowledge"])
     found = []
@@ -53,17 +54,19 @@ def detectable_differences(cell_rows: Sequence[Mapping[str, Any]], steps: int) -
         if not spread:
             spread, name = _deviations(environment, challenge, set(mine["expert_knowledge"])), PAPER
         marks = (min(spread), median(spread), max(spread)) if spread else (float("nan"),) * 3
-        found.append([environment, challenge, seeds, *(_difference(seeds, std) for std in marks), name])
+        samples = [Description(n=seeds, mean=math.nan, std=std) for std in marks]
+        gaps = [detectable_difference(sample, sample) for sample in samples]
+        found.append([environment, challenge, seeds, *gaps, name])
     return pd.DataFrame(found, columns=COLUMNS)
 
 
 @cache
 def _lite_deviations() -> dict[Hashable, list[float]]:
     """Returns by environment and challenge the standard deviations of `LITE`, of teachers with most seeds."""
-    table = pooled(runs_after(find_baseline(LITE).frames(), training=False), [MEASURE])
+    table = pooled(runs_after(find_baseline(LITE).frames(), training=False), [HEADLINE])
     place = ["environment", "challenge"]
     whole = table.groupby(place)["n"].transform("max") == table["n"]
-    groups = table[whole & (table[f"{MEASURE}_std"] > 0)].groupby(place)[f"{MEASURE}_std"]
+    groups = table[whole & (table[f"{HEADLINE}_std"] > 0)].groupby(place)[f"{HEADLINE}_std"]
     return {key: stds.tolist() for key, stds in groups}
 
 
@@ -74,43 +77,38 @@ def _deviations(environment: object, challenge: object, levels: set[str]) -> lis
     return [r.std for r in results if r.seeds == whole and r.expert_knowledge in levels and not r.doubt]
 
 
-def _difference(seeds: int, std: float) -> float:
-    sample = Description(n=seeds, mean=float("nan"), std=std)
-    return detectable_difference(sample, sample)
-
-
 def plans_against_random(
-    runs: pd.DataFrame, teachers: Collection[str], hours: pd.Series, measure: str = MEASURE
+    runs: pd.DataFrame, teachers: Collection[str], hours: pd.Series, measure: str = HEADLINE
 ) -> list[str]:
     """Returns a sentence on each teacher not told from Random: the runs and hours that would tell them apart.
 
     Args:
         runs: rows of `pooling.pool_runs`.
-        teachers: that are looked at.
+        teachers: names of the teachers in question.
         hours: wall-clock hours of each run, by run id.
         measure: column of `runs`, in per cent.
     """
-    table = stratified_differences(runs, measure, BASELINE) if len(runs) else pd.DataFrame()
+    table = over_challenges(runs, measure, BASELINE) if len(runs) else pd.DataFrame()
     said = []
     for row in table.to_dict("records"):
-        if row["teacher"] in teachers and not row["reason"] and not row["holm"] < SIGNIFICANCE:
+        if row["first"] in teachers and not row["reason"] and not row["holm"] < SIGNIFICANCE:
             spent = runs["run_id"].map(hours).groupby(runs["teacher"]).median()
-            said.append(_plan(row, float(spent[row["teacher"]] + spent[BASELINE])))
+            said.append(_plan(row, float(spent[row["first"]] + spent[BASELINE])))
     return said
 
 
 def _plan(row: Mapping[Hashable, Any], pair_hours: float) -> str:
-    """Returns how many runs find a difference over challenges to Random, and for how many hours.
+    """Returns the number of runs that find a difference over challenges to Random, and their hours, in words.
 
     Args:
-        row: a row of `stratified_differences`.
+        row: a row of `frame.over_challenges`.
         pair_hours: median hours of a run of the teacher and of one of Random, together.
     """
-    test = Comparison(**{name: row[name] for name in Comparison.__dataclass_fields__})
+    test = Comparison(**{name: row[name] for name in TEST})
     each = 2 / (1 / test.n + 1 / test.reference_n)
     each /= 1 if test.method == Method.PAIRED else row["challenges"]
     runs = seeds_needed(test, each)
-    name, points = label(str(row["teacher"])), number(abs(test.difference))
+    name, points = label(str(row["first"])), number(abs(test.difference))
     where = f"each of the {row['challenges']} challenges" if row["challenges"] > 1 else "the challenge"
     if runs is None:
         return (

@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
-from typing import Any, Final, NamedTuple
+from typing import Final
 
 import pandas as pd
 
-from analysis.comparisons.frame import pairwise
+from analysis.comparisons.frame import TEST, pairwise, verdict
 from analysis.data.frames import Frames
-from analysis.data.reference import NO_BASELINE, is_baseline
+from analysis.data.reference import BASELINE, NO_BASELINE, is_baseline
 from analysis.formatting import amount, ends, listed, number, p_value, plus_minus
 from analysis.measures.pooling import (
     COMPARED,
@@ -21,16 +20,28 @@ from analysis.measures.pooling import (
     runs_after,
     varying,
 )
-from analysis.measures.tested import MEASURE
+from analysis.measures.tested import FINAL, HEADLINE, PAPERS
 from analysis.names import challenge_title, label
 from analysis.statistics import SIGNIFICANCE, Method
 
 FEW_SEEDS: Final = 10
-"""Under this many seeds a sentence warns the reader; the paper used 16 to 48."""
+"""Number of seeds under which a sentence warns the reader; the paper used 16 to 48."""
+
+METHODS = {
+    Method.WELCH: "Welch's t-test",
+    Method.PAIRED: "paired t-test",
+    Method.PERMUTATION: "permutation test",
+    Method.SIGN_FLIP: "sign-flip test",
+}
+
+UNIT = "\N{NO-BREAK SPACE}%"
+
+OTHERS = "\N{OBJECT REPLACEMENT CHARACTER}"
+"""Place in a sentence of the teachers that it is said of."""
 
 
 def in_brief(smallest: float) -> str:
-    """Returns what a sentence on tests adds of a group with `smallest` runs: ``; few seeds``, or nothing."""
+    """Returns the end of a sentence on tests of a group with `smallest` runs: ``; few seeds``, or nothing."""
     return "; few seeds" if smallest < FEW_SEEDS else ""
 
 
@@ -45,110 +56,85 @@ def caveat(smallest: float) -> str:
     )
 
 
-class Measure(NamedTuple):
-    """How a measure is talked about: its column, unit, unit of differences, and verbs."""
-
-    column: str
-    unit: str
-    points: str
-    leads: str
-    has: str
-
-
-MASTERED = Measure(
-    column="mastered_percent",
-    unit="\N{NO-BREAK SPACE}%",
-    points=" points",
-    leads="masters the most test tasks:",
-    has="masters",
-)
-METHODS = {
-    Method.WELCH: "Welch's t-test",
-    Method.PAIRED: "paired t-test",
-    Method.PERMUTATION: "permutation test",
-    Method.SIGN_FLIP: "sign-flip test",
-}
-
-
-def verdict(test: pd.Series | Mapping[str, Any]) -> str:
-    """Returns the result of a test against Random in a word or two, after Holm, or why there was none."""
-    if test["reason"]:
-        return str(test["reason"])
-    if not test["holm"] < SIGNIFICANCE:
-        return "not distinguishable"
-    return "better" if test["difference"] > 0 else "worse"
-
-
 def findings(summary: pd.DataFrame, tests: pd.DataFrame) -> list[str]:
-    """Returns the sentences that open a comparison.
+    """Returns the sentences that open a comparison of a report, by the headline.
 
     Args:
-        summary: rows of `measures.summarise`, of one comparison.
-        tests: rows of `measures.against_baseline` for several measures, of the same comparison.
+        summary: rows of `evaluations.summarise`, of one comparison.
+        tests: rows of `frame.against_baseline` for several measures, of the same comparison.
     """
     read = summary[summary["n"] > 0]
     if read.empty:
         return ["No run has been evaluated yet."]
-    if (read["mastered_percent_mean"] == 0).all():
+    if (read[f"{PAPERS}_mean"] == 0).all() and not (read[f"{HEADLINE}_mean"] > 0).any():
         return [
             "Nothing mastered: no seed masters any test task, so teachers are not compared. Their mean "
             "returns do not say which of them would master more."
         ]
-    sentences, measure = [], MASTERED
-    tests = tests[tests["measure"] == measure.column].set_index("teacher")
-    final = read[~read["provisional"]]
-    if len(final):
-        final = final.sort_values(f"{measure.column}_mean", ascending=False, kind="stable")
-        sentences += [_leader(final, measure), *_certainty(final, tests, measure)]
-    running = read[read["provisional"]]
+    tests = tests[tests["measure"] == HEADLINE].set_index("teacher")
+    final, running = read[~read["provisional"]], read[read["provisional"]]
+    final = final.sort_values(f"{HEADLINE}_mean", ascending=False, kind="stable")
+    sentences = [_leader(final), *_certainty(final, tests)] if len(final) else []
     if len(final) == 1:
         sentences.append("No other teacher has finished." if len(running) else "Other teachers were not run.")
-    return sentences + [_so_far(row, tests, measure) for _, row in running.iterrows()]
+    return sentences + [_so_far(row, tests) for _, row in running.iterrows()]
 
 
-def _leader(ranked: pd.DataFrame, measure: Measure) -> str:
+def _leader(ranked: pd.DataFrame) -> str:
     best = ranked.iloc[0]
     spread = f"mean ± standard deviation over {best['n']} seeds" if best["n"] > 1 else "1 seed"
-    verb = measure.leads if len(ranked) > 1 else measure.has
-    return f"{label(best['teacher'])} {verb} {_value(best, measure)} ({spread})."
+    verb = "masters the most test tasks over training:" if len(ranked) > 1 else "masters over training"
+    final = plus_minus(best[f"{FINAL}_mean"], best[f"{FINAL}_std"]) + UNIT
+    return (
+        f"{label(best['teacher'])} {verb} {_value(best)} ({spread}); at the last three evaluations {final}."
+    )
 
 
-def _value(row: pd.Series, measure: Measure) -> str:
-    return plus_minus(row[f"{measure.column}_mean"], row[f"{measure.column}_std"]) + measure.unit
+def _value(row: pd.Series) -> str:
+    return plus_minus(row[f"{HEADLINE}_mean"], row[f"{HEADLINE}_std"]) + UNIT
 
 
-def _so_far(row: pd.Series, tests: pd.DataFrame, measure: Measure) -> str:
-    """Returns where a teacher stands whose runs are all under way, beside Random at the same step."""
+def _so_far(row: pd.Series, tests: pd.DataFrame) -> str:
+    """Returns the standing of a teacher whose runs are all under way, next to Random's at the same step."""
     name = label(row["teacher"])
-    text = f"So far, at {amount(row['step'])} steps, {name} {measure.has} {_value(row, measure)}"
+    text = f"So far, over {amount(row['step'])} steps, {name} masters {_value(row)}"
     if row["teacher"] in tests.index and math.isfinite(tests.loc[row["teacher"], "difference"]):
-        test = tests.loc[row["teacher"]]
-        text += f", {_gap(test['difference'], measure)} than Random at that step"
+        text += f", {_gap(tests.loc[row['teacher'], 'difference'])} than Random until that step"
     return f"{text}; its runs are still under way."
 
 
-def _gap(difference: float, measure: Measure) -> str:
-    return f"{number(abs(difference))}{measure.points} {'more' if difference >= 0 else 'less'}"
+def _gap(difference: float) -> str:
+    return f"{number(abs(difference))} points {'more' if difference >= 0 else 'less'}"
 
 
-def _certainty(ranked: pd.DataFrame, tests: pd.DataFrame, measure: Measure) -> list[str]:
-    """Returns how far the order of the finished teachers can be trusted."""
+def _certainty(ranked: pd.DataFrame, tests: pd.DataFrame) -> list[str]:
+    """Returns sentences on how far the order of the finished teachers can be trusted."""
     best = ranked["teacher"].iloc[0]
     if len(ranked) == 1:
         return []
     tests = tests[tests.index.isin(ranked["teacher"])]
     if (tests["reason"] == NO_BASELINE).all():
         return ["Random has not been run to its end here, so no test was made."]
-    if is_baseline(best):
-        sentences = ["No teacher does better than Random."]
-    else:
-        sentences = [_against_random(best, tests.loc[best], measure)]
-    also = "also " if not is_baseline(best) and tests.loc[best, "holm"] < SIGNIFICANCE else ""
-    return [*sentences, *_others(tests.drop(index=best, errors="ignore"), also), *_few(tests)]
+    sentences, also = ["No teacher does better than Random."], ""
+    if not is_baseline(best):
+        sentences = [_against_random(best, tests.loc[best])]
+        also = "also " if tests.loc[best, "holm"] < SIGNIFICANCE else ""
+    others = tests.drop(index=best, errors="ignore")
+    verdicts = others.apply(verdict, axis=1) if len(others) else pd.Series(dtype=object)
+    for word, phrase in (
+        ("better", "Also significantly better" if also else "Significantly better"),
+        ("worse", "Significantly worse"),
+        ("not distinguishable", "Not distinguishable"),
+    ):
+        teachers = sorted(label(teacher) for teacher in verdicts[verdicts == word].index)
+        other = "from" if word == "not distinguishable" else "than"
+        sentences += [f"{phrase} {other} Random: {listed(teachers)}."] if teachers else []
+    few = caveat(tests.loc[tests["reason"] == "", ["n", "reference_n"]].min().min())
+    return [*sentences, *([few] if few else [])]
 
 
-def _against_random(teacher: str, test: pd.Series, measure: Measure) -> str:
-    lead = f"That is {_gap(test['difference'], measure)} than Random"
+def _against_random(teacher: str, test: pd.Series) -> str:
+    lead = f"That is {_gap(test['difference'])} than Random"
     if test["reason"] == "needs 2 seeds":
         return f"{lead}, but a single seed cannot tell skill from luck: nothing can be concluded."
     if test["reason"]:
@@ -163,52 +149,28 @@ def _against_random(teacher: str, test: pd.Series, measure: Measure) -> str:
     )
 
 
-def _others(tests: pd.DataFrame, also: str) -> list[str]:
-    sentences = []
-    verdicts = tests.apply(verdict, axis=1) if len(tests) else pd.Series(dtype=object)
-    for word, phrase in (
-        ("better", f"{also}significantly better than Random".capitalize().replace("random", "Random")),
-        ("worse", "Significantly worse than Random"),
-        ("not distinguishable", "Not distinguishable from Random"),
-    ):
-        teachers = sorted(label(teacher) for teacher in verdicts[verdicts == word].index)
-        if teachers:
-            sentences.append(f"{phrase}: {listed(teachers)}.")
-    return sentences
-
-
-def _few(tests: pd.DataFrame) -> list[str]:
-    tested = tests[tests["reason"] == ""]
-    text = caveat(tested[["n", "reference_n"]].min().min())
-    return [text] if text else []
-
-
-TEACHER = ["environment", "expert_knowledge", "teacher", *CONDITIONS]
-"""Columns that tell the results of one sentence: a teacher's at one level, of one kind."""
-
-
-def ranking(frames: Frames, share: float = 1.0, measure: str = MEASURE) -> pd.DataFrame:
+def ranking(frames: Frames, share: float = 1.0, measure: str = HEADLINE) -> pd.DataFrame:
     """Returns one row for each result: a teacher at a level on a challenge, pooled as the paper pools.
 
     Args:
-        frames: what was run.
-        share: of the budget, after which runs are read.
-        measure: of `tested.MEASURES`.
+        frames: results of `load`.
+        share: share of the budget after which runs are read.
+        measure: name of one of `tested.MEASURES`.
 
     Returns:
-        `pooling.POOLED`, runs, n, missing, mean and standard deviation (as mastered_percent_mean and _std),
-        worst (of a single run), rank (1 for the highest mean of a comparison), and of Welch's test against
-        Random: reference_n (its runs), difference, low, high, p, reason, and holm: p adjusted for all
-        teachers of the comparison. Best first.
+        `pooling.POOLED`, runs, n, missing, mean and standard deviation of the measure and of the last three
+        evaluations (as mastered_area_mean, last_three_std and so on), worst (of a single run), rank (1 for
+        the highest mean of a comparison), and of the test against Random the columns of
+        `statistics.Comparison` but n, and holm: p adjusted for all teachers of the comparison. Best first.
     """
     return ranked(runs_after(frames, share, training=False), measure)
 
 
-def ranked(runs: pd.DataFrame, measure: str = MEASURE) -> pd.DataFrame:
-    """Returns the rows of `ranking`, from runs of `student_pools.runs_after`."""
-    table = pooled(runs, [measure])
-    tests = pairwise(runs, measure, "random", detectable=False).rename(columns={"first": "teacher"})
-    columns = ["reference_n", "difference", "low", "high", "p", "holm", "reason"]
+def ranked(runs: pd.DataFrame, measure: str = HEADLINE) -> pd.DataFrame:
+    """Returns the rows of `ranking`, from runs of `pooling.runs_after`."""
+    table = pooled(runs, list(dict.fromkeys([measure, FINAL])))
+    tests = pairwise(runs, measure, BASELINE, detectable=False).rename(columns={"first": "teacher"})
+    columns = [*(name for name in TEST if name != "n"), "holm"]
     table = table.merge(tests[[*POOLED, *columns]], on=POOLED, how="left")
     table["reason"] = table["reason"].fillna("")
     worst = runs.groupby(POOLED, dropna=False, sort=True)[measure].min()  # in the order of `table`
@@ -218,34 +180,55 @@ def ranked(runs: pd.DataFrame, measure: str = MEASURE) -> pd.DataFrame:
     return table.sort_values([*COMPARED, "rank", "teacher"], ignore_index=True)
 
 
-def sentences(table: pd.DataFrame) -> list[str]:
-    """Returns what a `ranking` says of every teacher but Random, in plain words.
+def ranking_sentences(table: pd.DataFrame) -> list[str]:
+    """Returns sentences on every teacher of a `ranking` that was tested against Random."""
+    tested = table[table["p"].notna()].rename(columns={"teacher": "first"})
+    return sentences(tested.assign(second=BASELINE))
 
-    Differences count as found where p is under 0.05 after Holm's correction for all teachers of a challenge.
+
+def sentences(tests: pd.DataFrame) -> list[str]:
+    """Returns the results of tests in plain words, Random first; a result that several teachers share, once.
+
+    Differences count as found where p is under 0.05 after Holm's correction.
+
+    Args:
+        tests: rows of `frame.pairwise`.
     """
-    said, told = [], varying(table[table["p"].notna()])
-    for key, rows in table.groupby(TEACHER, sort=True, dropna=False):
-        environment, level, teacher = map(str, key[:3])
-        tested = rows[rows["p"].notna()]
-        if is_baseline(teacher) or tested.empty:
-            continue
-        better = int(((tested["holm"] < SIGNIFICANCE) & (tested["difference"] > 0)).sum())
-        worse = int(((tested["holm"] < SIGNIFICANCE) & (tested["difference"] < 0)).sum())
-        rest = len(tested) - better - worse
-        parts = [f"better than Random on {better} of {len(tested)}"]
-        parts += [f"worse on {worse}"] if worse else []
-        parts += [f"not distinguishable on {rest}"] if rest else []
-        few = in_brief(tested[["n", "reference_n"]].min().min())
-        where = ", ".join([environment, f"expert knowledge {level}", *condition_words(rows.iloc[0], told)])
-        said.append(f"{label(teacher)} ({where}): {', '.join(parts)} (p < {SIGNIFICANCE} after Holm{few}).")
-    return said
+    order = tests.assign(last=[not is_baseline(name) for name in tests["second"]])
+    told = varying(order)
+    same = ["environment", "expert_knowledge", *CONDITIONS, "first"]
+    found: dict[str, list[str]] = {}
+    for _, rows in order.groupby([*same, "last", "second"], sort=True, dropna=False):
+        row = rows.iloc[0]
+        environment = str(row["environment"]).replace("_", " ").capitalize()
+        words = [environment, f"expert knowledge {row['expert_knowledge']}", *condition_words(row, told)]
+        said = f"{', '.join(words)}: {label(str(row['first']))} is {_found(rows)}."
+        found.setdefault(said, []).append(label(str(row["second"])))
+    return [said.replace(OTHERS, listed(names)) for said, names in found.items()]
+
+
+def _found(rows: pd.DataFrame) -> str:
+    tested = rows[rows["p"].notna()]
+    if tested.empty:
+        reasons = ", ".join(dict.fromkeys(rows["reason"]))
+        return f"not tested against {OTHERS} ({reasons})"
+    verdicts = tested.apply(verdict, axis=1)
+    better, worse = int((verdicts == "better").sum()), int((verdicts == "worse").sum())
+    few = in_brief(tested[["n", "reference_n"]].min().min())
+    of = f"{len(tested)} challenge{'s' if len(tested) > 1 else ''}"
+    if not better and not worse:
+        brief = few.replace("; ", " (") + ")" if few else ""
+        return f"not distinguishable from {OTHERS} on any of {of}{brief}"
+    best = f"better than {OTHERS} on {better} of {of}" if better else f"on none of {of} better than {OTHERS}"
+    worst = f", worse on {worse}" if worse else ""
+    return f"{best}{worst} (p < {SIGNIFICANCE} after Holm{few})"
 
 
 def places(table: pd.DataFrame) -> list[str]:
     """Returns the challenge of each row, with what sets it apart from others of its name in the table.
 
     Args:
-        table: with the columns `pooling.COMPARED`.
+        table: results with the columns `pooling.COMPARED`.
     """
     here = ["environment", "challenge", "expert_knowledge"]
     several = ["pool", "test_sets", *(name for name in CONDITIONS if name != "variant")]

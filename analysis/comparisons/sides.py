@@ -11,26 +11,22 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from analysis.baselines.catalogue import as_baseline, published, read
-from analysis.comparisons.frame import pairwise
-from analysis.comparisons.sentences import in_brief
+from analysis.comparisons.frame import from_both_sides, pairwise
 from analysis.data.frames import Frames, joined
 from analysis.data.identity import NAMED, named_apart
 from analysis.data.reference import is_baseline
 from analysis.formatting import amount, listed
 from analysis.measures.pooling import (
     COMPARED,
-    CONDITIONS,
     POOLED,
-    condition_words,
     parts_of,
     pooled,
     result_runs,
-    varying,
 )
 from analysis.measures.run_measures import evaluations_at, run_measures
-from analysis.measures.tested import MEASURE
+from analysis.measures.tested import HEADLINE, PAPERS
 from analysis.names import label
-from analysis.statistics import SIGNIFICANCE, holm
+from analysis.statistics import holm
 from tma_ray.benchmark import MATRICES, TEACHERS
 from tma_ray.part_names import base_name
 from tma_ray.results import CHIPMUNK, SIMULATED
@@ -48,13 +44,10 @@ SAID = {
     "physics_version": "physics version",
     "mastery_threshold": "threshold of mastery",
 }
-"""Columns that results must share, beside their place, to be compared, and what they are called."""
+"""Columns that results must share besides their place to be compared, and their names in sentences."""
 
 PLACES = {"challenge": "challenges", "expert_knowledge": "expert knowledge"}
-"""Further columns of which two sides may have nothing in common, and what they are called."""
-
-OTHERS = "\N{OBJECT REPLACEMENT CHARACTER}"
-"""Place in a sentence of the teachers that it is said of."""
+"""Further columns of which two sides may have nothing in common, and their names in sentences."""
 
 FAMILY = [*COMPARED, "first"]
 """Tests of one teacher against all others on a challenge are corrected together."""
@@ -65,11 +58,11 @@ class Side:
     """Results from one place.
 
     Attributes:
-        name: what readers know them by.
-        engine: what simulated their worlds.
-        table: of `pooling.pooled`, or of `published.paper_frame`.
+        name: name that readers know them by.
+        engine: simulator of their worlds.
+        table: results of `pooling.pooled`, or of `reference.paper_frame`.
         runs: rows of `pooling.pool_runs`, Random at every level; None where only tables are known.
-        frames: what they were made of; None where `runs` is.
+        frames: results that they were made of; None where `runs` is.
     """
 
     name: str
@@ -82,11 +75,11 @@ class Side:
 def side_of(frames: Frames, name: str) -> Side:
     """Returns the results of a root or a release at the end of its runs."""
     runs = result_runs(frames, run_measures(frames))
-    return Side(name, _engine_of(runs), pooled(runs, [MEASURE]), runs, frames)
+    return Side(name, _engine_of(runs), pooled(runs, [PAPERS]), runs, frames)
 
 
 def named_jointly(mine: Side, baselines: Sequence[Side]) -> tuple[Side, list[Side], tuple[str, ...]]:
-    """Returns the same sides with names that stand for one thing in all of them, and what was split.
+    """Returns the same sides with names that mean one thing in all, and a sentence on each split name.
 
     What one root calls PPO may have other settings, or another version, in another root.
     """
@@ -100,7 +93,7 @@ def named_jointly(mine: Side, baselines: Sequence[Side]) -> tuple[Side, list[Sid
 
 
 def _engine_of(runs: pd.DataFrame) -> str:
-    """Returns what simulated the worlds of `runs`, and which version of our physics it was."""
+    """Returns the simulators of the worlds of `runs`, with the version of our physics."""
     found = []
     for engine in sorted(map(str, runs["engine"].unique())):
         rows = runs[runs["engine"] == engine]
@@ -132,8 +125,8 @@ def published_side(name: str, frame: pd.DataFrame) -> Side:
 def together(mine: Side, baselines: Sequence[Side], *, along: bool = False) -> pd.DataFrame:
     """Returns the runs that may be compared with each other: mine, and those of baselines of the same kind.
 
-    A baseline's teacher that I have run under the same conditions is left out: mine stands for it. Random
-    stands at every level, whoever ran it: it uses no expert knowledge.
+    A baseline's teacher that I have run under the same conditions is left out: mine replaces it. Random
+    counts at every level, whoever ran it: it uses no expert knowledge.
 
     Args:
         mine: results of one's own.
@@ -160,65 +153,21 @@ def new_teachers(mine: Side) -> list[str]:
     return [teacher for teacher in teachers if teacher not in TEACHERS] or teachers
 
 
-def duels(runs: pd.DataFrame, teachers: Sequence[str], measure: str = MEASURE) -> pd.DataFrame:
+def duels(runs: pd.DataFrame, teachers: Sequence[str], measure: str = HEADLINE) -> pd.DataFrame:
     """Returns the test of each of `teachers` against every other one, challenge by challenge.
 
     Args:
         runs: rows of `together`.
-        teachers: that are looked at.
+        teachers: names of the teachers in question.
         measure: column of `runs`.
 
     Returns:
         Of `pairwise.pairwise`, with the teacher that is looked at first, and holm over all that it is tested
         against on a challenge.
     """
-    tests = pairwise(runs, measure, detectable=False)
-    swapped = tests.assign(
-        first=tests["second"],
-        second=tests["first"],
-        difference=-tests["difference"],
-        low=-tests["high"],
-        high=-tests["low"],
-        n=tests["reference_n"],
-        reference_n=tests["n"],
-        t=-tests["t"],
-    )
-    both = pd.concat([tests, swapped], ignore_index=True)
+    both = from_both_sides(pairwise(runs, measure, detectable=False))
     both = both[both["first"].isin(teachers)].reset_index(drop=True)
-    both["holm"] = both.groupby(FAMILY, dropna=False)["p"].transform(holm)
-    return both
-
-
-def sentences(tests: pd.DataFrame) -> list[str]:
-    """Returns what `duels` found in plain words, Random first; what is said of several teachers, once."""
-    order = tests.assign(last=~tests["second"].map(is_baseline)) if len(tests) else tests.assign(last=False)
-    told = varying(order)
-    same = ["environment", "expert_knowledge", *CONDITIONS, "first"]
-    found: dict[str, list[str]] = {}
-    for _, rows in order.groupby([*same, "last", "second"], sort=True, dropna=False):
-        row = rows.iloc[0]
-        environment = str(row["environment"]).replace("_", " ").capitalize()
-        words = [environment, f"expert knowledge {row['expert_knowledge']}", *condition_words(row, told)]
-        said = f"{', '.join(words)}: {label(str(row['first']))} is {_found(rows)}."
-        found.setdefault(said, []).append(label(str(row["second"])))
-    return [said.replace(OTHERS, listed(names)) for said, names in found.items()]
-
-
-def _found(rows: pd.DataFrame) -> str:
-    tested = rows[rows["p"].notna()]
-    if tested.empty:
-        reasons = ", ".join(dict.fromkeys(rows["reason"]))
-        return f"not tested against {OTHERS} ({reasons})"
-    sure = tested[tested["holm"] < SIGNIFICANCE]
-    better, worse = int((sure["difference"] > 0).sum()), int((sure["difference"] < 0).sum())
-    few = in_brief(tested[["n", "reference_n"]].min().min())
-    of = f"{len(tested)} challenge{'s' if len(tested) > 1 else ''}"
-    if not better and not worse:
-        brief = few.replace("; ", " (") + ")" if few else ""
-        return f"not distinguishable from {OTHERS} on any of {of}{brief}"
-    best = f"better than {OTHERS} on {better} of {of}" if better else f"on none of {of} better than {OTHERS}"
-    worst = f", worse on {worse}" if worse else ""
-    return f"{best}{worst} (p < {SIGNIFICANCE} after Holm{few})"
+    return both.assign(holm=both.groupby(FAMILY, dropna=False)["p"].transform(holm))
 
 
 def incomparable(mine: Side, baselines: Sequence[Side], runs: pd.DataFrame) -> list[str]:
@@ -240,7 +189,7 @@ def incomparable(mine: Side, baselines: Sequence[Side], runs: pd.DataFrame) -> l
 
 
 def _apart(mine: Side, baseline: Side) -> str:
-    """Returns what no result of a baseline has in common with mine, and how to have results that do."""
+    """Returns the conditions that no result of a baseline shares with mine, and a command to repeat them."""
     if baseline.runs is None:
         return (
             f"its tables are of {baseline.engine}, and are set beside, untested; a release of runs, as "
@@ -269,12 +218,12 @@ def beside(mine: Side, baseline: Side) -> pd.DataFrame:
     if baseline.runs is not None:
         theirs = theirs[~_among(theirs, mine.table, COMPARED)]
     differs = [_differences(row, mine, baseline) for _, row in theirs.iterrows()]
-    columns = [*PLACE, "teacher", "n", f"{MEASURE}_mean", f"{MEASURE}_std"]
+    columns = [*PLACE, "teacher", "n", f"{PAPERS}_mean", f"{PAPERS}_std"]
     return theirs[columns].assign(differs=differs).reset_index(drop=True)
 
 
 def _among(frame: pd.DataFrame, others: pd.DataFrame, columns: list[str]) -> NDArray[np.bool_]:
-    """Returns which rows of `frame` agree with any of `others` in all of `columns`."""
+    """Returns a mask of the rows of `frame` that agree with any of `others` in all of `columns`."""
     if frame.empty or others.empty:
         return np.zeros(len(frame), dtype=bool)
     known = pd.MultiIndex.from_frame(others[columns])

@@ -27,7 +27,7 @@ track; worlds with a mastery threshold of their own are coloured from the 2nd to
 
 @dataclass(frozen=True, eq=False)
 class Curriculum:
-    """What one run has to show of its curriculum.
+    """Curriculum of one run.
 
     Attributes:
         episodes: step, task, world_task and episodic_return.
@@ -35,7 +35,7 @@ class Curriculum:
         updates: step, gaussians, boxes and scalars of the teacher.
         steps: length of the run.
         mastery: episodic return over which a task is mastered.
-        seed: of the run.
+        seed: seed of the run.
     """
 
     episodes: pd.DataFrame
@@ -57,7 +57,7 @@ class Curriculum:
         return stack(column)
 
     def during(self, part: int) -> Curriculum:
-        """Returns what happened in one of the `PANELS` equal parts of the run."""
+        """Returns the curriculum during one of the `PANELS` equal parts of the run."""
         low, high = self.steps * part / PANELS, self.steps * (part + 1) / PANELS
 
         def cut(frame: pd.DataFrame) -> pd.DataFrame:
@@ -124,7 +124,7 @@ def boxes_of(update: pd.Series) -> list[dict[str, Any]]:
 
 
 def curriculum_of(frames: Frames, run: pd.Series) -> Curriculum:
-    """Returns what there is of the curriculum of one run, a row of `Frames.cells`."""
+    """Returns the curriculum of one run, a row of `Frames.cells`."""
     check_kind("run", run, pd.Series, "a row of frames.cells")
     (found,) = curricula_of_runs(frames, [run])
     return found

@@ -43,7 +43,7 @@ RETURNS = ["run_id", "step", "episodes", "mean_return"]
 """Columns that views read of the windows of training: of thousands of small files each column takes time."""
 
 MACHINE_TIMES = ["wall_seconds", "env_steps_per_second", "host", "fingerprint"]
-"""Columns that views read of attempts, likewise."""
+"""Columns that views read of attempts."""
 
 P = ParamSpec("P")
 
@@ -51,7 +51,7 @@ SHOWN_RUNS = 3
 """Runs that a message about an unknown one names."""
 
 STATUSES = ("done", "running", "failed", "waiting")
-"""What a run of a cell may be; waiting is a cell whose run has not started."""
+"""States of the run of a cell; waiting is a cell whose run has not started."""
 
 
 @dataclass(frozen=True)
@@ -61,15 +61,15 @@ class Frames:
     Attributes:
         cells: one row per cell and run: `GROUP`, campaign, seed, run_id, status, error, spec, steps,
             test_set, physics_version, and of the spec `SETTINGS`: engine (what simulated the worlds),
-            mastery_threshold, settings and identity. Names that would stand for several things are split:
+            mastery_threshold, settings and identity. Names that would mean several things are split:
             see `identity.named_apart`.
         evaluations: run_id, step, test_set, task_index, episodic_return, and mastered: whether that
             is over the threshold of its run.
         measured: one row per run and evaluation, of `evaluations.evaluation_measures`: computed once.
         test_tasks: test_set, task_index, task (float32 (d,)).
-        told: what a reader must know of cells and evaluations before trusting a comparison.
-        results: where the long tables are read from.
-        elsewhere: where those of a run are read from that other results hold, of several joined roots.
+        told: warnings on cells and evaluations, to be read before trusting a comparison.
+        results: source of the long tables.
+        elsewhere: sources of the long tables of runs that another of several joined roots holds, by run id.
     """
 
     cells: pd.DataFrame
@@ -246,7 +246,7 @@ def positions(run_ids: pd.Series) -> dict[str, NDArray[np.int64]]:
     """Returns the rows of each run in a table, in order, by run id.
 
     Args:
-        run_ids: of the table's rows (n,).
+        run_ids: run id of each row of the table (n,).
     """
     known = run_ids.astype("category").cat
     order = np.argsort(known.codes.to_numpy(), kind="stable")
@@ -311,11 +311,11 @@ STATE = ["status", "error", "spec", "steps", "test_set", "physics_version", *SET
 def joined(frames: Sequence[Frames]) -> Frames:
     """Returns the runs of several roots as those of one: named together, every run once.
 
-    A name that stands for different things in different roots is split, as within a root. A run that several
+    A name that means different things in different roots is split, as within a root. A run that several
     roots have is read where it got furthest, in the first of them if it is finished in several.
 
     Args:
-        frames: of `load`, at least one.
+        frames: results of `load`, at least one.
     """
     first, *others = frames
     if not others:
@@ -338,22 +338,18 @@ def joined(frames: Sequence[Frames]) -> Frames:
         test_tasks=test_tasks.drop_duplicates(["test_set", "task_index"]).reset_index(drop=True),
         results=first.results,
         told=tuple(dict.fromkeys(told)),
-        elsewhere={run_id: _results(frames[place], run_id) for run_id, place in places.items() if place},
+        elsewhere={run_id: frames[place].results_of(run_id) for run_id, place in places.items() if place},
     )
 
 
 def _places(frames: Sequence[Frames]) -> dict[str, int]:
-    """Returns which of `frames` each run is read from."""
+    """Returns the number of the frames that each run is read from."""
     ranks: dict[str, tuple[int, int]] = {}
     for place, each in enumerate(frames):
         for run_id, status in each.cells[["run_id", "status"]].itertuples(index=False, name=None):
             rank = STATUSES.index(status), place
             ranks[run_id] = min(rank, ranks.get(run_id, rank))
     return {run_id: place for run_id, (_, place) in ranks.items()}
-
-
-def _results(frames: Frames, run_id: str) -> Results:
-    return frames.elsewhere.get(run_id, frames.results)
 
 
 def _cells(frames: Sequence[Frames], places: dict[str, int]) -> pd.DataFrame:

@@ -1,7 +1,7 @@
 """The identity of results: runs that differ in anything that identifies them have different names.
 
 Every view groups runs by the names of their environment, challenge, body, student, teacher and test set. A
-name that stands for different things among some runs (another version of an algorithm, another content of a
+name that means different things among some runs (another version of an algorithm, another content of a
 file, other hyper-parameters under the same label) would pool what must not be pooled. So each such name is
 split here, once, when results are read: most runs keep the plain name, the others get one that says what
 differs.
@@ -33,7 +33,7 @@ OF_BODIES = ("embodiment", "original_embodiment")
 """Options of environments that name the body, as its own column does; the second of imported runs."""
 
 WITHIN = ["engine", "physics_version"]
-"""Columns that keep runs apart everywhere, so that the same name may stand for something else there."""
+"""Columns that keep runs apart everywhere, so that the same name may mean something else there."""
 
 CONDITIONS = {
     "steps": "{:,.0f} steps",
@@ -51,10 +51,10 @@ BEFORE_VERSIONS = "before 1"
 
 
 def identity(spec: Mapping[str, Any]) -> dict[str, dict[str, Any]]:
-    """Returns what identifies each part of a run, by the column of `NAMED` that names it.
+    """Returns the identity of each part of a run, by the column of `NAMED` that names it.
 
     Args:
-        spec: of the run, JSON values; empty for a run that says nothing of itself.
+        spec: specification of the run, JSON values; empty for a run without one.
     """
     options = {
         key: value for key, value in spec.get("environment_options", {}).items() if key not in OF_BODIES
@@ -72,19 +72,19 @@ def identity(spec: Mapping[str, Any]) -> dict[str, dict[str, Any]]:
 
 
 def named_apart(cells: Sequence[pd.DataFrame]) -> tuple[list[pd.DataFrame], tuple[str, ...]]:
-    """Returns the cells of one or several roots with names that stand for one thing each, and what was split.
+    """Returns the cells of one or several roots with names that mean one thing each, and the split names.
 
     Points of searches for hyper-parameters, which differ by design, keep their names.
 
     Args:
-        cells: of `load.Frames`, with the column identity (JSON of `identity`, null for runs that wait). Names
-            that were split before are first put together again, so that roots can be named jointly.
+        cells: cells of `Frames`, with the column identity (JSON of `identity`, null for runs that
+            wait). Names that were split before are first united, so that roots can be named jointly.
 
     Returns:
         The same rows with other names, and a sentence for each new name.
     """
     frames = [_with_plain_names(frame) for frame in cells]
-    identified = [_identified(frame) for frame in frames]
+    identified = [each["identity"].notna() & ~of_searches(each["experiment"]) for each in frames]
     known = pd.concat(
         [frame[apart] for frame, apart in zip(frames, identified, strict=True)], ignore_index=True
     )
@@ -108,7 +108,7 @@ def experiments_apart(cells: pd.DataFrame) -> tuple[pd.DataFrame, tuple[str, ...
     The runs of a place that differ from most get another name of their experiment, which says how.
 
     Args:
-        cells: of `load.Frames`.
+        cells: cells of `Frames`.
 
     Returns:
         The same rows, and a sentence for each new name.
@@ -138,7 +138,7 @@ def searches() -> list[Matrix]:
 
 
 def of_searches(experiments: pd.Series) -> pd.Series:
-    """Returns which of `experiments` are points of a search, by their names."""
+    """Returns a mask of the `experiments` that are points of a search, by their names."""
     names = "|".join(matrix.name for matrix in searches())
     search = re.compile(rf"({names})(_\d+)?( \(.*\))?")
     found = {name: search.fullmatch(name) is not None for name in experiments.unique()}
@@ -161,7 +161,7 @@ def _of_part(spec: Mapping[str, Any], part: str, files: Mapping[str, str]) -> di
 
 
 def _challenge(spec: Mapping[str, Any]) -> dict[str, Any]:
-    """Returns what a challenge asks, its resets as shares of the budget."""
+    """Returns the identity of a challenge, with its resets as shares of the budget."""
     steps = spec.get("schedule", {}).get("steps") or 1
     space = {
         dimension["name"]: f"{dimension['low']:g}..{dimension['high']:g}"
@@ -181,12 +181,8 @@ def _with_plain_names(cells: pd.DataFrame) -> pd.DataFrame:
     return cells.assign(**{name: [json.loads(text)[name] for text in cells["names"]] for name in NAMED})
 
 
-def _identified(cells: pd.DataFrame) -> pd.Series:
-    return cells["identity"].notna() & ~of_searches(cells["experiment"])
-
-
 def _variants(cells: pd.DataFrame, column: str) -> list[tuple[Any, ...]]:
-    """Returns where the name of each row is one name, the name, and the settings that it stands for."""
+    """Returns the scope of the name of each row, the name, and the settings that it means."""
     places = [*WITHIN, "environment"] if column == "challenge" else WITHIN
     codes, texts = pd.factorize(cells["identity"], use_na_sentinel=False)  # long, and few
     settings = [_settings(text, column) for text in texts]

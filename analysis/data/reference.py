@@ -21,7 +21,7 @@ _RANKS = {level.value: level.rank for level in KnowledgeLevel}
 
 
 def is_baseline(teacher: str) -> bool:
-    """Tells whether `teacher` is the Random baseline."""
+    """True if `teacher` is the Random baseline."""
     return teacher.lower() == BASELINE
 
 
@@ -37,7 +37,7 @@ def baseline_runs(
     """Returns the runs of Random that the teachers of one comparison are tested against.
 
     Random uses no expert knowledge, and whose campaign it ran in makes no difference. So where the comparison
-    has none of its own, those of one other place serve: of the same experiment if it has any, and of the
+    has none of its own, those of one other place are used: of the same experiment if it has any, and of the
     lowest level.
 
     Args:
@@ -67,7 +67,7 @@ PAPER = "paper-2021"
 """Name of the tables of the paper among the baselines."""
 
 PAPER_ENGINE = BOX2D
-"""What simulated the paper's worlds; ours are Chipmunk's."""
+"""Simulator of the paper's worlds; ours is Chipmunk."""
 
 PAPER_STEPS = 20_000_000
 """Training steps behind the paper's tables."""

@@ -17,9 +17,9 @@ def check_columns(name: str, table: object, columns: Sequence[str]) -> None:
     """Refuses what is not a table with these columns.
 
     Args:
-        name: of the argument.
+        name: name of the argument.
         table: its value.
-        columns: that it needs.
+        columns: columns that it needs.
 
     Raises:
         TypeError: it is not a table, or `columns` is one text.
@@ -100,7 +100,7 @@ def evaluation_warnings(measured: pd.DataFrame) -> list[str]:
     """Returns a sentence on the returns that are NaN or infinite, with their number and whose they are.
 
     Args:
-        measured: of `evaluation_measures`.
+        measured: rows of `evaluation_measures`.
     """
     excluded = measured[measured["not_finite"] > 0]
     if excluded.empty:

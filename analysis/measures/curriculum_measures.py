@@ -58,13 +58,13 @@ def coverage_and_entropy(tasks: Task, space: TaskSpace, bins: int = BINS) -> tup
 def curriculum_measures(
     frames: Frames, run_ids: Iterable[str], at: int | None = None, bins: int = BINS
 ) -> pd.DataFrame:
-    """Returns how all probed tasks of a run cover its task space: run_id, tasks, coverage, entropy.
+    """Returns coverage and entropy of all probed tasks of a run: run_id, tasks, coverage, entropy.
 
     Probed tasks are what a teacher would teach, without its exploration. The table of them is long: ask
     for the runs that are needed.
 
     Args:
-        frames: where the probed tasks are.
+        frames: results with the probed tasks.
         run_ids: runs to measure, one row each, in this order.
         at: steps up to which probes count; None for all.
         bins: cells of the grid along each dimension.
@@ -82,10 +82,10 @@ def curriculum_measures(
 
 
 def curriculum_curves(frames: Frames, run_ids: Iterable[str], bins: int = BINS) -> pd.DataFrame:
-    """Returns how each probe covers the task space: run_id, step, tasks, coverage, entropy.
+    """Returns coverage and entropy of each probe: run_id, step, tasks, coverage, entropy.
 
     Args:
-        frames: where the probed tasks are.
+        frames: results with the probed tasks.
         run_ids: runs to measure.
         bins: cells of the grid along each dimension.
     """

@@ -85,50 +85,88 @@ def _recent_returns(episodes: pd.DataFrame) -> pd.DataFrame:
     return pd.DataFrame({"run_id": run_id, "step": steps, "training_return": means[latest]})
 
 
+LAST = 3
+"""Evaluations at the end of a run whose mean is steadier than the last alone."""
+
+MEASURED = ["mastered_area", "last_three", "mastered_percent", "evaluation_return"]
+"""Measures of a run until an evaluation, the headline first."""
+
+
+@computed_once
+def measured_so_far(frames: Frames) -> pd.DataFrame:
+    """Returns run_id, step and `MEASURED` of each evaluation, as if the run had ended there.
+
+    Evaluations with returns that are not finite are left out. last_three is the mean of mastered % at the
+    last three evaluations, of all if there are fewer; that of the untrained student, at step 0, counts only
+    if it is the last. mastered_area is the mean of mastered % over the steps: area under the curve, by
+    trapezoids; the first value of the curve holds until then.
+    """
+    curves = frames.measured[frames.measured["not_finite"] == 0].reset_index(drop=True)
+    steps, mastered = curves["step"].to_numpy(float), curves["mastered_percent"].to_numpy(float)
+    runs = curves["run_id"]
+    before = curves.groupby("run_id", sort=False)[["step", "mastered_percent"]].shift()
+    first = before["step"].isna().to_numpy()
+    inner = (steps - before["step"]) * (mastered + before["mastered_percent"]) / 2
+    area = inner.where(~first, steps * mastered).groupby(runs, sort=False).cumsum()
+    trained = pd.Series(mastered).where(steps > 0).groupby(runs, sort=False)
+    late = pd.concat([trained.shift(count) for count in range(LAST)], axis=1).mean(axis=1)
+    return curves.assign(
+        mastered_area=np.where(steps > 0, area / np.where(steps > 0, steps, 1.0), mastered),
+        last_three=np.where(steps > 0, late, mastered),
+    )[["run_id", "step", *MEASURED]]
+
+
+def area_over(budget: pd.Series, ends: pd.DataFrame) -> pd.Series:
+    """Returns mastered_area over the budget of runs whose last value holds until its end.
+
+    Args:
+        budget: steps of each run.
+        ends: last row of `measured_so_far` of each run, with the same index.
+    """
+    share = ends["step"].astype(float) / budget
+    return share * ends["mastered_area"] + (1 - share) * ends["mastered_percent"]
+
+
 @computed_once
 def final_evaluations(frames: Frames) -> pd.DataFrame:
-    """Returns the evaluation that stands for each run, with its measures.
+    """Returns the evaluation at which each run is read, with its measures.
 
-    The columns are `GROUP`, `CONDITIONS`, seed, run_id, status, step, provisional and the measures.
-    A finished run is read at its last evaluation. A group in which no run has finished is read, and
-    marked provisional, at the last step that all its running runs have reached. Failed runs are left
-    out: where they stopped says nothing about the teacher. So are runs whose evaluation there has
-    returns that are not finite.
+    The columns are `GROUP`, `CONDITIONS`, seed, run_id, status, step, provisional, `MEASURED` and the
+    training return in the first and the last quarter. A finished run is read at its last evaluation. A group
+    in which no run has finished is read, and marked provisional, at the last step that all its running runs
+    have reached. Failed runs are left out: where they stopped says nothing about the teacher. So are runs
+    whose evaluation there has returns that are not finite.
     """
-    rows = unfailed(frames.cells).merge(frames.measured, on="run_id")
-    rows["provisional"] = ~_any_done(rows)
+    rows = unfailed(frames.cells).merge(frames.measured[["run_id", "step", "not_finite"]], on="run_id")
+    groups = [rows[column] for column in GROUP]
+    rows["provisional"] = ~rows["status"].eq("done").groupby(groups).transform("any")
     rows = rows[rows["provisional"] | (rows["status"] == "done")]
     last = rows.groupby([*GROUP, "run_id"])["step"].transform("max")
     reached = last.groupby([rows[column] for column in GROUP]).transform("min")
     limit = last.where(~rows["provisional"], reached)
     rows = rows[rows["step"] <= limit].sort_values("step", kind="stable")
     rows = rows.drop_duplicates([*GROUP, "run_id"], keep="last")
-    rows = rows[rows["not_finite"] == 0].merge(training_quarters(frames), how="left")
-    columns = [
-        "step",
-        "provisional",
-        "mastered_percent",
-        "evaluation_return",
-        "first_quarter",
-        "last_quarter",
-    ]
+    rows = rows[rows["not_finite"] == 0].merge(measured_so_far(frames), on=["run_id", "step"])
+    ended = ~rows["provisional"]
+    rows["mastered_area"] = area_over(rows["steps"].astype(float).where(ended, rows["step"]), rows)
+    rows = rows.merge(training_quarters(frames), how="left")
+    columns = ["step", "provisional", *MEASURED, "first_quarter", "last_quarter"]
     rows = rows[[*GROUP, *CONDITIONS, "seed", "run_id", "status", *columns]]
     return rows.sort_values([*GROUP, "seed"], ignore_index=True)
 
 
 @computed_once
 def evaluation_curves(frames: Frames) -> pd.DataFrame:
-    """Returns one row per run and evaluation with `GROUP`, of every run that did not fail.
+    """Returns one row per run and evaluation with `GROUP` and `MEASURED`, of every run that did not fail.
 
     Evaluations with returns that are not finite are left out.
     """
-    measured = frames.measured[frames.measured["not_finite"] == 0].drop(columns="not_finite")
-    return unfailed(frames.cells).merge(measured, on="run_id")
+    return unfailed(frames.cells).merge(measured_so_far(frames), on="run_id")
 
 
 @computed_once
 def ceilings(frames: Frames) -> pd.DataFrame:
-    """Returns how much of each test set any run ever masters, one row each.
+    """Returns the share of each test set that any run ever masters, one row each.
 
     Tasks that no run ever masters are beyond this student and budget: they bound the results of all teachers.
 
@@ -179,8 +217,8 @@ def mastered_tasks(frames: Frames, finals: pd.DataFrame) -> pd.DataFrame:
     """Returns `GROUP`, test_set, task_index, n and share: seeds that master each test task.
 
     Args:
-        frames: where the evaluations are.
-        finals: what `final_evaluations` returned; tells which evaluation counts for each run.
+        frames: results with the evaluations.
+        finals: rows of `final_evaluations`, which name the evaluation that counts for each run.
     """
     check_columns("finals", finals, [*GROUP, "run_id", "step"])
     evaluations = frames.evaluations_of(finals["run_id"].unique())
@@ -201,16 +239,11 @@ def summarise(frames: Frames, finals: pd.DataFrame) -> pd.DataFrame:
         row |= {"seeds": seeds["run_id"].nunique(), "n": len(mine)}
         row |= {status: int((seeds["status"] == status).sum()) for status in STATUSES}
         row |= {"step": mine["step"].max(), "provisional": bool(mine["provisional"].any())}
-        for measure in ("mastered_percent", "evaluation_return", "first_quarter", "last_quarter"):
+        for measure in (*MEASURED, "first_quarter", "last_quarter"):
             description = describe(mine[measure])
             row |= {f"{measure}_mean": description.mean, f"{measure}_std": description.std}
         rows.append(row)
     return pd.DataFrame(rows)
-
-
-def _any_done(rows: pd.DataFrame) -> pd.Series:
-    done = rows["status"] == "done"
-    return done.groupby([rows[column] for column in GROUP]).transform("any")
 
 
 POINTS = ["searched", "experiment", "point", "chosen", "n", "mean", "std"]

@@ -98,7 +98,7 @@ def shipped_together(environments: Iterable[str]) -> dict[tuple[str, str, str], 
 
 
 def variants(rows: pd.DataFrame) -> list[str]:
-    """Returns how the pool of each row differs from the paper's, in words; empty where it does not.
+    """Returns the differences of each row's pool from the paper's, in words; empty where there are none.
 
     Results of one variant have one pool a challenge, so that aggregates over challenges count each once.
 
@@ -130,7 +130,7 @@ def _variant(engine: str, environment: str, challenge: str, pool: str, test_sets
 
 
 SETTINGS = ["steps", "test_sets", "engine", "physics_version", "mastery_threshold"]
-"""What runs must have in common besides, for their numbers to mean the same."""
+"""Further columns that runs must have in common for their numbers to mean the same."""
 
 COMPARED = ["environment", "challenge", "pool", "expert_knowledge", *SETTINGS, "variant"]
 """Columns that teachers must have in common to be compared."""
@@ -155,9 +155,9 @@ def pool_runs(
     agree on their settings.
 
     Args:
-        cells: of `load.Frames`.
+        cells: cells of `Frames`.
         values: measures by run_id, as from `run_measures` or `evaluations_at`.
-        matrices: which bodies and students belong together on which challenge.
+        matrices: bodies and students that belong together, by challenge.
 
     Returns:
         `POOLED`, `PARTS`, seed, run_id, status, settings (digest of the spec without the seed), and the
@@ -198,9 +198,9 @@ def pooled(
     """Returns the result of each teacher: n, mean and standard deviation of measures over its pool.
 
     Args:
-        runs: of `pool_runs`, one row per run. A run without the first measure is not counted.
+        runs: rows of `pool_runs`, one per run. A run without the first measure is not counted.
         measures: columns of `runs`.
-        by: of `PARTS`, to have a row for each body or student instead; or step, with the values of
+        by: columns of `PARTS`, to have a row for each body or student instead; or step, with values of
             `evaluations_at`, for learning curves over the runs that got to each step.
 
     Returns:
@@ -237,7 +237,7 @@ def pooled(
 def reuse_random(runs: pd.DataFrame) -> pd.DataFrame:
     """Returns `runs` with Random at every level of expert knowledge at which another teacher was run.
 
-    Which of its runs serve where it was not run is the rule of `reference.baseline_runs`.
+    The rule of `reference.baseline_runs` chooses the runs for levels at which it was not run.
     """
     if runs.empty:
         return runs
@@ -348,9 +348,9 @@ def runs_after(frames: Frames, share: float = 1.0, *, training: bool = True) -> 
     """Returns `result_runs` after a share of the budget of each run; 1 for the ends of runs.
 
     Args:
-        frames: what was run.
-        share: of each run's own budget.
-        training: of `run_measures`.
+        frames: results of `load`.
+        share: share of each run's own budget.
+        training: as in `run_measures`.
     """
     return _runs_after(frames, share, training)
 
@@ -367,7 +367,7 @@ def result_runs(frames: Frames, values: pd.DataFrame) -> pd.DataFrame:
     One rule for all readers.
 
     Args:
-        frames: what was run.
+        frames: results of `load`.
         values: measures by run_id, as from `run_measures` or `evaluations_at`.
 
     Returns:
@@ -378,7 +378,7 @@ def result_runs(frames: Frames, values: pd.DataFrame) -> pd.DataFrame:
 
 @computed_once
 def _members(frames: Frames) -> pd.DataFrame:
-    """Returns which runs are results of which pools: the same whatever is measured of them, and when."""
+    """Returns the runs of all pools: the same whatever is measured of them, and when."""
     groups = by_students(without_searches(frames.cells))
     parts = [pool_members(chosen, matrices) for _, matrices, chosen in groups]
     members = pd.concat(parts, ignore_index=True).drop_duplicates([*POOLED, "run_id"])

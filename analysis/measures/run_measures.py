@@ -9,7 +9,7 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from analysis.data.frames import Frames, computed_once
-from analysis.measures.evaluations import training_curves
+from analysis.measures.evaluations import MEASURED, area_over, measured_so_far, training_curves
 from tma_ray.arguments import check_names
 from tma_ray.commands.values import SHARE, STEP
 
@@ -18,9 +18,6 @@ NOT_FINITE = "returns not finite"
 
 TRAINING_RETURN = "training_return"
 
-LAST = 3
-"""Evaluations at the end of a run whose mean is steadier than the last alone."""
-
 SHARES = (0.5, 0.9)
 """Shares of what a run masters in the end, of which it is measured when they are reached."""
 
@@ -28,10 +25,7 @@ SHARES = (0.5, 0.9)
 def measure_names(shares: Sequence[float] = SHARES) -> list[str]:
     """Returns the columns of `run_measures` that are measures, in order."""
     return [
-        "mastered_percent",
-        "evaluation_return",
-        "last_three",
-        "mastered_area",
+        *MEASURED,
         *map(steps_to, shares),
         "forgotten_percent",
         TRAINING_RETURN,
@@ -55,22 +49,19 @@ def run_measures(
     """Returns one row per run, with what it came to at the end of its budget.
 
     Args:
-        frames: where runs, evaluations and training windows are.
+        frames: results with runs, evaluations and training windows.
         at: steps after which runs are measured, as if that had been their budget; those still under way
             count once they have been evaluated there. None for each run's own budget.
-        shares: of the final mastered %, each of which gets a column `steps_to`.
-        share: of each run's own budget after which it is measured, likewise; 1 for all of it.
-        training: whether there is a column training_return, for which more files are read.
+        shares: shares of the final mastered %, each of which gets a column `steps_to`.
+        share: share of each run's own budget after which it is measured; 1 for all of it.
+        training: True for a column training_return, for which more files are read.
 
     Returns:
         Sorted by run_id, with the columns
 
         - run_id, steps (at which it is measured), step (of the last evaluation until then);
-        - mastered_percent and evaluation_return, of that evaluation;
-        - last_three, the mean of mastered % at the last three of these evaluations, of all if there
-          are fewer; that of the untrained student, at step 0, counts only if it is the last;
-        - mastered_area, the mean of mastered % over the budget: area under the curve, by trapezoids,
-          through steps; its first and last values hold where no evaluation is;
+        - `evaluations.MEASURED`, of that evaluation; mastered_area is over the whole budget, at the end of
+          which its last value holds;
         - steps_to_50_percent and so on: first evaluation that masters this share of the final mastered %;
           NaN where that is 0;
         - forgotten_percent: of the test tasks, those mastered at an earlier evaluation and not at the last;
@@ -88,8 +79,10 @@ def run_measures(
     rows.loc[(rows["reason"] == "") & rows["step"].isna(), "reason"] = "not evaluated"
     broken = ends["not_finite"].reindex(rows.index, fill_value=0) > 0
     rows.loc[(rows["reason"] == "") & broken, "reason"] = NOT_FINITE
-    rows = rows.join(ends[["mastered_percent", "evaluation_return"]])
-    rows = rows.join(_of_curves(curves, rows["steps"], shares))
+    last = measured_so_far(frames).merge(ends["step"].reset_index(), on=["run_id", "step"])
+    rows = rows.join(last.set_index("run_id")[MEASURED])
+    rows["mastered_area"] = area_over(rows["steps"], rows)
+    rows = rows.join(_steps_to(curves, shares))
     rows["forgotten_percent"] = _forgotten(_until(frames, rows, cut=len(within) < len(everything)), within)
     measures = [name for name in measure_names(shares) if training or name != TRAINING_RETURN]
     if training:
@@ -100,17 +93,17 @@ def run_measures(
 
 @computed_once
 def evaluations_at(frames: Frames, steps: Iterable[int]) -> pd.DataFrame:
-    """Returns what every run had come to at each of `steps`, of runs that got there and did not fail.
+    """Returns the measures of every run at each of `steps`, of runs that got there and did not fail.
 
     Returns:
-        step (the one asked for), run_id, evaluated_at (step of the last evaluation at or before it),
-        mastered_percent, evaluation_return.
+        step (the one asked for), run_id, evaluated_at (step of the last evaluation at or before it), and
+        `evaluations.MEASURED` until then.
     """
     check_names("steps", steps)
     steps = list(steps)
     for step in steps:
         STEP.check("step", step)
-    curves = frames.measured
+    curves = frames.measured[["run_id", "step"]].merge(measured_so_far(frames), how="left")
     curves = curves.rename(columns={"step": "evaluated_at"}).sort_values("evaluated_at", kind="stable")
     reached = _reached(frames, curves.rename(columns={"evaluated_at": "step"}))
     standing = [_standing(frames, step, reached).assign(step=step) for step in sorted(steps)]
@@ -118,9 +111,7 @@ def evaluations_at(frames: Frames, steps: Iterable[int]) -> pd.DataFrame:
     asked = asked.loc[asked["reason"] == "", ["step", "run_id"]].astype({"step": "int64", "run_id": object})
     rows = pd.merge_asof(asked, curves, left_on="step", right_on="evaluated_at", by="run_id")
     rows = rows[rows["evaluated_at"].notna()]
-    return rows[["step", "run_id", "evaluated_at", "mastered_percent", "evaluation_return"]].reset_index(
-        drop=True
-    )
+    return rows[["step", "run_id", "evaluated_at", *MEASURED]].reset_index(drop=True)
 
 
 def training_returns_at(frames: Frames, steps: Iterable[int]) -> pd.DataFrame:
@@ -192,27 +183,17 @@ def _standing(frames: Frames, at: int | None, reached: pd.Series, share: float =
     return pd.DataFrame({"steps": steps, "reason": reason})
 
 
-def _of_curves(curves: pd.DataFrame, budgets: pd.Series, shares: Sequence[float]) -> pd.DataFrame:
-    """Returns last_three, mastered_area and `steps_to` of each share, by run_id."""
+def _steps_to(curves: pd.DataFrame, shares: Sequence[float]) -> pd.DataFrame:
+    """Returns `steps_to` of each share, by run_id."""
     found: dict[str, list[float]] = {}
-    run_ids, all_steps = curves["run_id"].to_numpy(object), curves["step"].to_numpy(float)
-    all_mastered = curves["mastered_percent"].to_numpy(float)
+    run_ids, steps = curves["run_id"].to_numpy(object), curves["step"].to_numpy(float)
+    mastered = curves["mastered_percent"].to_numpy(float)
     starts = np.flatnonzero(np.append(True, run_ids[1:] != run_ids[:-1])) if len(curves) else np.zeros(0, int)
     pieces = zip(starts, [*starts[1:], len(curves)], strict=True) if len(starts) else ()
     for first, end in pieces:  # thousands of runs: slices of arrays, not frames
-        run_id, steps = str(run_ids[first]), all_steps[first:end]
-        mastered = all_mastered[first:end]
-        reached = [_first_reaching(steps, mastered, share) for share in shares]
-        late = float((mastered[steps > 0] if steps[-1] > 0 else mastered)[-LAST:].mean())
-        found[run_id] = [late, _area(steps, mastered, float(budgets[run_id])), *reached]
-    columns = ["last_three", "mastered_area", *map(steps_to, shares)]
-    return pd.DataFrame.from_dict(found, orient="index", columns=columns, dtype=float)
-
-
-def _area(steps: NDArray[np.float64], mastered: NDArray[np.float64], budget: float) -> float:
-    """Returns the mean of a curve over [0, budget]."""
-    inner = float(((steps[1:] - steps[:-1]) * (mastered[1:] + mastered[:-1])).sum()) / 2
-    return float(steps[0] * mastered[0] + inner + (budget - steps[-1]) * mastered[-1]) / budget
+        mine = steps[first:end], mastered[first:end]
+        found[str(run_ids[first])] = [_first_reaching(*mine, share) for share in shares]
+    return pd.DataFrame.from_dict(found, orient="index", columns=[*map(steps_to, shares)], dtype=float)
 
 
 def _first_reaching(steps: NDArray[np.float64], mastered: NDArray[np.float64], share: float) -> float:

@@ -11,19 +11,25 @@ from analysis.statistics import Comparison, Scale, paired, paired_strata, strati
 from analysis.statistics.tests import seed_means
 from tma_ray.results import SIMULATED
 
-MEASURE = "mastered_percent"
-"""The paper's: test tasks mastered at the last evaluation."""
+HEADLINE: Final = "mastered_area"
+"""Measure that teachers are ranked by and tested on: mastered test tasks on average over the budget. It uses
+the whole run, is comparable between runs of any budget, and decides most (`docs/statistics.md`)."""
 
-MEASURES = {MEASURE: "mastered %", "last_three": "last three %", "mastered_area": "area %"}
-"""Measures by column, and their heads in tables: at the last evaluation, as the mean of the last three, and
-on average over training. All are comparable between runs of any budget."""
+FINAL: Final = "last_three"
+"""Result in the end, shown next to the headline: mastered test tasks, mean of the last three evaluations."""
+
+PAPERS: Final = "mastered_percent"
+"""Measure of the paper's tables and claims: test tasks mastered at the last evaluation."""
+
+MEASURES = {HEADLINE: "over training", FINAL: "last three", PAPERS: "last"}
+"""Measures in the order in which views show them, and their heads in tables; all in per cent."""
 
 QUANTITIES = {
-    MEASURE: "Mastered test tasks (%)",
-    "last_three": "Mastered test tasks, last three evaluations (%)",
-    "mastered_area": "Mastered test tasks over training (%)",
+    HEADLINE: "Mastered test tasks over training (%)",
+    FINAL: "Mastered test tasks, last three evaluations (%)",
+    PAPERS: "Mastered test tasks, last evaluation (%)",
 }
-"""The same as labels of axes."""
+"""Labels of the measures on axes and above tables."""
 
 
 def scale_of(measure: str) -> Scale:
@@ -32,7 +38,7 @@ def scale_of(measure: str) -> Scale:
     The spread of an area grows with its mean, and does not on the arcsine scale; that of single evaluations
     does not grow, so that they are tested in per cent (`docs/statistics.md`).
     """
-    return Scale.ARCSINE if measure == "mastered_area" else Scale.PERCENT
+    return Scale.ARCSINE if measure == HEADLINE else Scale.PERCENT
 
 
 def how_tested(measure: str, family: str) -> str:
@@ -81,7 +87,7 @@ def compared(
     Args:
         sample: one value a run, indexed by run id.
         reference: the same of the other group.
-        seeds: of `seeds_to_pair`.
+        seeds: seeds of `seeds_to_pair`.
         scale: scale on which the means are tested, of `tested.scale_of`; the difference is of the values.
     """
     if scale is not Scale.PERCENT:
@@ -113,9 +119,9 @@ def mean_over_strata(samples: Sequence[pd.Series], weights: Sequence[float], see
     """Returns the weighted mean of the strata's means, and its interval, as the difference from 0.
 
     Args:
-        samples: of each stratum, one value a run, indexed by run id.
-        weights: of the strata; they need not add up to 1.
-        seeds: of `seeds_to_pair`; where they are paired, the mean is that of seeds that all strata have.
+        samples: one per stratum, one value a run, indexed by run id.
+        weights: weights of the strata; they need not add up to 1.
+        seeds: seeds of `seeds_to_pair`; of paired runs the mean is that of seeds that all strata have.
     """
     if are_paired(samples, seeds):
         means = seed_means(samples, weights, seeds)
@@ -133,6 +139,6 @@ def in_common(first: pd.Series, second: pd.Series, seeds: Seeds) -> tuple[pd.Ser
 
 
 def are_paired(samples: Sequence[pd.Series], seeds: Seeds) -> bool:
-    """Tells whether all runs of some samples, at least one, are among `seeds`."""
+    """True if there are runs in some samples, and all of them are among `seeds`."""
     runs = [run for sample in samples for run in sample.index] if seeds else []
     return bool(runs) and all(run in seeds for run in runs)

@@ -14,7 +14,7 @@ import numpy as np
 import pandas as pd
 
 from analysis.baselines.catalogue import Sources, places_of, read
-from analysis.charts.base import END
+from analysis.charts.base import END, MASTERED
 from analysis.charts.curves import learning_curves
 from analysis.charts.intervals import overview_chart, rank_chart, seeds_chart
 from analysis.charts.page import PageChart, on_page
@@ -24,7 +24,7 @@ from analysis.claims.judging import decided, root_verdicts
 from analysis.comparisons.boards import Rank, headlines, ranks
 from analysis.comparisons.frame import pairwise, pairwise_from_statistics
 from analysis.comparisons.planning import plans_against_random
-from analysis.comparisons.sentences import caveat
+from analysis.comparisons.sentences import caveat, sentences
 from analysis.comparisons.sentences import places as titles_of
 from analysis.comparisons.sides import (
     PLACE,
@@ -36,7 +36,6 @@ from analysis.comparisons.sides import (
     missing,
     named_jointly,
     new_teachers,
-    sentences,
     side_of,
     together,
 )
@@ -46,7 +45,7 @@ from analysis.formatting import amount, ends, listed, number, p_value, plus_minu
 from analysis.looks import look, shown_together
 from analysis.measures.evaluations import aggregate
 from analysis.measures.pooling import COMPARED, SETTINGS, by_students, parts_of, pooled
-from analysis.measures.tested import MEASURE, QUANTITIES, how_tested
+from analysis.measures.tested import FINAL, HEADLINE, MEASURES, PAPERS, QUANTITIES, how_tested
 from analysis.names import label, mark_of, marked_label, own_first, teacher_order
 from analysis.pages.page import (
     SHOWN,
@@ -88,7 +87,7 @@ class Place:
 
 
 def places(
-    runs: pd.DataFrame, curves: pd.DataFrame, tests: pd.DataFrame, measure: str = MEASURE
+    runs: pd.DataFrame, curves: pd.DataFrame, tests: pd.DataFrame, measure: str = HEADLINE
 ) -> Iterator[Place]:
     """Yields each place with its ranking and charts.
 
@@ -96,12 +95,12 @@ def places(
         runs: runs of `sides.together`, at their ends.
         curves: runs of `sides.together`, at every evaluation.
         tests: tests of `sides.duels`.
-        measure: one of `tested.MEASURES`; learning curves are always of mastered tasks.
+        measure: one of `tested.MEASURES`; learning curves are of each evaluation.
     """
     if runs.empty:
         return
     sources = runs.groupby([*COMPARED, "teacher"], dropna=False)["source"].agg("first").reset_index()
-    table = pooled(runs, [measure]).merge(sources, on=[*COMPARED, "teacher"])
+    table = pooled(runs, list(dict.fromkeys([measure, FINAL]))).merge(sources, on=[*COMPARED, "teacher"])
     table = table.assign(title=titles_of(table))
     for count, (key, rows) in enumerate(table.groupby(COMPARED, dropna=False, sort=True), start=1):
         place = dict(zip(COMPARED, key, strict=True))
@@ -114,17 +113,16 @@ def places(
             chosen_by={name: str(place[name]) for name in ("environment", "challenge", "expert_knowledge")}
             | {"student": _students(place)},
             rows=[_ranked(row, here, measure) for _, row in ranked.iterrows()],
-            step_rows=json.dumps(_step_rows(along) if measure == MEASURE else {}).replace("<", "\\u003c"),
+            step_rows=json.dumps(_step_rows(along, measure)).replace("<", "\\u003c"),
             points=points.assign(comparison=anchor),
-            charts=tuple(_charts(anchor, points, measure)),
+            charts=tuple(_charts(anchor, points, along, measure)),
         )
 
 
-def places_chart(found: list[Place], measure: str = MEASURE) -> Iterator[PageChart]:
+def places_chart(found: list[Place], measure: str = HEADLINE) -> Iterator[PageChart]:
     """Yields the chart of all places at once, if there are several."""
     if len(found) > 1:
         points = pd.concat([place.points for place in found], ignore_index=True)
-        points = points if measure == MEASURE else points[points["step"] == END]
         titles = {place.anchor: place.title for place in found}
         caption = "Marks are means over runs, lines their 95 % intervals, of results that may be compared."
         few = caveat(points.groupby(["comparison", "teacher"])["seed"].nunique().min())
@@ -143,34 +141,34 @@ def _points(ends: pd.DataFrame, along: pd.DataFrame, measure: str) -> pd.DataFra
     """Returns teacher, seed, step (or `END`) and value of every run that was evaluated."""
     curves = along[along["step"].notna()].astype({"step": int}).astype({"step": object})
     parts = [
-        rows[["teacher", "seed", "step", column]].rename(columns={column: "value"})
-        for rows, column in ((curves, MEASURE), (ends.assign(step=END), measure))
+        rows[["teacher", "seed", "step", measure]].rename(columns={measure: "value"})
+        for rows in (curves, ends.assign(step=END))
     ]
     table = pd.concat(parts, ignore_index=True)
     return table[table["value"].notna()]
 
 
-def _charts(anchor: str, points: pd.DataFrame, measure: str) -> Iterator[PageChart]:
+def _charts(anchor: str, points: pd.DataFrame, along: pd.DataFrame, measure: str) -> Iterator[PageChart]:
     if points.empty:
         return
-    along = points[points["step"] != END].astype({"step": "int64"})
+    along = along[along["step"].notna() & along[PAPERS].notna()].astype({"step": "int64"})
     if along["step"].nunique() > 1:
-        table = aggregate(along, "value", ["teacher"])
+        table = aggregate(along, PAPERS, ["teacher"])
         caption = "Lines are means over runs, bands ± one standard error of the mean."
-        title = "Mastered test tasks over training"
-        yield on_page(learning_curves(table, QUANTITIES[MEASURE], f"{anchor}-curves", title, caption))
+        title = "Mastered test tasks at each evaluation"
+        yield on_page(learning_curves(table, MASTERED, f"{anchor}-curves", title, caption))
     caption = "Rings are runs, marks their means with 95 % intervals."
-    shown = points if measure == MEASURE else points[points["step"] == END]
-    yield on_page(seeds_chart(shown, QUANTITIES[measure], f"{anchor}-runs", "Run by run", caption))
+    yield on_page(seeds_chart(points, QUANTITIES[measure], f"{anchor}-runs", "Run by run", caption))
 
 
-def _step_rows(along: pd.DataFrame) -> dict[str, dict[str, dict[str, str]]]:
+def _step_rows(along: pd.DataFrame, measure: str) -> dict[str, dict[str, dict[str, str]]]:
     """Returns runs and mastered tasks of every teacher at every evaluation, as text."""
     found: dict[str, dict[str, dict[str, str]]] = {}
-    known = along[along["step"].notna() & along[MEASURE].notna()]
+    known = along[along["step"].notna() & along[measure].notna()]
     for _, rows in known.groupby(["step", "teacher"], sort=True):
-        values, first = rows[MEASURE], rows.iloc[0]
-        texts = {"n": str(len(values)), "mastered": plus_minus(values.mean(), values.std()), "tests": ""}
+        values, first = rows[measure], rows.iloc[0]
+        texts = {"n": str(len(values)), "mastered": plus_minus(values.mean(), values.std())}
+        texts |= {"final": number(rows[FINAL].mean()), "tests": ""}
         found.setdefault(str(int(first["step"])), {})[str(first["teacher"])] = texts
     return found
 
@@ -193,6 +191,7 @@ def _ranked(row: pd.Series, tests: pd.DataFrame, measure: str) -> dict[str, Any]
         "own": mark_of(row["teacher"]) != "",
         "n": row["n"],
         "mastered": plus_minus(row[f"{measure}_mean"], row[f"{measure}_std"]),
+        "final": number(row[f"{FINAL}_mean"]),
         "missing": row["missing"],
         "tests": [_test(test) for _, test in against.iterrows()],
     }
@@ -211,7 +210,7 @@ def write_comparison(
     baselines: Sequence[str],
     output: Path | None = None,
     tell: Callable[[str], object] | None = None,
-    measure: str = MEASURE,
+    measure: str = HEADLINE,
 ) -> Path:
     """Writes a page that compares the results of a root with baselines; returns its ``index.html``.
 
@@ -273,6 +272,8 @@ def _render(
             warnings=list(dict.fromkeys([*frames.notes, *split, *notes])),
             verdicts=decided(verdicts),
             quantity=QUANTITIES[measure],
+            head=MEASURES[measure].capitalize(),
+            papers=QUANTITIES[PAPERS],
             how_tested=how_tested(measure, "all teachers that one of yours is set against on a challenge"),
             significance=SIGNIFICANCE,
             version=installed_version("tma_ray"),
@@ -323,12 +324,12 @@ def _radars(runs: pd.DataFrame, others: Sequence[Side]) -> Iterator[Picture]:
     kinds = [*SETTINGS, "students"]
     students = runs["pool"].map(lambda pool: ", ".join(sorted({student for _, student in parts_of(pool)})))
     for place, (_, group) in enumerate(runs.assign(students=students).groupby(kinds, dropna=False), start=1):
-        table, tests = pooled(group, [MEASURE]), pairwise(group, MEASURE, "random", detectable=False)
+        table, tests = pooled(group, [PAPERS]), pairwise(group, PAPERS, "random", detectable=False)
         caption = "Your results and what may be compared with them, as ratios of Random."
         yield from _radar(f"radar-{place}", table, tests, "Yours among comparable baselines", caption)
     for side in others:
         if side.runs is None:
-            tests = pairwise_from_statistics(side.table, MEASURE, "random")
+            tests = pairwise_from_statistics(side.table, PAPERS, "random")
             caption = f"The tables of {side.name} ({side.engine}), set beside: ratios of its own Random."
             yield from _radar(f"radar-{side.name}", side.table, tests, side.name, caption)
 
@@ -371,7 +372,7 @@ def _beside_rows(table: pd.DataFrame) -> list[dict[str, Any]]:
             "place": f"{row['environment']} {row['challenge']}, {row['expert_knowledge']}".replace("_", " "),
             "teacher": label(row["teacher"]),
             "n": row["n"],
-            "mastered": plus_minus(row[f"{MEASURE}_mean"], row[f"{MEASURE}_std"]),
+            "mastered": plus_minus(row[f"{PAPERS}_mean"], row[f"{PAPERS}_std"]),
             "differs": row["differs"],
         }
         for _, row in rows.iterrows()

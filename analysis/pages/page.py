@@ -21,7 +21,7 @@ from analysis.data.reference import is_baseline
 from analysis.formatting import amount
 from analysis.looks import look
 from analysis.measures.pooling import COMPARED
-from analysis.measures.tested import MEASURE, QUANTITIES
+from analysis.measures.tested import HEADLINE, QUANTITIES
 from analysis.names import challenge_title, marked_label, teacher_order
 from tma_ray.commands.texts import visible
 
@@ -253,7 +253,7 @@ class Overall:
     caveat: str
 
 
-def overall_section(runs: pd.DataFrame, measure: str = MEASURE) -> Overall:
+def overall_section(runs: pd.DataFrame, measure: str = HEADLINE) -> Overall:
     """Returns the section on all runs that count as results, of `pooling.pool_runs`."""
     over = " / ".join(map(str, THRESHOLDS))
     return Overall(

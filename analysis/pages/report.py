@@ -14,7 +14,6 @@ import pandas as pd
 from analysis.baselines.catalogue import Sources, places_of, read
 from analysis.claims.judging import decided, root_verdicts
 from analysis.comparisons.measured import TESTED, Measured, measure
-from analysis.comparisons.sentences import MASTERED
 from analysis.data.frames import COMPARISON, GROUP, STATUSES, Frames
 from analysis.data.identity import parsed
 from analysis.formatting import amount, duration, number
@@ -22,7 +21,7 @@ from analysis.looks import shown_together
 from analysis.measures.evaluations import aggregate, ceilings_in_words, mastered_tasks
 from analysis.measures.pooling import runs_after
 from analysis.measures.run_measures import run_measures
-from analysis.measures.tested import how_tested
+from analysis.measures.tested import HEADLINE, QUANTITIES, how_tested
 from analysis.names import label, teacher_order
 from analysis.pages.page import controls, leading, overall_section, page, page_folder, write_page
 from analysis.pages.sections import Section, overview, sections, threshold, thresholds
@@ -183,7 +182,7 @@ def write_report(
     output = report_folder(sources, output)
     frames = read(sources)
     measured = measure(frames)
-    shown = leading(measured.finals, MASTERED.column, frames.cells["teacher"], COMPARISON)
+    shown = leading(measured.finals, HEADLINE, frames.cells["teacher"], COMPARISON)
     with shown_together(frames.cells["teacher"]):
         parts = list(sections(frames, measured, shown))
         tables = downloads(frames, measured)
@@ -238,7 +237,8 @@ def _render(
         mastery=thresholds(cells) or number(MASTERY_RETURN, 0),
         significance=SIGNIFICANCE,
         ceilings=ceilings_in_words(frames),
-        how_tested=how_tested(MASTERED.column, "all teachers of a comparison against Random"),
+        quantity=QUANTITIES[HEADLINE],
+        how_tested=how_tested(HEADLINE, "all teachers of a comparison against Random"),
         version=installed_version("tma_ray"),
         written=datetime.now(UTC),
     )

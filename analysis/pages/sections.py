@@ -9,8 +9,7 @@ from typing import Any
 
 import pandas as pd
 
-from analysis.charts.base import END, Chart
-from analysis.charts.base import MASTERED as MASTERED_TITLE
+from analysis.charts.base import END, MASTERED, Chart
 from analysis.charts.curricula import dimension_bands
 from analysis.charts.curves import learning_curves
 from analysis.charts.intervals import overview_chart, seeds_chart
@@ -19,15 +18,16 @@ from analysis.charts.page import PageChart, on_page
 from analysis.charts.paper import Picture, draw
 from analysis.charts.profiles import hidden_scalars, scalar_chart
 from analysis.charts.tasks import EPISODES, probed_tasks, training_tasks
-from analysis.comparisons.frame import along_baseline, reference_of
+from analysis.comparisons.frame import along_baseline, reference_of, verdict
 from analysis.comparisons.measured import Measured, curricula_of, in_whose_space, which_runs
-from analysis.comparisons.sentences import MASTERED, caveat, findings, verdict
+from analysis.comparisons.sentences import caveat, findings
 from analysis.data.curricula import Curriculum, moments, task_axes
 from analysis.data.frames import GROUP, Frames
 from analysis.data.reference import is_baseline
 from analysis.formatting import amount, ends, listed, number, p_value, plus_minus
 from analysis.looks import look
 from analysis.measures.evaluations import RECENT, aggregate, ceiling_percent, mastered_tasks
+from analysis.measures.tested import FINAL, HEADLINE, PAPERS, QUANTITIES
 from analysis.names import challenge_title, label, teacher_order
 from analysis.pages.page import FILTERS
 from analysis.statistics import describe
@@ -68,7 +68,7 @@ def threshold(value: float) -> str:
 
 
 CURVES = (
-    ("mastered_percent", MASTERED_TITLE, "Mastered test tasks over training"),
+    (PAPERS, MASTERED, "Mastered test tasks at each evaluation"),
     ("evaluation_return", "Mean return on the test set", "Return on the test set"),
     ("training_return", "Mean return of training episodes", "Return in training"),
 )
@@ -84,12 +84,12 @@ def charts_of(mine: Measured, anchor: str, ceiling: float | None) -> Iterator[Ch
         table = mine.training if value == "training_return" else mine.evaluations
         if len(table):
             curves, name = aggregate(table, value), f"{anchor}-{value.replace('_', '-')}"
-            highest = ceiling if value == MASTERED.column else None
+            highest = ceiling if value == PAPERS else None
             yield learning_curves(curves, quantity, name, title, curve_caption(value, table), highest)
     if len(mine.finals):
         caption = f"Rings are seeds, marks their means with 95 % intervals; {counts(mine.finals)}."
-        points = points_of(mine, MASTERED.column)
-        yield seeds_chart(points, MASTERED_TITLE, f"{anchor}-seeds", "Seed by seed", caption)
+        points = points_of(mine, HEADLINE)
+        yield seeds_chart(points, QUANTITIES[HEADLINE], f"{anchor}-seeds", "Seed by seed", caption)
 
 
 def points_of(mine: Measured, column: str) -> pd.DataFrame:
@@ -171,14 +171,14 @@ NONE = {"difference": "", "p": ""}
 
 def end_rows(mine: Measured) -> list[dict[str, Any]]:
     """Returns the rows of the table at the ends of runs, Random first."""
-    tests = mine.tests[mine.tests["measure"] == MASTERED.column]
+    tests = mine.tests[mine.tests["measure"] == HEADLINE]
     rows = []
     for teacher in sorted(mine.summary["teacher"], key=teacher_order):
         group = mine.summary[mine.summary["teacher"] == teacher].iloc[0]
         test = tests[tests["teacher"] == teacher]
         against = _against_random(test.iloc[0]) if len(test) else NONE
         untested = "baseline" if is_baseline(teacher) else "not evaluated yet"
-        worst = mine.finals.loc[mine.finals["teacher"] == teacher, "mastered_percent"].min()
+        worst = mine.finals.loc[mine.finals["teacher"] == teacher, HEADLINE].min()
         rows.append({"verdict": untested, "worst": number(worst)} | _end_row(teacher, group) | against)
     return rows
 
@@ -194,7 +194,7 @@ def step_rows(mine: Measured, everything: Measured) -> dict[str, dict[str, dict[
     if curves.empty:
         return {}
     reference = reference_of(curves, everything.randoms)
-    tests = along_baseline(curves, reference, MASTERED.column).set_index(["step", "teacher"])
+    tests = along_baseline(curves, reference, HEADLINE).set_index(["step", "teacher"])
     tested: dict[Any, Any] = tests.to_dict("index")
     found: dict[str, dict[str, dict[str, str]]] = {}
     key: Any
@@ -213,7 +213,8 @@ def _end_row(teacher: str, group: pd.Series) -> dict[str, Any]:
         "colour": look(teacher).colour,
         "seeds": f"{group['n']}" if group["n"] == group["seeds"] else f"{group['n']} of {group['seeds']}",
         "step": (amount(group["step"]) if group["n"] else "\N{EN DASH}") + "*" * bool(group["provisional"]),
-        "mastered": plus_minus(group["mastered_percent_mean"], group["mastered_percent_std"]),
+        "mastered": plus_minus(group[f"{HEADLINE}_mean"], group[f"{HEADLINE}_std"]),
+        "final": plus_minus(group[f"{FINAL}_mean"], group[f"{FINAL}_std"]),
         "evaluation": plus_minus(group["evaluation_return_mean"], group["evaluation_return_std"]),
         "training": f"{number(group['first_quarter_mean'])} → {number(group['last_quarter_mean'])}",
         "provisional": group["provisional"],
@@ -221,12 +222,13 @@ def _end_row(teacher: str, group: pd.Series) -> dict[str, Any]:
 
 
 def _step_row(step: int, rows: pd.DataFrame) -> dict[str, str]:
-    mastered, returns = (describe(rows[column]) for column in ("mastered_percent", "evaluation_return"))
+    mastered, final, returns = (describe(rows[name]) for name in (HEADLINE, FINAL, "evaluation_return"))
     return {
         "seeds": str(rows["run_id"].nunique()),
         "step": amount(step),
         "mastered": plus_minus(mastered.mean, mastered.std),
-        "worst": number(rows["mastered_percent"].min()),
+        "final": plus_minus(final.mean, final.std),
+        "worst": number(rows[HEADLINE].min()),
         "evaluation": plus_minus(returns.mean, returns.std),
         "training": "",
         "verdict": "",
@@ -327,7 +329,7 @@ def overview(measured: Measured) -> Iterator[PageChart]:
     found = list(titled(measured))
     if len(found) < 2 or measured.finals.empty:
         return
-    points = [points_of(mine, MASTERED.column).assign(comparison=anchor) for anchor, _, mine in found]
+    points = [points_of(mine, HEADLINE).assign(comparison=anchor) for anchor, _, mine in found]
     rows = dict(
         zip((anchor for anchor, *_ in found), distinct([title for _, title, _ in found]), strict=True)
     )
@@ -335,7 +337,7 @@ def overview(measured: Measured) -> Iterator[PageChart]:
     few = caveat(measured.finals.groupby(GROUP)["run_id"].nunique().min())
     caption += f" {few}" if few else ""
     whole = pd.concat(points, ignore_index=True)
-    yield on_page(overview_chart(whole, rows, MASTERED_TITLE, "All comparisons", caption))
+    yield on_page(overview_chart(whole, rows, QUANTITIES[HEADLINE], "All comparisons", caption))
 
 
 def distinct(titles: Sequence[str]) -> list[str]:

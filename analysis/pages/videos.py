@@ -12,6 +12,7 @@ import pandas as pd
 from analysis.comparisons.measured import Measured
 from analysis.data.frames import Frames
 from analysis.formatting import number
+from analysis.measures.tested import HEADLINE
 from analysis.names import label, teacher_order
 from analysis.pages.sections import titled
 
@@ -119,7 +120,7 @@ def _telling_task(frames: Frames, finals: pd.DataFrame) -> tuple[str, int] | Non
 
 
 def _extremes(runs: pd.DataFrame) -> Iterator[tuple[str, pd.Series]]:
-    ranked = runs.sort_values(["mastered_percent", "evaluation_return", "seed"], kind="stable")
+    ranked = runs.sort_values([HEADLINE, "evaluation_return", "seed"], kind="stable")
     if len(ranked) == 1:
         yield "only", ranked.iloc[0]
         return

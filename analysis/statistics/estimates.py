@@ -29,7 +29,7 @@ TRIMMED = 0.25
 Strata: TypeAlias = Mapping[str, pd.Series]
 
 Clusters: TypeAlias = Mapping[Any, Hashable]
-"""What tells runs apart that depend on each other, such as their seeds, by run id."""
+"""Keys of runs that depend on each other, such as their seeds, by run id."""
 
 Floats: TypeAlias = NDArray[np.float64]
 
@@ -39,11 +39,11 @@ class Estimate:
     """A number with its 95 % confidence interval.
 
     Attributes:
-        value: of the sample itself; NaN where it has none.
+        value: estimate of the sample itself; NaN where it has none.
         low: lower end of the interval; NaN where there is none.
         high: upper end of it.
         n: runs of the sample, of both for a comparison.
-        reason: why the interval is missing; empty where it is not.
+        reason: reason why the interval is missing; empty where it is not.
     """
 
     value: float
@@ -70,7 +70,7 @@ def interquartile_mean_of(sample: Strata, clusters: Clusters | None = None) -> E
 
     Args:
         sample: the strata.
-        clusters: of all runs, which are independent of each other by default.
+        clusters: clusters of all runs, which are independent of each other by default.
     """
     parts = _parts(sample)
     n = sum(map(len, parts))
@@ -167,7 +167,7 @@ def performance_profile(
     Args:
         sample: the strata.
         thresholds: values of the measure, in any order.
-        clusters: of all runs, which are independent of each other by default.
+        clusters: clusters of all runs, which are independent of each other by default.
 
     Returns:
         threshold, share, low, high, n, reason.
@@ -208,7 +208,7 @@ def _margin_of_clusters(parts: Sequence[Floats], names: Sequence[Hashable], kept
 
     Args:
         parts: values of each stratum.
-        names: of the clusters of all values, in the same order.
+        names: names of the clusters of all values, in the same order.
         kept: share of the clusters that count as degrees of freedom.
     """
     residuals = np.concatenate([part - part.mean() for part in parts])

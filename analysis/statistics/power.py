@@ -36,9 +36,9 @@ def power(
     the power is its mean over the distributions of both, by Gauss and Legendre's quadrature.
 
     Args:
-        difference: of the true means.
+        difference: difference of the true means.
         first: n and true standard deviation of a sample; its mean does not matter.
-        second: of the other.
+        second: the same of the other sample.
         significance: p under which the test finds a difference.
 
     Returns:
@@ -57,7 +57,7 @@ def detectable_difference(
 
     Args:
         first: n and true standard deviation of a sample; its mean does not matter.
-        second: of the other.
+        second: the same of the other sample.
         wanted: probability of finding the difference, over `significance` and under 1.
         significance: p under which the test finds a difference.
 

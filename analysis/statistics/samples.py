@@ -120,7 +120,7 @@ MARGIN = 5.0
 
 
 class Standing(StrEnum):
-    """Standing of a statement beside results.
+    """Standing of a statement held against results.
 
     Attributes:
         SUPPORTED: the interval leaves no doubt of it.

@@ -38,7 +38,7 @@ def permutation_p(pairs: Sequence[tuple[ArrayLike, ArrayLike]], weights: Sequenc
 
     Args:
         pairs: values of both groups in each stratum, (n,) and (m,), at least one each.
-        weights: of the strata.
+        weights: weights of the strata.
     """
     strata = [tuple(np.asarray(group, np.float64) for group in pair) for pair in pairs]
     found = sum(weight * (a.mean() - b.mean()) for weight, (a, b) in zip(weights, strata, strict=True))
@@ -153,7 +153,7 @@ class Comparison:
         t: test statistic of a t-test.
         degrees_of_freedom: Welch and Satterthwaite's, seldom whole.
         p: two-sided p-value.
-        reason: why it was not tested; empty where it was.
+        reason: reason why it was not tested; empty where it was.
         method: test that p comes from.
     """
 
@@ -183,7 +183,7 @@ def welch(sample: pd.Series, reference: pd.Series) -> Comparison:
 
     Args:
         sample: one value per run, indexed by run id.
-        reference: likewise; two samples that have a run in common are not independent and get no
+        reference: the same of the other; two samples that have a run in common are not independent and get no
             test, so that cells which share their runs are never compared with themselves.
     """
     for name, values in {"sample": sample, "reference": reference}.items():
@@ -260,7 +260,7 @@ def stratified(pairs: Sequence[tuple[pd.Series, pd.Series]], weights: Sequence[f
 
     Args:
         pairs: samples of both groups in each stratum, one value a run, indexed by run id.
-        weights: of the strata; they need not add up to 1.
+        weights: weights of the strata; they need not add up to 1.
     """
     samples = [(describe(first), describe(second)) for first, second in pairs]
     if not samples:
@@ -356,7 +356,7 @@ class Correlation:
         value: intraclass correlation, at most 1; 0 where a seed says nothing about a run.
         low: lower end of its 95 % interval.
         high: upper end of it.
-        tables: how many tables of seeds by teachers it is of.
+        tables: number of tables of seeds by teachers behind it.
     """
 
     value: float
@@ -373,7 +373,7 @@ def paired(sample: pd.Series, reference: pd.Series) -> Comparison:
 
     Args:
         sample: one value a seed, indexed by seed.
-        reference: likewise; seeds that only one of them has do not count.
+        reference: the same of the other; seeds that only one of them has do not count.
 
     Returns:
         Its n and reference_n are the number of pairs.
@@ -401,8 +401,8 @@ def paired_strata(
 
     Args:
         pairs: samples of both groups in each stratum, one value a run, indexed by run id.
-        weights: of the strata; they need not add up to 1.
-        seeds: of all runs by id.
+        weights: weights of the strata; they need not add up to 1.
+        seeds: seeds of all runs by id.
     """
     if not pairs:
         return Comparison(0, 0, math.nan, reason="nothing in common")
@@ -421,9 +421,9 @@ def seed_means(
     """Returns the weighted mean over strata of each seed that all of them have, indexed by seed.
 
     Args:
-        samples: of each stratum, one value a run, indexed by run id; several of a seed count as their mean.
-        weights: of the strata; they need not add up to 1.
-        seeds: of all runs by id.
+        samples: one per stratum, one value a run, indexed by run id; several of a seed count as their mean.
+        weights: weights of the strata; they need not add up to 1.
+        seeds: seeds of all runs by id.
     """
     parts = [_of_seeds(sample, seeds) for sample in samples]
     common = [seed for seed in parts[0] if all(seed in part for part in parts)]

@@ -8,6 +8,7 @@ from typing import Any
 import pandas as pd
 
 from analysis.measures.pooling import pool_runs
+from analysis.measures.tested import MEASURES
 
 PARKOUR = {"classic_bipedal": "walking", "fish": "swimming", "climbing_chimpanzee": "climbing"}
 
@@ -60,9 +61,8 @@ def parkour(teacher: str, values: dict[str, Sequence[float]], **changes: Any) ->
 
 
 def pool(*cells: dict[str, Any]) -> pd.DataFrame:
-    """Returns what `pool_runs` makes of these cells, each with its value."""
+    """Returns what `pool_runs` makes of these cells, each with its value of all measures."""
     rows = pd.DataFrame(cells)
     values = rows[["run_id", "mastered_percent", "step"]].drop_duplicates("run_id")
-    return pool_runs(
-        rows.drop(columns=["mastered_percent", "step"]), values.astype({"mastered_percent": float})
-    )
+    values = values.assign(**dict.fromkeys(MEASURES, values["mastered_percent"].astype(float)))
+    return pool_runs(rows.drop(columns=["mastered_percent", "step"]), values)

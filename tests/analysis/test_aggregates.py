@@ -6,14 +6,12 @@ from scipy import stats
 from synthetic_pools import cell, parkour, pool
 
 from analysis.comparisons.aggregates import (
-    ACROSS,
-    CHALLENGES,
     improvements,
     interquartile_means,
     profiles,
-    stratified_differences,
 )
 from analysis.comparisons.boards import headlines
+from analysis.comparisons.frame import ACROSS, CHALLENGES, over_challenges
 from analysis.data.reference import NO_BASELINE
 
 BODIES = {"classic_bipedal": [30, 50, 41, 38], "fish": [0, 60, 70, 1], "climbing_chimpanzee": [0, 1, 0, 0]}
@@ -97,7 +95,7 @@ def test_unfinished_and_empty_pools_have_no_numbers() -> None:
     assert profiles(nothing, "mastered_percent", [1]).empty
 
 
-def over_challenges(**teachers: list[float]) -> list[dict[str, object]]:
+def spread_out(**teachers: list[float]) -> list[dict[str, object]]:
     """Returns cells of two seeds a challenge, whose values are so far over the challenge's own level."""
     return [
         cell(teacher, seed, level + gain + spread, challenge=challenge)
@@ -110,16 +108,16 @@ def over_challenges(**teachers: list[float]) -> list[dict[str, object]]:
 
 
 def test_the_difference_over_challenges_by_hand() -> None:
-    runs = pool(*over_challenges(random=[0, 0, 0], adr=[6, 9, 0]))
-    row = stratified_differences(runs, "mastered_percent", "random").iloc[0]
+    runs = pool(*spread_out(random=[0, 0, 0], adr=[6, 9, 0]))
+    row = over_challenges(runs, "mastered_percent", "random").iloc[0]
     # Each of the six samples has variance 2 and 2 seeds: a squared error of 1, of which a ninth counts.
     error = math.sqrt(6 / 9)
-    assert (row["teacher"], row["challenges"], row["n"], row["reference_n"]) == ("adr", 3, 6, 6)
+    assert (row["first"], row["challenges"], row["n"], row["reference_n"]) == ("adr", 3, 6, 6)
     assert row["difference"] == pytest.approx(5)
     assert row["t"] == pytest.approx(5 / error)
     assert row["degrees_of_freedom"] == pytest.approx(6)
     assert row["holm"] == row["p"] < 0.05
-    assert headlines(runs)[0].startswith(
+    assert headlines(runs, "mastered_percent")[0].startswith(
         "Over 3 challenges (expert knowledge low, 1 thousand steps) better than Random, in points: ADR 5.0 ["
     )
 
@@ -127,7 +125,7 @@ def test_the_difference_over_challenges_by_hand() -> None:
 def test_the_difference_of_one_challenge_is_welchs() -> None:
     values = {"classic_bipedal": [30, 50, 41, 38]}
     runs = pool(*parkour("random", values), *parkour("adr", {"classic_bipedal": [35, 52, 60, 41]}))
-    row = stratified_differences(runs, "mastered_percent", "random").iloc[0]
+    row = over_challenges(runs, "mastered_percent", "random").iloc[0]
     theirs = stats.ttest_ind([35, 52, 60, 41], [30, 50, 41, 38], equal_var=False)
     assert (row["t"], row["p"]) == (pytest.approx(theirs.statistic), pytest.approx(theirs.pvalue))
     assert headlines(runs) == []  # of a single challenge the ranking itself tells
@@ -136,18 +134,16 @@ def test_the_difference_of_one_challenge_is_welchs() -> None:
 def test_bodies_of_a_challenge_share_its_weight() -> None:
     bodies = {"classic_bipedal": [0.0, 2.0], "fish": [10.0, 12.0]}
     others = {"classic_bipedal": [4.0, 6.0], "fish": [10.0, 12.0]}
-    runs = pool(
-        *parkour("random", bodies), *parkour("adr", others), *over_challenges(random=[0] * 3, adr=[8] * 3)
-    )
-    row = stratified_differences(runs, "mastered_percent", "random").iloc[0]
+    runs = pool(*parkour("random", bodies), *parkour("adr", others), *spread_out(random=[0] * 3, adr=[8] * 3))
+    row = over_challenges(runs, "mastered_percent", "random").iloc[0]
     assert row["difference"] == pytest.approx((3 * 8 + (4 + 0) / 2) / 4)
 
 
 def test_only_challenges_that_both_have_count_and_runs_are_never_compared_with_themselves() -> None:
-    cells = over_challenges(random=[0, 0, 0], adr=[6, 9, 0])
+    cells = spread_out(random=[0, 0, 0], adr=[6, 9, 0])
     runs = pool(*(each for each in cells if (each["teacher"], each["challenge"]) != ("adr", "rugged")))
-    assert stratified_differences(runs, "mastered_percent", "random").iloc[0]["challenges"] == 2
+    assert over_challenges(runs, "mastered_percent", "random").iloc[0]["challenges"] == 2
     alone = pool(*(each for each in cells if each["teacher"] == "adr"))
-    assert stratified_differences(alone, "mastered_percent", "random").iloc[0]["reason"] == NO_BASELINE
+    assert over_challenges(alone, "mastered_percent", "random").iloc[0]["reason"] == NO_BASELINE
     same = runs.assign(run_id=runs["challenge"] + runs["seed"].astype(str))
-    assert stratified_differences(same, "mastered_percent", "random").iloc[0]["reason"] == "same runs"
+    assert over_challenges(same, "mastered_percent", "random").iloc[0]["reason"] == "same runs"

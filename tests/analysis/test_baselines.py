@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import os
 import subprocess
+import warnings
 from dataclasses import fields
 from pathlib import Path
 
@@ -69,6 +70,21 @@ def test_a_release_loads_as_its_root_does(root: Path, released: Path) -> None:
     assert_same(load(released), load(root))
     assert_same(find_baseline(released).frames(), load(root))
     assert write_tables(released).text == write_tables(root).text
+
+
+@pytest.mark.slow
+def test_its_croissant_metadata_are_valid_and_lead_to_its_rows(released: Path) -> None:
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        import mlcroissant
+
+        described = mlcroissant.Dataset(released / "croissant.json")
+    assert not described.metadata.ctx.issues.errors
+    assert not described.metadata.ctx.issues.warnings
+    assert {each.uuid for each in described.metadata.record_sets} == {str(table) for table in Table}
+    returns = load(released).results.table(Table.EVALUATIONS).column("episodic_return").to_pylist()
+    rows = list(described.records("evaluations"))
+    assert sorted(row["evaluations/episodic_return"] for row in rows) == sorted(returns)
 
 
 def test_a_release_has_one_file_per_table_and_experiment_and_nothing_that_runs(released: Path) -> None:

@@ -10,6 +10,7 @@ from pathlib import Path
 import pytest
 from synthetic_results import SyntheticCampaign
 
+from analysis.comparisons.sentences import sentences
 from analysis.comparisons.sides import (
     baseline_side,
     beside,
@@ -17,7 +18,6 @@ from analysis.comparisons.sides import (
     incomparable,
     missing,
     new_teachers,
-    sentences,
     side_of,
     together,
 )
@@ -117,10 +117,10 @@ def test_no_page_replaces_that_of_other_baselines(roots: tuple[Path, Path], tmp_
 
 def test_what_is_said_of_several_teachers_is_said_once(tmp_path: Path) -> None:
     mine, theirs = tmp_path / "mine", tmp_path / "theirs"
-    write(mine, "frontier", {CHALLENGES[0]: [4, 5, 6]})
+    write(mine, "frontier", {CHALLENGES[0]: [4, 5, 5, 6]})
     for teacher in ("random", "riac", "adr"):
-        write(theirs, teacher, {CHALLENGES[0]: [4, 5, 6]})
-    write(theirs, "alp_gmm", {CHALLENGES[0]: [0, 1, 2]})
+        write(theirs, teacher, {CHALLENGES[0]: [4, 5, 5, 6]})
+    write(theirs, "alp_gmm", {CHALLENGES[0]: [1, 1, 1, 2]})
     runs = together(side_of(load(mine), "yours"), [side_of(load(theirs), "theirs")])
     assert sentences(duels(runs, ["frontier"])) == [
         "Stump tracks, expert knowledge none: frontier is not distinguishable from Random, ADR, RIAC on any "

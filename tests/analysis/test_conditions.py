@@ -15,9 +15,8 @@ from analysis.claims.judging import RootSource
 from analysis.commands.rankings import show_ranking
 from analysis.comparisons.boards import headlines, overall_rows
 from analysis.comparisons.measured import measure
-from analysis.comparisons.sentences import places, ranking, sentences
+from analysis.comparisons.sentences import places, ranking, ranking_sentences, sentences
 from analysis.comparisons.sides import duels, side_of, together
-from analysis.comparisons.sides import sentences as duel_sentences
 from analysis.data.frames import Frames, load
 from analysis.figures import drawings
 from analysis.measures.pooling import by_conditions, runs_after
@@ -95,7 +94,7 @@ def table(frames: Frames) -> pd.DataFrame:
 def test_counts_are_of_challenges(frames: Frames, table: pd.DataFrame) -> None:
     runs = runs_after(frames)
     assert [text.split(" (")[0] for text in headlines(runs)] == ["Over 2 challenges"] * 2
-    said = sentences(table)
+    said = ranking_sentences(table)
     assert len(set(said)) == len(said) == 2
     assert all("better than Random on 2 of 2" in text for text in said)
     assert {row["n"] for row in overall_rows(runs)} == {6}
@@ -114,7 +113,7 @@ def test_blocks_are_shown_with_their_titles(root: Path, table: pd.DataFrame) -> 
 
 
 def test_comparisons_of_two_teachers_count_challenges(frames: Frames) -> None:
-    said = duel_sentences(duels(together(side_of(frames, "mine"), []), ["riac"]))
+    said = sentences(duels(together(side_of(frames, "mine"), []), ["riac"]))
     assert len(set(said)) == len(said) == 2
     assert all("on 2 of 2 challenges" in text for text in said)
 
@@ -148,7 +147,7 @@ def test_claims_never_mix_conditions(frames: Frames) -> None:
 def test_a_share_is_of_each_runs_own_budget(tmp_path: Path) -> None:
     for steps in (1000, 2000):
         write(tmp_path, steps=steps)
-    table = ranking(load(tmp_path), share=0.5)
+    table = ranking(load(tmp_path), share=0.5, measure="mastered_percent")
     assert table["n"].tolist() == [3] * 8
     assert (table["mastered_percent_mean"] == 10).all()
     assert set(table["steps"]) == {1000, 2000}

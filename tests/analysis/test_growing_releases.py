@@ -88,6 +88,7 @@ def test_a_second_shard_adds_what_is_new_and_changes_no_file(grown: Path, tmp_pa
         "README.md",
         "baseline.json",
         "manifests.jsonl.gz",
+        "croissant.json",
     }
     new = set(after) - set(before)
     assert new == {

@@ -102,7 +102,7 @@ def test_other_runs_of_a_root_are_never_pooled(kind: str, tmp_path: Path) -> Non
     write(tmp_path, changed(*OTHERS[kind]), 0, range(3, 5))
     frames = load(tmp_path)
     table = ranking(frames)
-    assert sorted(zip(table["mastered_percent_mean"], table["n"], strict=True)) == [(0, 2), (100, 3)]
+    assert sorted(zip(table["mastered_area_mean"], table["n"], strict=True)) == [(0, 2), (100, 3)]
     means = (
         final_evaluations(frames).groupby([*COMPARISON, "teacher"])["mastered_percent"].agg(["mean", "size"])
     )

@@ -125,7 +125,7 @@ def test_unfinished_teachers_are_set_beside_random_at_the_same_step(campaign: Sy
         campaign.plain_run("random", seed, {0: [0, 0], 500: [300, 0], 1000: [300, 300]})
         campaign.plain_run("adr", seed, {0: [0, 0], 500: [300, 300]}, status="running")
     test = measure(load(campaign.root)).tests.iloc[0]
-    assert (test["reason"], test["step"], test["difference"]) == ("still running", 500, 50)
+    assert (test["reason"], test["step"], test["difference"]) == ("still running", 500, 25)
     assert np.isnan(test["p"])
 
 

@@ -8,13 +8,13 @@ import pandas as pd
 import pytest
 from rich.console import Console
 from scipy import stats
-from synthetic_pools import cell
+from synthetic_pools import cell, pool
 
 from analysis.baselines import find_baseline
 from analysis.commands.rankings import show_detectable_differences
 from analysis.comparisons.planning import detectable_differences, plans_against_random
-from analysis.measures.pooling import pool_runs, runs_after
-from analysis.measures.tested import MEASURE
+from analysis.measures.pooling import runs_after
+from analysis.measures.tested import HEADLINE, PAPERS
 from analysis.statistics import Description
 from analysis.statistics.power import detectable_difference
 from tma_ray.benchmark import paper_results
@@ -71,8 +71,8 @@ def test_the_group_with_the_fewest_seeds_counts() -> None:
 def test_a_lite_budget_has_the_spread_of_lite_runs() -> None:
     runs = runs_after(find_baseline("lite-1").frames(), training=False)
     runs = runs[runs["challenge"] == "mostly_unfeasible"]
-    seeds = runs.groupby("teacher")["mastered_percent"].transform("size")
-    spreads = sorted(runs[seeds == 5].groupby("teacher")["mastered_percent"].std())
+    seeds = runs.groupby("teacher")[HEADLINE].transform("size")
+    spreads = sorted(runs[seeds == 5].groupby("teacher")[HEADLINE].std())
     planned = rows("mostly_unfeasible", 5, "random", "riac")
     (found,) = detectable_differences(planned, 2_000_000).itertuples()
     largest = Description(5, 0.0, spreads[-1])
@@ -88,15 +88,16 @@ def test_a_lite_budget_has_the_spread_of_lite_runs() -> None:
 def test_a_plan_says_the_runs_and_hours_that_would_find_the_difference_seen() -> None:
     """Two challenges, three runs each, of which one side or the other takes two hours."""
     values = {"random": [10.0, 20.0, 30.0], "adr": [14.0, 24.0, 34.0], "spdl": [70.0, 80.0, 90.0]}
-    cells = pd.DataFrame(
-        cell(teacher, seed, value, challenge=challenge, experiment=challenge)
-        for teacher, results in values.items()
-        for challenge in ("original", "mostly_trivial")
-        for seed, value in enumerate(results)
+    runs = pool(
+        *(
+            cell(teacher, seed, value, challenge=challenge, experiment=challenge)
+            for teacher, results in values.items()
+            for challenge in ("original", "mostly_trivial")
+            for seed, value in enumerate(results)
+        )
     )
-    runs = pool_runs(cells, cells[["run_id", MEASURE, "step"]])
     hours = pd.Series(2.0, index=runs["run_id"].unique())
-    (text,) = plans_against_random(runs, ["adr", "spdl"], hours)  # of spdl nothing is open
+    (text,) = plans_against_random(runs, ["adr", "spdl"], hours, PAPERS)  # of spdl nothing is open
     assert text.startswith("If the true difference between ADR and Random is the 4.0 points seen here, a new")
     needed = int(text.partition("with ")[2].partition(" runs")[0])
     wanted = stats.norm.isf(0.025) + stats.norm.isf(0.2)

@@ -6,25 +6,25 @@ import numpy as np
 import pandas as pd
 import pytest
 from scipy import stats
-from synthetic_pools import cell
+from synthetic_pools import cell, pool
 
 from analysis.comparisons.aggregates import stratified_means
 from analysis.comparisons.boards import Rank, overall, overall_rows, performance_profiles, ranks
-from analysis.measures.pooling import pool_runs
-from analysis.measures.tested import MEASURE
+from analysis.measures.tested import PAPERS
 from analysis.statistics import percent_interval
 
 CHALLENGES = ("original", "mostly_trivial", "rugged_difficulty")
 
 
 def runs_of(results: dict[str, dict[str, list[float]]]) -> pd.DataFrame:
-    cells = pd.DataFrame(
-        cell(teacher, seed, value, challenge=challenge, experiment=challenge)
-        for teacher, challenges in results.items()
-        for challenge, values in challenges.items()
-        for seed, value in enumerate(values)
+    return pool(
+        *(
+            cell(teacher, seed, value, challenge=challenge, experiment=challenge)
+            for teacher, challenges in results.items()
+            for challenge, values in challenges.items()
+            for seed, value in enumerate(values)
+        )
     )
-    return pool_runs(cells, cells[["run_id", MEASURE, "step"]])
 
 
 def by_teacher(found: list[Rank]) -> dict[str, Rank]:
@@ -88,7 +88,7 @@ def test_the_interval_of_the_mean_has_welch_and_satterthwaites_error() -> None:
     values = {
         name: list(rng.normal(50, scale, 5)) for name, scale in zip(CHALLENGES, (1, 5, 20), strict=True)
     }
-    (row,) = stratified_means(runs_of({"riac": values}), MEASURE).to_dict("records")
+    (row,) = stratified_means(runs_of({"riac": values}), PAPERS).to_dict("records")
     parts = np.array([np.var(each, ddof=1) / 5 / 9 for each in values.values()])
     freedom = parts.sum() ** 2 / (parts**2 / 4).sum()
     margin = stats.t.ppf(0.975, freedom) * np.sqrt(parts.sum())
@@ -114,7 +114,7 @@ def test_all_challenges_are_those_that_everyone_has(runs: pd.DataFrame) -> None:
 
 
 def test_a_mean_over_challenges_weighs_them_alike_whatever_their_bodies() -> None:
-    cells = pd.DataFrame(
+    cells = (
         cell("riac", seed, value + seed, challenge=challenge, embodiment=body, experiment=challenge)
         for challenge, body, value in (
             ("original", "classic_bipedal", 10.0),
@@ -123,7 +123,7 @@ def test_a_mean_over_challenges_weighs_them_alike_whatever_their_bodies() -> Non
         )
         for seed in range(3)
     )
-    (row,) = overall(pool_runs(cells, cells[["run_id", MEASURE, "step"]])).to_dict("records")
+    (row,) = overall(pool(*cells)).to_dict("records")
     assert (row["challenges"], row["n"]) == (2, 9)
     assert row["mean"] == pytest.approx((11 + (41 + 61) / 2) / 2)
 

@@ -152,18 +152,16 @@ def read_csv(root: Path, name: str) -> list[dict[str, str]]:
 def test_the_page_says_what_the_tables_hold(full: Page, full_root: Path) -> None:
     summary = {row["teacher"]: row for row in read_csv(full_root, "summary.csv")}
     assert set(summary) == {"random", "alp_gmm", HOSTILE}
-    mean, std = (float(summary["alp_gmm"][f"mastered_percent_{name}"]) for name in ("mean", "std"))
-    assert f"ALP-GMM masters the most test tasks: {mean:.1f} ± {std:.1f}" in full.words
+    mean, std = (float(summary["alp_gmm"][f"mastered_area_{name}"]) for name in ("mean", "std"))
+    assert f"ALP-GMM masters the most test tasks over training: {mean:.1f} ± {std:.1f}" in full.words
     tests = {
-        row["teacher"]: row
-        for row in read_csv(full_root, "tests.csv")
-        if row["measure"] == "mastered_percent"
+        row["teacher"]: row for row in read_csv(full_root, "tests.csv") if row["measure"] == "mastered_area"
     }
     p = float(tests["alp_gmm"]["holm"])
     assert (f"p = {p:.3f}" if p >= 0.001 else "p\N{NO-BREAK SPACE}< 0.001") in full.text
     assert "only large differences can show" in full.text
     assert (
-        "Tested in per cent; Holm's correction covers all teachers of a comparison against Random"
+        "Tested on the arcsine scale; Holm's correction covers all teachers of a comparison against Random"
         in full.words
     )
     assert re.search(r"Ceiling: of the \d+ tasks of test set \w+ \d+ are mastered by any run", full.words)
@@ -235,7 +233,7 @@ def test_a_campaign_under_way(tmp_path: Path) -> None:
     campaign.run("alp_gmm", 2, "waiting")
     page = report(tmp_path)
     assert "2 running or interrupted, 1 not started" in page.words
-    assert "So far, at 20 thousand steps, ALP-GMM" in page.words
+    assert "So far, over 20 thousand steps, ALP-GMM" in page.words
     assert "still running" in page.text
     assert "p =" not in page.text
 

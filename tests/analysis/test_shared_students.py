@@ -12,16 +12,13 @@ from scipy import stats
 from synthetic_pools import cell, pool
 
 from analysis.comparisons.aggregates import (
-    ACROSS,
-    CHALLENGES,
     improvements,
     interquartile_means,
     profiles,
-    stratified_differences,
     stratified_means,
 )
 from analysis.comparisons.boards import ranks
-from analysis.comparisons.frame import pairwise
+from analysis.comparisons.frame import ACROSS, CHALLENGES, over_challenges, pairwise
 from analysis.measures.tested import compared, compared_over_strata, mean_over_strata, seeds_to_pair
 from analysis.statistics import Method, Scale, paired_strata, percent_interval, stratified
 from analysis.statistics.estimates import interquartile_mean_of, performance_profile
@@ -124,7 +121,7 @@ def test_arcsines_by_hand_and_of_percentages_only() -> None:
 
 
 def test_over_challenges_a_seed_counts_once(runs: pd.DataFrame) -> None:
-    row = stratified_differences(runs, "mastered_percent", "random").iloc[0]
+    row = over_challenges(runs, "mastered_percent", "random").iloc[0]
     means = [sum(of(runs, teacher, place) for place in PLACES) / 3 for teacher in ("adr", "random")]
     theirs = stats.ttest_rel(*means)
     assert (row["method"], row["n"], row["fewest"], row["challenges"]) == (Method.PAIRED, 5, 5, 3)

@@ -80,7 +80,7 @@ def test_a_run_of_two_roots_is_read_once_where_it_got_furthest(tmp_path: Path) -
         frames = read([tmp_path / name for name in roots])
         assert frames.cells["status"].tolist() == ["done", "done"]
         assert len(frames.evaluations) == 20
-        assert ranking(frames)["mastered_percent_mean"].tolist() == [55]
+        assert ranking(frames, measure="mastered_percent")["mastered_percent_mean"].tolist() == [55]
     assert frames.results_of(run).find(run).status == "done"
 
 

@@ -95,7 +95,7 @@ def test_its_leaderboard_ranks_without_hours(root: Path, capsys: pytest.CaptureF
     assert main(["leaderboard", str(root)]) == 0
     printed = capsys.readouterr().out
     assert "ADR" in printed
-    assert "hours a run" not in printed
+    assert "runs  hours" not in printed
 
 
 def test_runs_are_read_as_they_were_played(played: Played, root: Path) -> None:

@@ -61,7 +61,7 @@ def test_status_and_ranking_name_settings(printed: Any) -> None:
     assert [run["state"] for cell in cells.values() for run in cell["runs"]] == [RunStatus.DONE] * 3
     rows = printed("ranking")["rows"]
     assert {row["teacher"] for row in rows} == set(cells)
-    assert all(row["mastered_percent_std"] is None for row in rows)  # of a single run
+    assert all(row["mastered_area_std"] is None for row in rows)  # of a single run
 
 
 def test_one_kind_can_be_listed(printed: Any) -> None:

@@ -32,8 +32,8 @@ class Challenge:
     Attributes:
         environment: name in the environment registry.
         name: name of the challenge; with the seed it places what is random for all teachers alike.
-        title: how tables and figures call it.
-        task_space: what the teacher may choose from.
+        title: name in tables and figures.
+        task_space: tasks that the teacher may choose from.
         test_set: name of a CSV shipped with the package, without its ending.
         easy_task: a task easy for an untrained student, the initial mean at high expert
             knowledge; None where none is known.

@@ -18,10 +18,10 @@ class Reading:
     Attributes:
         teacher: name in the teacher registry.
         challenge: name of a challenge.
-        level: of expert knowledge.
+        level: level of expert knowledge.
         environment: name in the environment registry.
         embodiment: the one body that is looked at; empty for all.
-        share: of the training budget, after which it is read.
+        share: share of the training budget after which it is read.
     """
 
     teacher: str
@@ -99,10 +99,10 @@ class Claim:
     Attributes:
         name: short, for tables and links.
         text: the claim in our words.
-        source: where the paper makes it.
-        statements: what it says of single results.
-        at_least: how many of the statements must hold; None for all.
-        ours: whether `at_least` is our reading of a sentence without a number.
+        source: section of the paper that makes it.
+        statements: its parts, each on single results.
+        at_least: number of the statements that must hold; None for all.
+        ours: True if `at_least` is our reading of a sentence without a number.
         caveat: doubts about the results that the paper's sentence rests on.
     """
 
@@ -140,7 +140,7 @@ def _against_random(
     levels: Iterable[KnowledgeLevel],
     challenges: Iterable[str] = CHALLENGES,
 ) -> tuple[Compared, ...]:
-    """Returns `teacher` beside Random on each of `challenges` at each of `levels`."""
+    """Returns the comparison of `teacher` with Random on each of `challenges` at each of `levels`."""
     challenges = tuple(challenges)
     return tuple(
         Compared(Reading(teacher, challenge, level), relation, Reading("random", challenge, level))
@@ -154,7 +154,7 @@ def _parkour(teacher: str, embodiment: str = "") -> Reading:
 
 
 def _beats_random(teacher: str, relation: Relation, share: float = 1.0) -> Compared:
-    """Returns `teacher` beside Random in Parkour, after a share of the training."""
+    """Returns the comparison of `teacher` with Random in Parkour, after a share of the training."""
     first, second = (Reading(name, "original", LOW, "parkour", share=share) for name in (teacher, "random"))
     return Compared(first, relation, second)
 

@@ -37,11 +37,11 @@ class Size:
     """Changes of a tier to every experiment; None leaves that as the experiment has it.
 
     Attributes:
-        students: who learns instead of the experiment's students.
-        teachers: who teaches where neither the experiment nor the user says.
-        levels: how many levels of expert knowledge are kept, from the highest down.
-        seeds: how many are kept of each combination.
-        points: how many are kept of a grid of hyper-parameters.
+        students: students that learn instead of the experiment's.
+        teachers: teachers where neither the experiment nor the user names any.
+        levels: number of levels of expert knowledge that are kept, from the highest down.
+        seeds: number of seeds that are kept of each combination.
+        points: number of points that are kept of a grid of hyper-parameters.
         steps: budget of a run, in environment steps.
         evaluation_interval: between evaluations, in environment steps.
         probe_interval: between probes of the curriculum, in environment steps.
@@ -59,7 +59,7 @@ class Size:
     training_window: int | None = None
 
     def of(self, matrix: Matrix) -> Matrix:
-        """Returns what is left of `matrix` at this size."""
+        """Returns `matrix` reduced to this size."""
         return replace(
             matrix,
             students=self.students or matrix.students,
@@ -167,12 +167,12 @@ class Experiment:
     """One script's worth of runs.
 
     Attributes:
-        name: of the experiment, its script and its campaign.
-        title: what it is about, in a few words.
-        matrices: what is run.
-        teachers: who runs what the matrices leave open; empty where the user must say.
+        name: name of the experiment, its script and its campaign.
+        title: subject, in a few words.
+        matrices: combinations that are run.
+        teachers: teachers of matrices that leave them open; empty where the user must name some.
         read_at: share of the budget after which its tables are read.
-        searches: whether its result is the best point of each grid, not a ranking of teachers.
+        searches: True if its result is the best point of each grid, not a ranking of teachers.
         stages: matrices that are run before others, by the name of the part that they are.
         size: intervals of its runs; None of a field leaves the paper's.
     """
@@ -187,7 +187,7 @@ class Experiment:
     size: Size = field(default_factory=Size)
 
     def size_at(self, tier: Tier) -> Size:
-        """Returns what is run of it at `tier`; the largest is all of it."""
+        """Returns its size at `tier`; the largest is all of it."""
         return self.size if tier is Tier.PAPER else SIZES[tier]
 
     def stage(self, name: str | None) -> tuple[Matrix, ...]:

@@ -17,7 +17,7 @@ class Grid:
     """Every combination of some values of hyper-parameters.
 
     Attributes:
-        values: to try, by hyper-parameter.
+        values: values to try, by hyper-parameter.
         chosen: the combination that the paper chose; one of the grid's.
 
     Raises:
@@ -37,7 +37,7 @@ class Grid:
         """Returns the paper's choice, then the other combinations, the last hyper-parameter changing fastest.
 
         Args:
-            most: how many, evenly spread over the grid after the choice; None for all.
+            most: number of points, evenly spread over the grid after the choice; None for all.
         """
         others = [point for point in self._combinations() if point != dict(self.chosen)]
         count = len(others) if most is None else min(max(most - 1, 0), len(others))
@@ -124,7 +124,7 @@ TEACHER_GRIDS: Mapping[str, Grid] = {
         chosen={"update_every": 100, "noise": 0.05, "hidden_units": 128},
     ),
 }
-"""What the paper tried of each teacher (appendix on hyper-parameters): 64 to 81 combinations."""
+"""Values that the paper tried for each teacher (appendix on hyper-parameters): 64 to 81 combinations."""
 
 PPO_GRID = Grid(
     {
@@ -156,18 +156,18 @@ class Matrix:
     students and seeds, also those of other matrices on the same challenge.
 
     Attributes:
-        name: what files call it.
+        name: name in files.
         environment: name in the environment registry.
         challenge: name of a challenge of that environment.
         embodiments: names of the bodies.
         students: names in the student registry.
         levels: expert knowledge offered.
-        seeds: of each combination.
-        teachers: who runs it, names in the teacher registry; empty where that is for the user to say.
+        seeds: seeds of each combination.
+        teachers: names in the teacher registry of those that run it; empty where the user names them.
         steps: budget of each run; None for the 20 million of a schedule that says nothing else.
         teacher_grid: hyper-parameters of the teacher to search.
         student_grid: hyper-parameters of the student to search.
-        most_points: how many points of each grid are taken; None for all.
+        most_points: number of points of each grid that are taken; None for all.
 
     Raises:
         ValueError: the environment has no such challenge.
@@ -267,8 +267,8 @@ CASE_STUDIES: tuple[Matrix, ...] = (
     _case("recovery", "forgetting_student", "goal_gan", "spdl", "alp_gmm", "adr"),
 )
 """The case studies of the paper's appendix D that need runs: a chimpanzee learns to climb in an easy space,
-what expert knowledge does for ALP-GMM, what ADR needs (in a rugged landscape beside Random), and who recovers
-from a student that forgets. All but the first look at runs of the benchmark."""
+the effect of expert knowledge on ALP-GMM, the needs of ADR (in a rugged landscape compared with Random), and
+recovery from a student that forgets. All but the first look at runs of the benchmark."""
 
 OWN_KNOWLEDGE = {
     teacher: KnowledgeLevel.HIGH

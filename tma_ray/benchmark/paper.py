@@ -28,7 +28,7 @@ class PaperResult:
         seeds: runs behind the numbers.
         mean: mastered tasks, in per cent.
         std: standard deviation over the runs, in percentage points.
-        doubt: why the entry may be a slip of the paper; empty for most.
+        doubt: reason why the entry may be a slip of the paper; empty for most.
     """
 
     environment: str
@@ -82,8 +82,8 @@ class KnowledgeRequirements:
     from level low on: a teacher that requires it cannot run below.
 
     Attributes:
-        initial_distribution: where to start.
-        target_distribution: where to end.
+        initial_distribution: distribution of the first tasks.
+        target_distribution: distribution of the last tasks.
         mastery_range: the returns between which a task is being learned, or the one from which on it is
             mastered.
     """

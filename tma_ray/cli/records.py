@@ -34,7 +34,7 @@ KEYS: Mapping[str, Mapping[str, str]] = {
         "roots": "list of all results roots and baselines that were read",
         "warnings": "limits of the data, in sentences",
         "share": "share of the budget after which runs were read",
-        "measure": "measure of the ranking: mastered_percent, last_three or mastered_area",
+        "measure": "measure of the ranking: mastered_area, last_three or mastered_percent",
         "rows": "results, the best of each challenge first, with columns of analysis.comparisons.sentences",
         "overall": "estimates over all challenges, with the columns of analysis.comparisons.boards.overall",
         "sentences": "the rows in words",
@@ -130,7 +130,7 @@ def ranking_record(sources: Sequence[str | Path], share: float, measure: str) ->
     """Return the ranking of one or several roots after a share of the budget."""
     from analysis.baselines.catalogue import read
     from analysis.comparisons.boards import overall
-    from analysis.comparisons.sentences import ranked, sentences
+    from analysis.comparisons.sentences import ranked, ranking_sentences
     from analysis.measures.pooling import runs_after
 
     frames = read(sources)
@@ -142,7 +142,7 @@ def ranking_record(sources: Sequence[str | Path], share: float, measure: str) ->
         "measure": measure,
         "rows": _rows(table),
         "overall": _rows(overall(runs, measure)),
-        "sentences": sentences(table),
+        "sentences": ranking_sentences(table),
     }
 
 

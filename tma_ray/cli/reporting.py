@@ -9,7 +9,18 @@ from contextlib import closing
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
-from tma_ray.cli.options import Baseline, Baselines, Count, Folder, Json, Measure, Output, Root, Roots
+from tma_ray.cli.options import (
+    HEADLINE,
+    Baseline,
+    Baselines,
+    Count,
+    Folder,
+    Json,
+    Measure,
+    Output,
+    Root,
+    Roots,
+)
 from tma_ray.cli.records import claims_record, print_json, ranking_record
 from tma_ray.command_line import choice, command, value, values
 from tma_ray.commands.values import SHARE, expanded, named
@@ -147,7 +158,7 @@ def ranking(
     *root: Roots,
     baseline: Baselines = (),
     share: Annotated[float, value(SHARE, "X")] = 1.0,
-    measure: Measure = "mastered_percent",
+    measure: Measure = HEADLINE,
     json: Json = False,
 ) -> int:
     """Rank the teachers on each challenge by mastered tasks.
@@ -256,7 +267,7 @@ def compare(
     *root: Roots,
     baseline: Annotated[tuple[str, ...], values(named("a baseline"), "BASELINE")],
     output: Output | None = None,
-    measure: Measure = "mastered_percent",
+    measure: Measure = HEADLINE,
 ) -> int:
     """Write a page that compares results with released baselines.
 

@@ -1,0 +1,182 @@
+"""Croissant metadata of a release, ``croissant.json``: what data-set searches and loaders read.
+
+The format is MLCommons' Croissant 1.0 with the fields of its vocabulary for responsible AI (RAI 1.0) that the
+core asks for; ``mlcroissant`` validates it in the tests.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from typing import Any, Final
+
+import pyarrow as pa
+
+from analysis.baselines.catalogue import BaselineFile, BaselineManifest
+from tma_ray.results import SCHEMAS, Table
+
+CROISSANT_FILE: Final = "croissant.json"
+
+_CONTEXT: Final[dict[str, Any]] = {
+    "@language": "en",
+    "@vocab": "https://schema.org/",
+    "sc": "https://schema.org/",
+    "cr": "http://mlcommons.org/croissant/",
+    "rai": "http://mlcommons.org/croissant/RAI/",
+    "dct": "http://purl.org/dc/terms/",
+    "citeAs": "cr:citeAs",
+    "column": "cr:column",
+    "conformsTo": "dct:conformsTo",
+    "dataType": {"@id": "cr:dataType", "@type": "@vocab"},
+    "equivalentProperty": "cr:equivalentProperty",
+    "extract": "cr:extract",
+    "field": "cr:field",
+    "fileObject": "cr:fileObject",
+    "fileProperty": "cr:fileProperty",
+    "fileSet": "cr:fileSet",
+    "format": "cr:format",
+    "includes": "cr:includes",
+    "isLiveDataset": "cr:isLiveDataset",
+    "jsonPath": "cr:jsonPath",
+    "key": "cr:key",
+    "md5": "cr:md5",
+    "parentField": "cr:parentField",
+    "path": "cr:path",
+    "recordSet": "cr:recordSet",
+    "references": "cr:references",
+    "regex": "cr:regex",
+    "repeated": "cr:repeated",
+    "replace": "cr:replace",
+    "samplingRate": "cr:samplingRate",
+    "separator": "cr:separator",
+    "source": "cr:source",
+    "subField": "cr:subField",
+    "transform": "cr:transform",
+    "data": {"@id": "cr:data", "@type": "@json"},
+    "examples": {"@id": "cr:examples", "@type": "@json"},
+}
+"""Context that the specification recommends."""
+
+_ROWS: Final = {
+    Table.RUNS: "one run: its specification (JSON), state and versions",
+    Table.ATTEMPTS: "one attempt at a run: when, for how long, with which hardware and software",
+    Table.CELLS: "one cell of a campaign and its run",
+    Table.EVALUATIONS: "the return of one test task at one evaluation of a run",
+    Table.TRAINING: "one window of training of a run: episodes and their returns",
+    Table.EPISODES: "one training episode of a run and its task",
+    Table.CURRICULUM: "one task that the teacher would teach, probed without exploration",
+    Table.TEACHER_LOG: "one update of a teacher: its Gaussians, boxes and scalars",
+}
+
+
+def croissant(manifest: BaselineManifest, files: Sequence[BaselineFile], made: str) -> dict[str, Any]:
+    """Returns the Croissant metadata of a release of runs, as JSON has it.
+
+    Args:
+        manifest: manifest of the release.
+        files: its files; the tables among them are described.
+        made: origin of its runs, in words.
+    """
+    tables = {table: [file for file in files if _table_of(file) is table] for table in Table}
+    held = [table for table, parts in tables.items() if parts]
+    licence = {"license": manifest.licence} if manifest.licence else {}
+    return {
+        "@context": _CONTEXT,
+        "@type": "sc:Dataset",
+        "conformsTo": ["http://mlcommons.org/croissant/1.0", "http://mlcommons.org/croissant/RAI/1.0"],
+        "name": manifest.name,
+        "description": (
+            f"Results of {manifest.holds['runs']:,} training runs of a benchmark of curriculum teachers for "
+            f"deep reinforcement learning: which teachers help which students to master which tasks."
+        ),
+        **licence,
+        "url": f"./{manifest.name}",
+        "version": _version(manifest),
+        "datePublished": manifest.created[:10],
+        "creator": {"@type": "sc:Organization", "name": manifest.software},
+        "citeAs": manifest.citation,
+        "rai:dataCollection": made,
+        "rai:dataCollectionType": "Software Collection",
+        "rai:dataUseCases": "Comparison of curriculum teachers by released runs, without running them again.",
+        "rai:dataLimitations": [*manifest.caveats, *([manifest.gaps] if manifest.gaps else [])],
+        "rai:dataBiases": (
+            "Runs are of simulated worlds and of the students that are named; hardware can go with seeds."
+        ),
+        "rai:personalSensitiveInformation": "None: all data come from simulations.",
+        "distribution": [each for table in held for each in _distribution(table, tables[table])],
+        "recordSet": [_record_set(table) for table in held],
+    }
+
+
+def _version(manifest: BaselineManifest) -> str:
+    """Returns the version at the end of a name such as mine-1.2, with the three numbers of Croissant."""
+    numbers = [each for each in manifest.name.rpartition("-")[2].split(".") if each.isdigit()]
+    return ".".join([*numbers, "0", "0", "0"][:3])
+
+
+def _table_of(file: BaselineFile) -> Table | None:
+    parts = file.path.split("/")
+    return Table(parts[1]) if parts[0] == "tables" and parts[1] in list(Table) else None
+
+
+def _distribution(table: Table, files: Sequence[BaselineFile]) -> Iterator[dict[str, Any]]:
+    """Yields the files of a table, and the set of all of them."""
+    for file in files:
+        yield {
+            "@type": "cr:FileObject",
+            "@id": file.path,
+            "name": file.path,
+            "contentUrl": file.path,
+            "contentSize": f"{file.size} B",
+            "encodingFormat": "application/x-parquet",
+            "sha256": file.sha256,
+        }
+    yield {
+        "@type": "cr:FileSet",
+        "@id": f"{table}-files",
+        "name": f"{table}-files",
+        "encodingFormat": "application/x-parquet",
+        "includes": f"tables/{table}/*.parquet",
+    }
+
+
+def _record_set(table: Table) -> dict[str, Any]:
+    return {
+        "@type": "cr:RecordSet",
+        "@id": str(table),
+        "name": str(table),
+        "description": f"A row is {_ROWS[table]}.",
+        "field": [field for column in SCHEMAS[table] if (field := _field(table, column))],
+    }
+
+
+def _field(table: Table, column: pa.Field) -> dict[str, Any] | None:
+    """Returns the description of a column; None for structures and maps, which have no type in Croissant."""
+    repeated = pa.types.is_list(column.type)
+    kind = _data_type(column.type.value_type if repeated else column.type)
+    if kind is None:
+        return None
+    unit = (column.metadata or {}).get(b"unit", b"").decode()
+    return {
+        "@type": "cr:Field",
+        "@id": f"{table}/{column.name}",
+        "name": column.name,
+        "description": unit or column.name.replace("_", " "),
+        "dataType": kind,
+        **({"repeated": True} if repeated else {}),
+        "source": {"fileSet": {"@id": f"{table}-files"}, "extract": {"column": column.name}},
+    }
+
+
+def _data_type(kind: pa.DataType) -> str | None:
+    if pa.types.is_dictionary(kind):
+        return _data_type(kind.value_type)
+    for fits, name in (
+        (pa.types.is_boolean, "sc:Boolean"),
+        (pa.types.is_integer, "sc:Integer"),
+        (pa.types.is_floating, "sc:Float"),
+        (pa.types.is_string, "sc:Text"),
+        (pa.types.is_timestamp, "sc:Date"),
+    ):
+        if fits(kind):
+            return name
+    return None
