@@ -46,7 +46,7 @@ class Quantity:
         """Return the number in `text`.
 
         Raises:
-            ValueError: a text that is no number of this kind.
+            ValueError: a text that is not a number of this kind.
         """
         found = _NUMBER.fullmatch(text.strip())
         if found is not None:

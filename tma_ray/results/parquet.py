@@ -265,7 +265,7 @@ def schema_version(file: Any) -> int:
     Raises:
         OSError, pa.ArrowException: the bytes are not a Parquet file.
         KeyError: it names none.
-        ValueError: the version is no number.
+        ValueError: it names something else than a number.
     """
     return int((pq.read_schema(file).metadata or {})[VERSION_KEY.encode()])
 
