@@ -55,6 +55,11 @@ CHANGES = (
     Change("notebooks/README.md", "' jupyterlab", "'", "the tests do without JupyterLab"),
     Change("examples/README.md", "report ../staircase", "report ../results", "its campaign is only planned"),
     Change("docs/simulated_students.md", "--seeds 10 ", "--teachers random,riac ", "all take minutes"),
+    Change("*", "trial riac --simulated", "trial riac --simulated --dry-run",
+           "tests/campaign/test_trial.py rehearses one"),
+    Change("docs/trials.md", "frontier_teacher.py:Frontier --simulated", "riac --simulated --dry-run",
+           "likewise"),
+    Change("docs/trials.md", "frontier_teacher.py:Frontier", "riac", "a teacher that there is"),
     Change("*", "pytest test_frontier_teacher.py", "pytest -k hyperparameters test_frontier_teacher.py",
            "tests/test_examples.py has all of the kit pass"),
 )  # fmt: skip
