@@ -8,7 +8,7 @@ Takes the runs in the order of ``experiments/lite_1.py``; each continues what th
 
 from __future__ import annotations
 
-from pools import describe, execute, parser
+from pools import execute, parser
 
 from tma_ray.benchmark.experiments import LITE_1_SIZE, LITE_1_STAGES, LITE_1_TEACHERS
 from tma_ray.campaign.plan import Plan, joined_plan, matrix_campaigns
@@ -31,7 +31,7 @@ def main() -> int:
     options = parser(str(__doc__))
     options.add_argument("--stage", default="core", choices=sorted(LITE_1_STAGES))
     given = options.parse_args()
-    print(describe(execute(plan(given.stage), given)))
+    execute(plan(given.stage), given)
     return 0
 
 

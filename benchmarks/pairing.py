@@ -16,7 +16,7 @@ import sys
 from pathlib import Path
 
 import pandas as pd
-from pools import describe, execute, parser
+from pools import execute, parser
 from sac_learning import curves
 
 import analysis
@@ -98,7 +98,7 @@ def main() -> int:
         print(*told(name, table), sep="\n")
     if reads:
         return 0
-    print(describe(execute(plan(given.seeds), given)))
+    execute(plan(given.seeds), given)
     table = curves(given.results)
     table.round(2).to_csv(Path(given.results, "pairing.csv"), index=False)
     print(*told("pairing", table), sep="\n")

@@ -21,7 +21,7 @@ from typing import TYPE_CHECKING, Any
 import gymnasium
 import numpy as np
 import pandas as pd
-from pools import describe, execute, parser
+from pools import execute, parser
 
 import analysis
 from analysis.data.tables import evaluation_measures
@@ -465,7 +465,8 @@ def main() -> int:
     found = pd.DataFrame()
     for part in given.parts.split(","):
         wanted = plan(part, found, Path(f"{given.results}_walkers"))
-        print(part, describe(execute(wanted, given)), flush=True)
+        print(part, flush=True)
+        execute(wanted, given)
         found = written(given.results, given.csv)
         cells = analysis.load(given.results).cells
         if not set(cells[cells["status"] == "done"]["run_id"]).issuperset(run.run_id for run in wanted.runs):

@@ -18,7 +18,7 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
-from pools import describe, execute, parser
+from pools import execute, parser
 from sac_learning import curves
 from scipy import stats
 
@@ -115,8 +115,7 @@ def main() -> int:
     given = options.parse_args()
     if not given.cohort:
         options.error("--cohort 0: alone, students on a processor without AMX ignore the precision")
-    report = execute(plan(given.student, given.precision, given.seeds, given.steps), given)
-    print(describe(report))
+    execute(plan(given.student, given.precision, given.seeds, given.steps), given)
     table = curves(given.results)
     print(table.pivot(index=["student", "seed"], columns="step", values="mastered").round(0).to_string())
     rows = differences(table, given.precision)

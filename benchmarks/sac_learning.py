@@ -14,7 +14,7 @@ import json
 from pathlib import Path
 
 import pandas as pd
-from pools import describe, execute, parser
+from pools import execute, parser
 
 from tma_ray.campaign.plan import CampaignSpec, Plan, joined_plan
 from tma_ray.results import Results, Table
@@ -70,7 +70,7 @@ def main() -> int:
     options.add_argument("--seeds", type=int, default=5, help="of every cell")
     options.add_argument("--precision", default="highest", help="of the products: highest, high or medium")
     given = options.parse_args()
-    report = execute(plan(tuple(given.parts.split(",")), given.seeds, given.precision), given)
+    execute(plan(tuple(given.parts.split(",")), given.seeds, given.precision), given)
     table = curves(given.results)
     for name, cell in table.groupby(["challenge", "teacher", "student"], observed=True):
         print(*name)
@@ -78,7 +78,6 @@ def main() -> int:
         print(cell.pivot(index="step", columns="seed", values="episodic_return").round(0).to_string())
     content = table.round(2).to_dict(orient="list")
     Path(given.results, "curves.json").write_text(json.dumps(content))
-    print(describe(report))
     return 0
 
 

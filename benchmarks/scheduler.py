@@ -23,11 +23,11 @@ from unittest import mock
 import ray
 from rich.console import Console
 
-from tma_ray.campaign import scheduler
 from tma_ray.campaign.cluster.joined import connect
-from tma_ray.campaign.executors import cohorts
+from tma_ray.campaign.executors import cohorts, ray_executor
 from tma_ray.campaign.executors.actors import SeedActor
 from tma_ray.campaign.progress import ProgressView
+from tma_ray.campaign.scheduler import Scheduler
 from tma_ray.campaign.settings import Resources, Settings, TeacherPlacement
 from tma_ray.results import Committer, PartFile, RunWriter, Store
 from tma_ray.runs import Cell, RunSpec, Schedule, effective_spec
@@ -100,7 +100,9 @@ def execute(runs: list[RunSpec], root: str) -> dict[str, float]:
     view = ProgressView(Console(file=io.StringIO()))
     start, used = time.perf_counter(), time.process_time()
     committer, head = Committer.open(root), connect(None).head
-    ended = scheduler.Scheduler(committer, SETTINGS, view, lambda: None, head).execute(runs, lambda: False)
+    places = cohorts.AnyNode(SETTINGS, head)
+    executor = ray_executor.RayExecutor(committer.store, SETTINGS, head, places)
+    ended = Scheduler(committer, executor, SETTINGS, view).execute(runs, lambda: False)
     seconds, used = time.perf_counter() - start, time.process_time() - used
     assert ended.done == len(runs)
     return {
@@ -117,8 +119,8 @@ def trivial(count: int) -> dict[str, Any]:
     runs = specs(count, 1)
     with (
         tempfile.TemporaryDirectory() as root,
-        mock.patch.object(scheduler, "SeedActor", Substitute),
-        mock.patch.object(scheduler, "ray", RayWithoutDeath()),
+        mock.patch.object(ray_executor, "SeedActor", Substitute),
+        mock.patch.object(ray_executor, "ray", RayWithoutDeath()),
         mock.patch.object(cohorts, "capacity", return_value=PLAYERS),
     ):
         first = execute(runs, root)

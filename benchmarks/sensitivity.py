@@ -11,7 +11,7 @@ differences.
 from __future__ import annotations
 
 import pandas as pd
-from pools import describe, execute, parser
+from pools import execute, parser
 from sac_learning import curves
 
 from analysis.statistics import welch
@@ -59,9 +59,8 @@ def main() -> int:
     options.add_argument("--parts", default="cohort,stock", help="cohort, stock or both")
     options.add_argument("--seeds", type=int, default=8, help="of every cell")
     given = options.parse_args()
-    report = execute(plan(tuple(given.parts.split(",")), given.seeds), given)
+    execute(plan(tuple(given.parts.split(",")), given.seeds), given)
     print(differences(curves(given.results)))
-    print(describe(report))
     return 0
 
 

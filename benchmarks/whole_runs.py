@@ -11,8 +11,11 @@ from dataclasses import dataclass, field
 import numpy as np
 import psutil
 
-from tma_ray.campaign.executors.processes import PoolReport, cohort, run_in_processes
+from tma_ray.campaign.executors.processes import LocalExecutor, cohort
 from tma_ray.campaign.plan import CampaignSpec
+from tma_ray.campaign.progress import Snapshot
+from tma_ray.campaign.scheduler import Scheduler
+from tma_ray.campaign.settings import Settings
 from tma_ray.envs import make_environment
 from tma_ray.results import Committer
 from tma_ray.runs import Cell, Placement, RunSpec, Schedule
@@ -65,9 +68,9 @@ class Meter:
     others: set[int]
     samples: list[tuple[float, float, float, int, dict[str, float]]] = field(default_factory=list)
 
-    def __call__(self, report: PoolReport) -> None:
+    def update(self, snapshot: Snapshot) -> None:
         """Takes a sample if all runs learn."""
-        steps = list(report.steps.values())
+        steps = [run.status.step for run in snapshot.running]
         if len(steps) == self.runs and min(steps) > FIRST_STEPS:
             parts = account(self.learner) if self.learner else {}
             used = _processor_seconds()
@@ -75,8 +78,11 @@ class Meter:
             playing = sum(used.values()) - learning
             self.samples.append((time.monotonic(), playing, learning, sum(steps), parts))
 
+    def close(self, snapshot: Snapshot) -> None:
+        """Takes no last sample: runs have ended."""
+
     def enough(self) -> bool:
-        """Tells whether the measurement is over."""
+        """Returns True once the measurement is over."""
         return bool(self.samples) and self.samples[-1][0] - self.samples[0][0] > self.seconds
 
     def result(self) -> dict[str, float]:
@@ -114,10 +120,11 @@ def pool(student: str, count: int, width: int, device: str, seconds: float) -> d
     """Plays runs for some time, in as many processes; returns what `Meter.result` does."""
     with ExitStack() as stack:
         root = stack.enter_context(tempfile.TemporaryDirectory())
-        Committer.open(root)
+        committer = Committer.open(root)
         placement = stack.enter_context(_placed(width, device))
         meter = Meter(count, seconds, placement.learner, set(_processor_seconds()))
-        run_in_processes(runs_of(student, count), root, count, placement, meter.enough, meter)
+        executor = LocalExecutor(committer.store, placement, count)
+        Scheduler(committer, executor, Settings(), meter).execute(runs_of(student, count), meter.enough)
         return meter.result()
 
 

@@ -18,7 +18,7 @@ from cramped_learner import ENOUGH_FOR, CrampedLearner
 from small_runs import STUDENTS, data_files, rows
 from test_campaign import campaign, corridor, execute, idle, lingering, quiet, settings
 
-from tma_ray.campaign import scheduler
+from tma_ray.campaign import execution
 from tma_ray.campaign.cluster.joined import connect
 from tma_ray.campaign.executors import actors
 from tma_ray.campaign.executors.cohorts import (
@@ -30,6 +30,8 @@ from tma_ray.campaign.executors.cohorts import (
     room_of,
 )
 from tma_ray.campaign.options import parse_cohort
+from tma_ray.campaign.executors.ray_executor import RayExecutor
+from tma_ray.campaign.scheduler import Scheduler
 from tma_ray.campaign.settings import GIB, PLAYER, Resources, Settings, TeacherPlacement
 from tma_ray.results import Committer, Store, Table
 from tma_ray.runs import Cell, Placement, run_locally
@@ -95,7 +97,7 @@ def test_without_memory_a_smaller_width_is_tried_and_said(
     def cramped(*arguments: Any) -> Cohorts:
         return Cohorts(*arguments, learner_type=CrampedLearner)
 
-    monkeypatch.setattr(scheduler, "Cohorts", cramped)
+    monkeypatch.setattr(execution, "Cohorts", cramped)
     what = campaign(sac("random"), seeds=(0, 1, 2))
     assert in_cohort(what, tmp_path, most_losses=0).done == 3
     assert "too little memory for a cohort of 4 runs (Unable to allocate" in caplog.text
@@ -115,7 +117,8 @@ def test_a_stopped_cohort_leaves_checkpoints_and_continues(tmp_path: Path) -> No
     chosen = settings(cohort=WIDTH, player=SMALL, resources=Resources(), teachers=TeacherPlacement.INLINE)
     checkpoints = root / "checkpoints"
     runs, head = what.plan().runs, connect(None).head
-    ended = scheduler.Scheduler(committer, chosen, quiet(), lambda: None, head, kinds_of(runs)).execute(
+    executor = RayExecutor(committer.store, chosen, head, Cohorts(chosen, head, runs, kinds_of(runs)))
+    ended = Scheduler(committer, executor, chosen, quiet()).execute(
         runs, lambda: len(list(checkpoints.glob("*/*/index.json"))) >= 2
     )
     (tmp_path / "stopped").touch()

@@ -12,10 +12,11 @@ from ray.exceptions import ActorUnavailableError, RayError, RayTaskError
 from small_runs import data_files, rows
 from test_campaign import alone, campaign, execute, idle, settings
 
-from tma_ray.campaign.executors.actors import Report, SeedActor, reason_for_loss
+from tma_ray.campaign.executors.actors import SeedActor, reason_for_loss
 from tma_ray.campaign.failures import FIRST_PAUSE, LONGEST_PAUSE, Retries
 from tma_ray.campaign.settings import TeacherPlacement
 from tma_ray.results import Committer, StorageError, Table
+from tma_ray.runs.attempt import Report
 
 
 class Clock:
@@ -71,7 +72,7 @@ def test_a_second_call_of_a_run_waits_for_the_first_and_gives_the_same(tmp_path:
 
 
 class Network:
-    """Ray as the scheduler sees it through a network that loses the first answers of seed actors."""
+    """Ray as the executor sees it through a network that loses the first answers of seed actors."""
 
     def __init__(self, lost: int) -> None:
         self.lost = lost
@@ -93,7 +94,7 @@ def test_an_actor_out_of_sight_is_asked_again_and_not_replaced(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     network = Network(lost=3)
-    monkeypatch.setattr("tma_ray.campaign.scheduler.ray", network)
+    monkeypatch.setattr("tma_ray.campaign.executors.ray_executor.ray", network)
     what = campaign(idle("random"))
     assert execute(what, tmp_path / "root", teachers=TeacherPlacement.INLINE).done == 1
     assert network.lost == 0
@@ -105,7 +106,7 @@ def test_an_actor_out_of_sight_is_asked_again_and_not_replaced(
 @pytest.mark.usefixtures("cluster")
 @pytest.mark.slow
 def test_who_is_silent_for_too_long_is_lost(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("tma_ray.campaign.scheduler.ray", Network(lost=10_000))
+    monkeypatch.setattr("tma_ray.campaign.executors.ray_executor.ray", Network(lost=10_000))
     changes = {"unreachable_seconds": 0.6, "most_losses": 1, "teachers": TeacherPlacement.INLINE}
     ended = execute(campaign(idle("random")), tmp_path, **changes)
     assert (ended.done, ended.failed) == (0, 1)

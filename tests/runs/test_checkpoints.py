@@ -132,7 +132,7 @@ def test_an_attempt_that_was_taken_for_lost_takes_nothing_from_its_successor(
 def test_an_attempt_that_was_replaced_ends_at_its_next_checkpoint(spec: RunSpec, store: Store) -> None:
     committer = Committer(store)
     number = committer.start(spec.record())
-    attempt = Attempt(spec, store, number, InlineTeacher(spec), EVERY_EPISODE)
+    attempt = Attempt(spec, store, number, EVERY_EPISODE)
     published = []
 
     def replace(parts: object) -> None:

@@ -10,7 +10,6 @@ from small_runs import rows, run, small_spec
 from tma_ray.results import AttemptOutcome, Committer, Results, RunStatus, Store, Table
 from tma_ray.runs import Placement, RunSpec
 from tma_ray.runs.attempt import Attempt
-from tma_ray.runs.teaching import InlineTeacher
 
 EVERY_EPISODE = Placement(checkpoint_seconds=0.0)
 
@@ -19,7 +18,7 @@ def die(spec: RunSpec, root: Path, episodes: int) -> Attempt:
     """Leaves what a process leaves that is killed after so many episodes."""
     committer = Committer.open(root)
     number, left = committer.start(spec.record()), iter(range(episodes))
-    attempt = Attempt(spec, committer.store, number, InlineTeacher(spec), EVERY_EPISODE)
+    attempt = Attempt(spec, committer.store, number, EVERY_EPISODE)
     with pytest.raises(StopIteration):
         attempt.execute(lambda: next(left) < 0, lambda parts: committer.publish(spec.record(), number, parts))
     attempt.close()

@@ -9,7 +9,8 @@ from pathlib import Path
 from tma_ray.campaign.cluster.base import BEGUN, GRACE_SECONDS, leaving_without_head
 from tma_ray.campaign.cluster.joined import Connection, connect
 from tma_ray.campaign.cluster.local import OwnProcesses
-from tma_ray.campaign.executors.cohorts import Kind, check_room, kinds_of
+from tma_ray.campaign.executors.cohorts import AnyNode, Cohorts, Kind, check_room, kinds_of
+from tma_ray.campaign.executors.ray_executor import RayExecutor
 from tma_ray.campaign.failures import StopSignals
 from tma_ray.campaign.plan import CampaignSpec, Plan, lease_holder
 from tma_ray.campaign.preflight import check_feasible, check_installation, check_storage_access, warm_nodes
@@ -17,7 +18,7 @@ from tma_ray.campaign.progress import ProgressView, PublishedProgress, Snapshot,
 from tma_ray.campaign.scheduler import Scheduler
 from tma_ray.campaign.settings import Settings
 from tma_ray.results import Committer, HeartbeatWriter, Lease, Store, check_usable
-from tma_ray.runs.inputs import importing_plugins, keep, plugin_sources
+from tma_ray.runs.inputs import importing_plugins, plugin_sources
 from tma_ray.runs.placement import check_available
 
 
@@ -95,12 +96,13 @@ def _schedule(
     head = connection.head
     committer = Committer(store)
     with Lease(store, lease_holder(plan.name)) as lease:
-        keep(store, plan.runs)
         if plan.cell_rows:
             committer.write_cells(plan.name, plan.cell_rows)
         committer.sweep()
         progress = PublishedProgress(view, HeartbeatWriter(store, lease.holder))
-        scheduler = Scheduler(committer, settings, progress, lease.keep, head, kinds)
+        places = Cohorts(settings, head, plan.runs, kinds) if settings.width else AnyNode(settings, head)
+        executor = RayExecutor(store, settings, head, places)
+        scheduler = Scheduler(committer, executor, settings, progress, lease.keep)
 
         def conclude() -> None:
             scheduler.abandon()

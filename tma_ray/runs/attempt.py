@@ -10,6 +10,7 @@ import time
 import traceback
 from collections.abc import Callable, Sequence
 from contextlib import suppress
+from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
 from types import TracebackType
@@ -41,19 +42,40 @@ from tma_ray.runs.teaching import InlineTeacher, TeacherLink
 from tma_ray.students.players import LearnerLostError, hardware
 
 RECENT_EPISODES = 100
+"""Number of training episodes over which the episodic return of a status is averaged."""
 
 logger = logging.getLogger(__name__)
 
 
+@dataclass(frozen=True)
+class Report:
+    """Progress of an attempt, for the process that commits its results.
+
+    Attributes:
+        record: row of the table of attempts, as if the attempt's process were lost now.
+        status: step, speed and recent return of the run.
+        parts: result files that the newest checkpoint holds; None before the first.
+        node: id of the node on which the attempt runs, empty outside of a cluster.
+    """
+
+    record: AttemptRecord
+    status: Status
+    parts: tuple[PartFile, ...] | None
+    node: str = ""
+
+
 class Attempt:
-    """Executes a run from its newest checkpoint, or from the start.
+    """Execution of a run in this process, from its newest checkpoint or from the start.
+
+    `execute` is the whole sequence, with a log in the results root: fetch the files that the run reads,
+    resume, train, commit at checkpoints, finish. The other methods may be called from another thread.
 
     Args:
-        spec: what to run.
-        store: the results root.
-        number: of this attempt; no two processes may share one.
-        teacher: the link to the teacher of `spec`.
+        spec: run to execute.
+        store: results root.
+        number: number of this attempt; no two processes may share one.
         placement: device, threads, time between checkpoints.
+        teacher: maker of the link to the teacher of `spec`.
     """
 
     def __init__(
@@ -61,80 +83,76 @@ class Attempt:
         spec: RunSpec,
         store: Store,
         number: int,
-        teacher: TeacherLink,
         placement: Placement | None = None,
+        teacher: Callable[[RunSpec], TeacherLink] = InlineTeacher,
     ) -> None:
-        self._started_at, self._created = datetime.now(UTC), time.monotonic()
         self.spec = spec
         self._store = store
         self._number = number
         self._placement = placement or Placement()
-        learner, device = self._placement.learner, self._placement.device
-        described = hardware(learner) if learner else gpu(device)
-        self.fingerprint = fingerprint(self._placement.threads, device, described)
+        self._teacher = teacher
+        self._started_at, self._created = datetime.now(UTC), time.monotonic()
         self._checkpoints = Checkpoints(store, spec.run_id, number)
-        fetch(store, spec)
-        writer = RunWriter(store, spec.run_id, number)
-        self._run = Run(spec, teacher, writer, self._placement)
-        self._resume()
-        self._started, self._first_step = time.monotonic(), self._run.progress.step
-        self._saved_at, self._saved_evaluations = self._started, self._run.progress.evaluations
         self._episodic_returns: list[float] = []
-        logger.info(
-            "attempt %d on %s, %s, %d threads: from step %s of %s",
-            number,
-            platform.node(),
-            self._placement.device,
-            self._placement.threads,
-            f"{self._first_step:,}",
-            f"{spec.schedule.steps:,}",
-        )
-        self._keep_record()
+        self._parts: tuple[PartFile, ...] | None = None
+        self._run: Run | None = None
 
     def execute(
-        self, should_stop: Callable[[], bool], publish: Callable[[Sequence[PartFile]], None]
+        self,
+        should_stop: Callable[[], bool],
+        publish: Callable[[Sequence[PartFile]], None] = lambda _: None,
     ) -> tuple[PartFile, ...] | None:
-        """Trains until the budget is spent or a stop is asked for.
+        """Resumes and trains until the budget is spent or a stop is requested.
 
         Args:
             should_stop: asked after every episode.
-            publish: told the parts of the run after every checkpoint.
+            publish: called with the parts of the run after every checkpoint.
 
         Returns:
             The canonical result files, or None after a stop, which leaves a checkpoint.
 
         Raises:
-            StaleAttemptError: at a checkpoint, if a later attempt is accepted: this one was taken for lost.
-            StorageError: the results root does not take what is written.
+            StaleAttemptError: at a checkpoint, a later attempt is accepted: this one was taken for lost.
+            StorageError: the results root refuses what is written.
+            LearnerLostError: the learner of the run's cohort is gone.
         """
-        run = self._run
-        while True:
-            episode = run.advance()
-            if episode is not None:
-                self._episodic_returns = [
-                    *self._episodic_returns[1 - RECENT_EPISODES :],
-                    episode.episodic_return,
-                ]
-            if run.finished:
-                break
-            stopping = should_stop()
-            if stopping or self._checkpoint_due():
-                self._checkpoint(should_stop, publish)
-            if stopping:
-                logger.info("stopped as asked at step %s", f"{run.progress.step:,}")
-                return None
-        final = retry(self._finish, self._placement.outage_seconds, should_stop)
-        logger.info("done")
-        return final
+        with RunLog(self._store, self.spec.run_id, self._number) as log:
+            run = self._prepare()
+            while True:
+                episode = run.advance()
+                if episode is not None:
+                    self._episodic_returns = [
+                        *self._episodic_returns[1 - RECENT_EPISODES :],
+                        episode.episodic_return,
+                    ]
+                if run.finished:
+                    break
+                stopping = should_stop()
+                if stopping or self._checkpoint_due(run):
+                    publish(self._checkpoint(run, should_stop))
+                    log.publish()
+                if stopping:
+                    logger.info("stopped as asked at step %s", f"{run.progress.step:,}")
+                    return None
+            final = retry(lambda: self._finish(run), self._placement.outage_seconds, should_stop)
+            logger.info("done")
+            return final
 
     def status(self) -> Status:
-        """Returns where the run stands; safe to call from another thread."""
+        """Returns step, speed and recent return of a run that trains."""
+        assert self._run is not None, "an attempt that trains has a run"
         step, seconds = self._run.progress.step, time.monotonic() - self._started
         recent = float(np.mean(self._episodic_returns)) if self._episodic_returns else float("nan")
         return Status(step, (step - self._first_step) / max(seconds, 1e-9), recent)
 
+    def report(self) -> Report | None:
+        """Returns the progress; None while the run is being set up."""
+        if self._run is None:
+            return None
+        return Report(self.record(AttemptOutcome.LOST), self.status(), self._parts)
+
     def record(self, outcome: AttemptOutcome) -> AttemptRecord:
-        """Returns the row of the table of attempts, as if the attempt ended now with `outcome`."""
+        """Returns the row of the table of attempts of a run that trains, if it ended now with `outcome`."""
         return AttemptRecord(
             run_id=self.spec.run_id,
             attempt=self._number,
@@ -148,13 +166,39 @@ class Attempt:
 
     def close(self) -> None:
         """Closes the run's environments."""
-        self._run.close()
+        if self._run is not None:
+            self._run.close()
 
-    def _resume(self) -> None:
-        checkpoint = retry(lambda: self._checkpoints.restore(self._run), self._placement.outage_seconds)
+    def _prepare(self) -> Run:
+        """Returns the run in the state of its newest checkpoint."""
+        placement = self._placement
+        learner, device = placement.learner, placement.device
+        described = hardware(learner) if learner else gpu(device)
+        self.fingerprint = fingerprint(placement.threads, device, described)
+        fetch(self._store, self.spec)
+        writer = RunWriter(self._store, self.spec.run_id, self._number)
+        run = Run(self.spec, self._teacher(self.spec), writer, placement)
+        self._resume(run)
+        self._started, self._first_step = time.monotonic(), run.progress.step
+        self._saved_at, self._saved_evaluations = self._started, run.progress.evaluations
+        self._run = run
+        logger.info(
+            "attempt %d on %s, %s, %d threads: from step %s of %s",
+            self._number,
+            platform.node(),
+            device,
+            placement.threads,
+            f"{self._first_step:,}",
+            f"{self.spec.schedule.steps:,}",
+        )
+        self._keep_record()
+        return run
+
+    def _resume(self, run: Run) -> None:
+        checkpoint = retry(lambda: self._checkpoints.restore(run), self._placement.outage_seconds)
         if checkpoint is None:
             return
-        self._run.writer = RunWriter(self._store, self.spec.run_id, self._number, checkpoint.parts)
+        run.writer = RunWriter(self._store, self.spec.run_id, self._number, checkpoint.parts)
         if checkpoint.fingerprint != self.fingerprint:
             logger.warning(
                 "run %s resumes on another machine or with other libraries: its results will be sound, "
@@ -162,16 +206,21 @@ class Attempt:
                 self.spec.run_id,
             )
 
-    def _checkpoint_due(self) -> bool:
-        evaluated = self._run.progress.evaluations > self._saved_evaluations
+    def _checkpoint_due(self, run: Run) -> bool:
+        evaluated = run.progress.evaluations > self._saved_evaluations
         return evaluated or time.monotonic() - self._saved_at > self._placement.checkpoint_seconds
 
-    def _checkpoint(
-        self, should_stop: Callable[[], bool], publish: Callable[[Sequence[PartFile]], None]
-    ) -> None:
+    def _checkpoint(self, run: Run, should_stop: Callable[[], bool]) -> tuple[PartFile, ...]:
+        """Writes rows and state; returns the parts of the run so far."""
+
+        def write() -> tuple[tuple[PartFile, ...], int]:
+            accepted_manifest(self._store, self.spec.run_id, self._number)
+            parts = run.writer.flush()
+            return parts, self._checkpoints.save(run, parts, self.fingerprint)
+
         started = time.monotonic()
-        parts, size = retry(self._write_checkpoint, self._placement.outage_seconds, should_stop)
-        self._saved_at, self._saved_evaluations = time.monotonic(), self._run.progress.evaluations
+        self._parts, size = retry(write, self._placement.outage_seconds, should_stop)
+        self._saved_at, self._saved_evaluations = time.monotonic(), run.progress.evaluations
         status = self.status()
         logger.info(
             "step %s: %.0f steps/s, episodic return %.1f; checkpoint of %.1f MB in %.1f s",
@@ -182,46 +231,37 @@ class Attempt:
             self._saved_at - started,
         )
         self._keep_record()
-        publish(parts)
+        return self._parts
 
     def _keep_record(self) -> None:
         with suppress(StorageError):  # no run fails for its row; the next record holds more
             write_progress(self._store, self.record(AttemptOutcome.LOST))
 
-    def _write_checkpoint(self) -> tuple[tuple[PartFile, ...], int]:
-        """Writes rows and state; returns the parts of the run so far, and the bytes of state written."""
-        accepted_manifest(self._store, self.spec.run_id, self._number)
-        parts = self._run.writer.flush()
-        return parts, self._checkpoints.save(self._run, parts, self.fingerprint)
-
-    def _finish(self) -> tuple[PartFile, ...]:
-        """Writes the final policy and the canonical result files, which it returns."""
-        self._save_policy()
-        return self._run.writer.finish()
-
-    def _save_policy(self) -> None:
+    def _finish(self, run: Run) -> tuple[PartFile, ...]:
+        """Writes the final policy with its spec, and the canonical result files, which it returns."""
         folder = staged_policy(self.spec.run_id, self._number)
         with tempfile.TemporaryDirectory() as place:
-            self._run.student.save_policy(Path(place))
+            run.student.save_policy(Path(place))
             for path in sorted(Path(place).iterdir()):
                 self._store.write_bytes(f"{folder}/{path.name}", path.read_bytes())
         self._store.write_bytes(f"{folder}/spec.json", json.dumps(self.spec.to_dict(), indent=1).encode())
+        return run.writer.finish()
 
 
 LOGGER = "tma_ray"
-"""Whose messages, and those below it, are kept: plug-ins may log to ``tma_ray.plugins.…``."""
+"""Name of the logger whose messages are kept, and of its children, as ``tma_ray.plugins.…`` for plug-ins."""
 
 
 class RunLog(logging.Handler):
-    """Context that keeps this process's messages from INFO on, and publishes them when asked and at its end.
+    """Context that collects this process's messages from INFO on, and writes them to the results root.
 
     The file is written whole each time, since object stores cannot append. An exception that leaves the
-    context is its last message. Of a process that is killed, what came after the last publication is lost.
+    context is its last message. If the process is killed, messages after the last publication are lost.
 
     Args:
-        store: the results root.
-        run_id: of the run.
-        attempt: its number.
+        store: results root.
+        run_id: id of the run.
+        attempt: number of the attempt.
     """
 
     def __init__(self, store: Store, run_id: str, attempt: int) -> None:
@@ -273,48 +313,39 @@ def run_locally(
     """Runs `spec` in this process, from its newest checkpoint if there is one.
 
     Args:
-        spec: what to run; nothing happens if the root holds its results already.
-        committer: of the results root.
+        spec: run to execute; nothing happens if the root holds its results already.
+        committer: committer of the results root.
         placement: device, threads, time between checkpoints.
         should_stop: asked after every episode; a stopped run leaves a checkpoint.
-        on_status: told the run's status after every episode.
+        on_status: called with the run's status after every episode.
 
     Returns:
-        How the attempt ended.
+        The outcome of the attempt.
 
     Raises:
-        StorageError: the root refused to take what was written for long; the run can be taken up again.
-        LearnerLostError: the learner of its cohort is gone; likewise.
-        Exception: whatever the run's parts raise, after the run is marked as failed.
+        StorageError: the root refused what was written for too long; the run can be resumed.
+        LearnerLostError: the learner of its cohort is gone; the run can be resumed.
+        Exception: errors of the run's parts, after the run is marked as failed.
     """
     check_kind("spec", spec, RunSpec, "a RunSpec, as of effective_spec")
     check_kind("committer", committer, Committer, "a Committer, as Committer.open('results')")
     if committer.done([spec.run_id]):
         return AttemptOutcome.DONE
-    return _attempt(spec, committer, placement or Placement(), should_stop, on_status)
-
-
-def _attempt(
-    spec: RunSpec,
-    committer: Committer,
-    placement: Placement,
-    should_stop: Callable[[], bool],
-    on_status: Callable[[Status], None],
-) -> AttemptOutcome:
-    record = spec.record()
+    placement, record = placement or Placement(), spec.record()
     keep(committer.store, [spec])
-    fetch(committer.store, spec)
     number = committer.start(record)
-    attempt, outcome = None, AttemptOutcome.FAILED
+    attempt = Attempt(spec, committer.store, number, placement)
+
+    def show_and_ask() -> bool:
+        on_status(attempt.status())
+        return should_stop()
+
+    def publish(parts: Sequence[PartFile]) -> None:
+        retry(lambda: committer.publish(record, number, parts), placement.outage_seconds, should_stop)
+
+    outcome = AttemptOutcome.FAILED
     try:
-        with RunLog(committer.store, spec.run_id, number) as log:
-
-            def publish(parts: Sequence[PartFile]) -> None:
-                retry(lambda: committer.publish(record, number, parts), placement.outage_seconds, should_stop)
-                log.publish()
-
-            attempt = Attempt(spec, committer.store, number, InlineTeacher(spec), placement)
-            final = attempt.execute(_reporting(attempt, should_stop, on_status), publish)
+        final = attempt.execute(show_and_ask, publish)
         outcome = AttemptOutcome.STOPPED if final is None else AttemptOutcome.DONE
         if final is not None:
             retry(lambda: committer.finish(record, number, final), placement.outage_seconds, should_stop)
@@ -326,17 +357,7 @@ def _attempt(
         committer.fail(record, number, traceback.format_exc())
         raise
     finally:
-        if attempt is not None:
+        if attempt.report() is not None:
             committer.record_attempt(attempt.record(outcome))
             attempt.close()
     return outcome
-
-
-def _reporting(
-    attempt: Attempt, should_stop: Callable[[], bool], on_status: Callable[[Status], None]
-) -> Callable[[], bool]:
-    def asked() -> bool:
-        on_status(attempt.status())
-        return should_stop()
-
-    return asked

@@ -9,44 +9,35 @@ import time
 from collections import deque
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Future
-from dataclasses import dataclass
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, Concatenate, NamedTuple, ParamSpec, TypeVar, cast
 
 import psutil
 import ray
-from ray.exceptions import ActorUnschedulableError, RayActorError, RayTaskError
 from ray.util.scheduling_strategies import NodeAffinitySchedulingStrategy, NodeLabelSchedulingStrategy, NotIn
 
 from tma_ray.campaign.preflight import use_shipped
 from tma_ray.campaign.settings import GIB, Resources, TeacherPlacement
-from tma_ray.commands.texts import visible
-from tma_ray.results import (
-    AttemptOutcome,
-    AttemptRecord,
-    LearnerProgress,
-    PartFile,
-    StorageError,
-    Store,
-    leave_pandas_out,
-)
-from tma_ray.runs.inputs import contents, fetch, provide
-from tma_ray.runs.placement import Placement, Status
+from tma_ray.results import LearnerProgress, PartFile, Store, leave_pandas_out
+from tma_ray.runs.attempt import Attempt, Report
+from tma_ray.runs.inputs import contents, provide
+from tma_ray.runs.placement import Placement
 from tma_ray.runs.spec import RunSpec
-from tma_ray.runs.teaching import InlineTeacher, TeacherLink
+from tma_ray.runs.teaching import InlineTeacher
 from tma_ray.students import Learner
-from tma_ray.students.players import CohortFullError, CohortSettings, LearnerLostError
+from tma_ray.students.players import CohortSettings
 
 NODE_LABEL = "ray.io/node-id"
 """Label that Ray gives every node."""
 
 
 def node_strategy(node: str, avoid: Sequence[str] = ()) -> Any:
-    """Returns how Ray chooses the node of an actor.
+    """Returns Ray's strategy of choosing the node of an actor.
 
     Args:
-        node: Ray's id of the only one that will do; empty: any.
-        avoid: nodes that are taken only if the others are full.
+        node: Ray's id of the required node, empty for any.
+        avoid: nodes that are used only if the others are full.
     """
     if node:
         return NodeAffinitySchedulingStrategy(node, soft=False)
@@ -55,13 +46,13 @@ def node_strategy(node: str, avoid: Sequence[str] = ()) -> Any:
 
 
 def launcher(kind: type, resources: Resources, strategy: Any, concurrent_calls: int) -> Any:
-    """Returns what makes an actor of class `kind` by ``remote``; Ray does not restart it.
+    """Returns a factory of actors of class `kind`, called by ``remote``; Ray does not restart them.
 
     Args:
         kind: class of the actor.
-        resources: that it occupies.
-        strategy: of `node_strategy`.
-        concurrent_calls: most calls that it answers at once.
+        resources: resources that it occupies.
+        strategy: strategy of `node_strategy`.
+        concurrent_calls: largest number of calls that it answers at once.
     """
     remote: Any = ray.remote(kind)
     return remote.options(
@@ -78,24 +69,7 @@ Arguments = ParamSpec("Arguments")
 Result = TypeVar("Result")
 
 SEED_CALLS = 4
-"""Of a seed actor at once: the run, another that waits for it, a report and a request."""
-
-
-@dataclass(frozen=True)
-class Report:
-    """Message of a seed actor to the scheduler.
-
-    Attributes:
-        record: of the attempt, as if its process were lost now.
-        status: where the run stands.
-        parts: result files that its newest checkpoint holds; None before the first.
-        node: Ray's id of where it runs.
-    """
-
-    record: AttemptRecord
-    status: Status
-    parts: tuple[PartFile, ...] | None
-    node: str
+"""Concurrent calls of a seed actor: the run, a second call that waits for it, a report, a request to stop."""
 
 
 class TeacherActor(InlineTeacher):
@@ -136,10 +110,10 @@ class RemoteTeacher:
 
 
 class SeedActor:
-    """One attempt at one run: `run` trains, while `report` and `request_stop` are answered beside it.
+    """Ray actor of one attempt: `run` trains while `report` and `request_stop` are answered.
 
-    `launch` makes one on the cluster. Restarts are the scheduler's business: an actor that Ray
-    restarts would not know that its attempt no longer counts.
+    Created by `launch`. The scheduler replaces it when it dies: an actor that Ray restarts would not know
+    that its attempt no longer counts.
     """
 
     def __init__(
@@ -150,14 +124,10 @@ class SeedActor:
         placement: Placement,
         teachers: TeacherPlacement,
     ) -> None:
-        self._spec = RunSpec.from_dict(spec)
-        self._store = store
-        self._number = number
+        teacher = InlineTeacher if teachers is TeacherPlacement.INLINE else RemoteTeacher
+        self._attempt = Attempt(RunSpec.from_dict(spec), store, number, placement, teacher)
         self._placement = placement
-        self._teachers = teachers
         self._stop = threading.Event()
-        self._attempt: Any = None
-        self._parts: tuple[PartFile, ...] | None = None
         self._outcome: Future[tuple[PartFile, ...] | None] | None = None
         self._first_call = threading.Lock()
 
@@ -169,11 +139,10 @@ class SeedActor:
     def run(self) -> tuple[PartFile, ...] | None:
         """Executes the attempt; returns the canonical result files, or None after a stop.
 
-        Another call waits for the first one and returns the same: the scheduler calls again if it lost
-        sight of this actor.
+        A second call, as after a network failure, waits for the first one and returns the same.
 
         Raises:
-            Exception: whatever teacher, student or environment raise.
+            Exception: any error of teacher, student or environment.
         """
         with self._first_call:
             outcome, self._outcome = self._outcome, self._outcome or Future()
@@ -181,60 +150,28 @@ class SeedActor:
             return outcome.result()
         assert self._outcome is not None
         try:
-            self._outcome.set_result(self._train())
+            leave_pandas_out()
+            self._placement.give_way()
+            use_shipped()
+            self._outcome.set_result(self._attempt.execute(self._stop.is_set))
         except Exception as error:
             self._outcome.set_exception(error)
         return self._outcome.result()
 
-    def _train(self) -> tuple[PartFile, ...] | None:
-        leave_pandas_out()
-        self._placement.give_way()
-        use_shipped()
-        # Imported here, so that a failing import is the run's error and not the actor's death.
-        from tma_ray.runs.attempt import Attempt, RunLog
-
-        inline = self._teachers is TeacherPlacement.INLINE
-        with RunLog(self._store, self._spec.run_id, self._number) as log:
-            fetch(self._store, self._spec)
-            teacher: TeacherLink = InlineTeacher(self._spec) if inline else RemoteTeacher(self._spec)
-            self._attempt = Attempt(self._spec, self._store, self._number, teacher, self._placement)
-
-            def note(parts: Sequence[PartFile]) -> None:
-                self._parts = tuple(parts)
-                log.publish()
-
-            return cast("tuple[PartFile, ...] | None", self._attempt.execute(self._stop.is_set, note))
-
     def report(self) -> Report | None:
-        """Returns where the run stands; None while it is being set up."""
-        if self._attempt is None:
-            return None
-        return Report(
-            record=self._attempt.record(AttemptOutcome.LOST),
-            status=self._attempt.status(),
-            parts=self._parts,
-            node=ray.get_runtime_context().get_node_id(),
-        )
+        """Returns the progress of the attempt; None while it is being set up."""
+        report = self._attempt.report()
+        return report and replace(report, node=ray.get_runtime_context().get_node_id())
 
     def request_stop(self) -> None:
-        """Asks the run for a checkpoint at the next episode end, and to return."""
+        """Requests a checkpoint at the end of the episode, after which `run` returns."""
         self._stop.set()
 
 
-LOSSES = RayActorError, ActorUnschedulableError, StorageError, LearnerLostError, CohortFullError
-"""Errors by which a run counts as lost: of its process or its teacher's, of a storage that took nothing for
-long, of the learner of its cohort."""
-
-
 def reason_for_loss(error: Exception) -> str:
-    """Returns in one line why a run or a learner was lost, without what Ray adds to the error."""
+    """Returns the reason for a loss in one line, without Ray's additions to the error."""
     lines = str(getattr(error, "cause", None) or error).splitlines()
     return " ".join(line for line in lines if not line.startswith("\t"))
-
-
-def plain_traceback(error: RayTaskError) -> str:
-    """Returns the traceback of an actor without the colours in which Ray paints it, also into files."""
-    return visible(str(error))
 
 
 LEARNER_CALLS = 6

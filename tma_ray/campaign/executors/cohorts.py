@@ -179,8 +179,8 @@ class Places(Protocol):
         """Frees the place of a run that has ended, however it did."""
         ...
 
-    def excuses(self, run_id: str) -> bool:
-        """Tells, before it leaves, that a run was lost by no fault of its own and is to be repeated."""
+    def lost_without_fault(self, run_id: str) -> bool:
+        """Returns True if a run that has not left yet was lost through no fault of its own."""
         ...
 
     def look(self, *, over: bool) -> Sequence[LearnerProgress]:
@@ -221,7 +221,7 @@ class AnyNode:
         """Frees a place; see `Places`."""
         self._taken.discard(run_id)
 
-    def excuses(self, run_id: str) -> bool:  # noqa: ARG002  # of nobody
+    def lost_without_fault(self, run_id: str) -> bool:  # noqa: ARG002  # of nobody
         """Returns False: every run has a process of its own."""
         return False
 
@@ -299,7 +299,7 @@ class Cohorts:
         self._settings, self._head, self._type = settings, head, learner_type
         self._specs, self._kinds = specs, kinds
         self._cohorts: list[_Cohort] = []
-        self._excused: set[str] = set()
+        self._blameless: set[str] = set()
         self._resources: Resources = learner_resources(settings, specs, self._kinds)
         self._compiled = compilation(specs) if self._resources.gpus else False
 
@@ -317,13 +317,13 @@ class Cohorts:
 
     def leave(self, run_id: str) -> None:
         """Frees a place; see `Places`."""
-        self._excused.discard(run_id)
+        self._blameless.discard(run_id)
         for cohort in self._cohorts:
             cohort.runs.pop(run_id, None)
 
-    def excuses(self, run_id: str) -> bool:
-        """Tells whether memory did not suffice for the learner of a run; see `Places`."""
-        return run_id in self._excused
+    def lost_without_fault(self, run_id: str) -> bool:
+        """Returns True if memory did not suffice for the learner of the run; see `Places`."""
+        return run_id in self._blameless
 
     def look(self, *, over: bool) -> Sequence[LearnerProgress]:
         """Takes in which learners listen or have ended, and how they are; see `Places`."""
@@ -426,7 +426,7 @@ class Cohorts:
         if cohort.width == 1:
             _warn(cohort, error)
             return
-        self._excused |= set(cohort.runs)
+        self._blameless |= set(cohort.runs)
         width = min(self._settings.width, cohort.width // 2)
         self._settings = replace(self._settings, cohort=width)
         self._resources = learner_resources(self._settings, self._specs, self._kinds)

@@ -1,116 +1,181 @@
-"""Runs in processes of this machine, without Ray: alone, or as players of a cohort."""
+"""Attempts in processes of this machine, without Ray: alone, or as players of one cohort."""
 
 from __future__ import annotations
 
 import multiprocessing
 import os
-import queue
 import secrets
+import signal
 import tempfile
 import time
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
-from dataclasses import dataclass, field
-from multiprocessing.context import SpawnProcess
-from multiprocessing.synchronize import Event
+import traceback
+from collections import deque
+from collections.abc import Iterator, Sequence
+from contextlib import closing, contextmanager
+from dataclasses import dataclass, replace
+from multiprocessing.connection import Connection, wait
 from pathlib import Path
 from typing import Any
 
-from tma_ray.results import AttemptOutcome, Committer, leave_pandas_out
-from tma_ray.runs.attempt import run_locally
-from tma_ray.runs.inputs import keep
-from tma_ray.runs.placement import Placement, Status
+from tma_ray.campaign.executors.base import LOSSES, Ending
+from tma_ray.results import AttemptOutcome, LearnerProgress, PartFile, Store, leave_pandas_out
+from tma_ray.runs.attempt import Attempt, Report
+from tma_ray.runs.placement import Placement
 from tma_ray.runs.spec import RunSpec
 from tma_ray.students import Learner
-from tma_ray.students.players import CohortSettings, LearnerLostError
+from tma_ray.students.players import CohortSettings
 
 REPORT_SECONDS = 2.0
-"""Shortest time between two reports of a run, s."""
+"""Shortest time between two reports of an attempt without a new checkpoint, s."""
+
+THREAD_VARIABLES = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
+"""Environment variables that limit the threads of matrix products."""
 
 _SPAWN = multiprocessing.get_context("spawn")
 
 
-@dataclass
-class PoolReport:
-    """Progress of a pool.
+class LearnerProcess:
+    """Learner of a cohort in a process of its own, which listens once this is made.
 
-    Attributes:
-        steps: environment steps that each run has reached, by its id.
-        played: environment steps of all runs since the pool began.
-        outcomes: of the runs that have ended, by id.
-        errors: messages of runs that failed, by id.
-        seconds: since the pool began, s.
+    Raises:
+        RuntimeError: its process ended before it listened.
     """
 
-    steps: dict[str, int] = field(default_factory=dict)
-    played: int = 0
-    outcomes: dict[str, AttemptOutcome] = field(default_factory=dict)
-    errors: dict[str, str] = field(default_factory=dict)
-    seconds: float = 0.0
+    def __init__(self, settings: CohortSettings) -> None:
+        self._folder = tempfile.TemporaryDirectory()
+        self.learner = Learner(f"{self._folder.name}/learner", secrets.token_bytes(32))
+        self._process = _SPAWN.Process(target=_learn, args=(self.learner, settings), daemon=True)
+        self._process.start()
+        while not Path(self.learner.address).exists():
+            if not self.lives():
+                code = self._process.exitcode
+                raise RuntimeError(f"the learner ended with exit code {code} before it listened")
+            time.sleep(0.05)
+
+    def lives(self) -> bool:
+        """Returns True while its process runs."""
+        return self._process.is_alive()
+
+    def close(self) -> None:
+        """Ends the process."""
+        self._process.terminate()
+        self._process.join()
+        self._folder.cleanup()
 
 
-@dataclass(frozen=True)
-class _Job:
-    """All that a process of the pool is given."""
+def _learn(learner: Learner, settings: CohortSettings) -> None:
+    from tma_ray.students.cohort.server import LearnerServer  # torch takes seconds to import
 
-    root: str
-    placement: Placement
-    specs: Any
-    news: Any
-    stop: Event
+    LearnerServer(learner, settings).serve(lambda: False)
 
 
-def run_in_processes(
-    specs: Sequence[RunSpec],
-    root: str | Path,
-    processes: int,
-    placement: Placement | None = None,
-    should_stop: Callable[[], bool] = lambda: False,
-    on_report: Callable[[PoolReport], None] = lambda _: None,
-) -> PoolReport:
-    """Executes runs, each in one of several processes at a time; resumes what an earlier call left.
+@contextmanager
+def cohort(settings: CohortSettings) -> Iterator[Learner]:
+    """Context manager of a learner in a process of its own, for the placement of runs."""
+    with closing(LearnerProcess(settings)) as process:
+        yield process.learner
 
-    The caller holds the root's lease. A run that raises is marked as failed, and the others go on; a process
-    that dies ends its own run only, which resumes with the next call.
+
+@dataclass
+class _Running:
+    """An attempt that has a process."""
+
+    process: Any
+    connection: Connection
+    stop: Any
+
+
+class LocalExecutor:
+    """Executor of attempts in processes of this machine, each a fresh one; see `Executor`.
+
+    A learner that has died is replaced when the next attempt starts.
 
     Args:
-        specs: the runs, in the order in which they are begun.
-        root: results root.
-        processes: how many runs there are at a time.
-        placement: of every run.
-        should_stop: asked about every second; once true, runs leave with a checkpoint.
-        on_report: told the progress about every second.
+        store: results root.
+        placement: placement of every run.
+        processes: number of attempts at a time.
+        cohort: settings of the cohort in which the runs learn; None if each learns alone.
     """
-    keep(Committer.open(root).store, specs)  # where the processes find the files that runs read
-    report, started = PoolReport(), time.monotonic()
-    job = _Job(str(root), placement or Placement(), _SPAWN.Queue(), _SPAWN.Queue(), _SPAWN.Event())
-    for spec in specs:
-        job.specs.put(spec.to_dict())
-    workers = [_SPAWN.Process(target=_work, args=(job,)) for _ in range(min(processes, len(specs)))]
-    with _one_thread():
-        for worker in workers:
-            worker.start()
-    try:
-        while any(worker.is_alive() for worker in workers) or not job.news.empty():
-            _take_news(job.news, report)
-            report.seconds = time.monotonic() - started
-            on_report(report)
-            if should_stop():
-                job.stop.set()
-    finally:
-        job.specs.cancel_join_thread()
-        for worker in workers:
-            worker.kill()
-            worker.join()
-    return report
+
+    learners: Sequence[LearnerProgress] = ()
+
+    def __init__(
+        self, store: Store, placement: Placement, processes: int, cohort: CohortSettings | None = None
+    ) -> None:
+        self._store, self._placement, self._processes, self._cohort = store, placement, processes, cohort
+        self._running: dict[str, _Running] = {}
+        self._learner: LearnerProcess | None = None
+
+    def take(self, waiting: deque[RunSpec]) -> RunSpec | None:
+        """Returns the first run, if a process is free; see `Executor`."""
+        return waiting.popleft() if waiting and len(self._running) < self._processes else None
+
+    def start(self, spec: RunSpec, number: int, avoid: Sequence[str] = ()) -> None:  # noqa: ARG002
+        """Starts the process of an attempt; see `Executor`."""
+        placement = replace(self._placement, learner=self.learner())
+        ours, theirs = _SPAWN.Pipe()
+        stop = _SPAWN.Event()
+        arguments = theirs, stop, spec.to_dict(), self._store, number, placement
+        process = _SPAWN.Process(target=_execute, args=arguments, daemon=True)
+        with _one_thread():
+            process.start()
+        theirs.close()
+        self._running[spec.run_id] = _Running(process, ours, stop)
+
+    def poll(self, seconds: float, *, last: bool) -> Sequence[Report | Ending]:  # noqa: ARG002
+        """Returns what processes have sent; see `Executor`."""
+        runs = {running.connection: run_id for run_id, running in self._running.items()}
+        if not runs:
+            time.sleep(seconds)
+        events: list[Report | Ending] = []
+        for connection in wait(list(runs), seconds) if runs else ():
+            assert isinstance(connection, Connection)
+            events.append(self._receive(runs[connection], connection))
+            if isinstance(events[-1], Ending):
+                running = self._running.pop(runs[connection])
+                connection.close()
+                running.process.join()
+        return events
+
+    def stop(self) -> None:
+        """Requests a checkpoint of every attempt; see `Executor`."""
+        for running in self._running.values():
+            running.stop.set()
+
+    def close(self) -> None:
+        """Kills all processes."""
+        for running in self._running.values():
+            running.process.kill()
+            running.process.join()
+        if self._learner is not None:
+            self._learner.close()
+
+    def learner(self) -> Learner | None:
+        """Returns the learner of the cohort, started if none is alive; None if runs learn alone."""
+        if self._cohort is None:
+            return self._placement.learner
+        if self._learner is not None and not self._learner.lives():
+            self._learner.close()
+            self._learner = None
+        self._learner = self._learner or LearnerProcess(self._cohort)
+        return self._learner.learner
+
+    def _receive(self, run_id: str, connection: Connection) -> Report | Ending:
+        try:
+            message: Report | Ending = connection.recv()
+        except (EOFError, OSError):  # the process is dead
+            process = self._running[run_id].process
+            process.join()
+            reason = f"its process ended with exit code {process.exitcode}"
+            return Ending(run_id, AttemptOutcome.LOST, reason=reason)
+        return message
 
 
 @contextmanager
 def _one_thread() -> Iterator[None]:
-    """Lets processes that start in the block use one thread each for products of arrays."""
-    names = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
-    before = {name: os.environ.get(name) for name in names}
-    os.environ.update(dict.fromkeys(names, "1"))
+    """Context manager in which processes start that use one thread each for matrix products."""
+    before = {name: os.environ.get(name) for name in THREAD_VARIABLES}
+    os.environ.update(dict.fromkeys(THREAD_VARIABLES, "1"))
     try:
         yield
     finally:
@@ -120,83 +185,33 @@ def _one_thread() -> Iterator[None]:
                 os.environ[name] = value
 
 
-def _take_news(news: Any, report: PoolReport) -> None:
-    """Waits a second for news, and takes in all that have come."""
-    try:
-        message = news.get(timeout=1.0)
-        while True:
-            kind, run_id, value = message
-            if kind == "step":
-                report.played += value - report.steps.get(run_id, value)
-                report.steps[run_id] = value
-            elif kind == "error":
-                report.errors[run_id] = value
-            else:
-                report.outcomes[run_id] = AttemptOutcome(value)
-            message = news.get_nowait()
-    except queue.Empty:
-        return
-
-
-def _work(job: _Job) -> None:
-    """Executes runs until none is left or a stop is asked for."""
+def _execute(
+    connection: Connection, stop: Any, spec: dict[str, Any], store: Store, number: int, placement: Placement
+) -> None:
+    """Executes an attempt in a process of its own, and sends reports and the ending."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # of the terminal, to all its processes
     leave_pandas_out()
-    job.placement.give_way()
-    committer = Committer.open(job.root)
-    while not job.stop.is_set():
-        try:
-            spec = RunSpec.from_dict(job.specs.get(timeout=0.5))
-        except queue.Empty:
-            return
-        reporter = _Reporter(job.news, spec.run_id)
-        try:
-            outcome = run_locally(spec, committer, job.placement, job.stop.is_set, reporter)
-        except LearnerLostError:
-            job.news.put(("outcome", spec.run_id, AttemptOutcome.LOST.value))
-            return
-        except Exception as error:
-            job.news.put(("error", spec.run_id, f"{type(error).__name__}: {error}"))
-            outcome = AttemptOutcome.FAILED
-        job.news.put(("outcome", spec.run_id, outcome.value))
+    placement.give_way()
+    attempt = Attempt(RunSpec.from_dict(spec), store, number, placement)
+    run_id, sent_at = attempt.spec.run_id, 0.0
 
+    def report(_: Sequence[PartFile] = ()) -> None:
+        nonlocal sent_at
+        sent_at = time.monotonic()
+        connection.send(attempt.report())
 
-class _Reporter:
-    """Sends the step of a run, not too often."""
+    def report_and_ask() -> bool:
+        if time.monotonic() - sent_at > REPORT_SECONDS:
+            report()
+        return bool(stop.is_set())
 
-    def __init__(self, news: Any, run_id: str) -> None:
-        self._news, self._run_id, self._sent = news, run_id, 0.0
-
-    def __call__(self, status: Status) -> None:
-        if time.monotonic() - self._sent > REPORT_SECONDS:
-            self._sent = time.monotonic()
-            self._news.put(("step", self._run_id, status.step))
-
-
-@contextmanager
-def cohort(settings: CohortSettings) -> Iterator[Learner]:
-    """Provides a learner in a process of its own, for the placement of runs; ends it with the block."""
-    with tempfile.TemporaryDirectory() as folder:
-        learner = Learner(f"{folder}/learner", secrets.token_bytes(32))
-        process = multiprocessing.get_context("spawn").Process(
-            target=_learn, args=(learner, settings), daemon=True
-        )
-        process.start()
-        _wait_for(learner, process)
-        try:
-            yield learner
-        finally:
-            process.terminate()
-            process.join()
-
-
-def _learn(learner: Learner, settings: CohortSettings) -> None:
-    from tma_ray.students.cohort.server import LearnerServer
-
-    LearnerServer(learner, settings).serve(lambda: False)
-
-
-def _wait_for(learner: Learner, process: SpawnProcess) -> None:
-    while not Path(learner.address).exists():
-        if not process.is_alive():
-            raise RuntimeError(f"the learner ended with exit code {process.exitcode} before it listened")
-        time.sleep(0.05)
+    try:
+        files = attempt.execute(report_and_ask, report)
+        report()
+        outcome = AttemptOutcome.STOPPED if files is None else AttemptOutcome.DONE
+        ending = Ending(run_id, outcome, files or ())
+    except LOSSES as error:
+        ending = Ending(run_id, AttemptOutcome.LOST, reason=str(error))
+    except Exception:
+        ending = Ending(run_id, AttemptOutcome.FAILED, reason=traceback.format_exc())
+    connection.send(ending)

@@ -1,0 +1,189 @@
+"""Attempts in Ray actors, on this machine or a cluster."""
+
+from __future__ import annotations
+
+import time
+from collections import deque
+from collections.abc import Sequence
+from contextlib import suppress
+from dataclasses import dataclass
+from typing import Any
+
+import ray
+from ray.exceptions import (
+    ActorUnavailableError,
+    ActorUnschedulableError,
+    GetTimeoutError,
+    RayActorError,
+    RayTaskError,
+)
+
+from tma_ray.campaign.cluster.base import Head
+from tma_ray.campaign.executors.actors import SeedActor, node_strategy, reason_for_loss
+from tma_ray.campaign.executors.base import LOSSES, Ending
+from tma_ray.campaign.executors.cohorts import Place, Places
+from tma_ray.campaign.failures import HeadLostError, Silence
+from tma_ray.campaign.settings import Settings
+from tma_ray.commands.texts import visible
+from tma_ray.results import AttemptOutcome, LearnerProgress, Store
+from tma_ray.runs.attempt import Report
+from tma_ray.runs.spec import RunSpec
+
+UNREACHABLE_PAUSE = 0.5
+"""Pause before another call of an actor that did not answer, and longest wait for first reports, s."""
+
+FINAL_REPORT_SECONDS = 10.0
+"""Longest wait for the last report of an actor whose run has ended, s."""
+
+
+@dataclass
+class _Running:
+    """An attempt that has an actor, and its calls under way."""
+
+    run_id: str
+    actor: Any
+    result: Any
+    asked: Any = None
+    has_reported: bool = False
+
+
+class RayExecutor:
+    """Executor of attempts as Ray actors, each a fresh one; see `Executor`.
+
+    Args:
+        store: results root.
+        settings: resources and placement of every run.
+        head: head of the Ray that this process is connected to.
+        places: places at which runs can start.
+    """
+
+    def __init__(self, store: Store, settings: Settings, head: Head, places: Places) -> None:
+        self._store, self._settings, self._head, self._places = store, settings, head, places
+        self._silence = Silence(settings.unreachable_seconds)
+        self._taken: dict[str, Place] = {}
+        self._running: dict[Any, _Running] = {}
+        self._pending: list[Report | Ending] = []
+        self._connected = True
+        self.learners: Sequence[LearnerProgress] = ()
+
+    def take(self, waiting: deque[RunSpec]) -> RunSpec | None:
+        """Returns a run that has a place now; see `Executor`."""
+        found = self._places.take(waiting)
+        if found is None:
+            return None
+        spec, self._taken[found[0].run_id] = found
+        return spec
+
+    def start(self, spec: RunSpec, number: int, avoid: Sequence[str] = ()) -> None:
+        """Creates the actor of an attempt; see `Executor`."""
+        place = self._taken.pop(spec.run_id)
+        actor = SeedActor.launch(
+            self._settings.each,
+            node_strategy(place.node, avoid),
+            spec.to_dict(),
+            self._store,
+            number,
+            place.placement,
+            self._settings.teachers,
+        )
+        result = actor.run.remote()
+        self._running[result] = _Running(spec.run_id, actor, result)
+
+    def poll(self, seconds: float, *, last: bool) -> Sequence[Report | Ending]:
+        """Returns what actors have reported or returned; see `Executor`."""
+        ended: list[Any] = []
+        if self._running:
+            seconds = 0.0 if self._pending else seconds
+            ended, _ = ray.wait(list(self._running), num_returns=1, timeout=seconds)
+        elif not self._pending:
+            time.sleep(seconds)
+        try:
+            self._head.check()  # before anything is made of what has ended with it
+        except HeadLostError:
+            self._connected = False  # no call of Ray may follow: it would start another one
+            raise
+        self.learners = self._places.look(over=last)
+        for result in ended:
+            self._end(self._running.pop(result))
+        for running in self._running.values():
+            self._collect_report(running)
+        events, self._pending = self._pending, []
+        return events
+
+    def stop(self) -> None:
+        """Requests a checkpoint of every run that trains, and kills the others; see `Executor`."""
+        self._collect_first_reports()
+        for result, running in list(self._running.items()):
+            if running.has_reported:
+                running.actor.request_stop.remote()
+            else:
+                del self._running[result]
+                self._leave(running, Ending(running.run_id, AttemptOutcome.LOST, without_fault=True))
+
+    def close(self) -> None:
+        """Kills all actors, unless Ray is gone."""
+        if self._connected:
+            for running in self._running.values():
+                ray.kill(running.actor)
+            self._places.close()
+
+    def _collect_report(self, running: _Running) -> None:
+        """Receives the report that was requested, if it is there, and requests the next."""
+        if running.asked is not None:
+            if not ray.wait([running.asked], timeout=0)[0]:
+                return
+            asked, running.asked = running.asked, None
+            try:
+                self._receive(running, ray.get(asked))
+            except RayActorError:
+                return  # its result says the same and is dealt with there
+        running.asked = running.actor.report.remote()
+
+    def _collect_first_reports(self) -> None:
+        """Receives first reports that are on their way: a run may train since the last poll."""
+        silent = [running for running in self._running.values() if not running.has_reported]
+        asked = [running.asked for running in silent if running.asked is not None]
+        if asked:
+            ray.wait(asked, num_returns=len(asked), timeout=UNREACHABLE_PAUSE)
+        for running in silent:
+            self._collect_report(running)
+
+    def _receive(self, running: _Running, report: Report | None) -> None:
+        self._silence.end(running.run_id)
+        if report is not None:
+            running.has_reported = True
+            self._pending.append(report)
+
+    def _end(self, running: _Running) -> None:
+        """Notes the ending of a run whose actor has returned, raised or died."""
+        ending = Ending(running.run_id, AttemptOutcome.STOPPED)
+        try:
+            files = ray.get(running.result)
+        except ActorUnavailableError as error:
+            if not self._silence.lasts(running.run_id):
+                time.sleep(UNREACHABLE_PAUSE)
+                running.result, running.asked = running.actor.run.remote(), None
+                self._running[running.result] = running
+                return
+            ending = self._loss(running, error)
+        except (RayActorError, ActorUnschedulableError, *LOSSES) as error:
+            ending = self._loss(running, error)
+        except RayTaskError as error:  # whose text Ray colours, also for files
+            ending = Ending(running.run_id, AttemptOutcome.FAILED, reason=visible(str(error)))
+        else:
+            with suppress(RayActorError, GetTimeoutError):  # the report before stands
+                self._receive(running, ray.get(running.actor.report.remote(), timeout=FINAL_REPORT_SECONDS))
+            if files is not None:
+                ending = Ending(running.run_id, AttemptOutcome.DONE, files)
+        self._leave(running, ending)
+
+    def _loss(self, running: _Running, error: Exception) -> Ending:
+        self._silence.end(running.run_id)
+        without_fault = self._places.lost_without_fault(running.run_id)
+        reason = reason_for_loss(error)
+        return Ending(running.run_id, AttemptOutcome.LOST, reason=reason, without_fault=without_fault)
+
+    def _leave(self, running: _Running, ending: Ending) -> None:
+        self._pending.append(ending)
+        self._places.leave(running.run_id)
+        ray.kill(running.actor)
