@@ -29,8 +29,8 @@ from tma_ray.campaign.executors.cohorts import (
     learner_resources,
     room_of,
 )
-from tma_ray.campaign.options import parse_cohort
 from tma_ray.campaign.executors.ray_executor import RayExecutor
+from tma_ray.campaign.options import parse_cohort
 from tma_ray.campaign.scheduler import Scheduler
 from tma_ray.campaign.settings import GIB, PLAYER, Resources, Settings, TeacherPlacement
 from tma_ray.results import Committer, Store, Table

@@ -8,9 +8,8 @@ from pathlib import Path
 
 import pytest
 
-from tma_ray.campaign import script
-from tma_ray.campaign.costs import known
-from tma_ray.campaign.costs.speed import Throughput
+from tma_ray.campaign import script, speeds
+from tma_ray.campaign.speeds import Throughput
 from tma_ray.cli import main
 
 ROOT = Path(__file__).parents[2]
@@ -20,8 +19,8 @@ ROOT = Path(__file__).parents[2]
 def code(monkeypatch: pytest.MonkeyPatch) -> list[int]:
     """What the campaign ends with; nothing is measured, trained or written."""
     codes = [0]
-    speeds = lambda kinds, *_: dict.fromkeys(kinds, Throughput("any", 1e4, 1e4, 100))  # noqa: E731
-    monkeypatch.setattr(known, "patient_speeds", speeds)
+    measured = Throughput("any", 1e4, 1e4, 100)
+    monkeypatch.setattr(speeds, "measured_speeds", lambda kinds, *_: dict.fromkeys(kinds, measured))
     monkeypatch.setattr(script, "execute", lambda campaign, options: codes[0])
     monkeypatch.setattr(
         "analysis.pages.report.write_report", lambda root, output: Path(root) / "report" / "index.html"

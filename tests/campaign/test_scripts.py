@@ -3,20 +3,18 @@
 from __future__ import annotations
 
 import sys
-from functools import partial
 from pathlib import Path
 
 import pytest
 
 from tma_ray import cli
 from tma_ray.benchmark import EXPERIMENTS, find_experiment
-from tma_ray.campaign import Campaign, Plan, cells_of, experiments, joined_plan, matrix_campaigns
-from tma_ray.campaign.costs.estimation import Cost, estimate
-from tma_ray.campaign.costs.known import quick_speeds
-from tma_ray.campaign.costs.speed import Throughput
+from tma_ray.campaign import Campaign, Plan, cells_of, experiments, joined_plan, matrix_campaigns, speeds
+from tma_ray.campaign.costs import Cost, estimate
 from tma_ray.campaign.experiments import experiment_plan
 from tma_ray.campaign.options import ExperimentOptions
 from tma_ray.campaign.settings import Resources, Settings
+from tma_ray.campaign.speeds import Throughput
 from tma_ray.cli import main
 from tma_ray.command_line import read
 from tma_ray.runs import Schedule
@@ -163,7 +161,7 @@ def test_a_dry_run_says_size_and_cost_and_starts_nothing(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(sys, "path", list(sys.path))
-    monkeypatch.setattr(experiments, "estimate", partial(estimate, find_speeds=quick_speeds))
+    monkeypatch.setattr(speeds, "machine_speed", lambda _: speeds.REFERENCE_ROUNDS)
     root = tmp_path / "root"
     arguments = ["--tier", "smoke", "--dry-run", "--challenges", "original", "--results", str(root)]
     assert main(["experiment", "stump_tracks_challenges", *arguments]) == 0
@@ -210,11 +208,8 @@ def test_costs_follow_from_measured_throughput() -> None:
 
 
 def test_throughput_counts_whole_updates(monkeypatch: pytest.MonkeyPatch) -> None:
-    from tma_ray.campaign.costs import speed
-
-    monkeypatch.setattr(speed, "WARM_UP_SECONDS", 0.0)
-    monkeypatch.setattr(speed, "MEASURED_SECONDS", 0.01)
+    monkeypatch.setattr(speeds, "MEASURED_SECONDS", 0.01)
     (spec,) = Campaign("fast", cells_of(("random",), ("ppo",)), (0,), Schedule(steps=1_000)).plan().runs
-    measured = speed.measure(spec, Settings())
+    measured = speeds.measure(spec, Settings())
     assert measured.label == "ppo on stump_tracks classic_bipedal"
     assert 100 < measured.training < measured.playing

@@ -10,15 +10,13 @@ from pathlib import Path
 
 import pytest
 
-from tma_ray.campaign import Campaign, cells_of
+from tma_ray.campaign import Campaign, cells_of, speeds
 from tma_ray.campaign.cluster import joined
 from tma_ray.campaign.cluster.joined import nodes_to_come
-from tma_ray.campaign.costs import estimation
-from tma_ray.campaign.costs.confirmation import confirm, long_cost
-from tma_ray.campaign.costs.known import KNOWN, quick_speeds, shipped_speed
-from tma_ray.campaign.costs.speed import Throughput
+from tma_ray.campaign.costs import confirm, estimate, long_cost
 from tma_ray.campaign.plan import Plan
 from tma_ray.campaign.settings import GIB, Nodes, Settings
+from tma_ray.campaign.speeds import Throughput
 from tma_ray.cli import main
 from tma_ray.results import Committer, RunWriter
 from tma_ray.runs import Schedule
@@ -32,10 +30,9 @@ NODE = {"CPU": 16.0, "memory": 26.0 * GIB}
 
 
 @pytest.fixture(autouse=True)
-def measured(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    """Stands for a measurement of seconds; nothing has been measured here before."""
-    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
-    monkeypatch.setattr(estimation, "measured_speeds", lambda kinds, *_: dict.fromkeys(kinds, MEASURED))
+def measured(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Stands for a measurement of seconds."""
+    monkeypatch.setattr(speeds, "known_speeds", lambda kinds, *_: dict.fromkeys(kinds, MEASURED))
     for stream in (sys.stdin, sys.stdout):
         monkeypatch.setattr(stream, "isatty", lambda: False)
 
@@ -107,9 +104,11 @@ def test_the_time_on_a_cluster_is_that_of_all_its_nodes() -> None:
     assert there.wall_hours == pytest.approx(there.hours / 32)
     shared = Settings(device="cuda")
     gpus = Nodes(({**NODE, "GPU": 2.0}, {**NODE, "GPU": 1.0}, NODE), "on the cluster's 3 nodes")
-    cost = estimation.estimate(plan_of("ppo", 20_000_000, seeds=144), shared, None, quick_speeds, gpus)
+    speed = replace(MEASURED, learner=1e5)
+    found = lambda kinds, *_: dict.fromkeys(kinds, speed)  # noqa: E731
+    cost = estimate(plan_of("ppo", 20_000_000, seeds=144), shared, None, found, gpus)
     assert "3 cohorts of 48 runs on 3 GPUs and 48 cores on the cluster's 3 nodes" in cost.summary()
-    cost = estimation.estimate(plan_of("ppo", 20_000_000, seeds=60), shared, None, quick_speeds, gpus)
+    cost = estimate(plan_of("ppo", 20_000_000, seeds=60), shared, None, found, gpus)
     assert "2 cohorts" in cost.summary(), "no run is left for a third"
 
 
@@ -155,17 +154,3 @@ def test_the_answer_decides() -> None:
             confirm("campaign 'x'", cost, yes=False, ask=answer(text))  # type: ignore[arg-type]
     with pytest.raises(ValueError, match="pass --yes"):
         confirm("campaign 'x'", cost, yes=False)
-
-
-def test_known_speeds_hold_for_the_versions_that_they_were_measured_at() -> None:
-    (spec,) = plan_of("ppo", 1_000, seeds=1).runs
-    known = KNOWN["ppo"]
-    spec = replace(
-        spec, algorithm_versions={"student": known.algorithm_version}, physics_version=known.physics_version
-    )
-    assert (found := shipped_speed(spec, Settings())) is not None
-    assert found.training == known.training
-    assert shipped_speed(replace(spec, physics_version=0), Settings()) is None
-    assert shipped_speed(replace(spec, algorithm_versions={"student": 0}), Settings()) is None
-    (other,) = plan_of("ppo:epochs=50", 1_000, seeds=1).runs
-    assert shipped_speed(other, Settings()) is None

@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from tma_ray.campaign.costs import estimation
-from tma_ray.campaign.costs.speed import Throughput
+from tma_ray.campaign import speeds
+from tma_ray.campaign.speeds import Throughput
 from tma_ray.cli import main
 from tma_ray.cli.records import KEYS, json_value
 from tma_ray.results import RunStatus
@@ -31,8 +31,8 @@ ARGUMENTS: dict[str, list[str]] = {
 def printed(root: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> Any:
     """Runs a command with --json and returns what it prints."""
     monkeypatch.setattr(
-        estimation,
-        "measured_speeds",
+        speeds,
+        "known_speeds",
         lambda kinds, *_: dict.fromkeys(kinds, Throughput("any", 1e4, 1e4, 100)),
     )
 

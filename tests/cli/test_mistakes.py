@@ -19,10 +19,9 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from mistakes import Mistake, commands, fill, flags, mistakes, valid_rest
 
-from tma_ray.campaign import execution, single
-from tma_ray.campaign.costs import estimation
-from tma_ray.campaign.costs.speed import Throughput
+from tma_ray.campaign import execution, single, speeds
 from tma_ray.campaign.progress import Snapshot
+from tma_ray.campaign.speeds import Throughput
 from tma_ray.cli import main
 from tma_ray.command_line import METAVARS, arguments
 from tma_ray.commands import values
@@ -65,7 +64,7 @@ def places(root: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Mappi
     """What commands may name, right and wrong; nothing is trained, measured or found at home."""
     monkeypatch.chdir(tmp_path)
     monkeypatch.delenv("RAY_ADDRESS", raising=False)
-    monkeypatch.setattr(estimation, "measured_speeds", lambda kinds, *_: dict.fromkeys(kinds, MEASURED))
+    monkeypatch.setattr(speeds, "known_speeds", lambda kinds, *_: dict.fromkeys(kinds, MEASURED))
     monkeypatch.setattr(single, "run_locally", lambda *_: AttemptOutcome.DONE)
     monkeypatch.setattr(execution, "execute_plan", _checked_plan)
     for name in ("empty", "foreign", "home", "checkout/.git", "busy/tmp"):

@@ -6,8 +6,8 @@ from pathlib import Path
 
 import pytest
 
-from tma_ray.campaign.costs import estimation
-from tma_ray.campaign.costs.speed import Throughput
+from tma_ray.campaign import speeds
+from tma_ray.campaign.speeds import Throughput
 from tma_ray.cli import main
 
 COMMANDS = [
@@ -34,8 +34,8 @@ def test_tables_fit_80_columns(
 ) -> None:
     monkeypatch.setenv("COLUMNS", "80")
     monkeypatch.setattr(
-        estimation,
-        "measured_speeds",
+        speeds,
+        "known_speeds",
         lambda kinds, *_: dict.fromkeys(kinds, Throughput("any", 1e4, 1e4, 100)),
     )
     assert main([word.format(root=root) for word in command.split()]) == 0

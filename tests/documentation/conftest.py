@@ -11,8 +11,8 @@ import pytest
 from blocks import ROOT
 from commands import TINY
 
-from tma_ray.campaign.costs import estimation
-from tma_ray.campaign.costs.speed import Throughput
+from tma_ray.campaign import speeds
+from tma_ray.campaign.speeds import Throughput
 from tma_ray.cli import main
 
 LINKED = ("experiments", "docs", "cluster.yaml")
@@ -46,8 +46,8 @@ def place(documented: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> 
     monkeypatch.setattr(sys, "path", [str(tmp_path), *sys.path])
     monkeypatch.setattr(warnings, "showwarning", warnings.showwarning)
     monkeypatch.setattr(
-        estimation,
-        "measured_speeds",
+        speeds,
+        "known_speeds",
         lambda kinds, *_: dict.fromkeys(kinds, Throughput("any", 1e4, 1e4, 100)),
     )
     return tmp_path

@@ -12,52 +12,54 @@ from rich.table import Table
 
 from tma_ray import __version__
 from tma_ray.benchmark import BENCHMARK_VERSION
+from tma_ray.campaign.settings import GIB
 from tma_ray.commands.exits import installed_version
 from tma_ray.physics import PHYSICS_VERSION
 from tma_ray.results import SCHEMA_VERSION
 from tma_ray.runs.placement import LIBRARIES, cpu_model
 from tma_ray.terminal import terminal
 
-GIB = 2**30
-
 CPU_FEATURES = {"avx2": "AVX2", "avx512f": "AVX-512", "avx512_bf16": "AVX-512 BF16", "amx_bf16": "AMX BF16"}
-"""What matters to matrix products, by its name in /proc/cpuinfo."""
+"""Extensions that matter to matrix products, by their names in /proc/cpuinfo."""
 
 
 def examine(root: Path) -> dict[str, str]:
-    """Returns what was found, by topic.
+    """Returns the findings by topic.
 
     Args:
-        root: folder whose disk the results would go to.
+        root: folder on whose disk results would be.
     """
+    import torch
+
+    from tma_ray.physics import engine_in_use
+
+    libraries = [f"{library} {installed_version(library)}" for library in (*LIBRARIES, "ray", "pyarrow")]
+    engine = engine_in_use()
+    memory = os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE") / GIB
+    gpus = range(torch.cuda.device_count() if torch.cuda.is_available() else 0)
+    address = os.environ.get("RAY_ADDRESS")
+    place = next(path for path in (root.absolute(), *root.absolute().parents) if path.exists())
     return {
         "tma_ray": f"{__version__}, Python {platform.python_version()}, {platform.platform(terse=True)}",
         "benchmark": f"version {BENCHMARK_VERSION}, physics {PHYSICS_VERSION}, schema {SCHEMA_VERSION}",
-        "libraries": ", ".join(
-            f"{library} {installed_version(library)}" for library in (*LIBRARIES, "ray", "pyarrow")
-        ),
-        "physics engine": _engine(),
+        "libraries": ", ".join(libraries),
+        "physics engine": f"{engine.name}: {engine.reason}",
         "CPU": f"{cpu_model()}, {os.cpu_count()} cores, {_cpu_features()}",
-        "memory": _memory(),
-        "GPU": _gpu(),
-        "Ray": _ray(),
-        "free disk": _disk(root),
+        "memory": f"{memory:.1f} GiB",
+        "GPU": ", ".join(map(torch.cuda.get_device_name, gpus)) or "none that torch can use",
+        "Ray": f"would join {address} (RAY_ADDRESS)"
+        if address
+        else "would start on this machine; no RAY_ADDRESS",
+        "free disk": f"{shutil.disk_usage(place).free / GIB:.1f} GiB at {place}",
     }
 
 
 def show(root: Path, console: Console | None = None) -> None:
-    """Prints what `examine` finds."""
+    """Prints the findings of `examine`."""
     table = Table(box=None, show_header=False, pad_edge=False)
     for topic, finding in examine(root).items():
         table.add_row(topic, finding)
     terminal(console).print(table)
-
-
-def _engine() -> str:
-    from tma_ray.physics import engine_in_use
-
-    choice = engine_in_use()
-    return f"{choice.name}: {choice.reason}"
 
 
 def _cpu_features() -> str:
@@ -67,27 +69,3 @@ def _cpu_features() -> str:
     flags = set(description.read_text().split())
     found = [name for flag, name in CPU_FEATURES.items() if flag in flags]
     return ", ".join(found) or "without vector extensions that matter here"
-
-
-def _memory() -> str:
-    pages = os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE")
-    return f"{pages / GIB:.1f} GiB"
-
-
-def _gpu() -> str:
-    import torch
-
-    if not torch.cuda.is_available():
-        return "none that torch can use"
-    names = [torch.cuda.get_device_name(index) for index in range(torch.cuda.device_count())]
-    return ", ".join(names)
-
-
-def _ray() -> str:
-    address = os.environ.get("RAY_ADDRESS")
-    return f"would join {address} (RAY_ADDRESS)" if address else "would start on this machine; no RAY_ADDRESS"
-
-
-def _disk(root: Path) -> str:
-    place = next(path for path in (root.absolute(), *root.absolute().parents) if path.exists())
-    return f"{shutil.disk_usage(place).free / GIB:.1f} GiB at {place}"

@@ -29,19 +29,19 @@ def run_campaign(
     address: str | None = None,
     view: View | None = None,
 ) -> Snapshot:
-    """Runs what is missing of `campaign` under a results root.
+    """Executes the runs of `campaign` that a results root lacks.
 
-    Everything that can be refused is refused before a single step is played.
+    Bad input is refused before the first step.
 
     Args:
-        campaign: what to run.
+        campaign: cells, seeds and budget.
         results: a folder, or a URI such as ``s3://bucket/folder``.
         settings: resources and placement.
-        address: of a Ray cluster; None starts one on this machine.
-        view: shows the progress.
+        address: address of a Ray cluster; None starts one on this machine.
+        view: display of the progress.
 
     Returns:
-        How many runs ended how.
+        The numbers of runs by outcome.
 
     Raises:
         ValueError: an unknown name, missing knowledge, impossible resources.
@@ -58,7 +58,7 @@ def run_campaign(
 def execute_plan(
     plan: Plan, results: str | Path, settings: Settings, address: str | None, view: View | None = None
 ) -> Snapshot:
-    """Runs what is missing of `plan`; see `run_campaign`."""
+    """Executes the runs of `plan` that a results root lacks; see `run_campaign`."""
     if importing_plugins():
         raise RuntimeError(
             f"campaign {plan.name!r} was started by a module that was imported for its plug-in: "
@@ -92,7 +92,7 @@ def _schedule(
     connection: Connection,
     view: View,
 ) -> Snapshot:
-    """Holds the root for as long as `plan` runs there."""
+    """Executes `plan` while holding the lease on the root."""
     head = connection.head
     committer = Committer(store)
     with Lease(store, lease_holder(plan.name)) as lease:

@@ -10,7 +10,7 @@ from rich.console import Console
 from rich.table import Table
 
 from tma_ray.benchmark import Experiment, Matrix, Size, select
-from tma_ray.campaign.costs.estimation import estimate
+from tma_ray.campaign.costs import estimate
 from tma_ray.campaign.options import (
     ExperimentOptions,
     chosen_nodes,
@@ -27,13 +27,13 @@ from tma_ray.terminal import terminal
 
 
 def execute_experiment(experiment: Experiment, options: ExperimentOptions) -> int:
-    """Runs what `options` choose of `experiment`, having said what it comes to and what it costs.
+    """Runs the part of `experiment` that `options` choose, after printing its size and cost.
 
     Returns:
         The exit code, as of `script.main`.
 
     Raises:
-        ValueError: what cannot run, or what takes over an hour was not confirmed.
+        ValueError: something cannot run, or takes over an hour and was not confirmed.
         ConnectionError: nothing listens at the address.
         RootInUseError: another campaign is running on the results root.
     """
@@ -46,7 +46,7 @@ def execute_experiment(experiment: Experiment, options: ExperimentOptions) -> in
 
 
 def experiment_plan(experiment: Experiment, options: ExperimentOptions) -> Plan:
-    """Returns the runs of what the flags choose of `experiment`.
+    """Returns the runs of the part of `experiment` that the options choose.
 
     Stage, challenges, bodies and levels select; students take the place of the experiment's; teachers do
     where the experiment leaves them open. Seeds are places in the list of seeds that each matrix has.
@@ -72,7 +72,7 @@ def experiment_plan(experiment: Experiment, options: ExperimentOptions) -> Plan:
 
 
 def chosen_matrices(experiment: Experiment, size: Size, options: ExperimentOptions) -> tuple[Matrix, ...]:
-    """Returns what the flags leave of the experiment's matrices at a size.
+    """Returns the experiment's matrices at a size, narrowed by the options.
 
     Raises:
         ValueError: a stage, challenge, body, level or seed that none of them has.
@@ -88,7 +88,7 @@ def chosen_matrices(experiment: Experiment, size: Size, options: ExperimentOptio
 
 
 def _narrowed(whole: Matrix, small: Matrix, options: ExperimentOptions) -> Matrix:
-    """Returns `small`, which a size left of `whole`, with what the flags say instead."""
+    """Returns `small`, a size of `whole`, with the values of the options."""
     levels = parse_levels(options.expert_knowledge or ())
     bodies = options.embodiments or whole.embodiments
     return replace(
@@ -112,10 +112,10 @@ def _seeds(matrix: Matrix, places: Sequence[int]) -> tuple[int, ...]:
 
 
 def _default_teachers(experiment: Experiment, size: Size) -> Sequence[str]:
-    """Returns who teaches where neither a matrix nor the flags say: whom the tier names, else the experiment.
+    """Returns the default teachers of matrices that name none: those of the tier, else of the experiment.
 
     Raises:
-        ValueError: nobody does, and a matrix leaves it open.
+        ValueError: neither names any, and a matrix leaves them open.
     """
     if not experiment.teachers and any(not matrix.teachers for matrix in experiment.matrices):
         raise ValueError(
@@ -125,17 +125,21 @@ def _default_teachers(experiment: Experiment, size: Size) -> Sequence[str]:
     return size.teachers or experiment.teachers
 
 
+COMBINED = ("embodiment", "student", "teacher", "expert_knowledge")
+"""Columns whose combinations count as cells of an experiment."""
+
+
 @dataclass(frozen=True)
 class PlannedExperiment:
     """One experiment of a plan.
 
     Attributes:
-        name: of the experiment.
-        teachers: how many run it.
-        cells: combinations of body, student, teacher and level.
-        asked: cells with their seeds, as the paper counts runs.
-        executed: runs of its own; a run that an earlier part has, too, is executed there.
-        steps: environment steps of those.
+        name: name of the experiment.
+        teachers: number of teachers.
+        cells: number of combinations of body, student, teacher and level.
+        asked: number of cells with their seeds, as the paper counts runs.
+        executed: number of runs that no earlier part has.
+        steps: environment steps of these.
     """
 
     name: str
@@ -160,7 +164,7 @@ def planned_experiments(plan: Plan) -> list[PlannedExperiment]:
             PlannedExperiment(
                 name=name,
                 teachers=len({row["teacher"] for row in mine}),
-                cells=len({_cell(row) for row in mine}),
+                cells=len({tuple(row[name] for name in COMBINED) for row in mine}),
                 asked=len(mine),
                 executed=len(own),
                 steps=sum(steps[run_id] for run_id in own),
@@ -170,10 +174,10 @@ def planned_experiments(plan: Plan) -> list[PlannedExperiment]:
 
 
 def show_plan(experiment: Experiment, options: ExperimentOptions, console: Console | None = None) -> Plan:
-    """Prints what the flags choose of `experiment`, and what it costs; returns it.
+    """Prints the size and cost of the part of `experiment` that the options choose; returns its plan.
 
     Raises:
-        ValueError: what cannot run.
+        ValueError: a cell that cannot run.
     """
     plan = experiment_plan(experiment, options)
     console = terminal(console)
@@ -205,7 +209,3 @@ def _total(parts: Sequence[PlannedExperiment]) -> PlannedExperiment:
         executed=sum(part.executed for part in parts),
         steps=sum(part.steps for part in parts),
     )
-
-
-def _cell(row: dict[str, Any]) -> tuple[Any, ...]:
-    return tuple(row[name] for name in ("embodiment", "student", "teacher", "expert_knowledge"))

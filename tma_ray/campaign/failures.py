@@ -29,13 +29,13 @@ class OutageError(RuntimeError):
 
 
 class RetryingCommitter:
-    """Calls the methods of a `Committer`, and retries those that the storage refuses.
+    """Caller of the methods of a `Committer` that retries those that the storage refuses.
 
     Before every attempt it checks that the lease on the root is still held: a storage that was unavailable
     for long may have been given to another campaign meanwhile.
 
     Args:
-        committer: of the results root.
+        committer: committer of the results root.
         keep_lease: renews the lease; raises if another campaign holds it.
         seconds: longest time for which one operation is retried, s.
     """
@@ -86,7 +86,7 @@ FIRST_PAUSE, LONGEST_PAUSE = 1.0, 300.0
 
 @dataclass
 class _History:
-    """Losses of a run: how many, and on which nodes."""
+    """Losses of a run, and the nodes on which they were."""
 
     losses: int = 0
     nodes: list[str] = field(default_factory=list)
@@ -99,7 +99,7 @@ class Retries:
     memory, a broken mount) does not occupy the cluster.
 
     Args:
-        most_losses: how often a run may be lost before it is given up.
+        most_losses: number of losses after which a run is given up.
         clock: current time, s.
     """
 
@@ -114,11 +114,11 @@ class Retries:
 
     @property
     def specs(self) -> list[RunSpec]:
-        """The runs that wait."""
+        """Runs that wait."""
         return [spec for _, spec in self._pausing]
 
     def add_loss(self, spec: RunSpec, node: str) -> bool:
-        """Takes in a run that was lost on `node`, empty if unknown; returns False if it is given up."""
+        """Adds a run that was lost on `node`, empty if unknown; returns False if it is given up."""
         history = self._histories.setdefault(spec.run_id, _History())
         history.losses += 1
         if node and node not in history.nodes:
@@ -137,7 +137,7 @@ class Retries:
         return due
 
     def losses(self, run_id: str) -> int:
-        """Returns how often a run was lost."""
+        """Returns the number of losses of a run."""
         return self._histories[run_id].losses if run_id in self._histories else 0
 
     def nodes_to_avoid(self, run_id: str) -> tuple[str, ...]:
@@ -149,16 +149,16 @@ LOG_SECONDS = 60.0
 """Time between two messages, s."""
 
 MOST_NAMES = 3
-"""Runs that a message names; the others are counted."""
+"""Largest number of runs that a message names; the others are counted."""
 
 logger = logging.getLogger(__name__)
 
 
 class Silence:
-    """Runs that do not answer: Ray may lose sight of an actor, or of a node with many, and find it again.
+    """Runs that do not answer: an actor, or a node with many, may be unreachable for some time.
 
     Args:
-        most_seconds: how long a run may be silent before it counts as lost, s.
+        most_seconds: longest silence before a run counts as lost, s.
         clock: current time, s.
     """
 
@@ -169,7 +169,7 @@ class Silence:
         self._logged = -math.inf
 
     def lasts(self, run_id: str) -> bool:
-        """Takes in that a run did not answer; returns True if it has been silent for too long.
+        """Notes that a run did not answer; returns True if it has been silent for too long.
 
         All runs that are silent at the moment are logged, once a minute.
         """
@@ -190,7 +190,7 @@ class Silence:
         return now - since > self._most_seconds
 
     def end(self, run_id: str) -> None:
-        """Takes in that a run answers, or is lost."""
+        """Notes that a run answers, or is lost."""
         self._since.pop(run_id, None)
 
 

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from datetime import UTC, datetime
 from itertools import chain
 from pathlib import Path
-from typing import Any, Generic, NoReturn, TypeVar
+from typing import Generic, NoReturn, TypeVar
 
 from rich.console import Console, Group, RenderableType
 from rich.live import Live
@@ -33,11 +33,14 @@ from tma_ray.terminal import terminal
 
 T = TypeVar("T")
 
+CELL = ("environment", "challenge", "embodiment", "student", "teacher", "expert_knowledge")
+"""Columns of the parts of a cell."""
+
 INTERRUPTED = "interrupted"
-"""A run that has been started and is not done, and whose last attempt or campaign has ended."""
+"""State of a run that has been started and is not done, and whose last attempt or campaign has ended."""
 
 WAITING = "waiting"
-"""A run that a campaign lists and that has not been started."""
+"""State of a run of a campaign that has not been started."""
 
 
 @dataclass(frozen=True)
@@ -47,10 +50,10 @@ class RunState:
     Attributes:
         run_id: its id.
         state: done, running, failed, interrupted or waiting.
-        step: environment steps that are known of: published, or told by the campaign's last heartbeat.
+        step: environment steps that are published or in the campaign's last heartbeat.
         steps: its budget; 0 if it was never started.
-        steps_per_second: as the last heartbeat tells; 0 of a run that is not running.
-        error: why it failed.
+        steps_per_second: speed of the last heartbeat, 1/s; 0 of a run that is not running.
+        error: traceback or reason of a failure.
     """
 
     run_id: str
@@ -66,9 +69,9 @@ class Overview:
     """The campaigns of a results root.
 
     Attributes:
-        campaigns: runs by campaign and by cell; a cell is named by what it consists of.
-        heartbeat: the root's last; None if no campaign ever gave one.
-        trial: trial that the campaign is of; None if it is of none.
+        campaigns: runs by campaign and by cell, whose name is the tuple of its parts.
+        heartbeat: last heartbeat in the root, None if there never was one.
+        trial: trial of the campaign, None if it is of none.
     """
 
     campaigns: Mapping[str, Mapping[tuple[str, ...], list[RunState]]]
@@ -83,12 +86,12 @@ class Overview:
 
 
 def overview(root: str | Path, now: float) -> Overview:
-    """Returns what is known of the runs of a root at `now`, s since 1970."""
+    """Returns the state of the runs of a root at `now`, s since 1970."""
     return Observer(root).look(now)
 
 
 class Observer:
-    """Looks at a root again and again, and reads only what has changed since the last look.
+    """Reader of a root's state that reads again only what has changed.
 
     Args:
         root: folder or URI of a results root.
@@ -99,10 +102,10 @@ class Observer:
         self._results: Results | None = None
         self._steps: dict[str, tuple[Manifest, int]] = {}
         self._outcomes = _Kept(self._store, Table.ATTEMPTS, _last_outcomes)
-        self._cells = _Kept(self._store, Table.CELLS, _rows_of_cells)
+        self._cells = _Kept(self._store, Table.CELLS, lambda results: results.table(Table.CELLS).to_pylist())
 
     def look(self, now: float) -> Overview:
-        """Returns what is known of the runs at `now`, s since 1970.
+        """Returns the state of the runs at `now`, s since 1970.
 
         Raises:
             ResultsRootError: the root does not exist, or is one of another version.
@@ -124,7 +127,7 @@ class Observer:
         for row in self._cells.of(results):
             cells = campaigns.setdefault(row["campaign"], {})
             state = states.get(row["run_id"], RunState(row["run_id"], WAITING, 0, 0))
-            cells.setdefault(_cell(row), []).append(state)
+            cells.setdefault(tuple(row[name] for name in CELL), []).append(state)
         return Overview(campaigns, heartbeat, TrialFile.load(self._store))
 
     def _published_steps(self, results: Results) -> dict[str, int]:
@@ -174,11 +177,6 @@ def _state(
     return RunState(manifest.run.run_id, state, step, manifest.run.steps, speed, manifest.error)
 
 
-def _rows_of_cells(results: Results) -> list[dict[str, Any]]:
-    rows: list[dict[str, Any]] = results.table(Table.CELLS).to_pylist()
-    return rows
-
-
 def _last_outcomes(results: Results) -> dict[str, tuple[int, str]]:
     """Number and outcome of the last recorded attempt at every unfinished run."""
     last: dict[str, tuple[int, str]] = {}
@@ -194,11 +192,6 @@ def _unfinished(results: Results) -> dict[str, Manifest]:
     }
 
 
-def _cell(row: Mapping[str, Any]) -> tuple[str, ...]:
-    names = ("environment", "challenge", "embodiment", "student", "teacher", "expert_knowledge")
-    return tuple(row[name] for name in names)
-
-
 COUNTED = (RunStatus.DONE, RunStatus.RUNNING, INTERRUPTED, RunStatus.FAILED, WAITING)
 MOST_ERRORS, MOST_NAMES = 5, 3
 """Kinds of errors, and runs of each, that are named; the others are counted."""
@@ -211,12 +204,12 @@ WATCH_SECONDS = 5.0
 
 
 def show_status(root: str | Path, cells: bool = False, console: Console | None = None) -> bool:
-    """Prints where the campaigns of a root stand, and why runs failed; returns whether any have.
+    """Prints the state of the campaigns of a root and the reasons of failures; returns True if runs failed.
 
     Args:
         root: folder or URI of a results root.
         cells: a line for every cell instead of one for every experiment, which joins its teachers.
-        console: where to.
+        console: console to print to.
     """
     now = time.time()
     found = overview(root, now)
@@ -225,7 +218,7 @@ def show_status(root: str | Path, cells: bool = False, console: Console | None =
 
 
 def watch_status(root: str | Path, cells: bool = False, console: Console | None = None) -> NoReturn:
-    """Shows it again every few seconds, until Ctrl-C."""
+    """Shows the state of the campaigns of a root every few seconds, until Ctrl-C."""
     observer = Observer(root)
     with Live(console=terminal(console), auto_refresh=False) as live:
         while True:
@@ -276,7 +269,7 @@ def _sign_of_life(heartbeat: Heartbeat | None, now: float) -> str:
 
 
 def _headline(runs: Sequence[RunState]) -> str:
-    """Returns how many runs are done, how fast the others are, and when they will be done."""
+    """Returns the number of runs done, the speed of the others, and the time left."""
     done = sum(run.state == RunStatus.DONE for run in runs)
     speed = sum(run.steps_per_second for run in runs)
     budget = max((run.steps for run in runs), default=0)  # also of those that have not been started
@@ -302,7 +295,7 @@ def _grid(groups: dict[str, list[RunState]]) -> Grid:
 
 
 def _failures(root: str | Path, runs: Sequence[RunState]) -> Iterator[str]:
-    """Yields what went wrong, the most frequent first, and how to see and repeat it."""
+    """Yields the errors, the most frequent first, and the commands to see and repeat their runs."""
     kinds: dict[str, list[str]] = {}
     for run in runs:
         if run.state == RunStatus.FAILED:
@@ -330,7 +323,7 @@ def show_history(run: str, root: str | Path, console: Console | None = None) -> 
     Args:
         run: its id, or the beginning of that of no other run.
         root: folder or URI of a results root.
-        console: where to.
+        console: console to print to.
 
     Raises:
         ValueError: no such run, or several.

@@ -25,9 +25,9 @@ class Plan:
     """The runs and cells that a campaign executes.
 
     Attributes:
-        name: of the campaign.
-        size: what was asked for, in words.
-        runs: effective specs, one per run.
+        name: name of the campaign.
+        size: numbers of cells and seeds, in words.
+        runs: effective specs of the runs.
         cell_rows: rows of the table of cells, without the campaign; several may name one run.
     """
 
@@ -61,12 +61,12 @@ class Plan:
 
 @dataclass(frozen=True)
 class CampaignSpec:
-    """A set of cells with a budget: what one results root is filled with.
+    """A set of cells with seeds and a budget.
 
     Attributes:
         name: letters, digits, "_" and "-"; part of file names.
-        cells: what to compare.
-        seeds: of every cell.
+        cells: cells to compare.
+        seeds: seeds of every cell.
         schedule: budget and intervals of every run.
         independent_levels: repeats cells whose levels of knowledge make no difference to the teacher,
             as the paper did, instead of sharing their runs.
@@ -137,12 +137,12 @@ def cells_of(
 
 
 def lease_holder(campaign: str) -> str:
-    """Returns how another campaign on the same root is told who holds it."""
+    """Returns the name under which a campaign holds the lease on a root."""
     return f"campaign {campaign!r} on {platform.node()}, process {os.getpid()}"
 
 
 def cell_row(experiment: str, cell: Cell, spec: RunSpec) -> dict[str, Any]:
-    """Returns a row of the table of cells: canonical names of its spec, and the level that was asked for."""
+    """Returns a row of the table of cells: canonical names of its spec, and the level that was requested."""
     return {
         "experiment": experiment,
         "environment": spec.environment,
@@ -160,12 +160,12 @@ def matrix_cells(
     teacher_hyperparameters: Mapping[str, Any] | None = None,
     student_hyperparameters: Mapping[str, Any] | None = None,
 ) -> tuple[Cell, ...]:
-    """Returns the cells of one point of `matrix` for those that know enough; the others are left out.
+    """Returns the cells of one point of `matrix`, without teachers that lack expert knowledge.
 
     Args:
-        matrix: what to run.
-        teachers: who runs it if the matrix does not say; else those of its own that are kept, with
-            hyper-parameters that are given here, all if none is given.
+        matrix: matrix to run.
+        teachers: teachers of a matrix that names none; else the selection of its own teachers, with the
+            hyper-parameters given here, all by default.
         teacher_hyperparameters: values that differ from each teacher's defaults.
         student_hyperparameters: values that differ from each student's defaults.
 
@@ -197,7 +197,7 @@ def matrix_campaigns(
     """Returns a campaign for each of `matrices`, and each point of its grids, that any teacher can run.
 
     Args:
-        matrices: what to run.
+        matrices: matrices to run.
         teachers: see `matrix_cells`.
         schedule: budget and intervals, the paper's by default; a matrix with a budget has that instead.
 

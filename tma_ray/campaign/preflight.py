@@ -54,7 +54,7 @@ def check_installation() -> None:
 
 
 def _finder() -> Callable[[], str]:
-    """Returns a function that Ray sends whole: one of this module would need tma_ray to be found at all."""
+    """Returns a function that Ray sends whole: one of this module could only be found where tma_ray is."""
 
     def installed() -> str:
         from importlib.metadata import version
@@ -129,7 +129,7 @@ def _ask_nodes(store: Store, nodes: Sequence[dict[str, Any]], probe: str | None)
 
 
 def can_access(store: Store, probe: str | None) -> bool:
-    """Tells whether this node sees the file `probe` of `store`, or may use the bucket if that is None."""
+    """Returns True if this node sees the file `probe` of `store`, or may use the bucket if that is None."""
     if probe is not None:
         return store.exists(probe)
     store.check_access()
@@ -137,24 +137,24 @@ def can_access(store: Store, probe: str | None) -> bool:
 
 
 FOLDER = "tma_ray_plugins"
-"""What the shipped files lie in; a worker finds it as a package of that name."""
+"""Folder of the shipped files, which a worker finds as a package of that name."""
 
 MOST_BYTES = 20 * 2**20
-"""More than this is refused: code is small, and data of that size belongs on the nodes or in storage."""
+"""Largest size of shipped files, in bytes: larger data belongs on the nodes or in storage."""
 
 
 @contextmanager
 def runtime_environment(sources: Sequence[PluginSource]) -> Iterator[dict[str, Any] | None]:
-    """Lends the block a Ray runtime environment that brings plug-ins to every worker of a job.
+    """Context manager of a Ray runtime environment that brings plug-ins to every worker of a job.
 
     The files are copied first: what is edited while a campaign runs does not reach its workers.
     Installed packages are not shipped; every node needs them by itself.
 
     Args:
-        sources: of the plug-ins.
+        sources: sources of the plug-ins.
 
     Returns:
-        What `ray.init` takes, None if there is nothing to ship.
+        The `runtime_env` of `ray.init`, None if there is nothing to ship.
 
     Raises:
         ValueError: the files are larger than `MOST_BYTES`.
@@ -173,7 +173,7 @@ def runtime_environment(sources: Sequence[PluginSource]) -> Iterator[dict[str, A
 
 
 def use_shipped() -> None:
-    """Lets imports in this worker find the shipped files first, before what the driver left elsewhere."""
+    """Puts the shipped files first on the search path of this worker."""
     try:
         shipped = importlib.import_module(FOLDER)
     except ModuleNotFoundError:  # nothing was shipped: all is installed, or Ray was connected before
@@ -195,7 +195,7 @@ def _check_size(files: dict[str, bytes]) -> None:
 
 
 _tried: set[tuple[str, object]] = set()
-"""Nodes and what this process has tried there."""
+"""Pairs of a node and a recipe of an environment that this process has tried there."""
 
 
 def warm_nodes(specs: Sequence[RunSpec], shipped: bool = True) -> None:
@@ -207,7 +207,7 @@ def warm_nodes(specs: Sequence[RunSpec], shipped: bool = True) -> None:
 
     Args:
         specs: the runs.
-        shipped: whether this connection to Ray brought the plug-ins to the workers.
+        shipped: True if this connection to Ray brought the plug-ins to the workers.
 
     Raises:
         ValueError: a node cannot import a plug-in, or has another version of it.

@@ -1,4 +1,4 @@
-"""The one view of a campaign's progress, in its driver: live on a terminal, plain lines elsewhere."""
+"""Progress of a campaign, as its driver shows it: live on a terminal, in plain lines elsewhere."""
 
 from __future__ import annotations
 
@@ -68,7 +68,7 @@ class Snapshot:
         waiting_steps: environment steps of those.
         total_steps: environment steps of all runs.
         running: runs that train.
-        learners: of cohorts.
+        learners: learners of cohorts.
     """
 
     total: int
@@ -88,12 +88,12 @@ class Snapshot:
 
     @property
     def steps_left(self) -> int:
-        """Environment steps that waiting and running runs have before them."""
+        """Environment steps left of waiting and running runs."""
         return self.waiting_steps + sum(run.steps - run.status.step for run in self.running)
 
     @property
     def seconds_left(self) -> float:
-        """Time to the end at the present speed, s; infinite before anything moves."""
+        """Time left at the present speed, s; infinite while that is 0."""
         return self.steps_left / self.steps_per_second if self.steps_per_second else math.inf
 
     def headline(self) -> str:
@@ -111,19 +111,19 @@ class Snapshot:
 
 
 class View(Protocol):
-    """Is shown a campaign's progress."""
+    """Display of a campaign's progress."""
 
     def update(self, snapshot: Snapshot) -> None:
-        """Takes the latest snapshot."""
+        """Shows the latest snapshot."""
         ...
 
     def close(self, snapshot: Snapshot) -> None:
-        """Takes the last snapshot."""
+        """Shows the last snapshot."""
         ...
 
 
 class PublishedProgress:
-    """Passes what it is shown to a view here, and as heartbeats to all who see the results root."""
+    """View that passes snapshots to another one, and writes them as heartbeats into the results root."""
 
     def __init__(self, view: View, heartbeat: HeartbeatWriter) -> None:
         self._view = view
@@ -144,10 +144,10 @@ class PublishedProgress:
 
 
 class ProgressView:
-    """Shows snapshots: a live table where the console is a terminal, else a line now and then.
+    """View with a live table on a terminal, else a line now and then.
 
     Args:
-        console: where to write.
+        console: console to print to.
         line_seconds: time between two lines without a terminal, s.
     """
 

@@ -7,7 +7,7 @@ from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
-from tma_ray.campaign.costs.estimation import estimate
+from tma_ray.campaign.costs import estimate
 from tma_ray.campaign.options import (
     SCHEDULE,
     CampaignOptions,
@@ -26,13 +26,13 @@ from tma_ray.tasks import KnowledgeLevel
 from tma_ray.terminal import terminal
 
 TEACHER_FIELDS = ("teacher", "teacher_hyperparameters", "expert_knowledge", "seed", "repeat")
-"""Fields of a spec that another teacher may have otherwise."""
+"""Fields of a spec in which another teacher may differ."""
 
 SINGLE_RUNS = "single_runs"
 """Name of the experiment of runs that belong to no campaign."""
 
 BY_PART = ("plugins", "algorithm_versions", "inputs")
-"""Fields of a spec that say something of each of its parts."""
+"""Fields of a spec with an entry for each of its parts."""
 
 
 @dataclass(frozen=True)
@@ -43,7 +43,7 @@ class _Setting:
         experiment: name of the experiment that they belong to.
         level: expert knowledge offered.
         template: spec of one of their runs.
-        seeds: of all of them, rising.
+        seeds: seeds of all of them, rising.
     """
 
     experiment: str
@@ -65,12 +65,12 @@ def like_plan(
     Every cell's first seed comes before any cell's second.
 
     Args:
-        name: of the campaign.
-        released: the release.
+        name: name of the campaign.
+        released: release to repeat.
         teachers: names in the teacher registry, or ``module:Name``.
-        core: campaigns of the release whose cells are repeated; all by default.
-        challenges: which of its challenges; all by default.
-        seeds: which of its seeds; all by default.
+        core: campaigns of the release to repeat; all by default.
+        challenges: challenges of the release to repeat; all by default.
+        seeds: seeds of the release to repeat; all by default.
 
     Raises:
         ValueError: a challenge, seed or campaign that the release does not have, a teacher that cannot run,
@@ -127,7 +127,7 @@ def _runs(setting: _Setting, teacher: str, released: Results) -> Iterator[tuple[
 
 
 def _settings(released: Results, core: Collection[str]) -> list[_Setting]:
-    """Returns what the cells of a release have in common, in the order of its experiments' names."""
+    """Returns the settings of a release's cells, in the order of its experiments' names."""
     specs = {manifest.run.run_id: manifest.run.spec for manifest in released.runs()}
     if not specs:
         raise ValueError(f"{released.store} has no runs: there is nothing to repeat")
@@ -247,12 +247,12 @@ DECIDED = (
 
 
 def run_like(name: str, place: str, core: Collection[str], options: CampaignOptions) -> int:
-    """Runs what ``--teachers``, ``--challenges`` and ``--seeds`` choose of a release; returns the exit code.
+    """Runs the cells and seeds of a release that the options choose; returns the exit code.
 
     Args:
         name: campaign's name in the results.
         place: folder or address of the release.
-        core: campaigns of it that are repeated; empty for all.
+        core: campaigns of the release to repeat; empty for all.
         options: choice of teachers, challenges and seeds, and the execution.
 
     Raises:
@@ -284,7 +284,7 @@ def run_like(name: str, place: str, core: Collection[str], options: CampaignOpti
 
 
 NAME = "rerun"
-"""What a rerun is called where a campaign has its name."""
+"""Name of a rerun, in place of a campaign's."""
 
 
 def rerun(root: str, names: Sequence[str], options: ExecutionOptions, *, failed: bool) -> int:
@@ -301,8 +301,8 @@ def rerun_plan(root: str, names: Sequence[str], *, failed: bool) -> Plan:
 
     Args:
         root: folder or URI of a results root.
-        names: ids of runs, or unambiguous beginnings of them.
-        failed: all that failed.
+        names: ids of runs, or unambiguous prefixes of them.
+        failed: True for all runs that failed.
 
     Raises:
         ValueError: nothing is named, no such run, one that is done, or a plug-in that was edited since:

@@ -135,7 +135,10 @@ class Scheduler:
             self._committer.call(Committer.finish, record, number, ending.files)
             Checkpoints(self._committer.store, record.run_id, number).drop()
             self._done += 1
-        self._record(running, ending.outcome)
+        if ending.without_fault and running.report is None:  # it has not begun: there is nothing to record
+            self._committer.call(Committer.withdraw, record.run_id, number)
+        else:
+            self._record(running, ending.outcome)
         if ending.outcome is AttemptOutcome.STOPPED:
             self._stopped += 1
         elif ending.outcome is AttemptOutcome.FAILED:

@@ -10,9 +10,7 @@ from cyclopts import App
 from rich.console import Console
 
 from tma_ray import command_line
-from tma_ray.campaign.costs.confirmation import confirm, long_cost, terminal_question
-from tma_ray.campaign.costs.known import Kind
-from tma_ray.campaign.costs.speed import Throughput
+from tma_ray.campaign.costs import confirm, long_cost, terminal_question
 from tma_ray.campaign.failures import HeadLostError, OutageError
 from tma_ray.campaign.options import (
     CampaignOptions,
@@ -26,6 +24,7 @@ from tma_ray.campaign.options import (
 from tma_ray.campaign.plan import CampaignSpec, Plan
 from tma_ray.campaign.progress import Snapshot
 from tma_ray.campaign.settings import Settings
+from tma_ray.campaign.speeds import Kind, Throughput
 from tma_ray.commands.exits import FAILED, RAY_LOST
 from tma_ray.commands.interrupts import INTERRUPTED
 from tma_ray.commands.texts import counted

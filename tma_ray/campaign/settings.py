@@ -17,7 +17,7 @@ from tma_ray.students.players import CohortSettings
 GIB = 2**30
 
 PLENTY: Final = float(sys.maxsize)
-"""Memory that suffices for everything, in bytes."""
+"""Memory that suffices for any run, in bytes."""
 
 AUTOSCALING_QUEUE = 64
 """Runs that wait on an autoscaling cluster: with one only, nodes would come one after the other."""
@@ -65,7 +65,7 @@ class Resources:
         return max(1, int(self.cpus))
 
     def fit_into(self, node: Mapping[str, float]) -> int:
-        """Returns how many runs a node with these resources holds at once."""
+        """Returns the number of runs that a node with these resources holds at once."""
         needed = {"CPU": self.cpus, "GPU": self.gpus, "memory": self.memory_gib * GIB}
         return min(int(node.get(name, 0.0) / amount) for name, amount in needed.items() if amount > 0)
 
@@ -83,7 +83,7 @@ class Nodes:
     place: str
 
     def at_once(self, each: Resources) -> int:
-        """Returns how many runs they hold at once, one at least."""
+        """Returns the number of runs that they hold at once, at least one."""
         return max(1, sum(each.fit_into(node) for node in self.resources))
 
 
@@ -94,7 +94,7 @@ def this_machine() -> Nodes:
 
 
 PLAYER = Resources(cpus=0.25, memory_gib=0.5)
-"""Of one run in a cohort: it waits for updates most of the time, and has neither networks nor replay."""
+"""Resources of a run in a cohort, which mostly waits for updates and has neither networks nor replay."""
 
 
 @dataclass(frozen=True)
@@ -102,23 +102,23 @@ class Settings:
     """Settings of a campaign's execution.
 
     Attributes:
-        resources: of one run that learns alone.
+        resources: resources of one run that learns alone.
         device: torch's name of where networks live.
         cohort: slots of each cohort, in which as many runs learn together; 0: every run learns alone, and
             occupies a share of a GPU exactly if `device` is "cuda"; None: `COHORT_WIDTH` on "cuda" where no
             run occupies a share of a GPU, else 0.
         player: resources of one run in a cohort, without its learner.
-        teachers: where teachers run.
+        teachers: placement of teachers.
         checkpoint_seconds: longest time between two checkpoints of a run, s.
-        most_losses: how often a run may lose its process before it counts as failed.
-        outage_seconds: how long the storage of the results may refuse what is written before a run counts as
-            lost, or the campaign ends, s.
-        unreachable_seconds: how long a run, or the learner of a cohort, may be silent that is not known to be
-            dead, before it counts as lost, s.
-        grace_seconds: how long a stop waits for checkpoints, s.
+        most_losses: number of processes that a run may lose before it counts as failed.
+        outage_seconds: longest outage of the storage of the results before a run counts as lost, or the
+            campaign ends, s.
+        unreachable_seconds: longest silence of a run or a cohort's learner, not known to be dead, before it
+            counts as lost, s.
+        grace_seconds: longest wait for the checkpoints of a stop, s.
         poll_seconds: time between two looks at the runs, s.
-        autoscaling: whether the cluster adds nodes for runs that wait: then none are refused because
-            today's nodes cannot hold them, and more of them wait.
+        autoscaling: True if the cluster adds nodes for waiting runs: then runs are accepted that today's
+            nodes cannot hold, and more of them wait.
     """
 
     resources: Resources = field(default_factory=Resources)
@@ -190,6 +190,6 @@ class Settings:
 
     @property
     def placement(self) -> Placement:
-        """Settings of execution that a run is given, without the learner of a cohort."""
+        """Placement of a run, without the learner of a cohort."""
         device = Placement.device if self.width else self.device
         return Placement(device, self.each.threads, self.checkpoint_seconds, self.outage_seconds)

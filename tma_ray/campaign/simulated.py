@@ -9,8 +9,6 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
-import pandas as pd
-
 from tma_ray.benchmark import BENCHMARK_VERSION
 from tma_ray.part_names import base_name
 from tma_ray.results import (
@@ -37,7 +35,7 @@ CAMPAIGN = "simulated"
 """Name of the campaign of simulated cells."""
 
 FRACTION = 64
-"""Returns are written in fractions of this: a run takes half of the space that all digits would take."""
+"""Denominator of returns as they are written: a run takes half of the space that all digits would take."""
 
 
 class SimulatedRoot:
@@ -47,9 +45,9 @@ class SimulatedRoot:
 
     Args:
         root: a folder, or an ``s3://`` or ``gs://`` address; a new or empty one becomes a root.
-        cells: what is run.
-        seeds: of each cell.
-        episodes: of each run.
+        cells: cells that are run.
+        seeds: seeds of each cell.
+        episodes: number of episodes of each run.
 
     Raises:
         ResultsRootError: something else lies there.
@@ -69,17 +67,18 @@ class SimulatedRoot:
             _cell(cell, run, record)
             for run, record in zip(self._planned, records, strict=True)
             for cell in cells
-            if _is_of(run, cell)
+            if (cell.challenge.name, cell.teacher, cell.effective_level)
+            == (run.challenge, run.teacher, run.level)
         ]
         self._committer.write_cells(CAMPAIGN, rows)
 
     def kept(self) -> list[SimulatedRun]:
-        """Returns those of the runs that it has."""
+        """Returns the planned runs that the root has."""
         done = self._committer.done(_record(run, self._episodes).run_id for run in self._planned)
         return played_runs(Results(self._committer.store), done)
 
     def add(self, run: SimulatedRun) -> None:
-        """Writes a run, unless it has that already."""
+        """Writes a run that the root does not have."""
         record = _record(run, self._episodes)
         plugin = TEACHERS.plugin(run.teacher)
         if plugin is not None:
@@ -95,32 +94,19 @@ def played_runs(results: Results, run_ids: Collection[str] | None = None) -> lis
     """Returns the runs of simulated students that are done in a results root or a release, by id.
 
     Args:
-        results: nothing but such runs.
-        run_ids: only these; all by default.
+        results: results root or release of simulated runs.
+        run_ids: ids of the wanted runs; all by default.
     """
     records = {each.run.run_id: each.run for each in results.runs() if each.status is RunStatus.DONE}
     columns = ["run_id", "step", "task_index", "episodic_return"]
     table = results.table(Table.EVALUATIONS, run_ids, columns).to_pandas().sort_values(columns[:3])
-    return [
-        _played(records[run_id], own)
-        for run_id, own in table.groupby("run_id", observed=True)
-        if run_id in records
-    ]
-
-
-def _played(record: RunRecord, rows: pd.DataFrame) -> SimulatedRun:
-    level = KnowledgeLevel(record.expert_knowledge)
-    return SimulatedRun(record.challenge, record.teacher, level, record.seed, _by_step(rows))
-
-
-def _by_step(rows: pd.DataFrame) -> tuple[tuple[float, ...], ...]:
-    """Returns the returns of each evaluation; rows are sorted by step and test task."""
-    return tuple(tuple(map(float, own)) for _, own in rows.groupby("step")["episodic_return"])
-
-
-def _is_of(run: SimulatedRun, cell: SimulatedCell) -> bool:
-    names = cell.challenge.name, cell.teacher, cell.effective_level
-    return names == (run.challenge, run.teacher, run.level)
+    runs = []
+    for run_id, own in table.groupby("run_id", observed=True):
+        if (record := records.get(run_id)) is not None:
+            returns = tuple(tuple(map(float, each)) for _, each in own.groupby("step")["episodic_return"])
+            level = KnowledgeLevel(record.expert_knowledge)
+            runs.append(SimulatedRun(record.challenge, record.teacher, level, record.seed, returns))
+    return runs
 
 
 def _record(run: SimulatedRun, episodes: int) -> RunRecord:
@@ -145,7 +131,7 @@ def _record(run: SimulatedRun, episodes: int) -> RunRecord:
 
 
 def _spec(run: SimulatedRun, episodes: int) -> dict[str, Any]:
-    """Returns what determines the run, under the names that specs of real ones have."""
+    """Returns all that determines the run, under the names of a `RunSpec`."""
     challenge = find_simulated_challenge(run.challenge)
     tests = challenge.tests()
     plugin = TEACHERS.plugin(run.teacher)

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from tma_ray.campaign.costs.confirmation import confirm, long_cost, terminal_question
+from tma_ray.campaign.costs import confirm, long_cost, terminal_question
 from tma_ray.campaign.failures import StopSignals
 from tma_ray.campaign.options import RunOptions, environment_name, parse_levels, replace_schedule
-from tma_ray.campaign.plan import CampaignSpec, Plan, lease_holder
+from tma_ray.campaign.plan import CampaignSpec, lease_holder
 from tma_ray.campaign.progress import ActiveRun, ProgressView, PublishedProgress, Snapshot
 from tma_ray.campaign.settings import Resources, Settings
 from tma_ray.commands.interrupts import INTERRUPTED
@@ -18,10 +18,10 @@ CAMPAIGN = "single_runs"
 
 
 def run_single(options: RunOptions) -> int:
-    """Runs what the flags of ``tma-ray run`` name; returns the exit code.
+    """Executes the run of ``tma-ray run``; returns the exit code.
 
     Raises:
-        ValueError: what cannot run.
+        ValueError: it cannot run, or takes over an hour and was not confirmed.
     """
     (level,) = parse_levels([options.expert_knowledge])
     cell = Cell(
@@ -38,7 +38,10 @@ def run_single(options: RunOptions) -> int:
     plan = CampaignSpec(CAMPAIGN, (cell,), (options.seed,), schedule).plan()
     placement = Placement(options.device, options.threads, options.checkpoint_seconds)
     check_available(options.device)
-    _confirm(plan, options, placement)
+    resources = Resources(placement.threads, gpus=float(placement.device != "cpu"))
+    cost = long_cost(plan, options.results, Settings(resources, placement.device))
+    if cost is not None:
+        confirm("the run", cost, yes=options.yes, ask=terminal_question())
     committer = Committer.open(options.results)
     (spec,) = plan.runs
     console, holder = terminal(), lease_holder(CAMPAIGN)
@@ -61,15 +64,3 @@ def run_single(options: RunOptions) -> int:
     following = f"'tma-ray report {options.results}' writes a page" if done else "the same command continues"
     console.print(f"Next: {following}.", highlight=False, soft_wrap=True)
     return 0 if done else INTERRUPTED
-
-
-def _confirm(plan: Plan, options: RunOptions, placement: Placement) -> None:
-    """Asks before what takes over an hour.
-
-    Raises:
-        ValueError: it was not confirmed.
-    """
-    resources = Resources(placement.threads, gpus=float(placement.device != "cpu"))
-    cost = long_cost(plan, str(options.results), Settings(resources, placement.device))
-    if cost is not None:
-        confirm("the run", cost, yes=options.yes, ask=terminal_question())

@@ -176,7 +176,7 @@ def _of_sources(sources: Sequence[str | Path], frames: Frames) -> dict[str, Any]
 def plan_record(experiment: Experiment, options: ExperimentOptions) -> dict[str, Any]:
     """Return the size and the cost of the chosen part of an experiment."""
     from analysis.comparisons.planning import detectable_differences
-    from tma_ray.campaign.costs.estimation import estimate
+    from tma_ray.campaign.costs import estimate
     from tma_ray.campaign.experiments import experiment_plan, planned_experiments
     from tma_ray.campaign.options import chosen_nodes, chosen_settings
 

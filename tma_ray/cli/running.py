@@ -161,10 +161,10 @@ def quickstart(*, options: CampaignOptions = CampaignOptions()) -> int:
     report: some minutes in all. The same command continues.
     """
     from analysis.pages.report import write_report
-    from tma_ray.campaign.costs.estimation import estimate
-    from tma_ray.campaign.costs.known import patient_speeds
+    from tma_ray.campaign.costs import estimate
     from tma_ray.campaign.options import chosen_campaign, chosen_nodes, chosen_settings
     from tma_ray.campaign.script import execute
+    from tma_ray.campaign.speeds import measured_speeds
     from tma_ray.results import Store, check_usable
 
     if options.dry_run:
@@ -173,7 +173,7 @@ def quickstart(*, options: CampaignOptions = CampaignOptions()) -> int:
     plan, settings = chosen_campaign(QUICKSTART, options).plan(), chosen_settings(options)
     stages = _Stages(3)
     print(stages.begin("compilation (once)", "Compiling the physics: about half a minute, once per machine"))
-    cost = estimate(plan, settings, find_speeds=patient_speeds, nodes=chosen_nodes(options))
+    cost = estimate(plan, settings, find_speeds=measured_speeds, nodes=chosen_nodes(options))
     print(stages.begin("training", f"Training: {cost.summary()}; Ctrl-C stops, the same command continues"))
     if code := execute(QUICKSTART, options):
         return code

@@ -105,7 +105,7 @@ class Attempt:
         """Resumes and trains until the budget is spent or a stop is requested.
 
         Args:
-            should_stop: asked after every episode.
+            should_stop: called after every episode; returns True to stop.
             publish: called with the parts of the run after every checkpoint.
 
         Returns:
@@ -316,7 +316,7 @@ def run_locally(
         spec: run to execute; nothing happens if the root holds its results already.
         committer: committer of the results root.
         placement: device, threads, time between checkpoints.
-        should_stop: asked after every episode; a stopped run leaves a checkpoint.
+        should_stop: called after every episode; a stopped run leaves a checkpoint.
         on_status: called with the run's status after every episode.
 
     Returns:

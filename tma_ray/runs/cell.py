@@ -1,4 +1,4 @@
-"""Cells of an experiment, and the effective spec that a cell and a seed come down to."""
+"""Cells of an experiment, and the effective spec of a cell and a seed."""
 
 from __future__ import annotations
 
@@ -31,13 +31,13 @@ from tma_ray.teachers import (
 )
 
 BOUNDS_SEPARATOR = ".."
-"""Between the bounds of a dimension in the name of a challenge."""
+"""Separator of the bounds of a dimension in the name of a challenge."""
 
 Bounds = Mapping[str, Sequence[float]]
 """Low and high of dimensions of a task space, by name."""
 
 _ELSEWHERE = {"embodiment": "--embodiment or Cell.embodiment", "render_mode": "no run; runs draw nothing"}
-"""Parameters of an environment's constructor that a cell cannot set, and who chooses them."""
+"""Parameters of an environment's constructor that a cell cannot set, and their source."""
 
 
 def environment_settings(name: str, options: Mapping[str, Any]) -> tuple[str, dict[str, Any]]:
@@ -64,7 +64,7 @@ def environment_settings(name: str, options: Mapping[str, Any]) -> tuple[str, di
 
 
 def check_body(environment: str, embodiment: str) -> None:
-    """Refuses an environment with bodies that is given none: its results would not tell which it chose.
+    """Checks that an environment with bodies is given one: its results would not show its own choice.
 
     Raises:
         UnknownNameError: no such environment.
@@ -81,7 +81,7 @@ def challenge_bounds(name: str, space: Bounds) -> tuple[str, dict[str, tuple[flo
     """Returns the name of a challenge without bounds, and the bounds that it is given.
 
     Args:
-        name: of a challenge, with bounds if wanted (``original:stump_height=0..0.3``).
+        name: name of a challenge, with bounds if wanted (``original:stump_height=0..0.3``).
         space: further bounds.
 
     Raises:
@@ -133,7 +133,7 @@ def _pair(dimension: str, values: Sequence[Any]) -> tuple[float, float]:
 
 
 OWN_CHALLENGE = "original"
-"""What the task space that an environment declares itself is called."""
+"""Name of the challenge of the task space that an environment itself declares."""
 
 OWN_TEST_SET_SIZE = 100
 """Evaluation tasks drawn for an environment that ships none."""
@@ -153,7 +153,7 @@ class Cell:
         embodiment: name of the body, empty for an environment without bodies.
         student: registered name, or ``module:Name``.
         teacher: registered name, or ``module:Name``.
-        expert_knowledge: what the teacher is offered; it may use less.
+        expert_knowledge: level offered to the teacher, which may use less.
         teacher_hyperparameters: values that differ from the teacher's defaults.
         student_hyperparameters: values that differ from the student's defaults.
         test_set: name or path of a CSV; None for the challenge's own.
@@ -178,29 +178,11 @@ class Cell:
         object.__setattr__(self, "expert_knowledge", KnowledgeLevel(self.expert_knowledge))
 
 
-@dataclass(frozen=True)
-class _Setting:
-    """Settings that challenge and environment make together.
-
-    Attributes:
-        embodiment: canonical name of the body, empty where it has none.
-    """
-
-    embodiment: str
-    challenge: str
-    task_space: TaskSpace
-    easy_task: tuple[float, ...] | None
-    mastery_threshold: float
-    test_set: TestSet
-    resets: tuple[float, ...]
-    cuts: int
-
-
 def effective_spec(cell: Cell, seed: int, schedule: Schedule, *, independent_levels: bool = False) -> RunSpec:
-    """Returns the spec of one run, having refused whatever could not run.
+    """Returns the spec of one run, after checking that it can run.
 
     Args:
-        cell: what to run.
+        cell: combination to run.
         seed: whole number of at least 0.
         schedule: budget and intervals.
         independent_levels: keeps levels of knowledge apart that make no difference to the teacher, as
@@ -217,20 +199,19 @@ def effective_spec(cell: Cell, seed: int, schedule: Schedule, *, independent_lev
     student = _checked_student(cell, teacher)
     environment, options = environment_settings(cell.environment, cell.environment_options)
     body = {"embodiment": cell.embodiment} if cell.embodiment else {}
-    setting = _setting(cell, options | body)
-    if level is KnowledgeLevel.HIGH:
-        _check_easy_task(environment, setting)
-    options, inputs = captured("environment", options | (body and {"embodiment": setting.embodiment}))
+    canonical_body, world = _world(cell, options | body)
+    if level is KnowledgeLevel.HIGH and world["easy_task"] is None:
+        raise ValueError(
+            f"{environment} ({world['challenge']}) declares no easy task within its task space, on which "
+            f"expert knowledge 'high' is based; use 'low'"
+        )
+    resets = tuple(round(share * schedule.steps) for share in world.pop("resets"))
+    options, inputs = captured("environment", options | (body and {"embodiment": canonical_body}))
     student_values, student_inputs = captured("student", identifying(student))
     teacher_values, teacher_inputs = captured("teacher", hyperparameters_of(teacher))
     return RunSpec(
         environment=named("environment", environment),
         environment_options=options,
-        challenge=setting.challenge,
-        task_space=setting.task_space,
-        easy_task=setting.easy_task,
-        mastery_threshold=setting.mastery_threshold,
-        test_set=setting.test_set,
         student=named("student", canonical_student(cell.student, cell.student_hyperparameters)),
         student_hyperparameters=student_values,
         teacher=named("teacher", canonical_teacher(cell.teacher, cell.teacher_hyperparameters)),
@@ -241,10 +222,10 @@ def effective_spec(cell: Cell, seed: int, schedule: Schedule, *, independent_lev
         repeat=cell.expert_knowledge.value if independent_levels else "",
         physics_version=PHYSICS_VERSION,
         plugins=plugins_of(vars(cell)),
-        resets=tuple(round(share * schedule.steps) for share in setting.resets),
-        cuts=setting.cuts,
+        resets=resets,
         algorithm_versions=algorithm_versions_of(vars(cell)),
         inputs=inputs | student_inputs | teacher_inputs,
+        **world,
     )
 
 
@@ -262,15 +243,12 @@ def _checked_student(cell: Cell, teacher: Teacher) -> Any:
     return hyperparameters
 
 
-def _check_easy_task(environment: str, setting: _Setting) -> None:
-    if setting.easy_task is None:
-        raise ValueError(
-            f"{environment} ({setting.challenge}) declares no easy task within its task space, on which "
-            f"expert knowledge 'high' is based; use 'low'"
-        )
+def _world(cell: Cell, options: Mapping[str, Any]) -> tuple[str, dict[str, Any]]:
+    """Returns the canonical body, and the fields of a spec that challenge and environment determine.
 
-
-def _setting(cell: Cell, options: Mapping[str, Any]) -> _Setting:
+    Resets are shares of the budget there. The canonical body has the parameters that make a difference, so
+    that one body has one name.
+    """
     check_body(cell.environment, cell.embodiment)
     environment = make_environment(cell.environment, **options)
     try:
@@ -278,7 +256,11 @@ def _setting(cell: Cell, options: Mapping[str, Any]) -> _Setting:
         own_space: TaskSpace = environment.get_wrapper_attr("task_space")
         domain: TaskSpace = environment.get_wrapper_attr("valid_domain")
         threshold = mastery_return(environment)
-        body_type, embodiment = _body_type(environment), _canonical_body(cell, environment)
+        body_type, body = "", cell.embodiment
+        if environment.has_wrapper_attr("embodiment"):
+            found = environment.get_wrapper_attr("embodiment")
+            body_type = str(found.body_type)
+            body = join_name(base_name(body), split_name(found.name)[1])
     finally:
         environment.close()
     name, bounds = challenge_bounds(cell.challenge, cell.space)
@@ -300,22 +282,15 @@ def _setting(cell: Cell, options: Mapping[str, Any]) -> _Setting:
     for corner in (space.low, space.high):
         if space.names != domain.names or not domain.contains(corner):
             raise ValueError(f"the task space of {canonical!r} exceeds the valid domain at {corner.tolist()}")
-    return _Setting(embodiment, canonical, space, easy_task, threshold, tests, resets, cuts)
-
-
-def _body_type(environment: gymnasium.Env[Any, Any]) -> str:
-    """Returns how the body of `environment` moves, empty for an environment without bodies."""
-    if not environment.has_wrapper_attr("embodiment"):
-        return ""
-    return str(environment.get_wrapper_attr("embodiment").body_type)
-
-
-def _canonical_body(cell: Cell, environment: gymnasium.Env[Any, Any]) -> str:
-    """Returns the cell's body with the parameters that make a difference, so that one body has one name."""
-    if not environment.has_wrapper_attr("embodiment"):
-        return cell.embodiment
-    body = environment.get_wrapper_attr("embodiment")
-    return join_name(base_name(cell.embodiment), split_name(body.name)[1])
+    return body, {
+        "challenge": canonical,
+        "task_space": space,
+        "easy_task": easy_task,
+        "mastery_threshold": threshold,
+        "test_set": tests,
+        "resets": resets,
+        "cuts": cuts,
+    }
 
 
 def _check_spaces(cell: Cell, environment: gymnasium.Env[Any, Any]) -> None:
@@ -328,7 +303,7 @@ def _check_spaces(cell: Cell, environment: gymnasium.Env[Any, Any]) -> None:
 
 
 def _own_test_set(name: str, space: TaskSpace) -> TestSet:
-    """The same tasks for everybody: a grid where that is small enough, else uniform draws."""
+    """Returns the test set of an environment that ships none: a small grid, else uniform draws."""
     if space.size <= 2:
         return TestSet.grid(name, space, OWN_TEST_SET_SIZE if space.size == 1 else 10)
     return TestSet(name, space.names, space.sample(np.random.default_rng(0), OWN_TEST_SET_SIZE))

@@ -32,9 +32,9 @@ class StateFile:
     """One file of a checkpoint.
 
     Attributes:
-        path: where it lies, from the folder of the run's checkpoints: of this one, or of an earlier one.
-        sha256: of its bytes, hexadecimal.
-        size: in bytes.
+        path: path in the folder of the run's checkpoints, in this checkpoint or an earlier one.
+        sha256: digest of its bytes, hexadecimal.
+        size: size in bytes.
     """
 
     path: str
@@ -47,7 +47,7 @@ class StateFile:
 
 @dataclass(frozen=True)
 class _Index:
-    """The content of an index file: a `Checkpoint` but its name."""
+    """Content of an index file: a `Checkpoint` without its name."""
 
     step: Natural
     fingerprint: str
@@ -64,11 +64,11 @@ class Checkpoint:
     """One complete checkpoint.
 
     Attributes:
-        name: of its folder.
+        name: name of its folder.
         step: environment steps of the run.
-        fingerprint: of the machine that wrote it.
+        fingerprint: fingerprint of the machine that wrote it.
         parts: result rows that belong to the run so far.
-        files: by their path in a saved run.
+        files: state files by their path in a saved run.
     """
 
     name: str
@@ -89,7 +89,7 @@ class Checkpoint:
 
     @classmethod
     def from_bytes(cls, name: str, data: bytes) -> Checkpoint:
-        """Returns what `to_bytes` was called on.
+        """Returns the checkpoint of an index file.
 
         Raises:
             DamagedFileError: no index, or one that names files elsewhere.
@@ -159,7 +159,7 @@ class Checkpoints:
         return files
 
     def _tidy(self, kept: Sequence[Checkpoint]) -> None:
-        """Deletes what no kept checkpoint needs; of each old one the index first, so that no half counts."""
+        """Deletes files that no kept checkpoint needs; the index of each first, so that no half is valid."""
         needed = {f"{each.name}/{INDEX}" for each in kept}
         needed |= {file.path for each in kept for file in each.files.values()}
         folders: dict[str, list[str]] = {}

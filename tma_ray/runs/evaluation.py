@@ -37,11 +37,11 @@ def played_episodes(
     """Plays one episode of each task, all at the same time.
 
     Args:
-        worlds: of which the first n are played in.
-        seeds: of the n worlds.
-        tasks: of the worlds (n, d).
+        worlds: worlds, of which the first n are used.
+        seeds: seeds of the n worlds.
+        tasks: tasks of the n worlds (n, d).
         act: chooses the actions.
-        most_steps: after which playing stops, over all worlds.
+        most_steps: largest number of steps of all worlds together.
 
     Returns:
         Episodic returns and lengths (n,) so far; episodes that `most_steps` cut are not over.
@@ -82,22 +82,21 @@ class Evaluation:
         episodic_returns, lengths = played_episodes(
             self._worlds, self._seeds, self.test_set.tasks, policy.act_greedily
         )
-        outcomes = zip(episodic_returns, lengths, strict=True)
-        return [self._row(index, *outcome) for index, outcome in enumerate(outcomes)]
+        return [
+            {
+                "test_set": self.test_set.name,
+                "task_index": index,
+                "task": self.test_set.tasks[index],
+                "episodic_return": float(episodic_return),
+                "length": int(length),
+            }
+            for index, (episodic_return, length) in enumerate(zip(episodic_returns, lengths, strict=True))
+        ]
 
     def close(self) -> None:
         """Closes all worlds."""
         for environment in self._environments:
             environment.close()
-
-    def _row(self, index: int, episodic_return: float, length: int) -> dict[str, Any]:
-        return {
-            "test_set": self.test_set.name,
-            "task_index": index,
-            "task": self.test_set.tasks[index],
-            "episodic_return": float(episodic_return),
-            "length": int(length),
-        }
 
 
 WORLDS = 64
@@ -111,7 +110,7 @@ class Trials:
     of the student and on what was drawn before; nothing else is kept between two evaluations.
 
     Args:
-        spec: of the run.
+        spec: spec of the run.
         seed: source of all randomness.
     """
 
@@ -144,9 +143,9 @@ class Trials:
         """Plays an episode of each task.
 
         Args:
-            student: who plays.
-            tasks: as the world builds them (n, d).
-            greedy: by the deterministic policy instead of the exploring one.
+            student: student that acts.
+            tasks: tasks of the world (n, d).
+            greedy: True for the deterministic policy instead of the exploring one.
             budget: steps left of the run.
 
         Returns:
@@ -184,7 +183,7 @@ class Recorder:
     """Collects one episode; copies, since an environment may reuse its arrays.
 
     Args:
-        initial_observation: what `reset` gave (o,).
+        initial_observation: observation of `reset` (o,).
         gamma: the student's discount factor.
     """
 

@@ -8,8 +8,7 @@ from __future__ import annotations
 
 import hashlib
 import tempfile
-from collections.abc import Iterable, Iterator, Mapping
-from contextlib import contextmanager
+from collections.abc import Iterable, Mapping
 from contextvars import ContextVar
 from functools import cache
 from pathlib import Path
@@ -75,25 +74,19 @@ def import_plugins(spec: RunSpec, *parts: str) -> None:
     for part in parts:
         if part in spec.plugins:
             name, plugin = getattr(spec, part), spec.plugins[part]
-            with _import_in_progress():
+            token = _importing.set(True)
+            try:
                 REGISTRIES[part].learn(name, plugin.module)
                 source = REGISTRIES[part].plugin(name)
+            finally:
+                _importing.reset(token)
             if source is None or source.digest != plugin.digest:
                 raise ValueError(_other_version(part, name, source))
 
 
 def importing_plugins() -> bool:
-    """Tells whether the code that asks is being imported because it holds a plug-in."""
+    """Returns True while a module is imported for its plug-in."""
     return _importing.get()
-
-
-@contextmanager
-def _import_in_progress() -> Iterator[None]:
-    token = _importing.set(True)
-    try:
-        yield
-    finally:
-        _importing.reset(token)
 
 
 def _other_version(part: str, name: str, source: PluginSource | None) -> str:
@@ -116,7 +109,7 @@ VALUES = {
 """Fields of a spec that hold the options of each part."""
 
 _contents: dict[str, bytes] = {}
-"""What this process has read or been given, by SHA-256."""
+"""Contents that this process has read or received, by SHA-256."""
 
 
 def captured(part: str, options: Mapping[str, Any]) -> tuple[dict[str, Any], dict[str, InputFile]]:
@@ -124,8 +117,8 @@ def captured(part: str, options: Mapping[str, Any]) -> tuple[dict[str, Any], dic
 
     Args:
         part: "environment", "student" or "teacher".
-        options: by name. A text that is the path of a file, with parameters of a body after it if wanted,
-            names that file if it has a suffix or a folder: names of what ships have neither.
+        options: options by name. A text that is the path of a file, with parameters of a body after it if
+            wanted, names that file if it has a suffix or a folder: names of what ships have neither.
 
     Returns:
         The options with the file's name in place of its path, and the files by part and option.

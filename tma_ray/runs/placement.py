@@ -17,10 +17,10 @@ from tma_ray.part_names import nearest
 from tma_ray.students import Learner
 
 DEVICES = ("cpu", "cuda", "mps", "xpu")
-"""Kinds that torch knows and a student can train on; Ray counts CUDA's and Intel's as GPUs."""
+"""Kinds of torch devices that a student can train on; Ray counts CUDA's and Intel's as GPUs."""
 
 PLAYER_NICENESS = 5
-"""Added to the niceness of a player's thread: the learner that it waits for is waited for by many."""
+"""Increase of the niceness of a player's thread: many players wait for the same learner."""
 
 LIBRARIES = ("numpy", "torch", "stable-baselines3", "gymnasium", "pymunk", "numba", "scikit-learn", "scipy")
 
@@ -30,11 +30,11 @@ class Placement:
     """Placement of a run, which does not change what it computes.
 
     Attributes:
-        device: torch's name of where networks live.
+        device: torch's name of the device of the networks.
         threads: torch's threads of the run.
         checkpoint_seconds: longest time between two checkpoints, s; taken at episode ends.
-        outage_seconds: how long a storage may refuse to take what is written before the attempt ends, s.
-        learner: of the cohort in which the student learns; None if it learns alone, on `device`.
+        outage_seconds: longest outage of the storage before the attempt ends, s.
+        learner: learner of the cohort in which the student learns; None if it learns alone, on `device`.
     """
 
     device: str = "cpu"
@@ -51,7 +51,7 @@ class Placement:
         SECONDS.check("outage_seconds", self.outage_seconds)
 
     def give_way(self) -> None:
-        """Lowers the priority of the calling thread for good, if it is to play for a learner.
+        """Lowers the priority of the calling thread for good, if its student learns in a cohort.
 
         Call it once, in a process of its own. With more players than cores a learner would otherwise wait
         for a core as long as each of them, and all of them for the learner.
@@ -76,7 +76,7 @@ class Status:
 
 
 def check_device(device: str) -> None:
-    """Refuses what is not torch's name of a device, or names one of several.
+    """Checks that a text is torch's name of a kind of device.
 
     Raises:
         ValueError: the message says what was expected.
@@ -91,7 +91,7 @@ def check_device(device: str) -> None:
 
 
 def check_available(device: str) -> None:
-    """Refuses a device that this machine does not have.
+    """Checks that this machine has a device.
 
     Raises:
         ValueError: the message says so.
@@ -101,7 +101,7 @@ def check_available(device: str) -> None:
 
 
 def is_available(device: str) -> bool:
-    """Tells whether this machine has a device."""
+    """Returns True if this machine has a device."""
     kind = device.partition(":")[0]
     if kind == "cpu":
         return True
@@ -120,8 +120,8 @@ def fingerprint(threads: int, device: str, hardware: Mapping[str, Any] | None = 
 
     Args:
         threads: torch's threads of the run.
-        device: where networks live, if the student learns alone.
-        hardware: what `gpu` tells of that device, or `tma_ray.students.players.hardware` of a cohort.
+        device: torch's name of the device of a student that learns alone.
+        hardware: result of `gpu` for that device, or of `tma_ray.students.players.hardware` for a cohort.
     """
     content = {
         "tma_ray": installed_version("tma_ray"),

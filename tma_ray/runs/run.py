@@ -12,7 +12,7 @@ import numpy as np
 from tma_ray.envs import make_environment
 from tma_ray.part_names import base_name
 from tma_ray.results import RunWriter, Table, teacher_log_row
-from tma_ray.runs.evaluation import Environment, Evaluation, Recorder, Trials
+from tma_ray.runs.evaluation import Evaluation, Recorder, Trials
 from tma_ray.runs.inputs import arguments, import_plugins
 from tma_ray.runs.placement import Placement
 from tma_ray.runs.spec import RunSpec, Streams, landscape_of, placement_generator
@@ -31,9 +31,9 @@ class Progress:
         evaluations: evaluations done.
         window: (episodic return, length, success) of the episodes of the running training window from which
             the student learned.
-        next_task: what the teacher chose for the next episode.
-        record_next: whether the teacher wants to see the steps of that episode.
-        next_trains: whether the student learns from it.
+        next_task: task of the next episode.
+        record_next: True if the teacher wants the steps of that episode.
+        next_trains: True if the student learns from it.
     """
 
     step: int = 0
@@ -56,14 +56,14 @@ class Run:
     that loads what was saved continues bit for bit. Rows go to the writer as they arise.
 
     A student that is to forget is reset between two steps, also within an episode, which goes on. What is
-    due at that step comes first: the teacher hears of an episode that ends there, and evaluation and probe
+    due at that step comes first: the teacher observes an episode that ends there, and evaluation and probe
     show what was learned. An evaluation that the teacher asks for counts its steps at once; what became due
     on the way is done when the teacher has chosen its next task, and shows the student of that evaluation.
 
     Args:
-        spec: what to run.
-        teacher: the link to the teacher of `spec`.
-        writer: takes the rows of the result tables.
+        spec: run to execute.
+        teacher: link to the teacher of `spec`.
+        writer: writer of the result tables.
         placement: device, threads and cohort of the student.
 
     Raises:
@@ -81,7 +81,14 @@ class Run:
         self.environment = make_environment(spec.environment, **arguments(spec, "environment"))
         streams = Streams.of(spec)
         self._episode_seeds = np.random.default_rng(streams.environment)
-        self.student = _student(spec, self.environment, streams.student, placement or Placement())
+        placement = placement or Placement()
+        spaces = self.environment.observation_space, self.environment.action_space
+        parts = base_name(spec.student), *spaces, streams.student, arguments(spec, "student")
+        self.student: Student = (
+            make_student(*parts, placement.device, placement.threads)
+            if placement.learner is None
+            else make_player(*parts, placement.learner)
+        )
         self._landscape = landscape_of(spec, placement_generator(spec))
         self._evaluation = Evaluation(spec)
         self._trials = Trials(spec, streams.trials)
@@ -93,13 +100,14 @@ class Run:
         return self.progress.step >= self.spec.schedule.steps
 
     def advance(self) -> Episode | None:
-        """Plays one episode, with what the schedule asks for on the way.
+        """Plays one episode, with the evaluations, probes and resets that become due.
 
         Returns:
             The episode; None if the budget ended before it did.
         """
         if self.progress.next_task is None:
-            self._begin()
+            self._events(0)
+            self._receive(self.teacher.exchange(None))
         episode = self._play()
         if self.finished:
             self._record_window(self.progress.step)
@@ -109,9 +117,9 @@ class Run:
         """Writes the complete state into an existing, empty folder; call it between two episodes.
 
         Args:
-            folder: where to.
-            incremental: what was last saved or loaded is still there: files that did not change since
-                may be left out.
+            folder: target folder.
+            incremental: True if the last saved or loaded state still exists: files that have not changed
+                since may be left out.
 
         Returns:
             The paths in `folder` of the files that were left out; `load` wants them in their places.
@@ -128,7 +136,7 @@ class Run:
         return tuple(f"{STUDENT}/{name}" for name in unchanged)
 
     def load(self, folder: Path) -> None:
-        """Takes up the state that `save` wrote for the same spec."""
+        """Restores the state that `save` wrote for the same spec."""
         state = pickle.loads((folder / "run.pickle").read_bytes())
         self.progress = Progress(**state["progress"])
         self._episode_seeds.bit_generator.state = state["episode_seeds"]
@@ -143,10 +151,6 @@ class Run:
         self.environment.close()
         self._evaluation.close()
         self._trials.close()
-
-    def _begin(self) -> None:
-        self._events(0)
-        self._receive(self.teacher.exchange(None))
 
     def _play(self) -> Episode | None:
         task, student, environment = self.progress.next_task, self.student, self.environment
@@ -180,7 +184,8 @@ class Run:
                     task, episodic_return, success, length, initial, discounted_return, now, trains
                 )
                 self._end(episode, recorder)
-            self._catch_up()
+            while self._next_event <= self.progress.step:
+                self._events(self._next_event)
             if episode is not None:
                 return episode
         return None
@@ -203,7 +208,7 @@ class Run:
         self._receive(self.teacher.exchange(episode), recorder)
 
     def _world_task(self, task: Task) -> Task:
-        """Returns what the world builds for a task of the teacher."""
+        """Returns the task of the world for a task of the teacher."""
         return task if self._landscape is None else self._landscape.to_world(task)
 
     def _receive(self, reply: Reply, recorder: Recorder | None = None) -> None:
@@ -241,13 +246,8 @@ class Run:
         self.progress.step += left if outcomes is None else int(outcomes.lengths.sum())
         return outcomes
 
-    def _catch_up(self) -> None:
-        """Does what became due up to the present step."""
-        while self._next_event <= self.progress.step:
-            self._events(self._next_event)
-
     def _events(self, step: int) -> None:
-        """Does what is due at `step`: evaluation, probe, training statistics, then a reset."""
+        """Does everything that is due at `step`: evaluation, probe, training statistics, then a reset."""
         schedule = self.spec.schedule
         if step % schedule.evaluation_interval == 0 or step == schedule.steps:
             rows = [{"step": step, **row} for row in self._evaluation(self.student)]
@@ -289,14 +289,3 @@ class Run:
     def _log(self, updates: tuple[TeacherUpdate, ...]) -> None:
         position = self.progress.step, self.progress.episodes
         self.writer.add(Table.TEACHER_LOG, [teacher_log_row(*position, update) for update in updates])
-
-
-def _student(
-    spec: RunSpec, environment: Environment, seed: np.random.SeedSequence, placement: Placement
-) -> Student:
-    """Returns the student of `spec`, which learns alone or in the cohort of `placement`."""
-    parts = base_name(spec.student), environment.observation_space, environment.action_space, seed
-    hyperparameters = arguments(spec, "student")
-    if placement.learner is not None:
-        return make_player(*parts, hyperparameters, placement.learner)
-    return make_student(*parts, hyperparameters, placement.device, placement.threads)

@@ -21,10 +21,10 @@ from tma_ray.students import PolicyFileError, load_policy
 T = TypeVar("T")
 
 StepPolicy = Callable[[NDArray[np.float32]], NDArray[np.float32]]
-"""Takes an observation (o,) and returns an action (a,)."""
+"""Function from an observation (o,) to an action (a,)."""
 
 SPEC_FILE = "spec.json"
-"""Beside every saved policy, the spec of its run."""
+"""Name of the file with the spec of a run, next to its saved policy."""
 
 
 @dataclass(frozen=True)
@@ -32,9 +32,9 @@ class SavedPolicy:
     """A policy that a run saved.
 
     Attributes:
-        store: where it lies.
+        store: store that has it.
         folder: path of its files in the store.
-        spec: of the run.
+        spec: spec of the run.
     """
 
     store: Store

@@ -18,7 +18,7 @@ from tma_ray.commands.values import COUNT, SEED
 from tma_ray.decoding import DamagedFileError, decode_json
 from tma_ray.part_names import base_name
 from tma_ray.results import RunRecord, SpecFacts, input_path, spec_digest
-from tma_ray.tasks import Dimension, KnowledgeLevel, ShuffledSpace, Task, TaskSpace, TestSet
+from tma_ray.tasks import Dimension, KnowledgeLevel, ShuffledSpace, TaskSpace, TestSet
 
 ABSENT_IF_EMPTY = ("resets", "cuts", "algorithm_versions", "inputs")
 """Fields that a spec's JSON leaves out where they are empty: runs keep the ids that they had before."""
@@ -30,10 +30,10 @@ class Schedule:
 
     Attributes:
         steps: training budget.
-        evaluation_interval: between evaluations on the test set; there is one before the first step
+        evaluation_interval: interval between evaluations on the test set; there is one before the first step
             and one after the last, too.
-        probe_interval: between probes of the curriculum.
-        probe_size: tasks a probe asks for.
+        probe_interval: interval between probes of the curriculum.
+        probe_size: number of tasks of a probe.
         training_window: length of the windows of training statistics.
     """
 
@@ -53,7 +53,7 @@ class Plugin:
     """A part of a run that does not ship with tma_ray.
 
     Attributes:
-        module: what to import to have it.
+        module: module that defines it.
         digest: hash of its source, so that an edited one makes another run.
     """
 
@@ -63,11 +63,11 @@ class Plugin:
 
 @dataclass(frozen=True)
 class InputFile:
-    """A file that a run reads, told by its content; where it lay does not matter.
+    """A file that a run reads, identified by its content; its folder does not matter.
 
     Attributes:
-        name: its name without the folder, under which results show it.
-        sha256: of its bytes, hexadecimal.
+        name: name without the folder, under which results show it.
+        sha256: digest of its bytes, hexadecimal.
     """
 
     name: str
@@ -92,7 +92,7 @@ class RunSpec:
         environment_options: keyword arguments of its constructor, the embodiment among them.
         challenge: name of the challenge, with the bounds that differ from its task space; with the seed it
             places what is random for all teachers alike.
-        task_space: what the teacher chooses from.
+        task_space: space of the teacher's tasks.
         easy_task: task of the world that is the initial mean at high expert knowledge (d,).
         mastery_threshold: episodic return over which a task is mastered.
         test_set: the evaluation tasks.
@@ -105,11 +105,11 @@ class RunSpec:
         seed: any whole number of at least 0.
         repeat: mixed into the seeds, for independent repeats of cells that would share a run.
         physics_version: version of the physics the run is simulated with.
-        plugins: which of "environment", "student" and "teacher" do not ship with tma_ray.
+        plugins: parts among "environment", "student" and "teacher" that do not ship with tma_ray.
         resets: steps after which the student forgets everything, in rising order.
         cuts: intervals per dimension that change places in the teacher's space, 0 if it is the world's.
-        algorithm_versions: of "environment", "student" and "teacher", as far as they declare one; a part
-            that is missing was run before there were versions, or is a plug-in without.
+        algorithm_versions: versions that "environment", "student" and "teacher" declare; a part is missing
+            that was run before there were versions, or is a plug-in without one.
         inputs: the files that the run reads, by the option that names them, as in
             "environment.embodiment"; that option holds the file's name alone.
     """
@@ -209,7 +209,7 @@ class RunSpec:
 
     @classmethod
     def from_dict(cls, content: Mapping[str, Any]) -> Self:
-        """Returns the spec that `to_dict` was called on.
+        """Returns the spec of a dictionary of `to_dict`.
 
         Raises:
             ValueError: it is that of an imported run, which another engine simulated.
@@ -219,11 +219,12 @@ class RunSpec:
                 f"this run was imported: {content['engine']} simulated its worlds, and it cannot be run here"
             )
         tests = content["test_set"]
+        tasks = np.array(tests["tasks"], dtype=np.float32)
         return cls(
             **{
                 **content,
                 "task_space": TaskSpace(tuple(Dimension(**d) for d in content["task_space"])),
-                "test_set": TestSet(tests["name"], tuple(tests["dimensions"]), _float32(tests["tasks"])),
+                "test_set": TestSet(tests["name"], tuple(tests["dimensions"]), tasks),
                 "expert_knowledge": KnowledgeLevel(content["expert_knowledge"]),
                 "schedule": Schedule(**content["schedule"]),
                 "easy_task": None if content["easy_task"] is None else tuple(content["easy_task"]),
@@ -253,10 +254,6 @@ class RunSpec:
             return cls.from_dict(content)
         except (ValueError, KeyError, TypeError, AttributeError) as error:
             raise DamagedFileError(f"{where} is not the spec of a run: {error!r:.200}") from error
-
-
-def _float32(rows: list[list[float]]) -> Task:
-    return np.array(rows, dtype=np.float32)
 
 
 def _digest(content: Mapping[str, Any]) -> str:
@@ -293,17 +290,17 @@ class Streams:
 
 
 def placement_generator(spec: RunSpec) -> np.random.Generator:
-    """Returns what places the challenge's random parts: the same for all teachers of one seed."""
+    """Returns the generator of the challenge's random parts: the same for all teachers of one seed."""
     words = [_hash(f"{spec.environment}/{spec.challenge}/{spec.repeat}"), spec.seed]
     return np.random.default_rng(np.random.SeedSequence(words))
 
 
 def landscape_of(spec: RunSpec, placement: np.random.Generator) -> ShuffledSpace | None:
-    """Returns where the teacher's tasks lie in the world, None if its space is not shuffled.
+    """Returns the map from the teacher's tasks to the world's, None if the space is not shuffled.
 
     Args:
-        spec: of the run.
-        placement: what `placement_generator` returned; the shuffle is its first draw.
+        spec: spec of the run.
+        placement: generator of `placement_generator`; the shuffle is its first draw.
     """
     return ShuffledSpace.shuffle(spec.task_space, placement, spec.cuts) if spec.cuts else None
 

@@ -21,10 +21,10 @@ class Reply:
 
     Attributes:
         task: the next task float32 (d,), None while `query` waits for its answer.
-        query: what the teacher wants to know first.
-        updates: what it logged since its last reply.
-        wants_trajectory: whether the run shall record the next episode.
-        trains: whether the student learns from it.
+        query: query to answer first, or None.
+        updates: log entries since the last reply.
+        wants_trajectory: True if the run is to record the next episode.
+        trains: True if the student learns from the next episode.
     """
 
     task: Task | None
@@ -50,7 +50,7 @@ class TeacherLink(Protocol):
         """Returns the teacher's complete state."""
 
     def load(self, state: bytes) -> None:
-        """Takes up a state that `save` returned."""
+        """Restores a state that `save` returned."""
 
 
 class InlineTeacher:
@@ -101,7 +101,7 @@ class InlineTeacher:
         return pickle.dumps(self._teacher.state())
 
     def load(self, state: bytes) -> None:
-        """Takes up a state that `save` returned."""
+        """Restores a state that `save` returned."""
         self._teacher.load_state(pickle.loads(state))
 
     def _reply(self, query: Query | None) -> Reply:

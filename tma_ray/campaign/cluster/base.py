@@ -31,11 +31,11 @@ class Head(Watched, Protocol):
     """The head node of a Ray, with the Global Control Store (GCS) that every process of a cluster needs."""
 
     def nodes(self) -> list[dict[str, Any]]:
-        """Returns what Ray knows of each living node: "NodeID", "Resources" and more; never waits for it."""
+        """Returns Ray's record of each living node, with "NodeID" and "Resources"; never waits for Ray."""
         ...
 
     def check(self) -> None:
-        """Looks whether the head is there; cheap enough for every turn of a loop.
+        """Checks that the head is alive; cheap enough for every turn of a loop.
 
         Raises:
             HeadLostError: it is lost. This process has left Ray then.
@@ -56,7 +56,7 @@ def living_nodes() -> list[dict[str, Any]]:
 
 
 def capacity(resources: Resources, nodes: Sequence[dict[str, Any]]) -> int:
-    """Returns how many runs `nodes` hold at once."""
+    """Returns the number of runs that `nodes` hold at once."""
     return sum(resources.fit_into(node["Resources"]) for node in nodes)
 
 
@@ -129,7 +129,7 @@ def host_and_port(address: str) -> tuple[str, int] | None:
 
 
 def connection_advice(address: str, reason: str) -> str:
-    """Returns why no cluster was joined at `address`, and what can be done."""
+    """Returns the message of a failed connection to `address`, with its reason and remedies."""
     return (
         f"no Ray cluster was joined at {address!r}: {reason}. From one of its nodes use '--address auto'; "
         f"from elsewhere submit the campaign instead ('ray job submit', 'ray submit'). A cluster that asks "
@@ -167,11 +167,11 @@ def leaving_without_head(
     word, and cannot be interrupted.
 
     Args:
-        head: that is watched.
-        name: of the campaign, for the message.
-        advice: for the message.
-        grace: time that the block has to find out and to end by itself, s.
-        conclude: writes what there is to be said of the end; nothing of Ray may be called.
+        head: head that is watched.
+        name: name of the campaign, for the message.
+        advice: advice at the end of the message.
+        grace: time in which the block can notice the loss and end by itself, s.
+        conclude: called last; may call nothing of Ray.
     """
     done = threading.Event()
 

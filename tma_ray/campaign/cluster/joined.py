@@ -187,9 +187,9 @@ class Connection:
     """A connection of this process to Ray.
 
     Attributes:
-        head: of the cluster, watched.
-        shipped: whether the workers get the plug-ins; with an older connection they must have them already.
-        is_own: whether this process has started that Ray, so that its workers run in the same installation.
+        head: head of the cluster, watched.
+        shipped: True if the workers get the plug-ins; with an older connection they must have them already.
+        is_own: True if this process has started that Ray, so that its workers run in the same installation.
     """
 
     head: Head
@@ -207,8 +207,8 @@ def connect(address: str | None, plugins: Sequence[PluginSource] = ()) -> Connec
     An existing connection of this process is used as it is; the address is checked all the same.
 
     Args:
-        address: of a cluster, or "auto".
-        plugins: what to bring to the workers.
+        address: address of a cluster, or "auto".
+        plugins: sources of plug-ins to ship to the workers.
 
     Raises:
         ConnectionError: no cluster answers at `address`, or it has another token; nothing is started.

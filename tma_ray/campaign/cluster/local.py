@@ -111,7 +111,7 @@ class LocalHead:
     request needs a token that only its processes know. Its files are in a folder of this user alone.
 
     Args:
-        options: of `ray.init`, more than those that make it local.
+        options: further options of `ray.init`.
 
     Raises:
         HeadLostError: Ray gave up while it started; nothing of it is left.
@@ -147,7 +147,7 @@ class LocalHead:
         return self._nodes
 
     def is_connected(self) -> bool:
-        """Tells whether this process is connected to this very Ray."""
+        """Returns True if this process is connected to this very Ray."""
         return ray.is_initialized() and ray.get_runtime_context().gcs_address == self._address
 
     def check(self) -> None:

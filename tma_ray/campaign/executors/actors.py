@@ -175,15 +175,15 @@ def reason_for_loss(error: Exception) -> str:
 
 
 LEARNER_CALLS = 6
-"""Of a learner actor at once: two that wait, also again after it was out of sight, and a report."""
+"""Concurrent calls of a learner actor: two that wait, also again after a network failure, and a report."""
 
 WINDOW_SECONDS = 30.0
 """Time over which speed and share of work are averaged, s."""
 
 
 LONGEST_TURN = 3600.0
-"""Time after which a learner counts as stuck that is still at the same few updates, s: its GPU may hang. The
-compilation of a first update takes minutes."""
+"""Time at the same few updates after which a learner counts as stuck, s: its GPU may hang. The compilation of
+a first update takes minutes."""
 
 TURN_POLL = 5.0
 """Time between two looks at whether a learner is stuck, s."""
@@ -193,8 +193,8 @@ class Opened(NamedTuple):
     """A learner that listens.
 
     Attributes:
-        learner: its address on its node.
-        node: Ray's id of that.
+        learner: address on its node.
+        node: Ray's id of the node.
     """
 
     learner: Learner
@@ -202,10 +202,10 @@ class Opened(NamedTuple):
 
 
 class LearnerActor:
-    """The learner of a cohort in a process of its own. The driver makes it with `launch`, and kills it.
+    """Ray actor of a cohort's learner, created by `launch` and killed by the driver.
 
     Args:
-        settings: of the cohort.
+        settings: settings of the cohort.
     """
 
     def __init__(self, settings: CohortSettings) -> None:
@@ -226,7 +226,7 @@ class LearnerActor:
         return launcher(cls, resources, node_strategy(node), LEARNER_CALLS).remote(settings)
 
     def open(self) -> Opened:
-        """Returns when players can connect.
+        """Returns the address once players can connect.
 
         Raises:
             MemoryError: the device has too little memory.
@@ -239,7 +239,7 @@ class LearnerActor:
         return Opened(self._learner, ray.get_runtime_context().get_node_id())
 
     def serve(self) -> None:
-        """Waits for the end, which comes with a failure only; any number of calls may wait.
+        """Waits for the end, which only a failure brings; any number of calls may wait.
 
         Raises:
             MemoryError: the device has too little memory. Players stay connected: they do not learn of it
@@ -252,7 +252,7 @@ class LearnerActor:
             raise self._failure
 
     def report(self) -> LearnerProgress | None:
-        """Returns how the learner is; None before it listens."""
+        """Returns the progress of the learner; None before it listens."""
         if self._server is None:
             return None
         updates, busy = self._rates()
@@ -296,7 +296,7 @@ class LearnerActor:
         return (account["updates of runs"] - updates) / seconds, 1 - idle
 
     def _memory(self) -> tuple[float, float]:
-        """Returns memory in use and all that there is, GiB: the GPU's, or this process's of the machine's."""
+        """Returns memory in use and in total, GiB: of the GPU, or of this process and the machine."""
         if self._settings.device == "cpu":
             return psutil.Process().memory_info().rss / GIB, psutil.virtual_memory().total / GIB
         import torch
@@ -309,12 +309,11 @@ def wait_for_end(thread: threading.Thread, turned_at: Callable[[], float | None]
     """Waits for the end of a learner's thread.
 
     Args:
-        thread: in which it works.
-        turned_at: time of its last look at what players ask, on the monotonic clock, s; None before the
-            first.
+        thread: thread of the learner.
+        turned_at: returns the monotonic time at which it last looked for requests, s; None before the first.
 
     Raises:
-        TimeoutError: it has been at the same updates for longer than `LONGEST_TURN`.
+        TimeoutError: the same updates have taken longer than `LONGEST_TURN`.
     """
     while thread.is_alive():
         thread.join(TURN_POLL)

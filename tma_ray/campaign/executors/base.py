@@ -22,7 +22,7 @@ class Ending:
 
     Attributes:
         run_id: id of the run.
-        outcome: how it ended.
+        outcome: outcome of the attempt.
         files: canonical result files of a run that is done.
         reason: traceback of a run that failed, or reason for a loss in one line.
         without_fault: True for a loss that is no fault of the run, which is repeated and not counted.

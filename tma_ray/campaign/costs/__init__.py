@@ -1,1 +1,0 @@
-"""Costs of a plan before anything runs: measured speed, hours, disk and memory."""
