@@ -10,7 +10,6 @@ from typing import TYPE_CHECKING
 from tma_ray.later_imports import import_later
 
 if TYPE_CHECKING:
-    from tma_ray.campaign.campaign import Campaign
     from tma_ray.campaign.plan import (
         CampaignSpec,
         Plan,
@@ -19,6 +18,7 @@ if TYPE_CHECKING:
         matrix_campaigns,
         matrix_cells,
     )
+    from tma_ray.campaign.script import Campaign
 
 __all__ = [
     "Campaign",
@@ -33,7 +33,7 @@ __all__ = [
 __getattr__, __dir__ = import_later(
     __name__,
     {
-        "Campaign": "tma_ray.campaign.campaign",
+        "Campaign": "tma_ray.campaign.script",
         "CampaignSpec": "tma_ray.campaign.plan",
         "Plan": "tma_ray.campaign.plan",
         "cells_of": "tma_ray.campaign.plan",

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 
 from cyclopts import App
@@ -29,7 +30,21 @@ from tma_ray.commands.exits import FAILED, RAY_LOST
 from tma_ray.commands.interrupts import INTERRUPTED
 from tma_ray.commands.texts import counted
 from tma_ray.results import Store, check_usable, start_from
+from tma_ray.runs.inputs import importing_plugins
 from tma_ray.terminal import terminal
+
+
+@dataclass(frozen=True)
+class Campaign(CampaignSpec):
+    """A campaign that a script starts by `main`; see `CampaignSpec` for its attributes."""
+
+    def main(self, arguments: Sequence[str] | None = None) -> None:
+        """Run the campaign as a script, with the options that all scripts share; exit with its code.
+
+        Does nothing in a worker that imports the script for a plug-in that is defined in it.
+        """
+        if not importing_plugins():
+            raise SystemExit(main(self, arguments))
 
 
 def main(campaign: CampaignSpec, arguments: Sequence[str] | None = None) -> int:

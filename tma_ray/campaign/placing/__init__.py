@@ -1,1 +1,0 @@
-"""Places of runs: on any node that has room, or beside the learner of a cohort."""
