@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from tma_ray.benchmark import find_experiment
-from tma_ray.campaign import CampaignSpec, Plan, cells_of, joined_plan, matrix_campaigns, speeds
+from tma_ray.campaign import CampaignSpec, Plan, cells_of, joined_plan, matrix_campaigns
 from tma_ray.campaign.repeating import like_plan
 from tma_ray.campaign.speeds import Throughput
 from tma_ray.cli import main
@@ -103,7 +103,7 @@ def test_the_command_says_the_cost_and_refuses_what_the_release_decides(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     measured = Throughput("measured", 1_000, 50_000, 100)  # stands for a measurement of seconds
-    monkeypatch.setattr(speeds, "known_speeds", lambda kinds, *_: dict.fromkeys(kinds, measured))
+    monkeypatch.setattr(costs, "known_speeds", lambda kinds, *_: dict.fromkeys(kinds, measured))
     monkeypatch.chdir(tmp_path)
     released(tmp_path / "theirs", core(("random",)))
     like = ["campaign", "--like", "theirs", "--results", "mine", "--dry-run"]

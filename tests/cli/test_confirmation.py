@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from tma_ray.campaign import Campaign, cells_of, speeds
+from tma_ray.campaign import Campaign, cells_of
 from tma_ray.campaign.cluster import joined
 from tma_ray.campaign.cluster.joined import nodes_to_come
 from tma_ray.campaign.costs import confirm, estimate, long_cost
@@ -32,7 +32,7 @@ NODE = {"CPU": 16.0, "memory": 26.0 * GIB}
 @pytest.fixture(autouse=True)
 def measured(monkeypatch: pytest.MonkeyPatch) -> None:
     """Stands for a measurement of seconds."""
-    monkeypatch.setattr(speeds, "known_speeds", lambda kinds, *_: dict.fromkeys(kinds, MEASURED))
+    monkeypatch.setattr(costs, "known_speeds", lambda kinds, *_: dict.fromkeys(kinds, MEASURED))
     for stream in (sys.stdin, sys.stdout):
         monkeypatch.setattr(stream, "isatty", lambda: False)
 

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from tma_ray.campaign import speeds
+from tma_ray.campaign import costs
 from tma_ray.campaign.speeds import Throughput
 from tma_ray.cli import main
 from tma_ray.cli.records import KEYS, json_value
@@ -31,7 +31,7 @@ ARGUMENTS: dict[str, list[str]] = {
 def printed(root: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> Any:
     """Runs a command with --json and returns what it prints."""
     monkeypatch.setattr(
-        speeds,
+        costs,
         "known_speeds",
         lambda kinds, *_: dict.fromkeys(kinds, Throughput("any", 1e4, 1e4, 100)),
     )

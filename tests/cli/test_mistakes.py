@@ -19,7 +19,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from mistakes import Mistake, commands, fill, flags, mistakes, valid_rest
 
-from tma_ray.campaign import execution, single, speeds
+from tma_ray.campaign import costs, execution, single
 from tma_ray.campaign.progress import Snapshot
 from tma_ray.campaign.speeds import Throughput
 from tma_ray.cli import main
@@ -64,7 +64,7 @@ def places(root: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Mappi
     """What commands may name, right and wrong; nothing is trained, measured or found at home."""
     monkeypatch.chdir(tmp_path)
     monkeypatch.delenv("RAY_ADDRESS", raising=False)
-    monkeypatch.setattr(speeds, "known_speeds", lambda kinds, *_: dict.fromkeys(kinds, MEASURED))
+    monkeypatch.setattr(costs, "known_speeds", lambda kinds, *_: dict.fromkeys(kinds, MEASURED))
     monkeypatch.setattr(single, "run_locally", lambda *_: AttemptOutcome.DONE)
     monkeypatch.setattr(execution, "execute_plan", _checked_plan)
     for name in ("empty", "foreign", "home", "checkout/.git", "busy/tmp"):

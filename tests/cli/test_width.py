@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from tma_ray.campaign import speeds
+from tma_ray.campaign import costs
 from tma_ray.campaign.speeds import Throughput
 from tma_ray.cli import main
 
@@ -34,7 +34,7 @@ def test_tables_fit_80_columns(
 ) -> None:
     monkeypatch.setenv("COLUMNS", "80")
     monkeypatch.setattr(
-        speeds,
+        costs,
         "known_speeds",
         lambda kinds, *_: dict.fromkeys(kinds, Throughput("any", 1e4, 1e4, 100)),
     )

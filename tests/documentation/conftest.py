@@ -11,7 +11,7 @@ import pytest
 from blocks import ROOT
 from commands import TINY
 
-from tma_ray.campaign import speeds
+from tma_ray.campaign import costs
 from tma_ray.campaign.speeds import Throughput
 from tma_ray.cli import main
 
@@ -46,7 +46,7 @@ def place(documented: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> 
     monkeypatch.setattr(sys, "path", [str(tmp_path), *sys.path])
     monkeypatch.setattr(warnings, "showwarning", warnings.showwarning)
     monkeypatch.setattr(
-        speeds,
+        costs,
         "known_speeds",
         lambda kinds, *_: dict.fromkeys(kinds, Throughput("any", 1e4, 1e4, 100)),
     )

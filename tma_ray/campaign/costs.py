@@ -8,10 +8,9 @@ from collections import Counter
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 
-from tma_ray.campaign import speeds
 from tma_ray.campaign.plan import Plan
 from tma_ray.campaign.settings import GIB, Nodes, Resources, Settings, this_machine
-from tma_ray.campaign.speeds import Kind, SpeedFinder, Throughput, kind_of
+from tma_ray.campaign.speeds import Kind, SpeedFinder, Throughput, kind_of, known_speeds
 from tma_ray.results import Results, ResultsRootError, RunStatus, Store, check_usable
 from tma_ray.runs.spec import RunSpec
 
@@ -191,7 +190,7 @@ def estimate(
         plan: runs to execute.
         settings: resources and placement of the runs.
         known: speeds of kinds of runs, as of another `Cost`.
-        find_speeds: finder of the speeds that are not in `known`; by default `speeds.known_speeds`.
+        find_speeds: finder of the speeds that are not in `known`; by default `known_speeds`.
         nodes: nodes that execute it; None for this machine.
     """
     nodes = nodes or this_machine()
@@ -206,7 +205,7 @@ def estimate(
     kinds = {kind_of(spec): spec for spec in examples.values()}
     missing = {kind: spec for kind, spec in kinds.items() if kind not in throughputs}
     here = 1 if settings.width else min(at_once, this_machine().at_once(settings.resources))
-    throughputs |= (find_speeds or speeds.known_speeds)(missing, settings, here)
+    throughputs |= (find_speeds or known_speeds)(missing, settings, here)
     hours = learner_hours = disk = largest_buffer = 0.0
     for key, spec in examples.items():
         speed, steps = throughputs[kind_of(spec)], spec.schedule.steps
