@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from tma_ray.benchmark import find_experiment
-from tma_ray.campaign import CampaignSpec, Plan, cells_of, joined_plan, matrix_campaigns
+from tma_ray.campaign import CampaignSpec, Plan, cells_of, costs, joined_plan, matrix_campaigns
 from tma_ray.campaign.repeating import like_plan
 from tma_ray.campaign.speeds import Throughput
 from tma_ray.cli import main

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from tma_ray.campaign import Campaign, cells_of
+from tma_ray.campaign import Campaign, cells_of, costs
 from tma_ray.campaign.cluster import joined
 from tma_ray.campaign.cluster.joined import nodes_to_come
 from tma_ray.campaign.costs import confirm, estimate, long_cost
