@@ -25,7 +25,7 @@ class Ending:
         outcome: outcome of the attempt.
         files: canonical result files of a run that is done.
         reason: traceback of a run that failed, or reason for a loss in one line.
-        without_fault: True for a loss that is no fault of the run, which is repeated and not counted.
+        without_fault: True for a loss that the run did not cause: it is repeated, and not counted.
     """
 
     run_id: str
