@@ -39,7 +39,7 @@ def run_single(options: RunOptions) -> int:
     placement = Placement(options.device, options.threads, options.checkpoint_seconds)
     check_available(options.device)
     resources = Resources(placement.threads, gpus=float(placement.device != "cpu"))
-    cost = long_cost(plan, options.results, Settings(resources, placement.device))
+    cost = long_cost(plan, str(options.results), Settings(resources, placement.device))
     if cost is not None:
         confirm("the run", cost, yes=options.yes, ask=terminal_question())
     committer = Committer.open(options.results)

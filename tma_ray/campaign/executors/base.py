@@ -44,7 +44,7 @@ class Executor(Protocol):
         ...
 
     def take(self, waiting: deque[RunSpec]) -> RunSpec | None:
-        """Removes from `waiting` a run that can start now and returns it; None if there is no room."""
+        """Removes from `waiting` a run that can start now and returns it; None without room."""
         ...
 
     def start(self, spec: RunSpec, number: int, avoid: Sequence[str] = ()) -> None:
