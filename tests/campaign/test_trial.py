@@ -14,14 +14,13 @@ import pytest
 from analysis.baselines import find_baseline
 from analysis.trials.design import make_design
 from tma_ray.campaign import trials
-from tma_ray.campaign.costs.estimation import estimate
-from tma_ray.campaign.costs.known import kind_of
-from tma_ray.campaign.costs.speed import Throughput
+from tma_ray.campaign.costs import estimate
 from tma_ray.campaign.options import TrialOptions
 from tma_ray.campaign.plan import Plan
 from tma_ray.campaign.progress import Snapshot
 from tma_ray.campaign.repeating import trial_plan
 from tma_ray.campaign.settings import Settings
+from tma_ray.campaign.speeds import Throughput, kind_of
 from tma_ray.cli import main
 from tma_ray.results import Results, Store, TrialFile, TrialLook, create_root
 

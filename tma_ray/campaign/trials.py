@@ -9,8 +9,7 @@ from contextlib import closing, contextmanager
 from dataclasses import replace
 from threading import Timer
 
-from tma_ray.campaign.costs.confirmation import confirm, terminal_question, unfinished
-from tma_ray.campaign.costs.estimation import Cost, estimate
+from tma_ray.campaign.costs import Cost, confirm, estimate, terminal_question, unfinished
 from tma_ray.campaign.options import TrialOptions, chosen_address, chosen_nodes, chosen_settings
 from tma_ray.campaign.plan import Plan
 from tma_ray.campaign.script import ending, executed
