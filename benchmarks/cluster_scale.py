@@ -26,10 +26,12 @@ from ray.cluster_utils import Cluster
 from rich.console import Console
 from scheduler import SETTINGS, Method, RayWithoutDeath, Substitute
 
-from tma_ray.campaign import scheduler
 from tma_ray.campaign.cluster.base import Head
 from tma_ray.campaign.cluster.joined import connect
+from tma_ray.campaign.executors import ray_executor
+from tma_ray.campaign.executors.cohorts import AnyNode
 from tma_ray.campaign.progress import ProgressView, Snapshot
+from tma_ray.campaign.scheduler import Scheduler
 from tma_ray.results import Committer, PartFile, RunWriter, Store, Table
 from tma_ray.runs import Cell, RunSpec, Schedule, effective_spec
 from tma_ray.tasks import KnowledgeLevel
@@ -119,7 +121,9 @@ class Driver:
 
         view = ProgressView(Console(file=io.StringIO()))
         committer = Committer.open(self._root)
-        ended = scheduler.Scheduler(committer, SETTINGS, view, lambda: None, self._head).execute(runs, stop)
+        places = AnyNode(SETTINGS, self._head)
+        executor = ray_executor.RayExecutor(committer.store, SETTINGS, self._head, places)
+        ended = Scheduler(committer, executor, SETTINGS, view).execute(runs, stop)
         seconds, used = time.perf_counter() - start, self._process.cpu_times()
         memory.append((Substitute.launched - before, self._process.memory_info().rss))
         (early, low), (late, high) = memory[0], memory[-1]
@@ -147,8 +151,8 @@ def measure(count: int, root: str) -> dict[str, Any]:
         ray.get([player.nothing.remote() for player in Substitute.players])
         driver = Driver(root, head)
         with (
-            mock.patch.object(scheduler, "SeedActor", Student),
-            mock.patch.object(scheduler, "ray", RayWithoutDeath()),
+            mock.patch.object(ray_executor, "SeedActor", Student),
+            mock.patch.object(ray_executor, "ray", RayWithoutDeath()),
         ):
             half, first = driver.execute(runs, count // 2)
             ended, second = driver.execute(runs, done_before=half.done)
