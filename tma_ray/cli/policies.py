@@ -127,5 +127,7 @@ def play(
     from tma_ray.viewing.play import PlaySettings
     from tma_ray.viewing.play import play as open_page
 
+    if output is not None and output.suffix != ".html":
+        raise ValueError(f"{output}: expected a file that ends in .html")
     print(open_page(PlaySettings(policy, results, environment, embodiment, task, seed), output))
     return 0
