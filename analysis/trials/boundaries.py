@@ -128,12 +128,12 @@ class _Path:
     def under(self, bound: float, information: float, drift: float = 0.0) -> _Path:
         """Returns the scores that do not cross `bound` at the next look."""
         step, root = information - self.information, math.sqrt(information)
-        low = LOWEST + min(drift * root, bound)
+        low, high = LOWEST + min(drift * root, bound), min(bound, drift * root - LOWEST)
         nodes, weights = _quadrature()
-        scores = root * ((bound - low) / 2 * nodes + (bound + low) / 2)
+        scores = root * ((high - low) / 2 * nodes + (high + low) / 2)
         far = (scores[:, None] - (self.scores + drift * step)[None, :]) / math.sqrt(step)
         moved = np.exp(-(far**2) / 2) @ self.density / math.sqrt(2 * math.pi * step)
-        return _Path(scores, weights * root * (bound - low) / 2 * moved, information)
+        return _Path(scores, weights * root * (high - low) / 2 * moved, information)
 
 
 @cache

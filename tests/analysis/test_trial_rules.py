@@ -65,6 +65,10 @@ def test_the_median_unbiased_estimate_is_too_high_as_often_as_too_low() -> None:
     assert np.mean(np.array(found) > true) == pytest.approx(0.5, abs=0.06)
 
 
+def test_boundaries_that_nothing_reaches_leave_the_estimate_as_it_is() -> None:
+    assert median_unbiased(2.5, (300.0, np.inf), (1.0, 1.5, 2.0)) == pytest.approx(2.5 / math.sqrt(2.0))
+
+
 def test_one_look_is_the_stratified_test_of_the_project() -> None:
     rng = np.random.default_rng(2)
     new, old = rng.normal(0.5, 0.1, (3, 6)), rng.normal(0.4, 0.2, (3, 5))
