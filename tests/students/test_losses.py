@@ -9,7 +9,7 @@ from stable_baselines3.common.type_aliases import ReplayBufferSamples, RolloutBu
 from stock_models import ACTION, OBSERVATION, ppo, ppo_parameters, sac
 
 from tma_ray.students.hyperparameters import LogStd, PPOHyperparameters, SACHyperparameters
-from tma_ray.students.mlp.acting import Layout
+from tma_ray.students.mlp.layout import Layout
 from tma_ray.students.mlp.network import FlatParameters, blocks_of, forward, split
 from tma_ray.students.players.sac import LOG_STD_RANGE
 from tma_ray.students.ppo import PPOUpdate, Steps, losses

@@ -5,7 +5,8 @@ import pytest
 import torch
 from torch import nn
 
-from tma_ray.students.mlp.acting import Activation, ArrayNetwork, Layout, RowNetwork
+from tma_ray.students.mlp.acting import ArrayNetwork, RowNetwork
+from tma_ray.students.mlp.layout import Activation, Layout
 from tma_ray.students.mlp.network import FlatParameters, Network, as_modules, blocks_of, forward, split
 
 LAYOUTS = [Layout(sizes) for sizes in ((5, 7, 6, 3), (4, 2), (24, 40, 30, 8), (1, 9, 1))]

@@ -17,7 +17,8 @@ from tma_ray.runs.saved_policies import SavedPolicy, results_of
 from tma_ray.runs.spec import RunSpec
 from tma_ray.students import policy_layers
 from tma_ray.students.layers import Affine, Clamp, Standardise
-from tma_ray.students.mlp.acting import Activation, Layout, RowNetwork
+from tma_ray.students.mlp.acting import RowNetwork
+from tma_ray.students.mlp.layout import Activation, Layout
 
 ACTIVATIONS: dict[type[nn.Module], Activation] = {nn.ReLU: Activation.RELU, nn.Tanh: Activation.TANH}
 

@@ -8,10 +8,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple, TypeAlias
 
 import numpy as np
-from gymnasium import Space, spaces
 from numpy.typing import NDArray
 
 if TYPE_CHECKING:
+    from gymnasium import Space, spaces
     from torch import nn
 
 
@@ -182,6 +182,8 @@ def checked_spaces(observation_space: Space[Any], action_space: Space[Any]) -> t
 
 
 def _checked_box(space: Space[Any], kind: str) -> spaces.Box:
+    from gymnasium import spaces  # here, since names of students need none of it
+
     if not isinstance(space, spaces.Box) or len(space.shape) != 1 or space.dtype != np.float32:
         raise ValueError(f"{kind} space {space}: expected a one-dimensional float32 Box")
     return space

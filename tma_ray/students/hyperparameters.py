@@ -9,7 +9,7 @@ from enum import StrEnum
 from typing import Any, ClassVar, Final, TypeVar
 
 from tma_ray.hyperparameters import parse_settings
-from tma_ray.students.mlp.acting import Activation, Layout
+from tma_ray.students.mlp.layout import Activation, Layout
 
 H = TypeVar("H")
 

@@ -15,7 +15,8 @@ from stable_baselines3.common.torch_layers import FlattenExtractor
 from torch import nn
 
 from tma_ray.students.base import Actions, Observations
-from tma_ray.students.mlp.acting import Activation, Layout, RowNetwork
+from tma_ray.students.mlp.acting import RowNetwork
+from tma_ray.students.mlp.layout import Activation, Layout
 from tma_ray.students.mlp.network import as_batch, forward, split
 from tma_ray.students.normaliser import EPSILON
 from tma_ray.students.policy_files import StoredPolicy

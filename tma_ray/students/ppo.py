@@ -30,7 +30,7 @@ from tma_ray.students.layers import (
     stored_parameters,
     tensor_kinds,
 )
-from tma_ray.students.mlp.acting import Activation
+from tma_ray.students.mlp.layout import Activation
 from tma_ray.students.mlp.network import MODULES, FlatAdam, FlatParameters, as_batch, as_modules, blocks_of
 from tma_ray.students.normaliser import MEAN_TENSOR, VARIANCE_TENSOR, Normaliser, first_normaliser, scaled
 from tma_ray.students.players.ppo import Rollout, exploring_step, sampled_actions

@@ -4,7 +4,7 @@ import numpy as np
 import torch
 
 from tma_ray.students.cohort.networks import PaddedLayout, stacked_pass, twin_pass
-from tma_ray.students.mlp.acting import Layout
+from tma_ray.students.mlp.layout import Layout
 from tma_ray.students.mlp.network import forward, split
 
 PLAIN = Layout((5, 20, 9, 3))

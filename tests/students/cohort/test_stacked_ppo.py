@@ -8,7 +8,7 @@ from stock_models import ACTION, OBSERVATION, ppo, ppo_parameters
 
 from tma_ray.students.cohort.ppo import PPONetworks, RolloutColumns, StackedPPO
 from tma_ray.students.hyperparameters import PPOHyperparameters
-from tma_ray.students.mlp.acting import Activation
+from tma_ray.students.mlp.layout import Activation
 
 pytestmark = pytest.mark.usefixtures("_both_ways")
 

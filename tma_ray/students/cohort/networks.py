@@ -10,7 +10,7 @@ import torch
 from numpy.typing import NDArray
 
 from tma_ray.optimisers import take_step
-from tma_ray.students.mlp.acting import Activation, Layout
+from tma_ray.students.mlp.layout import Activation, Layout
 from tma_ray.students.mlp.network import Layers, activate, activations, forward, input_gradient, split
 
 INPUTS_MULTIPLE = 8

@@ -25,7 +25,7 @@ from tma_ray.students.cohort.learner import Device, Stack, StackedLearner, leaf,
 from tma_ray.students.cohort.networks import PaddedLayout, StackedAdam, keep, stacked_pass, twin_pass
 from tma_ray.students.cohort.replay import ReplayContents, StackedReplay
 from tma_ray.students.hyperparameters import MatmulPrecision, SACHyperparameters
-from tma_ray.students.mlp.acting import Layout
+from tma_ray.students.mlp.layout import Layout
 from tma_ray.students.sac import (
     Pass,
     Transitions,

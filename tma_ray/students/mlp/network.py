@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from torch import nn
 
 from tma_ray.optimisers import take_step
-from tma_ray.students.mlp.acting import Activation, Layout
+from tma_ray.students.mlp.layout import Activation, Layout
 
 Layers: TypeAlias = Sequence[tuple[torch.Tensor, torch.Tensor]]
 """Weight (outputs, inputs) and bias (outputs,) of every layer in order; of k stacked networks (k, ...)."""

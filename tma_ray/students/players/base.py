@@ -10,7 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tma_ray.students.base import Policy, Student, StudentStreams
-from tma_ray.students.mlp.acting import ArrayNetwork, Layout
+from tma_ray.students.mlp.acting import ArrayNetwork
+from tma_ray.students.mlp.layout import Layout
 from tma_ray.students.players.link import LearnerLink, Membership, PlayerState, Weights
 
 

@@ -12,7 +12,8 @@ from numpy.typing import NDArray
 from tma_ray.jit import kernel
 from tma_ray.students.base import Actions, Observations, Transition
 from tma_ray.students.hyperparameters import PPOHyperparameters
-from tma_ray.students.mlp.acting import ArrayNetwork, FloatArray, Layout, RowArrays, apply_row
+from tma_ray.students.mlp.acting import ArrayNetwork, FloatArray, RowArrays, apply_row
+from tma_ray.students.mlp.layout import Layout
 from tma_ray.students.normaliser import Normaliser, first_normaliser, scaled
 from tma_ray.students.players.base import Player
 from tma_ray.students.players.link import Weights

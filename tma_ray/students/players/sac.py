@@ -11,7 +11,8 @@ from numpy.typing import NDArray
 from tma_ray.jit import kernel
 from tma_ray.students.base import Actions, Observations, Transition
 from tma_ray.students.hyperparameters import LogStd, SACHyperparameters, UpdateSchedule
-from tma_ray.students.mlp.acting import FloatArray, Layout, RowArrays, apply_row
+from tma_ray.students.mlp.acting import FloatArray, RowArrays, apply_row
+from tma_ray.students.mlp.layout import Layout
 from tma_ray.students.players.base import Player
 from tma_ray.students.players.link import Weights
 
