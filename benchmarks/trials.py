@@ -5,6 +5,7 @@ python benchmarks/trials.py > benchmarks/measured/trials.csv
 
 from __future__ import annotations
 
+import argparse
 import sys
 
 import numpy as np
@@ -26,9 +27,9 @@ SEED = 2026
 CELLS = ((), ("original", "diverse_students/spider"), ("original",), ("rugged_difficulty",))
 
 
-def row(setting: Setting, true: float) -> dict[str, object]:
-    """Returns what `TRIALS` trials of a teacher come to that is `true` points better than all others."""
-    found = simulate(setting, true, TRIALS, SEED)
+def row(setting: Setting, true: float, trials: int) -> dict[str, object]:
+    """Returns what `trials` trials of a teacher come to that is `true` points better than all others."""
+    found = simulate(setting, true, trials, SEED)
     shares: dict[str, object] = {}
     for name, verdicts in zip(("random", "best"), found.verdicts, strict=True):
         shares |= {f"{name}_{verdict.value}": (verdicts == verdict).mean() for verdict in Verdict}
@@ -49,7 +50,7 @@ def unbiased(setting: Setting, found: Outcomes) -> list[float]:
     """Returns the median-unbiased estimates of the difference to Random, of each tenth trial."""
     rule, estimates = setting.rules[0], []
     planned = [1 / (1 / seeds + 1 / setting.cells[0].runs) for seeds in setting.looks]
-    for trial in range(0, TRIALS, 10):
+    for trial in range(0, len(found.looks[0]), 10):
         look = int(found.looks[0][trial])
         value, error = float(found.estimates[0][trial]), float(found.errors[0][trial])
         information = [each / planned[look] / error**2 for each in planned[: look + 1]]
@@ -60,6 +61,9 @@ def unbiased(setting: Setting, found: Outcomes) -> list[float]:
 
 def main() -> None:
     """Prints a row for each choice of cells and each true difference."""
+    parser = argparse.ArgumentParser(description=__doc__, allow_abbrev=False)
+    parser.add_argument("--trials", type=int, default=TRIALS, help="simulated trials of a row (%(default)s)")
+    trials = parser.parse_args().trials
     baseline = find_baseline(RELEASE)
     frames = baseline.frames()
     released = Released.of(frames)
@@ -68,7 +72,7 @@ def main() -> None:
         design = make_design("trial", baseline, frames, wanted=wanted)
         setting = setting_of(design, released)
         rows += [
-            {"names": ", ".join(wanted) or "all"} | row(setting, factor * design.margin)
+            {"names": ", ".join(wanted) or "all"} | row(setting, factor * design.margin, trials)
             for factor in (-1, 0, 1, 2)
         ]
     pd.DataFrame(rows).to_csv(sys.stdout, index=False, float_format="%.4f")

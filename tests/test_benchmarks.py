@@ -38,6 +38,8 @@ OTHERS = {
     "pilot": f"{IN_A_MOMENT} --csv pilot.csv",
     "precision": "--student ppo --seeds 2 --steps 400 --cohort 2 --processes 2 --results results",
     "sac_learning": f"{IN_A_MOMENT} --seeds 1 --parts easy",
+    "cluster_scale": "--runs 4",
+    "trials": "--trials 20",
     "sensitivity": f"{IN_A_MOMENT} --seeds 1 --parts cohort",
 }
 """The other scripts, and the smallest arguments of each."""
@@ -72,7 +74,7 @@ def test_the_help_names_the_script(
     with pytest.raises(SystemExit) as ended:
         runpy.run_path(script, run_name="__main__")
     assert ended.value.code == 0
-    assert f"usage: {name}.py" in capsys.readouterr().out
+    assert f"usage: {name}.py" in capsys.readouterr().out.lower()
 
 
 @pytest.mark.slow

@@ -22,6 +22,7 @@ EXAMPLES = [
 LONG = (
     "--latex",
     "--watch",
+    "--simulated",
     "tma-ray compare",
     "tma-ray wandb",
     "tma-ray report",

@@ -39,8 +39,8 @@ def trial(name: Name, /, *, options: TrialOptions = TrialOptions()) -> int:
         name: teacher, as module:Name, file.py:Name or a registered name
 
     Examples:
-        tma-ray trial mine.py:Frontier --simulated
-        tma-ray trial mine.py:Frontier --budget 8h --dry-run
+        tma-ray trial riac --simulated
+        tma-ray trial riac --budget 8h --dry-run
     """
     from analysis.baselines import find_baseline
     from analysis.trials.design import MARGIN, Design, Released, make_design, newest_release
