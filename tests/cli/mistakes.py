@@ -114,6 +114,8 @@ BY_KIND: Mapping[str, Sequence[str]] = {
     "WIDTH": (*NO_NUMBERS, *TOO_MANY, "0", "0.5", "of", "OFF"),
     "X": (*NO_NUMBERS, *TOO_MANY, "1,5"),
     "SECONDS": (*NO_NUMBERS, *TOO_MANY, "1,5"),
+    "HOURS": (*NO_NUMBERS, *TOO_MANY, "0h", "-1h", "8 o'clock", "1h30", "nanh"),
+    "POINTS": (*NO_NUMBERS, *TOO_MANY, "0", "101", "5%"),
     "GIB": (*NO_NUMBERS, *TOO_MANY, "1,5"),
     "NAME=VALUE": ("", "a", "=1", "aa=", "nothing=1"),
 }
