@@ -85,9 +85,10 @@ def kernel(function: F, nogil: bool = False) -> F:
             f"user's own cache may be written; name a folder that may be in NUMBA_CACHE_DIR"
         ) from error
     if compiled is not function:
-        # numba notices changes of the function's own file only, but kernels call others of their package.
+        # numba notices changes of the function's own file only, but kernels call others of their package; it
+        # unpickles an index before it compares the stamp, and so fails on types of modules that are gone.
         file = Path(function.__code__.co_filename)
-        compiled._cache._cache_file._source_stamp = _sources(_package(file))
+        compiled._cache._cache_file._version = (numba.__version__, _sources(_package(file)))
         _kernels.append(compiled)
     return cast("F", compiled)
 
@@ -102,9 +103,9 @@ def _package(file: Path) -> Path:
 
 @cache
 def _sources(folder: Path) -> str:
-    """Returns a digest of every file that a kernel of `folder` may be in."""
+    """Returns a digest of every file that a kernel of `folder` may be in, with the files' names."""
     content = hashlib.sha256()
     is_package = (folder / "__init__.py").is_file()  # any other folder may be anything, a home for instance
     for path in sorted(folder.glob("**/*.py" if is_package else "*.py")):
-        content.update(path.read_bytes())
+        content.update(f"{path.relative_to(folder)}\0".encode() + path.read_bytes())
     return content.hexdigest()
