@@ -6,6 +6,7 @@
 
 Runs the parts in order, each once the one before is done, and continues what an earlier call left. All
 evaluations are written to benchmarks/measured/pilot.csv, costs to benchmarks/measured/pilot_costs.csv.
+Runs that the file of evaluations has are not run again, whichever root they were in.
 """
 
 from __future__ import annotations
@@ -15,6 +16,7 @@ import statistics
 import sys
 import time
 from collections.abc import Collection, Iterable, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -233,10 +235,7 @@ def evaluations(root: str, run_ids: Collection[str] | None = None) -> pd.DataFra
     found = frames.measured[["run_id", "step", "mastered_percent"]]
     found = found.merge(halves[["run_id", "step", "mastered_half"]], on=["run_id", "step"])
     runs = frames.cells.drop_duplicates("run_id")[["run_id", *CELL, "seed", "steps"]]
-    table = runs.merge(found, on="run_id").drop(columns="run_id")
-    return table.astype(dict.fromkeys(CELL, str) | {"steps": int}).sort_values(
-        [*CELL, "steps", "seed", "step"]
-    )
+    return runs.merge(found, on="run_id").astype(dict.fromkeys(CELL, str) | {"steps": int})
 
 
 def areas(found: pd.DataFrame, until: int | None = None, column: str = "mastered_percent") -> pd.DataFrame:
@@ -440,9 +439,17 @@ def onset_table(runs: pd.DataFrame) -> str:
 
 
 def written(root: str, csv: Path) -> pd.DataFrame:
-    """Returns the evaluations of `root`, as the file has them into which they are written."""
-    evaluations(root).to_csv(csv, index=False)
+    """Adds the evaluations of the finished runs of `root` to a file, and returns all of the file."""
+    earlier = [pd.read_csv(csv)] if csv.exists() else []
+    table = pd.concat([*earlier, evaluations(root)]).drop_duplicates(["run_id", "step"])
+    table = table[table["run_id"].isin(done(table))]
+    table.sort_values([*CELL, "steps", "seed", "step"]).to_csv(csv, index=False)
     return pd.read_csv(csv)
+
+
+def done(found: pd.DataFrame) -> set[str]:
+    """Returns the ids of the runs whose last evaluation is there."""
+    return set(found[found["step"] == found["steps"]]["run_id"])
 
 
 def main() -> int:
@@ -462,14 +469,17 @@ def main() -> int:
     if given.tables:
         print(tables(written(given.results, given.csv) if given.results else pd.read_csv(given.csv)))
         return 0
-    found = pd.DataFrame()
+    found = (
+        pd.read_csv(given.csv) if given.csv.exists() else pd.DataFrame(columns=["run_id", "step", "steps"])
+    )
     for part in given.parts.split(","):
         wanted = plan(part, found, Path(f"{given.results}_walkers"))
-        print(part, flush=True)
-        execute(wanted, given)
-        found = written(given.results, given.csv)
-        cells = analysis.load(given.results).cells
-        if not set(cells[cells["status"] == "done"]["run_id"]).issuperset(run.run_id for run in wanted.runs):
+        missing = tuple(run for run in wanted.runs if run.run_id not in done(found))
+        print(f"{part}: {len(missing)} of {len(wanted.runs)} runs are missing", flush=True)
+        if missing:
+            execute(replace(wanted, runs=missing), given)
+            found = written(given.results, given.csv)
+        if not done(found).issuperset(run.run_id for run in wanted.runs):
             break  # the next call goes on
         if part == "students" and not pays(found):
             print(f"no student has {ENOUGH} times the paper's signal to noise: the rest is left out")

@@ -81,3 +81,19 @@ def test_a_student_of_half_the_cost_trains_for_twice_the_steps(
     costs.to_csv(tmp_path / "pilot_costs.csv", index=False)
     assert [pilot.steps_of(student) for student in ratios] == [3_750_000, 2_000_000, 4_000_000]
     assert pilot.steps_of(pilot.ROLLOUTS[2]) == pilot.STEPS
+
+
+def test_runs_of_an_earlier_machine_are_kept_and_not_run_again(
+    pilot: ModuleType, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    csv = tmp_path / "pilot.csv"
+    first, second, half = (
+        line(10).assign(run_id="a"),
+        line(20).assign(run_id="b"),
+        line(30).assign(run_id="c"),
+    )
+    for root, runs in (("one", [first]), ("other", [second, half.iloc[:-1]])):
+        monkeypatch.setattr(pilot, "evaluations", lambda _, runs=runs: pd.concat(runs))
+        found = pilot.written(root, csv)
+    assert pilot.done(found) == {"a", "b"} == set(found["run_id"])
+    assert len(found) == len(first) + len(second)
