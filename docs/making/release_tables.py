@@ -12,6 +12,7 @@ from analysis.commands.releases import NO_BREAK
 from analysis.commands.releases import markdown as leaderboards
 from analysis.commands.simulated import markdown, mastered_table, recovery_table
 from analysis.names import challenge_title, label, teacher_order
+from analysis.statistics import welch
 from tma_ray.campaign.simulated import played_runs
 from tma_ray.results import Results
 from tma_ray.tasks import KnowledgeLevel
@@ -21,8 +22,8 @@ from tma_ray.testing.matrix import cells_of, runs_of, tabulate
 PICTURES = Path(__file__).parents[1] / "images" / "leaderboard"
 """Curricula of releases that ship, by ``make_leaderboard_pictures.py``."""
 
-MEASURED_TRIALS = Path(__file__).parents[2] / "benchmarks" / "measured" / "trials.csv"
-"""Simulated trials, by ``benchmarks/trials.py``."""
+MEASURED = Path(__file__).parents[2] / "benchmarks" / "measured"
+"""What benchmarks measured: ``trials.csv`` by ``trials.py``, ``sensitivity.csv`` by ``sensitivity.py``."""
 
 SIMULATED_RELEASE = "simulated-1"
 
@@ -66,7 +67,7 @@ def _on_one_line(text: str) -> str:
 
 def trials() -> str:
     """Returns the errors and seeds of simulated trials, as `benchmarks/trials.py` measured them."""
-    rows = pd.read_csv(MEASURED_TRIALS)
+    rows = pd.read_csv(MEASURED / "trials.csv")
     table = pd.DataFrame(
         {
             "cells": rows["names"] + " (" + rows["cells"].astype(str) + ")",
@@ -86,3 +87,20 @@ def _verdicts(rows: pd.DataFrame, reference: str) -> pd.Series:
     shares = (100 * rows[f"{reference}_{verdict}"] for verdict in ("better", "worse", "alike"))
     parts = [share.map("{:.0f}".format) for share in shares]
     return parts[0].str.cat(parts[1:], sep=" / ")
+
+
+def sensitivity() -> str:
+    """Returns tasks mastered at the end of the runs of `benchmarks/sensitivity.py`, a row a variant."""
+    table = pd.read_csv(MEASURED / "sensitivity.csv")
+    last = table[table["step"] == table["step"].max()]
+    cells = dict(list(last.groupby(["embodiment", "student"], sort=False)["mastered"]))
+    rows, reference = [], cells["classic_bipedal", "ppo"]
+    for (body, student), mastered in cells.items():
+        difference = ""
+        if mastered is not reference:
+            test = welch(mastered, reference)
+            difference = f"{test.difference:+.1f} [{test.low:+.1f}, {test.high:+.1f}]"
+        variant = f"`{student}`, {body.replace('_', ' ')}"
+        rows.append((variant, f"{mastered.mean():.1f}", f"{mastered.std():.1f}", difference))
+    heads = ["variant", "mastered, %", "deviation over seeds", "difference"]
+    return markdown(pd.DataFrame(rows, columns=heads))

@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+import csv
 import dataclasses
+import functools
 import re
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from pathlib import Path
 from typing import Any
 
 import pyarrow as pa
-from release_tables import leaderboard, simulated_students, trials
+from release_tables import leaderboard, sensitivity, simulated_students, trials
 
 from analysis.commands.releases import shipped_findings
 from tma_ray import cli, command_line
@@ -20,6 +23,11 @@ from tma_ray.results import SCHEMAS, Table
 from tma_ray.students import PPOHyperparameters, SACHyperparameters
 from tma_ray.tasks import KnowledgeLevel, TaskSpace
 from tma_ray.teachers import TEACHERS
+
+ROOT = Path(__file__).parents[2]
+
+DATA = {"fidelity": ROOT / "docs" / "fidelity", "evidence": ROOT / "benchmarks" / "measured" / "evidence"}
+"""Folders of tables that pages show as they are, one CSV file a table, by the first word of their names."""
 
 NONE = "\N{EN DASH}"
 """Of a cell with nothing to say."""
@@ -40,6 +48,13 @@ def markdown(head: Sequence[str], rows: Iterable[Sequence[object]]) -> str:
     """Returns a table."""
     lines = [head, ["---"] * len(head), *rows]
     return "\n".join(f"| {' | '.join(_cell(value) for value in line)} |" for line in lines)
+
+
+def data_table(path: Path) -> str:
+    """Return a table of a CSV file, whose first line is the head; a dash for an empty cell."""
+    with path.open(encoding="utf-8", newline="") as lines:
+        head, *rows = csv.reader(lines)
+    return markdown(head, [[cell or NONE for cell in row] for row in rows])
 
 
 def meanings(kind: type) -> dict[str, str]:
@@ -273,7 +288,13 @@ GENERATED: dict[str, Callable[[], str]] = {
     "metavars": metavars,
     "leaderboard": leaderboard,
     "trials": trials,
+    "sensitivity": sensitivity,
     "simulated students": simulated_students,
     "findings": shipped_findings,
+    **{
+        f"{kind} {path.stem}": functools.partial(data_table, path)
+        for kind, folder in DATA.items()
+        for path in sorted(folder.glob("*.csv"))
+    },
 }
 """What pages may ask for, by name."""

@@ -1,4 +1,4 @@
-"""Kernels cached on disk are compiled again when what they were compiled from has changed in another module."""
+"""Cached kernels are compiled again when another module that they were compiled from has changed."""
 
 import os
 import subprocess
