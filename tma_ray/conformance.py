@@ -338,6 +338,8 @@ class StudentConformance:
         values = asked.state_values(_states(5))
         assert values.shape == (5,), f"state_values of 5 gave shape {values.shape}"
         assert np.isfinite(values).all(), f"state_values gave {values}"
+        bonuses = asked.entropy_bonuses(_states(5))
+        assert bonuses.shape == (5,), f"entropy_bonuses of 5 gave shape {bonuses.shape}"
         np.testing.assert_array_equal(
             before, asked.act_greedily(_states(5)), "act_greedily is not deterministic"
         )

@@ -84,6 +84,21 @@ def test_values_of_a_deterministic_policy_are_the_smaller_critics():
     np.testing.assert_allclose(td3.state_values(OBSERVATIONS), expected.numpy(), rtol=1e-5)
 
 
+def test_only_values_with_an_entropy_bonus_have_one():
+    """Those of an algorithm whose entropy coefficient is learned, too."""
+    tqc = student("TQC")
+    train(tqc, Drift(), 130)
+    with torch.no_grad():
+        torch.manual_seed(1)
+        repeated = torch.from_numpy(OBSERVATIONS[:4]).repeat_interleave(5_000, dim=0)
+        expected = -tqc.model.actor.action_log_prob(repeated)[1].reshape(4, -1).mean(dim=1)
+        expected *= tqc.model.log_ent_coef.exp()
+    bonuses = np.mean([tqc.entropy_bonuses(OBSERVATIONS[:4].repeat(500, axis=0)).reshape(4, -1)], axis=(0, 2))
+    np.testing.assert_allclose(bonuses, expected.numpy(), atol=0.05)
+    assert not student("TD3").entropy_bonuses(OBSERVATIONS).any()
+    assert not student("A2C").entropy_bonuses(OBSERVATIONS).any()
+
+
 @NAMES
 def test_defaults_survive_json(name):
     values = json.loads(json.dumps(default_hyperparameters(name)))

@@ -178,6 +178,19 @@ def test_sac_values_are_the_expected_soft_values():
     assert np.ptp(expected) > 0.3
 
 
+@pytest.mark.parametrize("log_std", ["clamp", "tanh"])
+@pytest.mark.parametrize("name", ["sac", "stock:sac"])
+def test_entropy_bonuses_are_the_expected_log_probabilities(name, log_std):
+    student = small_student(name, log_std=log_std, entropy_coefficient=0.7)
+    with torch.no_grad():
+        student.model.actor.log_std.bias += torch.linspace(-1, 1, len(student.model.actor.log_std.bias))
+        repeated = torch.from_numpy(OBSERVATIONS[:4]).repeat_interleave(20_000, dim=0)
+        torch.manual_seed(0)
+        expected = -0.7 * student.model.actor.action_log_prob(repeated)[1].reshape(4, -1).mean(dim=1).numpy()
+    np.testing.assert_allclose(student.entropy_bonuses(OBSERVATIONS[:4]), expected, atol=0.05)
+    assert not small_student("ppo").entropy_bonuses(OBSERVATIONS).any()
+
+
 def test_sac_values_of_a_policy_without_spread_are_in_closed_form():
     student = small_student("sac", value_samples=2000, entropy_coefficient=0.0, log_std="clamp")
     with torch.no_grad():

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -47,6 +49,27 @@ def test_a_student_that_knows_its_values_has_no_positive_value_loss() -> None:
     values = np.array([1 + 0.9 * (2 + 0.9 * 4), 2 + 0.9 * 4, 4.0, 99.0])
     assert positive_value_loss(trajectory(rewards, True), values, 0.9) == pytest.approx(0, abs=1e-12)
     assert positive_value_loss(trajectory(rewards, True), values - 1, 1.0) == pytest.approx(1.0)
+
+
+@pytest.mark.parametrize("score", ["positive_value_loss", "max_mc"])
+def test_values_with_an_entropy_bonus_are_compared_with_rewards_that_have_it(score: str) -> None:
+    """A student that knows its soft values has no regret; one that does not has the same with and without."""
+    rewards, bonuses = np.array([1.0, 2.0, 4.0]), np.array([0.5, -0.25, 0.125])
+    scores = []
+    for bonus in (np.zeros(3), bonuses):
+        teacher = started("plr", score=score, gae_lambda=1.0)
+        following, values = 0.0, np.full(4, 99.0)
+        for step in (2, 1, 0):
+            following = values[step] = rewards[step] + bonus[step] + 0.9 * following
+        gained = float(np.polynomial.polynomial.polyval(0.9, rewards))
+        task = teacher.propose().task
+        teacher.observe(Episode(task, 7.0, False, 3, np.zeros(1, np.float32), gained, 0, True))
+        asked = teacher.answer(replace(trajectory(list(rewards), True), entropy_bonuses=bonus))
+        assert asked is not None
+        assert asked.observations is not None
+        teacher.answer(values[: len(asked.observations)] - 2.0)
+        scores += list(teacher.buffer_.scores)
+    assert scores == pytest.approx([2.0, 2.0])
 
 
 def buffer_of(scores: list[float], capacity: int = 3, staleness_share: float = 0.25) -> TaskBuffer:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import pickle
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from functools import partial
 from pathlib import Path
 
@@ -236,7 +236,9 @@ class Run:
                 f"teacher {self.spec.teacher!r} asked for a trajectory that was not recorded: "
                 f"declare wants_trajectory = True in its class"
             )
-        return recorder.trajectory()
+        trajectory = recorder.trajectory()
+        bonuses = self.student.entropy_bonuses(trajectory.observations[:-1])
+        return replace(trajectory, entropy_bonuses=bonuses) if bonuses.any() else trajectory
 
     def _evaluate(self, query: Query) -> Outcomes | None:
         assert query.tasks is not None, "a query for an evaluation holds tasks"

@@ -94,8 +94,18 @@ class Student(ABC):
         """Returns V(s) (n,) of `observations` (n, o) under the exploring policy.
 
         The unit is the discounted return of the environment's own rewards, whatever the student
-        normalises. Training goes on as if it had not been asked.
+        normalises, plus the bonuses of `entropy_bonuses`. Training goes on as if it had not been asked.
         """
+
+    def entropy_bonuses(self, observations: Observations) -> NDArray[np.float64]:
+        """Returns what the values of `observations` (n, o) count in addition to the reward of a step.
+
+        Scores that compare values with rewards add them to the rewards.
+
+        Returns:
+            Expected bonuses (n,): 0 unless the student's objective has the policy's entropy in it.
+        """
+        return np.zeros(len(observations))
 
     @abstractmethod
     def reset(self) -> None:

@@ -30,7 +30,9 @@ from tma_ray.students.layers import (
 from tma_ray.students.mlp.network import FlatAdam, FlatParameters, as_batch, as_modules, blocks_of
 from tma_ray.students.players.sac import (
     LOG_STD_RANGE,
+    SQUASH_EPSILON,
     between,
+    entropies,
     sampled_actions,
     squashed_action,
     uniform_actions,
@@ -39,9 +41,6 @@ from tma_ray.students.players.sac import (
 from tma_ray.students.policy_files import read_policy
 from tma_ray.students.replay import ReplayBuffer
 from tma_ray.students.sb3.base import Experience, StableBaselinesStudent
-
-SQUASH_EPSILON = 1e-6
-"""Keeps the logarithm of the squashing's derivative finite, as in stable-baselines3."""
 
 _HALF_LOG_2PI = 0.5 * math.log(2 * math.pi)
 
@@ -358,6 +357,10 @@ class SAC(StableBaselinesStudent[SACHyperparameters, stable_baselines3.SAC]):
                 total += soft_values(critics, inputs, draw, hyper.entropy_coefficient)
         values: NDArray[np.float64] = (total[:, 0] / hyper.value_samples).numpy(force=True)
         return values
+
+    def entropy_bonuses(self, observations: Observations) -> NDArray[np.float64]:  # noqa: D102
+        clamp = self.hyperparameters.log_std is LogStd.CLAMP
+        return self.hyperparameters.entropy_coefficient * entropies(self._greedy.outputs(observations), clamp)
 
     def value_noise(self, states: int) -> NDArray[np.float32]:
         """Returns standard normal noise (m, n, a) of the m actions that the value of each state averages."""

@@ -92,6 +92,8 @@ class Trajectory:
         terminated: True if the environment ended the episode; else it was cut, and the value of the last
             observation still counts.
         gamma: the student's discount factor, by which it values states.
+        entropy_bonuses: float64 (t,), what the student's values count in addition to rewards, as SAC's do;
+            None for a student whose values count rewards only.
     """
 
     observations: NDArray[np.float32]
@@ -99,6 +101,7 @@ class Trajectory:
     rewards: NDArray[np.float64]
     terminated: bool
     gamma: float
+    entropy_bonuses: NDArray[np.float64] | None = None
 
 
 @dataclass(frozen=True, eq=False)

@@ -28,7 +28,10 @@ class Score(StrEnum):
     """Estimates of a task's regret from an episode of it (Jiang et al. 2021b, section 4.1 and appendix)."""
 
     POSITIVE_VALUE_LOSS = "positive_value_loss"
-    """Mean over the steps of the generalised advantage estimates, those below 0 counted as 0."""
+    """Mean over the steps of the generalised advantage estimates, those below 0 counted as 0.
+
+    In both scores, values with an entropy bonus (SAC) are compared with rewards that have it, too.
+    """
 
     MAX_MC = "max_mc"
     """Highest discounted return that was seen on the task, less the value of its first state."""
@@ -48,6 +51,8 @@ def positive_value_loss(trajectory: Trajectory, values: NDArray[np.float64], gae
     if trajectory.terminated:
         following[-1] = 0.0
     errors = trajectory.rewards + trajectory.gamma * following - values[:-1]
+    if trajectory.entropy_bonuses is not None:
+        errors += trajectory.entropy_bonuses
     advantages = lfilter([1.0], [1.0, -trajectory.gamma * gae_lambda], errors[::-1])
     return float(np.maximum(advantages, 0.0).mean())
 
@@ -214,15 +219,14 @@ class PrioritisedReplay(Teacher):
     def observe(self, episode: Episode) -> Query:
         """Asks for what the score is made of."""
         self.episode_, self.episodes_ = episode, self.episodes_ + 1
-        if self.score is Score.MAX_MC:
-            return Query(QueryKind.STATE_VALUES, episode.initial_observation[None])
         return Query(QueryKind.TRAJECTORY)
 
     def answer(self, answer: Trajectory | NDArray[np.float64]) -> Query | None:
         """Takes the trajectory, then the values of its states; scores the task with them."""
         if isinstance(answer, Trajectory):
             self.trajectory_ = answer
-            return Query(QueryKind.STATE_VALUES, answer.observations)
+            valued = answer.observations[:1] if self.score is Score.MAX_MC else answer.observations
+            return Query(QueryKind.STATE_VALUES, valued)
         assert self.episode_ is not None, "an answer follows an episode"
         self._count_in(self.episode_, answer)
         self.episode_ = self.trajectory_ = None
@@ -244,13 +248,16 @@ class PrioritisedReplay(Teacher):
         return filled >= self.fill_first and self.rng.random() < min(filled, self.replay_share)
 
     def _count_in(self, episode: Episode, values: NDArray[np.float64]) -> None:
-        best, place = episode.discounted_return, self.replayed_
+        best, place, trajectory = episode.discounted_return, self.replayed_, self.trajectory_
+        assert trajectory is not None, "its states have been valued"
+        if trajectory.entropy_bonuses is not None:
+            best += float(np.polynomial.polynomial.polyval(trajectory.gamma, trajectory.entropy_bonuses))
         if place is not None:
             best = max(best, float(self.buffer_.best[place]))
-        if self.trajectory_ is None:
+        if self.score is Score.MAX_MC:
             score = best - float(values[0])
         else:
-            score = positive_value_loss(self.trajectory_, values, self.gae_lambda)
+            score = positive_value_loss(trajectory, values, self.gae_lambda)
         if place is None:
             self.buffer_.offer(episode.task, score, best)
         else:

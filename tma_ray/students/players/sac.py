@@ -19,6 +19,12 @@ from tma_ray.students.players.link import Weights
 LOG_STD_RANGE = -20.0, 2.0
 """Bounds of the log deviation."""
 
+SQUASH_EPSILON = 1e-6
+"""Keeps the logarithm of the squashing's derivative finite, as in stable-baselines3."""
+
+NODES, NODE_WEIGHTS = np.polynomial.hermite_e.hermegauss(32)
+"""Nodes and weights of Gauss-Hermite quadrature; the weights sum to sqrt(2 pi)."""
+
 
 @kernel
 def squashed_action(
@@ -63,12 +69,27 @@ def sampled_actions(
         rng: draws the noise.
         clamp: bounds of `squashed_action`.
     """
+    means, log_deviations = normal_of(outputs, clamp)
+    noise = rng.standard_normal(means.shape, dtype=np.float32)
+    return between(*bounds, np.tanh(means + np.exp(log_deviations) * noise))
+
+
+def normal_of(outputs: FloatArray, clamp: bool) -> tuple[FloatArray, FloatArray]:
+    """Returns means and log deviations (n, a) before squashing; arguments as of `sampled_actions`."""
     low, high = (np.float32(bound) for bound in LOG_STD_RANGE)
     means, spreads = np.split(outputs, 2, axis=1)
     half = np.float32(0.5) * (high - low)
-    log_deviations = np.clip(spreads, low, high) if clamp else low + half * (np.tanh(spreads) + 1)
-    noise = rng.standard_normal(means.shape, dtype=np.float32)
-    return between(*bounds, np.tanh(means + np.exp(log_deviations) * noise))
+    return means, np.clip(spreads, low, high) if clamp else low + half * (np.tanh(spreads) + 1)
+
+
+def entropies(outputs: FloatArray, clamp: bool) -> NDArray[np.float64]:
+    """Returns the entropy (n,), in nats, of squashed actions; arguments as of `sampled_actions`."""
+    means, log_deviations = normal_of(outputs.astype(np.float64), clamp)
+    actions = np.tanh(means[..., None] + np.exp(log_deviations)[..., None] * NODES)
+    squashing = np.log(1 - actions**2 + SQUASH_EPSILON) @ NODE_WEIGHTS / math.sqrt(2 * math.pi)
+    normal = log_deviations + 0.5 * math.log(2 * math.pi * math.e)
+    total: NDArray[np.float64] = (normal + squashing).sum(axis=1)
+    return total
 
 
 def uniform_actions(bounds: tuple[Actions, Actions], rng: np.random.Generator, count: int) -> Actions:
@@ -152,6 +173,11 @@ class SACPlayer(Player):
     def state_values(self, observations: Observations) -> NDArray[np.float64]:
         """Returns V(s) (n,) of `observations` (n, o), entropy bonus included."""
         return self._link.values(observations)
+
+    def entropy_bonuses(self, observations: Observations) -> NDArray[np.float64]:  # noqa: D102
+        clamp = self.hyperparameters.log_std is LogStd.CLAMP
+        alpha: float = self.hyperparameters.entropy_coefficient
+        return alpha * entropies(self._network(observations), clamp)
 
     def _hand_over(self, terminated: bool, updates: int) -> None:
         actions = np.array(self._actions, dtype=np.float32)

@@ -411,14 +411,31 @@ class OffPolicyStudent(AlgorithmStudent):
                 values = self._smallest(inputs, model.actor(inputs)).double().numpy(force=True)
                 return values
             torch.manual_seed(int(self._values.integers(2**62)))
-            log_coefficient = getattr(model, "log_ent_coef", None)
-            alpha = model.ent_coef_tensor if log_coefficient is None else log_coefficient.exp()
             total = torch.zeros(len(inputs), dtype=torch.float64, device=self.device)
             for _ in range(self.hyperparameters.value_samples):
                 actions, log_probabilities = model.actor.action_log_prob(inputs)
-                total += self._smallest(inputs, actions) - alpha * log_probabilities.reshape(-1)
+                total += self._smallest(inputs, actions) - self._temperature() * log_probabilities.reshape(-1)
         averages: NDArray[np.float64] = (total / self.hyperparameters.value_samples).numpy(force=True)
         return averages
+
+    def entropy_bonuses(self, observations: Observations) -> NDArray[np.float64]:  # noqa: D102
+        model, inputs = self.model, as_batch(observations, self.device)
+        if not hasattr(model.actor, "action_log_prob"):
+            return super().entropy_bonuses(observations)
+        model.policy.set_training_mode(False)
+        with torch.no_grad(), torch.random.fork_rng():
+            torch.manual_seed(0)  # the same draws every time, so that no generator of the student advances
+            draws = range(self.hyperparameters.value_samples)
+            drawn = torch.stack([model.actor.action_log_prob(inputs)[1].double() for _ in draws])
+            bonuses = -self._temperature() * drawn.mean(dim=0).reshape(-1)
+        averages: NDArray[np.float64] = bonuses.numpy(force=True)
+        return averages
+
+    def _temperature(self) -> torch.Tensor:
+        log_coefficient = getattr(self.model, "log_ent_coef", None)
+        found: torch.Tensor
+        found = self.model.ent_coef_tensor if log_coefficient is None else log_coefficient.exp()
+        return found
 
     def _smallest(self, inputs: torch.Tensor, actions: torch.Tensor) -> torch.Tensor:
         values = self.model.critic(inputs, actions)
