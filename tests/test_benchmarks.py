@@ -74,7 +74,7 @@ def test_the_help_names_the_script(
     with pytest.raises(SystemExit) as ended:
         runpy.run_path(script, run_name="__main__")
     assert ended.value.code == 0
-    assert f"usage: {name}.py" in capsys.readouterr().out.lower()
+    assert f"usage: {name}.py" in capsys.readouterr().out
 
 
 @pytest.mark.slow

@@ -131,6 +131,10 @@ class HelpFormatter(PlainFormatter):
         super().__init__()
         self.defaults = defaults or {}
 
+    def render_usage(self, console: Console, options: ConsoleOptions, usage: Any) -> None:  # noqa: ARG002
+        """Print the line of usage, in lower case as the titles of the groups."""
+        console.print(f"usage: {str(usage).strip()}\n", markup=False, highlight=False)
+
     def __call__(self, console: Console, options: ConsoleOptions, panel: HelpPanel) -> None:  # noqa: ARG002
         """Print a group of commands, arguments or options."""
         if not panel.entries:
@@ -266,10 +270,10 @@ def arguments(app: App, *, described: bool = False) -> list[Argument]:
 
 def help_text(app: App, words: Iterable[str] = (), width: int = 80) -> str:
     """Return the help of a command."""
-    from rich.console import Console
+    from tma_ray.terminal import terminal
 
     text = io.StringIO()
-    app.help_print(list(words), console=Console(file=text, width=width))
+    app.help_print(list(words), console=terminal(file=text, width=width))
     return "\n".join(line.rstrip() for line in text.getvalue().rstrip().splitlines()) + "\n"
 
 

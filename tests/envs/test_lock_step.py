@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from tma_ray.envs import ENVIRONMENTS, make_environment
-from tma_ray.envs.vector import EngineLockStep, SequentialLockStep, lock_step
+from tma_ray.envs.vector import EngineLockStep, LockStep, lock_step
 
 COUNT = 5
 
@@ -37,7 +37,7 @@ def play(worlds, tasks: np.ndarray, steps: int) -> list[tuple[bytes, list[float]
 def test_together_equals_one_by_one(environments) -> None:
     tasks = environments[0].task_space.sample(np.random.default_rng(0), COUNT)
     steps = environments[0].max_episode_steps + 1
-    fast, plain = lock_step(environments), SequentialLockStep(environments)
+    fast, plain = lock_step(environments), LockStep(environments)
     assert isinstance(fast, EngineLockStep)
     seen = play(fast, tasks, steps)
     assert seen == play(plain, tasks, steps)
@@ -46,7 +46,7 @@ def test_together_equals_one_by_one(environments) -> None:
 
 def test_an_environment_of_somebody_else_is_stepped_one_by_one() -> None:
     made = [gymnasium.make("Pendulum-v1") for _ in range(2)]
-    assert type(lock_step(made)) is SequentialLockStep
+    assert type(lock_step(made)) is LockStep
 
 
 def test_who_handed_its_engine_over_is_reset_before_its_next_step(environments) -> None:

@@ -38,29 +38,6 @@ class Outcome(NamedTuple):
         return self.terminated | self.truncated
 
 
-class LockStep(Protocol):
-    """n environments of one kind."""
-
-    def reset(
-        self, rows: NDArray[np.int64], seeds: Sequence[int | None], tasks: Iterable[Task | None]
-    ) -> tuple[NDArray[np.float32], Task]:
-        """Begins an episode in those at `rows` (k,); the first call names all.
-
-        Args:
-            rows: indices of the environments (k,).
-            seeds: that make their episodes repeatable (k,); None goes on with an environment's own stream.
-            tasks: tasks of the episodes, each (d,); None draws one.
-
-        Returns:
-            Observations (k, o) and tasks (k, d).
-        """
-        ...
-
-    def step(self, rows: NDArray[np.int64], actions: NDArray[np.float32]) -> Outcome:
-        """Takes one step in those at `rows` (k,), with `actions` (k, a); no episode that is over."""
-        ...
-
-
 @runtime_checkable
 class EngineEnvironment(Protocol):
     """An environment whose steps are its engine's, so that many can be made in one call."""
@@ -88,19 +65,33 @@ def lock_step(environments: Sequence[gymnasium.Env[Any, Any]], threads: int = 1)
     if threads > most:
         reason = "one for each world" if own else "these worlds do not have the benchmark's engine"
         raise ValueError(f"threads = {threads}: expected at most {most}, {reason}")
-    return EngineLockStep(environments, threads) if own else SequentialLockStep(environments)
+    return EngineLockStep(environments, threads) if own else LockStep(environments)
 
 
-class SequentialLockStep:
-    """Environments of any kind, stepped in turn; see `LockStep`."""
+class LockStep:
+    """n environments of one kind, stepped in turn.
+
+    Attributes:
+        episodic_returns: sum of the rewards of each episode so far (n,).
+    """
 
     def __init__(self, environments: Sequence[gymnasium.Env[Any, Any]]) -> None:
         self._environments = environments
+        self.episodic_returns = np.zeros(len(environments))
 
     def reset(
         self, rows: NDArray[np.int64], seeds: Sequence[int | None], tasks: Iterable[Task | None]
     ) -> tuple[NDArray[np.float32], Task]:
-        """Begins an episode in some; see `LockStep`."""
+        """Begin an episode in those at `rows` (k,); the first call names all.
+
+        Args:
+            rows: indices of the environments (k,).
+            seeds: seeds of their episodes (k,); None goes on with an environment's own stream.
+            tasks: tasks of the episodes, each (d,); None draws one.
+
+        Returns:
+            Observations (k, o) and tasks (k, d).
+        """
         given = list(tasks)
         resets = [
             self._environments[row].reset(seed=seed, options=None if task is None else {"task": task})
@@ -110,10 +101,16 @@ class SequentialLockStep:
         played = [
             task if task is not None else info["task"] for task, (_, info) in zip(given, resets, strict=True)
         ]
+        self.episodic_returns[rows] = 0.0
         return observations, np.stack(played)
 
     def step(self, rows: NDArray[np.int64], actions: NDArray[np.float32]) -> Outcome:
-        """Takes one step in some; see `LockStep`."""
+        """Take one step in those at `rows` (k,), with `actions` (k, a); no episode that is over."""
+        outcome = self._step(rows, actions)
+        self.episodic_returns[rows] += outcome.rewards
+        return outcome
+
+    def _step(self, rows: NDArray[np.int64], actions: NDArray[np.float32]) -> Outcome:
         steps = [self._environments[row].step(action) for row, action in zip(rows, actions, strict=True)]
         observations, rewards, terminated, truncated, _ = zip(*steps, strict=True)
         return Outcome(
@@ -124,8 +121,8 @@ class SequentialLockStep:
         )
 
 
-class EngineLockStep(SequentialLockStep):
-    """Environments that hand their engines over, each with a counter of its steps; see `LockStep`."""
+class EngineLockStep(LockStep):
+    """Environments that hand their engines over, each with a counter of its steps."""
 
     def __init__(self, environments: Sequence[gymnasium.Env[Any, Any]], threads: int = 1) -> None:
         super().__init__(environments)
@@ -137,7 +134,7 @@ class EngineLockStep(SequentialLockStep):
     def reset(
         self, rows: NDArray[np.int64], seeds: Sequence[int | None], tasks: Iterable[Task | None]
     ) -> tuple[NDArray[np.float32], Task]:
-        """Begins an episode in some; see `LockStep`."""
+        """Begin an episode in some; see `LockStep`."""
         observations, played = super().reset(rows, seeds, tasks)
         engines = [self._environments[row].release_engine() for row in rows]
         if self._batch is None:
@@ -145,8 +142,7 @@ class EngineLockStep(SequentialLockStep):
         self._steps[rows] = 0
         return observations, played
 
-    def step(self, rows: NDArray[np.int64], actions: NDArray[np.float32]) -> Outcome:
-        """Takes one step in some; see `LockStep`."""
+    def _step(self, rows: NDArray[np.int64], actions: NDArray[np.float32]) -> Outcome:
         assert self._batch is not None, "reset begins the first episodes"
         observations, rewards, terminated = self._batch.step(rows, actions)
         self._steps[rows] = steps = self._steps[rows] + 1
@@ -206,7 +202,6 @@ class VectorEnvironment(VectorEnv[Observations, NDArray[np.float32], NDArray[Any
         self._threads = threads
         self._rows = np.arange(self.num_envs)
         self._running = np.zeros(self.num_envs, np.bool_)
-        self._returns = np.zeros(self.num_envs)
         self._observations: Observations | None = None
 
     def reset(
@@ -241,7 +236,7 @@ class VectorEnvironment(VectorEnv[Observations, NDArray[np.float32], NDArray[Any
         )
         if self._observations is None:
             self._observations = np.empty((self.num_envs, observations.shape[1]), np.float32)
-        self._observations[chosen], self._returns[chosen], self._running[chosen] = observations, 0.0, True
+        self._observations[chosen], self._running[chosen] = observations, True
         shown = np.zeros((self.num_envs, played.shape[1]), played.dtype)
         shown[chosen] = played
         success = {"success": np.zeros(self.num_envs, np.bool_), "_success": mask.copy()}
@@ -271,12 +266,11 @@ class VectorEnvironment(VectorEnv[Observations, NDArray[np.float32], NDArray[Any
                 f"reset(options={{'reset_mask': terminations | truncations}})"
             )
         outcome = self._worlds.step(self._rows, values)
-        self._returns += outcome.rewards
         self._running[outcome.over] = False
         assert self._observations is not None
         self._observations[:] = outcome.observations
         success = {
-            "success": self._returns > self._mastery_return,
+            "success": self._worlds.episodic_returns > self._mastery_return,
             "_success": np.ones(self.num_envs, np.bool_),
         }
         return outcome.observations, outcome.rewards, outcome.terminated, outcome.truncated, success

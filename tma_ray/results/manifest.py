@@ -194,10 +194,10 @@ def read_index(store: Store, text: str = "") -> Iterator[tuple[str, Manifest | E
 
     A line that is damaged gives its error instead, and so does an index that cannot be read.
     """
+    if not store.holds(INDEX_FILE):  # most roots have none, and status looks every few seconds
+        return
     try:
         lines = _index_lines(store)
-    except FileNotFoundError:
-        return
     except (OSError, DamagedFileError) as error:
         yield INDEX_FILE, error
         return

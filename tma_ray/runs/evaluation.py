@@ -48,15 +48,13 @@ def played_episodes(
     """
     running = np.arange(len(tasks))
     observations, _ = worlds.reset(running, seeds, tasks)
-    episodic_returns = np.zeros(len(running))
     lengths = np.zeros(len(running), dtype=np.int64)
     while len(running) and most_steps > 0:
         outcome = worlds.step(running, act(observations))
-        episodic_returns[running] += outcome.rewards
         lengths[running] += 1
         most_steps -= len(running)
         running, observations = running[~outcome.over], outcome.observations[~outcome.over]
-    return episodic_returns, lengths
+    return worlds.episodic_returns[: len(tasks)].copy(), lengths
 
 
 class Evaluation:

@@ -43,7 +43,7 @@ class Device(NamedTuple):
     compiled: bool | str = False
 
 
-def pays_together(place: Device) -> bool:
+def batching_is_faster(place: Device) -> bool:
     """Returns True if one product of all runs is faster than one for each: not on a processor in float32."""
     return place.device.type != "cpu" or bool(place.compiled) or place.precision == MatmulPrecision.MEDIUM
 
@@ -70,7 +70,7 @@ class StackedLearner(ABC):
         self._owed = torch.zeros(width, dtype=torch.int64, device=self._device)
         self._place = place
         self._repeated = Repeated(self._advance_once, place.precision, self._device)
-        self.together = pays_together(place)
+        self.together = batching_is_faster(place)
         self._rows: dict[int, Repeated] = {}
 
     def leave(self, slot: int) -> None:
