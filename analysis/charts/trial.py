@@ -24,7 +24,7 @@ def course_chart(
     """Returns a panel for each comparison: boundaries, margin, differences with their intervals.
 
     Args:
-        courses: rows of `trials.course.course` by reference.
+        courses: rows of `trials.standing.course` by reference.
         teacher: new teacher.
         margin: difference in points that does not matter.
         name: identifier of the chart.

@@ -13,6 +13,7 @@ from rich.table import Table
 from analysis.baselines import BaselineError, BaselineKind, as_baseline, baselines, find_baseline
 from analysis.baselines.catalogue import SHIPPED, Baseline, BaselineManifest, read
 from analysis.baselines.verification import verify
+from analysis.charts.intervals import rank_chart
 from analysis.claims.agreement import Agreement, agreements
 from analysis.claims.judging import Verdict, root_verdicts
 from analysis.comparisons.boards import Entry, Leaderboard, leaderboards
@@ -20,7 +21,7 @@ from analysis.comparisons.sentences import caveat
 from analysis.formatting import amount, estimate, number
 from analysis.measures.evaluations import ceilings_in_words
 from analysis.measures.tested import FINAL, HEADLINE, MEASURES, QUANTITIES, how_tested
-from analysis.names import challenge_title, label, short_labels
+from analysis.names import challenge_title, label
 from analysis.statistics.samples import MARGIN, Standing
 from tma_ray.results import CHIPMUNK
 from tma_ray.terminal import terminal
@@ -87,9 +88,6 @@ NO_BREAK = "\N{NO-BREAK SPACE}"
 LINE = 80
 """Width of the terminal in characters."""
 
-NAMES_WIDTH, RANK_WIDTH, ROW_HEIGHT = 170, 28, 20
-"""Sizes of names, of a rank and of a teacher in the chart of ranks, CSS pixels."""
-
 CHALLENGE_WIDTH, LEAST_TEACHER_WIDTH = 10, 14
 """Characters of a column, of which six and one fill a line."""
 
@@ -137,34 +135,12 @@ def markdown(names: Sequence[str] = ()) -> str:
 
 
 def _rank_chart(board: Leaderboard) -> str:
-    """Return ranks, and the ranks that tests leave open, as SVG with a row per teacher."""
-    ranks = [entry.rank for entry in board.entries]
-    width, height = NAMES_WIDTH + RANK_WIDTH * len(ranks), ROW_HEIGHT * (len(ranks) + 1)
-    places = [NAMES_WIDTH + RANK_WIDTH * (place + 0.5) for place in range(len(ranks))]
-    parts = [
-        f'<text x="{x:g}" y="13" text-anchor="middle">{place}</text>'
-        f'<line x1="{x:g}" x2="{x:g}" y1="18" y2="{height}" stroke-opacity=".12"/>'
-        for place, x in enumerate(places, start=1)
-    ]
-    for row, rank in enumerate(ranks, start=1):
-        y, x, low, high = (
-            ROW_HEIGHT * (row + 0.5),
-            *(places[n - 1] for n in (rank.rank, rank.best, rank.worst)),
-        )
-        words = f"{label(rank.teacher)}: rank {rank.rank}, {rank.best} to {rank.worst} open"
-        parts.append(
-            f"<g><title>{html.escape(words)}</title>"
-            f'<text x="{NAMES_WIDTH - 8}" y="{y + 4:g}" text-anchor="end">'
-            f"{html.escape(short_labels([rank.teacher])[rank.teacher])}</text>"
-            f'<line x1="{low:g}" x2="{high:g}" y1="{y:g}" y2="{y:g}" stroke-width="3" stroke-opacity=".45"/>'
-            f'<circle cx="{x:g}" cy="{y:g}" r="5"/></g>'
-        )
-    size = f'viewBox="0 0 {width} {height}" style="max-width: {1.25 * width:g}px"'
-    return (
-        f'<figure class="ranks"><svg {size} role="img" fill="currentColor" stroke="currentColor" '
-        f'aria-label="Ranks of teachers">{"".join(parts)}</svg>'
-        "<figcaption>Ranks: dots are by the mean, lines are what tests leave open.</figcaption></figure>"
-    )
+    from analysis.charts.paper.drawing import draw  # matplotlib
+    from analysis.charts.paper.style import svg
+
+    chart = rank_chart({board.title: [entry.rank for entry in board.entries]})
+    caption = f"<figcaption>{html.escape(chart.caption)}</figcaption>"
+    return f'<figure class="ranks">{svg(draw(chart))}{caption}</figure>'
 
 
 def _markdown_table(board: Leaderboard) -> str:

@@ -19,9 +19,8 @@ from analysis.formatting import ends, number
 from analysis.looks import shown_together
 from analysis.names import label, own_first
 from analysis.pages.page import Controls, page, page_folder, write_page
-from analysis.trials.course import course, curves
 from analysis.trials.design import Design, Released
-from analysis.trials.standing import Look
+from analysis.trials.standing import Look, course, curves
 from analysis.trials.wording import (
     ENDINGS,
     latex_row,

@@ -1,4 +1,4 @@
-"""The standing of a trial: its comparisons at each look that is complete."""
+"""The standing of a trial: its comparisons at each look that is complete, and what charts show of them."""
 
 from __future__ import annotations
 
@@ -10,8 +10,10 @@ from enum import StrEnum
 import numpy as np
 import pandas as pd
 
+from analysis.data.frames import Frames
+from analysis.measures.evaluations import aggregate
 from analysis.trials.boundaries import median_unbiased
-from analysis.trials.design import PLACE, Design, Released, moments
+from analysis.trials.design import PLACE, Design, Released, moments, planned
 from analysis.trials.rules import FUTILE, Floats, Moments, Rule, Verdict, difference
 
 LARGEST = 100.0
@@ -160,3 +162,43 @@ def _ending(settled: Sequence[Finding], look: int, design: Design) -> Ending:
     if look == len(design.looks) - 1:
         return Ending.LAST
     return Ending.FUTILE if all(each.power < FUTILE for each in still) else Ending.GOES_ON
+
+
+def course(design: Design, released: Released, looks: list[Look], reference: str) -> pd.DataFrame:
+    """Return a row for each look of one comparison, those to come as the release lets expect them.
+
+    Returns:
+        seeds; better and worse: differences beyond which the teacher is; value, low and high: difference
+        and repeated confidence interval, NaN of looks to come; verdict; in points.
+    """
+    runs = released.moments(reference, [cell.place for cell in design.cells]).runs
+    rule = design.rule(reference, runs)
+    rows = []
+    for number, (seeds, expected) in enumerate(zip(design.looks, planned(design, runs), strict=True)):
+        ends = {"better": float(rule.reach(expected, number, above=True))}
+        ends["worse"] = -float(rule.reach(expected, number, above=False))
+        row: dict[str, object] = {"seeds": seeds, "value": float("nan"), "low": float("nan")}
+        row |= {"high": float("nan"), "verdict": ""}
+        if number < len(looks):
+            found = next(each for each in looks[number].findings if each.reference == reference)
+            ends = {"better": found.value - found.low, "worse": found.value - found.high}
+            row |= {"value": found.value, "low": found.low, "high": found.high}
+            row["verdict"] = found.verdict.value
+        rows.append(row | {name: max(-LARGEST, min(LARGEST, end)) for name, end in ends.items()})
+    return pd.DataFrame(rows)
+
+
+def curves(design: Design, frames: Frames, own: Frames) -> pd.DataFrame:
+    """Return the learning curves of the new teacher and of both references, over the cells of the trial.
+
+    Returns:
+        teacher, step, n, mean, std and standard_error of the mastered test tasks, in per cent.
+    """
+    places = pd.DataFrame([cell.place for cell in design.cells], columns=PLACE)
+    found = []
+    for source, names in ((frames, design.references), (own, (design.teacher,))):
+        cells = source.cells[source.cells["teacher"].isin(names)].astype(dict.fromkeys(PLACE, str))
+        runs = cells.merge(places, on=PLACE)[["teacher", "run_id"]].drop_duplicates()
+        rows = source.measured[["run_id", "step", "mastered_percent"]].astype({"run_id": object})
+        found.append(runs.astype(object).merge(rows, on="run_id"))
+    return aggregate(pd.concat(found, ignore_index=True), "mastered_percent", ["teacher"])

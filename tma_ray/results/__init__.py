@@ -68,6 +68,8 @@ from tma_ray.results.records import (
     RunRecord,
     RunStatus,
     SpecFacts,
+    TrialFile,
+    TrialLook,
     spec_digest,
     write_progress,
 )
@@ -81,7 +83,6 @@ from tma_ray.results.storage import (
     explained_disk,
     retry,
 )
-from tma_ray.results.trials import TrialFile, TrialLook
 from tma_ray.results.verification import Damage, Inspector, RootVerification, damage_reason, verify_root
 from tma_ray.results.writer import RunWriter
 

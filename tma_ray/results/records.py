@@ -233,3 +233,51 @@ def unheard(store: Store, run_id: str, attempt: int) -> AttemptRecord:
     written_at, _ = store.stamps(MANIFESTS).get(manifest_path(run_id), (None, None))
     started_at = datetime.fromtimestamp(written_at / 1e9, UTC) if written_at else datetime.now(UTC)
     return AttemptRecord(run_id, attempt, started_at, 0.0, 0.0, "", "{}", AttemptOutcome.LOST)
+
+
+TRIAL_FILE: Final = "trial.json"
+
+
+@dataclass(frozen=True)
+class TrialLook:
+    """A look at a trial.
+
+    Attributes:
+        seeds: number of seeds of every cell.
+        said: verdicts in a sentence.
+    """
+
+    seeds: Natural
+    said: str
+
+
+@dataclass(frozen=True)
+class TrialFile:
+    """The content of `TRIAL_FILE`.
+
+    Attributes:
+        design: what was fixed beforehand.
+        looks: looks so far.
+        ended: why it ended; empty while it goes on.
+        format: kind of the file.
+    """
+
+    design: Mapping[str, Any]
+    looks: tuple[TrialLook, ...] = ()
+    ended: str = ""
+    format: str = "tma_ray trial"
+
+    @classmethod
+    def load(cls, store: Store) -> TrialFile | None:
+        """Return the trial of a root, None if it has none.
+
+        Raises:
+            DamagedFileError: it is not what was written.
+        """
+        if not store.holds(TRIAL_FILE):
+            return None
+        return decode_json(store.read_bytes(TRIAL_FILE), cls, store.where(TRIAL_FILE))
+
+    def save(self, store: Store) -> None:
+        """Write it in one piece."""
+        store.write_bytes(TRIAL_FILE, (json.dumps(asdict(self), indent=1) + "\n").encode())

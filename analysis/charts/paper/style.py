@@ -85,6 +85,13 @@ def png(figure: Figure) -> bytes:
     return _file(figure, "png", DPI)
 
 
+def svg(figure: Figure) -> str:
+    """Return `figure` as an element of a page, whose letters can be searched and read aloud."""
+    with mpl.rc_context({"svg.fonttype": "none"}):
+        text = _file(figure, "svg", DPI).decode()
+    return " ".join(text[text.index("<svg") :].split())  # no line is empty, which would end it in Markdown
+
+
 def save(figure: Figure, path: str | Path, vector: Vector = Vector.PDF) -> tuple[Path, Path]:
     """Writes `figure` as a vector file and as a PNG file; the same figure gives the same bytes.
 
