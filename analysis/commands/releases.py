@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import html
 from collections import Counter
 from collections.abc import Iterable, Sequence
 from pathlib import Path
@@ -138,9 +137,8 @@ def _rank_chart(board: Leaderboard) -> str:
     from analysis.charts.paper.drawing import draw  # matplotlib
     from analysis.charts.paper.style import svg
 
-    chart = rank_chart({board.title: [entry.rank for entry in board.entries]})
-    caption = f"<figcaption>{html.escape(chart.caption)}</figcaption>"
-    return f'<figure class="ranks">{svg(draw(chart))}{caption}</figure>'
+    ranks = [entry.rank for entry in board.entries]
+    return f'<figure class="ranks">{svg(draw(rank_chart({board.title: ranks})))}</figure>'
 
 
 def _markdown_table(board: Leaderboard) -> str:
