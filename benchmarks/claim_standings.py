@@ -1,20 +1,21 @@
-"""Standings of claims: the paper's by its own tables and by a release, and simulated ones of known effect.
+"""Standings of claims: the paper's by its own tables, and simulated ones of known effect.
 
     python benchmarks/claim_standings.py
 
-Prints the tables of ``docs/statistics.md``.
+Prints the rows of ``measured/paper_claims.csv`` and ``measured/statements_decided.csv``.
 """
 
 from __future__ import annotations
 
 import argparse
+import csv
+import sys
 from collections.abc import Callable
 
 import numpy as np
 import pandas as pd
 
-from analysis.baselines.catalogue import read
-from analysis.claims.judging import PaperSource, RootSource, judge
+from analysis.claims.judging import PaperSource, judge
 from analysis.statistics import Comparison, stratified
 from analysis.statistics.samples import Standing, equivalent, greater
 
@@ -51,29 +52,23 @@ def _sample(values: np.ndarray, prefix: str) -> pd.Series:
     return pd.Series(values, index=[f"{prefix}{i}" for i in range(len(values))])
 
 
-def of_the_paper(release: str) -> list[str]:
-    """Returns a row for each of the paper's claims: its standing by the paper's tables, and by a release."""
-    theirs, ours = (judge(source) for source in (PaperSource(), RootSource(read(release))))
-    return [
-        f"| {mine.claim.text} | {mine.standing}: {mine.describe()} | {other.standing}: {other.describe()} |"
-        for mine, other in zip(theirs, ours, strict=True)
-    ]
+def of_the_paper() -> list[tuple[str, str, str]]:
+    """Returns each of the paper's claims with its standing by the paper's tables."""
+    return [(each.claim.text, each.standing, each.describe()) for each in judge(PaperSource())]
 
 
 def main() -> None:
     """Prints the paper's claims, then shares of simulated ones: supported / undecided / refuted."""
     parser = argparse.ArgumentParser(allow_abbrev=False, description=__doc__)
     parser.add_argument("--experiments", type=int, default=2_000, help="simulated for each row (%(default)s)")
-    parser.add_argument("--release", default="lite-1", help="that claims are held against (%(default)s)")
-    given = parser.parse_args()
-    experiments = given.experiments
-    print(*of_the_paper(given.release), sep="\n")
+    experiments = parser.parse_args().experiments
+    csv.writer(sys.stdout, lineterminator="\n").writerows(of_the_paper())
     for challenges in CHALLENGES:
         for difference in DIFFERENCES:
             for seeds in SIZES:
                 found = standings(difference, seeds, challenges, experiments)
                 shares = (" / ".join(f"{share:.0f}" for share in found[name]) for name in STATEMENTS)
-                print(f"| {challenges} | {difference:.0f} | {seeds} | {' | '.join(shares)} |", flush=True)
+                print(f"{challenges},{difference:.0f},{seeds},{','.join(shares)}", flush=True)
 
 
 if __name__ == "__main__":

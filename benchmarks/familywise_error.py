@@ -2,9 +2,9 @@
 
     python benchmarks/familywise_error.py
 
-Prints the tables of ``docs/statistics.md``. Simulated runs are those of the release with the means of their
-cells taken away, drawn with replacement within each cell (a teacher, challenge and body), so that every cell
-keeps its own spread and skew.
+Prints the rows of ``measured/pairs_decided.csv`` and ``measured/false_findings.csv``, and coverages.
+Simulated runs are those of the release with the means of their cells taken away, drawn with replacement in each
+cell (a teacher, challenge and body), so that every cell keeps its own spread and skew.
 """
 
 from __future__ import annotations
@@ -185,16 +185,16 @@ def main() -> None:
         values = on_scale(release.values, scale)
         found = by_holm(values, release, rng), by_permutation(values, release, rng, 9_999)
         counts = ((p < SIGNIFICANCE).sum() for p in (*(f.pairs for f in found), *(f.random for f in found)))
-        print(f"| {measure} | {scale} | {' | '.join(map(str, counts))} |", flush=True)
+        print(f"{measure},{scale},{','.join(map(str, counts))}", flush=True)
     for measure in ("mastered_area", "last_three"):
         release, scale = released(runs, measure), scale_of(measure)
         for half, seeds in itertools.product((False, True), SIZES):
             shares = simulated(release, scale, seeds, given.experiments, half=half)
             title = "half of them" if half else "all"
-            print(f"| {measure} | {title} | {seeds} | {' | '.join(shares)} |", flush=True)
+            print(f"{measure},{title},{seeds},{','.join(shares)}", flush=True)
     for seeds in SIZES:
         held = coverage(released(runs, "mastered_area"), Scale.ARCSINE, seeds, 1 + given.experiments // 40)
-        print(f"| {seeds} | {held:.1f} |", flush=True)
+        print(f"{seeds},{held:.1f}", flush=True)
 
 
 if __name__ == "__main__":

@@ -6,7 +6,8 @@
 
 Three teachers of PPO on the shuffled space, 40 thousand steps each: of all challenges the one whose runs have
 most in common, the worlds of the evaluations and, by seed, the shuffle. Prints the correlation of runs of the
-same seed, the widths of Welch's and of the paired intervals, and what the rule says.
+same seed, the widths of Welch's and of the paired intervals, and what the rule says,
+as rows of ``measured/pairing_of_*.csv``.
 """
 
 from __future__ import annotations
@@ -59,9 +60,9 @@ def told(name: str, table: pd.DataFrame) -> list[str]:
             widths = [_widths(wide[first], wide[second]) for first, second in itertools.combinations(wide, 2)]
             unpaired, pairs = (sum(each) / len(widths) for each in zip(*widths, strict=True))
             lines.append(
-                f"| {name} | {challenge} | {measure} | {wide.shape[1]} | {n} | {found.value:+.2f} "
-                f"[{found.low:+.2f}, {found.high:+.2f}] | {least_correlation(n):.2f} | {unpaired:.1f} | "
-                f"{pairs:.1f} | {'paired' if pairing_helps(found, n) else 'not paired'} |"
+                f"{name},{challenge},{measure},{wide.shape[1]},{n},"
+                f'"{found.value:+.2f} [{found.low:+.2f}, {found.high:+.2f}]",{least_correlation(n):.2f},'
+                f"{unpaired:.1f},{pairs:.1f},{'paired' if pairing_helps(found, n) else 'not paired'}"
             )
     return lines
 

@@ -88,11 +88,11 @@ def test_a_measurement_ends_and_writes_json(name: str, tmp_path: Path) -> None:
 @pytest.mark.parametrize("name", sorted(OTHERS))
 def test_another_script_ends_with_its_summary(name: str, tmp_path: Path) -> None:
     summaries = {
-        "claim_standings": "In Parkour ADR is worse than Random. | supported: 1 of 1",
+        "claim_standings": "In Parkour ADR is worse than Random.,supported,1 of 1",
         "cohort": "| student | width | alone, µs | players, µs | learner, µs | speed per core |",
         "data_plane": "| Ray calls |",
-        "familywise_error": "| mastered_area | arcsine | 15 |",
-        "interval_coverage": "| bimodal | 5 | 32 |",
+        "familywise_error": "mastered_area,arcsine,15,",
+        "interval_coverage": "bimodal,5,32,",
         "learning": "of 1 seeds walk",
         "lite": "steps/s; ",
         "locomotion": "climbing_chimpanzee, easy_climbing: mean return by seed",

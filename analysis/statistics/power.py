@@ -32,8 +32,9 @@ def power(
 
     Exact for normal samples: the noncentral t distribution holds where the degrees of freedom are known, as
     in Student's test, but Welch estimates them from the two sample variances, which costs much power
-    with two or three seeds. Given both variances the test statistic is normal, so that
-    the power is its mean over the distributions of both, by Gauss and Legendre's quadrature.
+    with two or three seeds: with 3 seeds and a deviation of 10 it promises 0.8 for 30.7 points, which have
+    0.70, and 35.1 are needed; from 10 seeds on both agree. Given both variances the test statistic is normal,
+    so that the power is its mean over the distributions of both, by Gauss and Legendre's quadrature.
 
     Args:
         difference: difference of the true means.

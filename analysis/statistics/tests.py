@@ -177,6 +177,10 @@ class Comparison:
 def welch(sample: pd.Series, reference: pd.Series) -> Comparison:
     """Compares the means of two independent samples without assuming equal variances.
 
+    With v = std² / n of each sample, t is the difference of the means by the root of v₁ + v₂, and the degrees
+    of freedom are (v₁ + v₂)² / (v₁² / (n₁ - 1) + v₂² / (n₂ - 1)) (Welch, 1947). Teachers differ in variance,
+    too, since some fail with some seeds; with equal variances the power is nearly Student's.
+
     Where a standard deviation is 0, as of a teacher that masters nothing with any seed, p is that of the
     permutation test. With spread in the other sample the interval is Welch's, widened to hold 0 where p is
     not under 0.05; with none in either the interval is missing.
@@ -254,6 +258,7 @@ def stratified(pairs: Sequence[tuple[pd.Series, pd.Series]], weights: Sequence[f
 
     The difference is the weighted mean of the strata's differences. Samples of a stratum need not have equal
     variances, nor strata each other's: the degrees of freedom are Welch and Satterthwaite's over all of them.
+    Weights are equal for challenges, so that none counts more because its variance is small.
 
     Where no sample of any stratum has a spread, p is that of the permutation test within strata, and
     the interval is missing.
@@ -477,8 +482,8 @@ def seed_correlation(tables: Sequence[NDArray[np.float64]]) -> Correlation:
 def least_correlation(n: int) -> float:
     """Returns the correlation over which pairs of `n` runs have a narrower interval than Welch's test.
 
-    The variance of a difference falls by the correlation, while Student's quantile grows, since n - 1 degrees
-    of freedom are left of 2 n - 2.
+    0.58 with 3 runs, 0.31 with 5, 0.14 with 10: the variance of a difference falls by the correlation, while
+    Student's quantile grows, since n - 1 degrees of freedom are left of 2 n - 2.
 
     Raises:
         ValueError: fewer than 2 runs.

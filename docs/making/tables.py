@@ -26,8 +26,17 @@ from tma_ray.teachers import TEACHERS
 
 ROOT = Path(__file__).parents[2]
 
-DATA = {"fidelity": ROOT / "docs" / "fidelity", "evidence": ROOT / "benchmarks" / "measured" / "evidence"}
-"""Folders of tables that pages show as they are, one CSV file a table, by the first word of their names."""
+MEASURED = (
+    *("pairs_decided", "false_findings", "pairing_of_measurements", "pairing_of_releases"),
+    *("interval_coverage", "statements_decided", "paper_claims"),
+)
+"""Tables of `benchmarks/measured`; its other files have evaluations."""
+
+DATA = {
+    "fidelity": sorted((ROOT / "docs" / "fidelity").glob("*.csv")),
+    "measured": [ROOT / "benchmarks" / "measured" / f"{name}.csv" for name in MEASURED],
+}
+"""Tables that pages show as they are, one CSV file a table, by the first word of their marks."""
 
 NONE = "\N{EN DASH}"
 """Of a cell with nothing to say."""
@@ -293,8 +302,8 @@ GENERATED: dict[str, Callable[[], str]] = {
     "findings": shipped_findings,
     **{
         f"{kind} {path.stem}": functools.partial(data_table, path)
-        for kind, folder in DATA.items()
-        for path in sorted(folder.glob("*.csv"))
+        for kind, files in DATA.items()
+        for path in files
     },
 }
 """What pages may ask for, by name."""
