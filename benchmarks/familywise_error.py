@@ -3,8 +3,8 @@
     python benchmarks/familywise_error.py
 
 Prints the rows of ``measured/pairs_decided.csv`` and ``measured/false_findings.csv``, and coverages.
-Simulated runs are those of the release with the means of their cells taken away, drawn with replacement in each
-cell (a teacher, challenge and body), so that every cell keeps its own spread and skew.
+Simulated runs are those of the release with the means of their cells taken away, drawn with replacement in
+each cell (a teacher, challenge and body), so that every cell keeps its own spread and skew.
 """
 
 from __future__ import annotations
