@@ -97,7 +97,7 @@ def sentence(design: Design, look: Look) -> str:
 
 
 def _best(design: Design, finding: Finding) -> str:
-    return "" if is_baseline(finding.reference) else f", the best of {design.candidates} there,"
+    return "" if is_baseline(finding.reference) else f", the best of {design.candidates} there"
 
 
 def _numbers(finding: Finding) -> str:

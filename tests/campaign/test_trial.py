@@ -23,6 +23,7 @@ from tma_ray.campaign.settings import Settings
 from tma_ray.campaign.speeds import Throughput, kind_of
 from tma_ray.cli import main
 from tma_ray.results import Results, Store, TrialFile, TrialLook, create_root
+from tma_ray.teachers import TEACHERS
 
 PLACES = [
     ("stump_tracks", "original", "classic_bipedal", "ppo", "high"),
@@ -120,11 +121,26 @@ def test_the_plan_is_told_before_anything_is_spent(
     assert not folder.exists()
 
 
+def test_a_teacher_whose_limits_are_exceeded_is_refused_before_anything_is_written(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(TEACHERS.get("sobol"), "most_dimensions", 1)
+    folder = tmp_path / "results"
+    for where in (["--simulated", "--cells", "original"], ["--cells", "original", "--yes", "--local"]):
+        assert main(["trial", "sobol", *where, "--results", str(folder)]) == 2
+        assert "Sobol teaches in 1 dimensions at most, not 2" in capsys.readouterr().err
+        assert not folder.exists()
+
+
 def test_status_tells_where_a_trial_stands(planned: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["status", str(planned)]) == 0
     said = capsys.readouterr().out
     assert "Trial of sobol against simulated-1: under way; looks after 3, 5, 10, 20 seeds" in said
     assert "look after 3 seeds: open" in said
+    assert main(["status", str(planned), "--json"]) == 0
+    trial = json.loads(capsys.readouterr().out)["trial"]
+    assert (trial["design"]["teacher"], trial["ended"]) == ("sobol", "")
+    assert trial["looks"] == [{"seeds": 3, "said": "look after 3 seeds: open"}]
 
 
 @pytest.mark.slow

@@ -111,6 +111,23 @@ def test_what_cannot_run_is_refused(cell: Cell, message: str) -> None:
         spec_of(cell)
 
 
+@pytest.mark.parametrize(
+    ("limits", "cell", "message"),
+    [
+        ({"most_dimensions": 2}, Cell("parkour", embodiment="fish"), "2 dimensions at most, not 8"),
+        ({"constant_dimensions": False}, Cell("parkour", embodiment="fish"), "constant dimension"),
+    ],
+)
+def test_a_space_beyond_the_limits_of_a_teacher_is_refused(
+    limits: dict[str, int], cell: Cell, message: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for name, value in limits.items():
+        monkeypatch.setattr(TEACHERS.get(cell.teacher), name, value)
+    assert spec_of(Cell(teacher=cell.teacher)).task_space.size == 2
+    with pytest.raises(ValueError, match=f"teacher 'random': .*{message}"):
+        spec_of(cell)
+
+
 @pytest.mark.parametrize("name", TEACHERS.names())
 def test_every_teacher_refuses_numbers_that_are_not_finite(name: str) -> None:
     for key, value in hyperparameters_of(make_teacher(name)).items():

@@ -15,9 +15,10 @@ import numpy as np
 import pytest
 from odd_queries import AsksForTrajectories, AsksForValues
 
-from tma_ray.teachers import Teacher
+from tma_ray.teachers import TEACHERS, Teacher
 from tma_ray.teachers.random import Random
 from tma_ray.testing import TeacherConformance, TrialStudent
+from tma_ray.testing.conformance import check_quickly
 from tma_ray.testing.trials import SCENARIOS
 
 NEW_PROCESS = "test_a_saved_teacher_continues_in_a_new_process"
@@ -118,6 +119,24 @@ def test_trajectories_have_to_be_declared(monkeypatch: pytest.MonkeyPatch) -> No
     kit = type("Kit", (TeacherConformance,), {"teacher": AsksForTrajectories})()
     with pytest.raises(ValueError, match="wants_trajectory = True"):
         kit.test_tasks_stay_inside_the_space(SCENARIOS[0])
+
+
+@pytest.mark.parametrize(
+    ("name", "message"),
+    [
+        ("Grid", r"Grid fails in the task space a 0\.\.1, fixed 10\.\.10, .*declare its limits"),
+        ("FreeGrid", r"does not start in 20 dimensions \(Unable to allocate 26.* PiB.*most_dimensions"),
+    ],
+)
+def test_limits_that_are_not_declared_are_told_before_anything_is_spent(name: str, message: str) -> None:
+    with pytest.raises(ValueError, match=message):
+        check_quickly(f"grid_teacher:{name}")
+
+
+def test_a_teacher_is_tested_within_the_limits_that_it_declares() -> None:
+    check_quickly("grid_teacher:SmallGrid")
+    kit = type("Kit", (TeacherConformance,), {"teacher": TEACHERS.get("grid_teacher:SmallGrid")})
+    assert kit.claimed_scenarios() == list(SCENARIOS[:2])
 
 
 @pytest.mark.slow

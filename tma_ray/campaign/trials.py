@@ -113,9 +113,25 @@ def _stopped_at(deadline: float | None, results: str) -> Iterator[None]:
         timer.cancel()
 
 
+def simulated_cells(teacher: str, places: Sequence[tuple[str, ...]]) -> list[matrix.SimulatedCell]:
+    """Return the cells of a trial on simulated students.
+
+    Args:
+        teacher: canonical name.
+        places: environment, challenge, body, student and level of expert knowledge of each.
+
+    Raises:
+        ValueError: a challenge beyond the limits that the teacher declares.
+    """
+    return [
+        cell
+        for _, challenge, _, _, level in places
+        for cell in matrix.cells_of([teacher], [find_simulated_challenge(challenge)], [KnowledgeLevel(level)])
+    ]
+
+
 def simulate_looks(
-    teacher: str,
-    places: Sequence[tuple[str, ...]],
+    cells: Sequence[matrix.SimulatedCell],
     looks: Sequence[Sequence[int]],
     options: TrialOptions,
     judge: Judge,
@@ -123,8 +139,7 @@ def simulate_looks(
     """Run a trial on simulated students, as `run_looks`.
 
     Args:
-        teacher: canonical name.
-        places: cells: environment, challenge, body, student and level of expert knowledge.
+        cells: cells, of `simulated_cells`.
         looks: seeds of every cell until each look.
         options: with results and jobs.
         judge: is called after each look.
@@ -132,11 +147,6 @@ def simulate_looks(
     Raises:
         ProcessLostError: a process was killed; the same call continues.
     """
-    cells = [
-        cell
-        for _, challenge, _, _, level in places
-        for cell in matrix.cells_of([teacher], [find_simulated_challenge(challenge)], [KnowledgeLevel(level)])
-    ]
     for seeds in looks:
         root = SimulatedRoot(options.results, cells, seeds, EPISODES)
         runs = matrix.run_cells(cells, seeds, EPISODES, options.jobs, tuple(root.kept()))

@@ -75,13 +75,15 @@ def trial(name: Name, /, *, options: TrialOptions = TrialOptions()) -> int:
 def _planned(design: Design, baseline: Baseline, *, simulated: bool) -> tuple[Design, list[Plan]]:
     """Return the design with the digest of its runs, and these of each look; none of simulated students."""
     from tma_ray.campaign.repeating import trial_plan
-    from tma_ray.campaign.trials import CAMPAIGN
+    from tma_ray.campaign.trials import CAMPAIGN, simulated_cells
     from tma_ray.teachers import TEACHERS
 
+    places = [cell.place for cell in design.cells]
     if simulated:
+        simulated_cells(design.teacher, places)  # refuses what the teacher cannot teach
         plugin = TEACHERS.plugin(design.teacher)
         return replace(design, runs=plugin.digest if plugin else ""), []
-    results, places = Results(baseline.store()), [cell.place for cell in design.cells]
+    results = Results(baseline.store())
     plans = [
         trial_plan(CAMPAIGN, results, design.teacher, places, design.seeds[:seeds]) for seeds in design.looks
     ]
@@ -91,7 +93,13 @@ def _planned(design: Design, baseline: Baseline, *, simulated: bool) -> tuple[De
 
 def _started(options: TrialOptions, trial: _Trial, plans: list[Plan]) -> int:
     """Tell the cost and run the looks."""
-    from tma_ray.campaign.trials import confirm_trial, run_looks, simulate_looks, trial_cost
+    from tma_ray.campaign.trials import (
+        confirm_trial,
+        run_looks,
+        simulate_looks,
+        simulated_cells,
+        trial_cost,
+    )
     from tma_ray.testing.conformance import check_quickly
 
     cost = trial_cost(plans, options) if plans else None
@@ -108,8 +116,8 @@ def _started(options: TrialOptions, trial: _Trial, plans: list[Plan]) -> int:
         code = run_looks(plans, cost, options, trial.judge)
     else:
         seeds = [trial.design.seeds[:count] for count in trial.design.looks]
-        places = [cell.place for cell in trial.design.cells]
-        code = simulate_looks(trial.design.teacher, places, seeds, options, trial.judge)
+        cells = simulated_cells(trial.design.teacher, [cell.place for cell in trial.design.cells])
+        code = simulate_looks(cells, seeds, options, trial.judge)
     trial.conclude()
     return code
 

@@ -25,6 +25,7 @@ from tma_ray.teachers import (
     TEACHERS,
     Teacher,
     canonical_teacher,
+    check_limits,
     effective_level,
     hyperparameters_of,
     make_teacher,
@@ -190,8 +191,8 @@ def effective_spec(cell: Cell, seed: int, schedule: Schedule, *, independent_lev
 
     Raises:
         ValueError: an unknown name (with the nearest match), a hyper-parameter that does not exist,
-            too little knowledge for the teacher, tasks that the environment cannot build, or a budget
-            too small for the resets of the student.
+            too little knowledge for the teacher, a task space beyond its limits, tasks that the environment
+            cannot build, or a budget too small for the resets of the student.
     """
     check_kind("cell", cell, Cell, "a Cell(teacher=...)")
     level = effective_level(TEACHERS.get(cell.teacher), cell.teacher, cell.expert_knowledge)
@@ -200,6 +201,7 @@ def effective_spec(cell: Cell, seed: int, schedule: Schedule, *, independent_lev
     environment, options = environment_settings(cell.environment, cell.environment_options)
     body = {"embodiment": cell.embodiment} if cell.embodiment else {}
     canonical_body, world = _world(cell, options | body)
+    check_limits(type(teacher), cell.teacher, world["task_space"])
     if level is KnowledgeLevel.HIGH and world["easy_task"] is None:
         raise ValueError(
             f"{environment} ({world['challenge']}) declares no easy task within its task space, on which "

@@ -4,6 +4,7 @@ from tma_ray.teachers.base import Teacher
 from tma_ray.teachers.catalogue import (
     TEACHERS,
     canonical_teacher,
+    check_limits,
     effective_level,
     hyperparameters_of,
     knows_enough,
@@ -15,6 +16,7 @@ __all__ = [
     "TEACHERS",
     "Teacher",
     "canonical_teacher",
+    "check_limits",
     "effective_level",
     "hyperparameters_of",
     "knows_enough",

@@ -91,7 +91,7 @@ class Teacher(ABC):
     def refusal(cls, space: TaskSpace) -> str:
         """Returns why a task space is beyond the limits that the teacher declares; empty if it is not."""
         if cls.most_dimensions is not None and space.size > cls.most_dimensions:
-            return f"{cls.__name__} teaches {cls.most_dimensions} dimensions at most, not {space.size}"
+            return f"{cls.__name__} teaches in {cls.most_dimensions} dimensions at most, not {space.size}"
         if not cls.constant_dimensions and (space.width == 0).any():
             return f"{cls.__name__} does not teach in spaces with a constant dimension"
         return ""

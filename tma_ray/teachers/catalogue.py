@@ -8,7 +8,7 @@ from typing import Any, TypeVar
 from tma_ray.hyperparameters import differing, identifying, parse_settings
 from tma_ray.part_names import base_name, join_name, split_name
 from tma_ray.registry import Registry
-from tma_ray.tasks import KnowledgeLevel
+from tma_ray.tasks import KnowledgeLevel, TaskSpace
 from tma_ray.teachers.base import Teacher
 
 TEACHERS: Registry[type[Teacher]] = Registry(
@@ -81,6 +81,16 @@ def hyperparameters_of(teacher: Teacher) -> dict[str, Any]:
 def knows_enough(teacher: type[Teacher], level: KnowledgeLevel) -> bool:
     """Returns True if `teacher` can run at `level`."""
     return teacher.knowledge_levels[0].rank <= level.rank
+
+
+def check_limits(teacher: type[Teacher], name: str, space: TaskSpace) -> None:
+    """Refuses a task space beyond the limits that `teacher` declares.
+
+    Raises:
+        ValueError: it has too many dimensions, or a constant one.
+    """
+    if refusal := teacher.refusal(space):
+        raise ValueError(f"teacher {name!r}: {refusal}; choose another teacher, or another challenge")
 
 
 def effective_level(teacher: type[Teacher], name: str, level: KnowledgeLevel) -> KnowledgeLevel:

@@ -9,7 +9,8 @@ import json
 import pickle
 import random
 import sys
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Any, ClassVar
 from unittest import SkipTest
@@ -37,7 +38,8 @@ SET_BY_START = ("space", "knowledge", "rng")
 """Attributes that `Teacher.start` sets."""
 
 QUICK_SCENARIOS = 3
-"""Scenarios of the quick check: a line, a plane, and a space with a constant dimension."""
+"""Number of scenarios that the quick check plays: a line, a plane, and a space with a constant dimension. In
+the others a teacher is only started."""
 
 PROBED = 20
 """Tasks asked of a probe."""
@@ -251,10 +253,10 @@ class TeacherConformance:
         except AttributeError as error:  # it uses what it has not been given
             if error.name not in SET_BY_START:
                 raise
-        except MemoryError as error:
+        except (MemoryError, ValueError) as error:
             raise AssertionError(
-                f"{self._name} needs too much memory in {scenario.space.size} dimensions ({error}): let it "
-                f"need less, or declare most_dimensions in its class"
+                f"{self._name} does not start in {scenario.space.size} dimensions ({error}): declare its "
+                f"limits in its class, most_dimensions or constant_dimensions, or let it do without them"
             ) from error
         else:
             if all(name in vars(teacher) for name in SET_BY_START):
@@ -303,11 +305,30 @@ def check_quickly(name: str) -> None:
         contract.test_hyperparameters_are_fields_with_defaults()
         contract.test_unknown_hyperparameters_are_refused()
         contract.test_hyperparameters_never_change()
-        for scenario in contract.claimed_scenarios()[:QUICK_SCENARIOS]:
-            contract.test_tasks_stay_inside_the_space(scenario)
-            contract.test_the_seed_determines_the_curriculum(scenario)
+        for number, scenario in enumerate(contract.claimed_scenarios()):
+            with _explained(name, scenario):
+                contract._started(scenario)
+                if number < QUICK_SCENARIOS:
+                    contract.test_tasks_stay_inside_the_space(scenario)
+                    contract.test_the_seed_determines_the_curriculum(scenario)
     except AssertionError as error:
         raise ValueError(f"{name} breaks the contract of teachers: {error}") from error
+
+
+@contextmanager
+def _explained(name: str, scenario: Scenario) -> Iterator[None]:
+    """Names the space in which a teacher's own code fails."""
+    try:
+        yield
+    except AssertionError:
+        raise
+    except Exception as error:
+        bounds = zip(scenario.space.names, scenario.space.low, scenario.space.high, strict=True)
+        box = ", ".join(f"{dimension} {low:g}..{high:g}" for dimension, low, high in bounds)
+        raise ValueError(
+            f"{name} fails in the task space {box} ({error!r}): correct it, or declare its limits in its "
+            f"class, most_dimensions or constant_dimensions; --debug shows where"
+        ) from error
 
 
 def _global_state() -> dict[str, Any]:

@@ -17,7 +17,7 @@ from threadpoolctl import threadpool_limits
 
 from tma_ray.commands.interrupts import block_sigint, unblock_sigint
 from tma_ray.tasks import KnowledgeLevel
-from tma_ray.teachers import TEACHERS, effective_level, knows_enough
+from tma_ray.teachers import TEACHERS, check_limits, effective_level, knows_enough
 from tma_ray.testing.simulation import POINTS, SimulatedRun, simulate
 from tma_ray.testing.students import SimulatedChallenge
 
@@ -61,8 +61,10 @@ def cells_of(
     """Returns the cells of a matrix, each once, by teacher, level and challenge.
 
     Raises:
-        ValueError: an unknown teacher.
+        ValueError: an unknown teacher, or a challenge beyond the limits that one declares.
     """
+    for teacher, challenge in itertools.product(teachers, challenges):
+        check_limits(TEACHERS.get(teacher), teacher, challenge.task_space)
     return [
         SimulatedCell(challenge, teacher, level, _usable(teacher, level))
         for teacher in dict.fromkeys(teachers)
