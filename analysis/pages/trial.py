@@ -18,7 +18,7 @@ from analysis.data.frames import Frames
 from analysis.formatting import ends, number
 from analysis.looks import shown_together
 from analysis.names import label, own_first
-from analysis.pages.page import Controls, page, page_folder, write_page
+from analysis.pages.page import Controls, page, write_page
 from analysis.trials.design import Design, Released
 from analysis.trials.standing import Look, course, curves
 from analysis.trials.wording import (
@@ -35,12 +35,12 @@ from tma_ray.commands.texts import counted
 
 
 def write_trial(
-    root: str | Path, design: Design, released: Released, looks: list[Look], frames: Frames, own: Frames
+    folder: Path, design: Design, released: Released, looks: list[Look], frames: Frames, own: Frames
 ) -> Path:
-    """Writes the page of a trial into its root, with a table, a figure, a LaTeX row and methods beside it.
+    """Writes the page of a trial, with a table, a figure, a LaTeX row and methods beside it.
 
     Args:
-        root: results root of the trial.
+        folder: folder to write to.
         design: what was fixed.
         released: runs of the release.
         looks: looks so far.
@@ -48,12 +48,8 @@ def write_trial(
         own: frames of the results root.
 
     Returns:
-        The page, ``trial/index.html``.
-
-    Raises:
-        ValueError: an object store, or links in the folder.
+        The page, ``index.html``.
     """
-    folder = page_folder(root, None, "trial", "page")
     courses = {name: course(design, released, looks, name) for name in design.references}
     beside: dict[str, bytes] = {}
     with shown_together([design.teacher, *design.references]), own_first([design.teacher]):

@@ -28,8 +28,8 @@ KEYS: Mapping[str, Mapping[str, str]] = {
         "campaigns": "list of name and cells; a cell has environment, challenge, embodiment, student, "
         "teacher, expert_knowledge and runs; a run has run_id, state (done, running, interrupted, failed "
         "or waiting), step, steps (0 if it never started), steps_per_second and error (null without one)",
-        "trial": "design, looks (list of seeds and said, the verdicts in a sentence) and ended (why it ended, "
-        "empty before); null without one",
+        "trial": "design, looks (list of seeds and said, the verdicts in a sentence) and ended (why; empty "
+        "before); null without one",
     },
     "ranking": {
         "root": "results root, the first of several",

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import re
+import tempfile
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -25,6 +26,9 @@ if TYPE_CHECKING:
 
 REHEARSED, REHEARSED_CELLS = "simulated-1", ("original", "mostly_unfeasible")
 """Release of simulated students that rehearsals are against, and their cells."""
+
+PAGE = "trial"
+"""Folder of the page in the results root."""
 
 
 @command(defaults=EXECUTION_DEFAULTS)
@@ -132,7 +136,6 @@ class _Trial:
         released: runs that it is compared with.
         frames: all of the release.
         looks: looks so far.
-        page: page of the last one; None in an object store.
     """
 
     store: Store
@@ -140,7 +143,6 @@ class _Trial:
     released: Released
     frames: Frames
     looks: list[Look] = field(default_factory=list)
-    page: Path | None = None
 
     def judge(self) -> bool:
         """Tell the verdicts of a new look, and write them; return True if the trial ends."""
@@ -157,11 +159,20 @@ class _Trial:
             terminal().print(look.said, highlight=False, soft_wrap=True)
         ended = self.looks[-1].ending if self.looks else ""
         TrialFile(self.design.to_dict(), said, str(ended)).save(self.store)
-        if not self.store.is_object_store:
-            from analysis.pages.trial import write_trial
-
-            self.page = write_trial(str(self.store), self.design, self.released, self.looks, self.frames, own)
+        self._write_page(own)
         return bool(ended)
+
+    def _write_page(self, own: Frames) -> None:
+        """Write the page into the root, also into one in an object store."""
+        from analysis.pages.page import page_folder
+        from analysis.pages.trial import write_trial
+
+        with tempfile.TemporaryDirectory() as place:
+            aside = Path(place) if self.store.is_object_store else None
+            folder = page_folder(str(self.store), aside, PAGE, "page")
+            write_trial(folder, self.design, self.released, self.looks, self.frames, own)
+            for file in aside.iterdir() if aside else ():
+                self.store.write_bytes(f"{PAGE}/{file.name}", file.read_bytes())
 
     def conclude(self) -> None:
         """Print the verdict of a trial that has ended, and what comes next."""
@@ -171,5 +182,6 @@ class _Trial:
             return
         name = re.sub(r"[^0-9a-z]+", "-", base_name(self.design.teacher).lower()).strip("-")
         following = f"tma-ray release {self.store} {name}-1 --lean --licence CC-BY-4.0"
-        for line in (sentence(self.design, self.looks[-1]), f"page: {self.page}", f"Next: '{following}'"):
+        page = f"page: {self.store.where(f'{PAGE}/index.html')}"
+        for line in (sentence(self.design, self.looks[-1]), page, f"Next: '{following}'"):
             terminal().print(line, highlight=False, soft_wrap=True)
