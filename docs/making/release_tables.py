@@ -2,17 +2,21 @@
 
 from __future__ import annotations
 
+import functools
 from collections import Counter
+from collections.abc import Hashable, Mapping
 from pathlib import Path
+from typing import Any
 
 import pandas as pd
 
 from analysis.baselines import baselines, find_baseline
 from analysis.commands.releases import NO_BREAK
 from analysis.commands.releases import markdown as leaderboards
-from analysis.commands.simulated import markdown, mastered_table, recovery_table
+from analysis.commands.simulated import BETTER, WORSE, markdown, mastered_table, recovery_table
+from analysis.formatting import amount
 from analysis.names import challenge_title, label, teacher_order
-from analysis.statistics import welch
+from analysis.statistics import SIGNIFICANCE, Description, holm, welch, welch_from_statistics
 from tma_ray.campaign.simulated import played_runs
 from tma_ray.results import Results
 from tma_ray.tasks import KnowledgeLevel
@@ -26,6 +30,12 @@ MEASURED = Path(__file__).parents[2] / "benchmarks" / "measured"
 """What benchmarks measured: ``trials.csv`` by ``trials.py``, ``sensitivity.csv`` by ``sensitivity.py``."""
 
 SIMULATED_RELEASE = "simulated-1"
+
+NOTHING = "\N{EN DASH}"
+"""Mark of a cell without a number."""
+
+ALIKE = "\N{MIDDLE DOT}"
+"""Mark of a difference from Random that is not significant."""
 
 
 def leaderboard() -> str:
@@ -41,23 +51,64 @@ def leaderboard() -> str:
     return "\n\n".join(parts)
 
 
-def simulated_students() -> str:
-    """Returns what teachers master in the seeds that are complete, and how they recover from resets."""
+@functools.cache
+def _simulated_runs() -> tuple[pd.DataFrame, int]:
+    """Returns the runs of the seeds of simulated students that are complete, and the number of these."""
     runs = played_runs(Results(find_baseline(SIMULATED_RELEASE).store()))
     teachers = sorted({run.teacher for run in runs}, key=teacher_order)
     cells = cells_of(teachers, SIMULATED_CHALLENGES, list(KnowledgeLevel))
     played = Counter(run.seed for run in runs)
     seeds = [seed for seed, number in played.items() if number == len(runs_of(cells))]
     frame = tabulate(cells, [run for run in runs if run.seed in seeds])
-    frame["teacher"] = frame["teacher"].map(label)
+    return frame.assign(teacher=frame["teacher"].map(label)), len(seeds)
+
+
+def simulated_students() -> str:
+    """Returns what teachers master in the seeds that are complete, and how they recover from resets."""
+    frame, seeds = _simulated_runs()
     mastered = mastered_table(frame).rename(columns=lambda name: name.replace("_", " "))
     tables = (markdown(table.map(_on_one_line)) for table in (mastered, recovery_table(frame)))
     titles = (
-        f"After 10,000 episodes, {len(seeds)} seeds:",
+        f"After 10,000 episodes, {seeds} seeds:",
         "Around the first reset of the forgetting students:",
     )
     parts = (part for pair in zip(titles, tables, strict=True) for part in pair)
     return "\n\n".join(['<div class="leaderboard" markdown>', *parts, "</div>"])
+
+
+def simulated_and_paper() -> str:
+    """Returns differences from Random of the paper's teachers: of simulated students, and in its own tables.
+
+    The paper's are Welch's tests of its means and deviations against Random at the same level of knowledge,
+    with Holm's correction for a challenge; it has no result of Random on the original space.
+    """
+    here = mastered_table(_simulated_runs()[0])
+    paper = find_baseline("paper-2021").published()
+    paper = paper[paper["environment"] == "stump_tracks"]
+    challenges = [name for name in here.columns if name in set(paper["challenge"]) - {"original"}]
+    marks: dict[tuple[str, str], dict[str, str]] = {}
+    for challenge in challenges:
+        rows = [row for row in paper.to_dict("records") if row["challenge"] == challenge]
+        random = {row["expert_knowledge"]: _described(row) for row in rows if row["teacher"] == "random"}
+        others = [row for row in rows if row["teacher"] != "random"]
+        tests = [welch_from_statistics(_described(row), random[row["expert_knowledge"]]) for row in others]
+        for row, test, p in zip(others, tests, holm([test.p for test in tests]), strict=True):
+            key = label(row["teacher"]), row["expert_knowledge"]
+            same = here[
+                (here["teacher"] == key[0]) & here["expert knowledge"].map(lambda of, k=key: k[1] in of)
+            ]
+            told = same[challenge].item()[-1]
+            theirs = ALIKE if p >= SIGNIFICANCE else BETTER if test.difference > 0 else WORSE
+            marks.setdefault(key, {})[challenge] = f"{told if told in (BETTER, WORSE) else ALIKE} / {theirs}"
+    table = pd.DataFrame(
+        [{"teacher": name, "expert knowledge": level, **row} for (name, level), row in marks.items()]
+    )
+    order = sorted(table.index, key=lambda row: list(here["teacher"]).index(table["teacher"][row]))
+    return markdown(table.loc[order].fillna("").rename(columns=lambda name: name.replace("_", " ")))
+
+
+def _described(row: Mapping[Hashable, Any]) -> Description:
+    return Description(row["n"], row["mastered_percent_mean"], row["mastered_percent_std"])
 
 
 def _on_one_line(text: str) -> str:
@@ -87,6 +138,32 @@ def _verdicts(rows: pd.DataFrame, reference: str) -> pd.Series:
     shares = (100 * rows[f"{reference}_{verdict}"] for verdict in ("better", "worse", "alike"))
     parts = [share.map("{:.0f}".format) for share in shares]
     return parts[0].str.cat(parts[1:], sep=" / ")
+
+
+def releases() -> str:
+    """Returns the baselines that ship."""
+    rows = []
+    for manifest in (each.manifest for each in baselines()):
+        holds = manifest.holds
+        steps = " and ".join(map(amount, holds["steps"]))
+        seeds = len(holds.get("seeds", ())) or NOTHING
+        runs, teachers = f"{holds['runs']:,}" if holds.get("runs") else NOTHING, len(holds["teachers"])
+        name = f"`{manifest.name}`"
+        rows.append([name, manifest.engine, *map(str, (runs, teachers, seeds)), steps, manifest.licence])
+    return markdown(
+        pd.DataFrame(
+            rows, columns=["name", "engine", "runs", "teachers", "seeds, at most", "steps", "licence"]
+        )
+    )
+
+
+def learning_of_the_release() -> str:
+    """Returns mastered tasks of all runs of `lite-1` together, by step."""
+    means = find_baseline("lite-1").frames().evaluations.groupby("step")["mastered"].mean()
+    head = [f"{step / 1e6:g} M" for step in means.index]
+    return markdown(
+        pd.DataFrame([["mastered, %", *(f"{100 * mean:.1f}" for mean in means)]], columns=["steps", *head])
+    )
 
 
 def sensitivity() -> str:

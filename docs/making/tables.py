@@ -11,7 +11,15 @@ from pathlib import Path
 from typing import Any
 
 import pyarrow as pa
-from release_tables import leaderboard, sensitivity, simulated_students, trials
+from release_tables import (
+    leaderboard,
+    learning_of_the_release,
+    releases,
+    sensitivity,
+    simulated_and_paper,
+    simulated_students,
+    trials,
+)
 
 from analysis.commands.releases import shipped_findings
 from tma_ray import cli, command_line
@@ -299,6 +307,9 @@ GENERATED: dict[str, Callable[[], str]] = {
     "trials": trials,
     "sensitivity": sensitivity,
     "simulated students": simulated_students,
+    "simulated and paper": simulated_and_paper,
+    "baselines": releases,
+    "learning of lite-1": learning_of_the_release,
     "findings": shipped_findings,
     **{
         f"{kind} {path.stem}": functools.partial(data_table, path)
