@@ -78,6 +78,7 @@ def learning_curves(
     heading: str = "",
     caption: str = "",
     ceiling: float | None = None,
+    against: str = STEPS,
 ) -> Chart:
     """Returns a line with its band for each teacher: mean ± one standard error over runs, against steps.
 
@@ -88,6 +89,7 @@ def learning_curves(
         heading: title of the chart.
         caption: content and number of runs.
         ceiling: value that no run exceeds; None if unknown.
+        against: title of the horizontal axis.
     """
     names = short_labels(table["teacher"].astype(str), LONGEST_NAME)
     many = len(table) and table.groupby("teacher")["step"].size().max() > MOST_MARKED
@@ -99,7 +101,7 @@ def learning_curves(
         )
     ]
     y = Scale(quantity, Kind.PERCENT if "%" in quantity else Kind.NUMBER, grid=True)
-    panel = Panel(Scale(STEPS, Kind.STEPS), y, [*marks, *_ceiling(ceiling, marks)])
+    panel = Panel(Scale(against, Kind.STEPS), y, [*marks, *_ceiling(ceiling, marks)])
     return Chart(name, [[panel]], heading, caption)
 
 

@@ -78,8 +78,10 @@ EXPLANATION = (
     "teachers is the highest mean, found better than two others and not told from the other seven. Tests are "
     "Welch's, and paired by seed where seeds share a simulated student. "
     f"{how_tested(HEADLINE, 'all pairs of teachers of a table')} A teacher without results on all "
-    "challenges is ranked on those that it has, in a table of its own. Hours are the median wall-clock hours "
-    "of a run beside others on the same machine; the card of a release says which."
+    "challenges is ranked on those that it has, in a table of its own. Trained is the share of the steps "
+    "from which students learned; the others were spent on episodes that only score or try tasks. Hours "
+    "are the median wall-clock hours of a run beside others on the same machine; the card of a release says "
+    "which."
 )
 
 NO_BREAK = "\N{NO-BREAK SPACE}"
@@ -145,12 +147,17 @@ def _markdown_table(board: Leaderboard) -> str:
     """Return a leaderboard as a table without line breaks in numbers."""
     heads = f"{MEASURES[HEADLINE]}, % [95 %]", f"{MEASURES[FINAL]}, %"
     head = ["teacher", "rank", *heads, *map(_short_title, board.challenges), "runs"]
-    head += ["hours"] if board.timed else []
+    head += _further(board)
     lines = [head, ["---", *["---:"] * (len(head) - 1)]]
     for entry in board.entries:
         rank, teacher, *others = _cells(board, entry)
         lines.append([teacher, *(text.replace(" ", NO_BREAK) for text in (rank, *others))])
     return "\n".join(f"| {' | '.join(line)} |" for line in lines)
+
+
+def _further(board: Leaderboard) -> list[str]:
+    """Return the headings of the columns after the runs, which not all boards have."""
+    return [*(["trained"] if board.partly_trained else []), *(["hours"] if board.timed else [])]
 
 
 def _short_title(title: str) -> str:
@@ -183,13 +190,18 @@ def _ranking(board: Leaderboard) -> Table:
         f"{MEASURES[HEADLINE]}, % [95 %]",
         MEASURES[FINAL],
         "runs",
-        *(["hours"] if board.timed else []),
+        *_further(board),
     )
-    for heading in headings:
-        table.add_column(heading, justify="left" if heading == "teacher" else "right")
-    for entry in board.entries:
-        place, teacher, mean, final, *others = _cells(board, entry)
-        table.add_row(place, teacher, mean, final, *others[len(board.challenges) :])
+    lines = [_cells(board, entry) for entry in board.entries]
+    lines = [[*line[:4], *line[4 + len(board.challenges) :]] for line in lines]
+    for heading, cells in zip(headings, zip(*lines, strict=True), strict=True):
+        if heading == "teacher":
+            table.add_column(heading, overflow="fold")
+        else:
+            widths = map(len, (*cells, *heading.split()))
+            table.add_column(heading, justify="right", width=max(widths))
+    for line in lines:
+        table.add_row(*line)
     return table
 
 
@@ -221,6 +233,7 @@ def _cells(board: Leaderboard, entry: Entry) -> list[str]:
         number(entry.final),
         *results,
         str(rank.n),
+        *([f"{number(entry.trained, 0)} %"] if board.partly_trained else []),
         *([number(entry.hours, 2)] if board.timed else []),
     ]
 

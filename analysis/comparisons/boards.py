@@ -23,6 +23,7 @@ from analysis.data.frames import Frames
 from analysis.data.reference import BASELINE, is_baseline
 from analysis.formatting import amount, ends, estimate, listed, number, p_value
 from analysis.looks import look
+from analysis.measures.evaluations import NEARLY_ALL, trained_steps
 from analysis.measures.pooling import CONDITIONS, PARTS, condition_words, runs_after, varying
 from analysis.measures.tested import FINAL, HEADLINE
 from analysis.names import challenge_title, label, mark_of, marked_label
@@ -184,12 +185,14 @@ class Entry:
         results: headline in per cent by the title of the challenge: mean, and both ends of its 95 %
             interval; these NaN where runs have no spread.
         hours: median wall-clock time of a run, all its attempts together; NaN if unknown.
+        trained: median share of the steps from which the student learned, in per cent; NaN if unknown.
     """
 
     rank: Rank
     final: float
     results: dict[str, tuple[float, float, float]]
     hours: float
+    trained: float
 
 
 @dataclass(frozen=True)
@@ -210,6 +213,11 @@ class Leaderboard:
     def timed(self) -> bool:
         """True if the hours of any run are known; those of simulated students are not."""
         return any(not math.isnan(entry.hours) for entry in self.entries)
+
+    @property
+    def partly_trained(self) -> bool:
+        """True if the student of any teacher does not learn from all steps."""
+        return any(entry.trained < NEARLY_ALL for entry in self.entries)
 
 
 def leaderboards(frames: Frames) -> list[Leaderboard]:
@@ -270,8 +278,16 @@ def _board(where: Mapping[str, Any], runs: pd.DataFrame, frames: Frames) -> Lead
     final = stratified_means(runs, FINAL).set_index("teacher")["difference"]
     spent = runs.assign(hours=runs["run_id"].map(frames.run_hours)).drop_duplicates(["teacher", "run_id"])
     hours = spent.groupby("teacher")["hours"].median()  # a few stalled runs would decide a mean
+    shares = spent["run_id"].map(trained_steps(frames).groupby("run_id")["trained_percent"].last())
+    trained = shares.groupby(spent["teacher"]).median()
     entries = tuple(
-        Entry(rank, float(final[rank.teacher]), results[rank.teacher], float(hours[rank.teacher]))
+        Entry(
+            rank,
+            final=float(final[rank.teacher]),
+            results=results[rank.teacher],
+            hours=float(hours[rank.teacher]),
+            trained=float(trained[rank.teacher]),
+        )
         for rank in sorted(ranks(runs), key=lambda rank: (rank.rank, rank.teacher))
     )
     version, challenges = where["physics_version"], where["challenges"]

@@ -39,7 +39,7 @@ OF_ONE_RUN = {
 }
 """Columns that are read of the long tables of single runs; tasks are float32 (d,)."""
 
-RETURNS = ["run_id", "step", "episodes", "mean_return"]
+RETURNS = ["run_id", "step", "episodes", "mean_return", "mean_length"]
 """Columns that views read of the windows of training: of thousands of small files each column takes time."""
 
 MACHINE_TIMES = ["wall_seconds", "env_steps_per_second", "host", "fingerprint"]

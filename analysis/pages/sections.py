@@ -7,6 +7,7 @@ from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
+import numpy as np
 import pandas as pd
 
 from analysis.charts.base import END, MASTERED, Chart
@@ -26,7 +27,14 @@ from analysis.data.frames import GROUP, Frames
 from analysis.data.reference import is_baseline
 from analysis.formatting import amount, ends, listed, number, p_value, plus_minus
 from analysis.looks import look
-from analysis.measures.evaluations import RECENT, aggregate, ceiling_percent, mastered_tasks
+from analysis.measures.evaluations import (
+    NEARLY_ALL,
+    RECENT,
+    aggregate,
+    ceiling_percent,
+    mastered_tasks,
+    trained_steps,
+)
 from analysis.measures.tested import FINAL, HEADLINE, PAPERS, QUANTITIES
 from analysis.names import challenge_title, label, teacher_order
 from analysis.pages.page import FILTERS
@@ -90,6 +98,39 @@ def charts_of(mine: Measured, anchor: str, ceiling: float | None) -> Iterator[Ch
         caption = f"Rings are seeds, marks their means with 95 % intervals; {counts(mine.finals)}."
         points = points_of(mine, HEADLINE)
         yield seeds_chart(points, QUANTITIES[HEADLINE], f"{anchor}-seeds", "Seed by seed", caption)
+
+
+def trained_chart(frames: Frames, mine: Measured, anchor: str) -> Iterator[Chart]:
+    """Yields learning curves against the steps that trained, if the student of a teacher has others, too."""
+    trained = trained_steps(frames)
+    trained = trained[trained["run_id"].isin(mine.evaluations["run_id"])]
+    teachers = trained["run_id"].map(
+        mine.evaluations.drop_duplicates("run_id").set_index("run_id")["teacher"]
+    )
+    shares = (
+        trained.groupby("run_id")["trained_percent"]
+        .last()
+        .groupby(teachers.groupby(trained["run_id"]).last())
+    )
+    fewer = shares.mean()[lambda each: each < NEARLY_ALL]
+    if fewer.empty:
+        return
+    windows = dict(list(trained.groupby("run_id")))
+    rows = [
+        each.assign(trained=np.interp(each["step"], [0, *known["step"]], [0, *known["trained_steps"]]))
+        for run_id, each in mine.evaluations.groupby("run_id", observed=True)
+        if (known := windows.get(run_id)) is not None
+    ]
+    at = pd.concat(rows).groupby(["teacher", "step"], observed=True)["trained"].mean()
+    curves = aggregate(pd.concat(rows), PAPERS)
+    curves = curves.assign(step=at.reindex(pd.MultiIndex.from_frame(curves[["teacher", "step"]])).to_numpy())
+    told = listed(f"{share:.0f} % of the steps of {label(str(teacher))}" for teacher, share in fewer.items())
+    caption = (
+        f"Without the steps of episodes that only score or try tasks: {told} trained. "
+        f"{curve_caption(PAPERS, mine.evaluations)}"
+    )
+    title, name = "Mastered test tasks against the steps that trained", f"{anchor}-trained-steps"
+    yield learning_curves(curves, MASTERED, name, title, caption, against="Environment steps that trained")
 
 
 def points_of(mine: Measured, column: str) -> pd.DataFrame:
@@ -293,7 +334,10 @@ def sections(frames: Frames, measured: Measured, shown: Collection[str]) -> Iter
             sentences=findings(mine.summary, mine.tests),
             rows=end_rows(mine),
             step_rows=json.dumps(step_rows(mine, measured)).replace("<", "\\u003c"),
-            charts=[on_page(chart) for chart in charts_of(mine, anchor, ceiling)],
+            charts=[
+                on_page(chart)
+                for chart in (*charts_of(mine, anchor, ceiling), *trained_chart(frames, mine, anchor))
+            ],
             panels=[on_page(chart) for chart in panels_of(frames, mine, curricula, anchor)],
             pictures=list(pictures_of(mine, leading, anchor)),
         )

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import io
 import json
+import re
 from pathlib import Path
 from xml.etree import ElementTree
 
@@ -13,13 +15,17 @@ from rich.console import Console
 from scipy import stats
 from synthetic_results import SyntheticCampaign
 
+import analysis
 from analysis.baselines import BaselineError, add_to_release, find_baseline, release
 from analysis.baselines.verification import lacking
+from analysis.charts.base import Curve
 from analysis.claims.agreement import agreements, pairs_in_both, tau_interval
 from analysis.commands.releases import findings, markdown, show_leaderboards
 from analysis.comparisons.boards import leaderboards
+from analysis.comparisons.measured import measure
 from analysis.data.frames import Frames, load
 from analysis.names import label
+from analysis.pages.sections import trained_chart
 from analysis.statistics import Description, describe, percent_interval, welch_from_statistics
 from tma_ray.benchmark import paper_results
 from tma_ray.cli import main
@@ -77,6 +83,36 @@ def test_a_leaderboard_has_ranks_results_and_cost(released: Path) -> None:
         assert entry.hours == pytest.approx(1.0)
         for mean, *ends in entry.results.values():
             assert ends == pytest.approx(percent_interval(mean, stats.t.ppf(0.975, 2) / np.sqrt(3)))
+
+
+def test_steps_that_trained_stand_beside_those_that_were_spent() -> None:
+    """ACCEL, robust PLR and SFL of lite-1 spend steps on scoring tasks, the core's teachers none."""
+    core, everyone = leaderboards(analysis.load("lite-1"))
+    assert not core.partly_trained
+    trained = {entry.rank.teacher: entry.trained for entry in everyone.entries}
+    fewer = {name: percent for name, percent in trained.items() if percent < 99}
+    assert fewer == pytest.approx({"accel": 38, "robust_plr": 41, "sfl": 75}, abs=1)
+    assert all(percent <= 100 for percent in trained.values())
+    console = Console(width=80, file=io.StringIO())
+    show_leaderboards(["lite-1"], console)
+    printed = console.file.getvalue()
+    assert printed.count("trained ") == 1
+    assert re.search(r"ACCEL .* 38 %", printed)
+
+
+def test_curves_against_the_steps_that_trained_end_where_these_do() -> None:
+    frames = analysis.load("lite-1")
+    charts = {}
+    for mine in measure(frames).comparisons:
+        for chart in trained_chart(frames, mine, str(mine.cells["challenge"].iloc[0])):
+            charts[chart.name] = chart
+    assert set(charts) == {
+        f"{name}-trained-steps" for name in ("mostly_unfeasible", "original", "rugged_difficulty")
+    }
+    marks = charts["original-trained-steps"].panels[0][0].marks
+    ends = {mark.teacher: mark.x[-1] / 2e6 for mark in marks if isinstance(mark, Curve)}
+    assert ends["accel"] == pytest.approx(0.39, abs=0.01)
+    assert ends["alp_gmm"] == pytest.approx(1.0, abs=0.002)
 
 
 def test_teachers_are_ranked_on_the_same_challenges_only(tmp_path: Path) -> None:
