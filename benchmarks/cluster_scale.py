@@ -74,11 +74,12 @@ class Trainer:
             writer.add(Table.EVALUATIONS, rows)
         return writer.finish()
 
+    @ray.method(concurrency_group="reports")  # which wait for no run, as those of seed actors
     def nothing(self) -> None:
         """Does nothing."""
 
 
-RemoteTrainer: Any = ray.remote(Trainer)
+RemoteTrainer: Any = ray.remote(concurrency_groups={"reports": 1})(Trainer)
 
 
 class Student(Substitute):

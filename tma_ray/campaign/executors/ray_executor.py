@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections import deque
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from typing import Any
@@ -95,6 +95,8 @@ class RayExecutor:
         if self._running:
             seconds = 0.0 if self._pending else seconds
             ended, _ = ray.wait(list(self._running), num_returns=1, timeout=seconds)
+            if ended:  # with all others that have
+                ended, _ = ray.wait(list(self._running), num_returns=len(self._running), timeout=0)
         elif not self._pending:
             time.sleep(seconds)
         try:
@@ -105,14 +107,14 @@ class RayExecutor:
         self.learners = self._places.look(over=last)
         for result in ended:
             self._end(self._running.pop(result))
-        for running in self._running.values():
-            self._collect_report(running)
+        self._collect_reports(self._running.values())
         events, self._pending = self._pending, []
         return events
 
     def stop(self) -> None:
         """Requests a checkpoint of every run that trains, and kills the others; see `Executor`."""
-        self._collect_first_reports()
+        silent = [running for running in self._running.values() if not running.has_reported]
+        self._collect_reports(silent, UNREACHABLE_PAUSE)  # a run may train since the last poll
         for result, running in list(self._running.items()):
             if running.has_reported:
                 running.actor.request_stop.remote()
@@ -127,26 +129,21 @@ class RayExecutor:
                 ray.kill(running.actor)
             self._places.close()
 
-    def _collect_report(self, running: _Running) -> None:
-        """Receives the report that was requested, if it is there, and requests the next."""
-        if running.asked is not None:
-            if not ray.wait([running.asked], timeout=0)[0]:
-                return
-            asked, running.asked = running.asked, None
-            try:
-                self._receive(running, ray.get(asked))
-            except RayActorError:
-                return  # its result says the same and is dealt with there
-        running.asked = running.actor.report.remote()
+    def _collect_reports(self, attempts: Collection[_Running], seconds: float = 0.0) -> None:
+        """Receives reports that were requested, and requests the next.
 
-    def _collect_first_reports(self) -> None:
-        """Receives first reports that are on their way: a run may train since the last poll."""
-        silent = [running for running in self._running.values() if not running.has_reported]
-        asked = [running.asked for running in silent if running.asked is not None]
-        if asked:
-            ray.wait(asked, num_returns=len(asked), timeout=UNREACHABLE_PAUSE)
-        for running in silent:
-            self._collect_report(running)
+        Args:
+            attempts: attempts whose reports they are.
+            seconds: longest wait for those that are on their way, s.
+        """
+        asked = [running.asked for running in attempts if running.asked is not None]
+        ready = set(ray.wait(asked, num_returns=len(asked), timeout=seconds)[0]) if asked else set()
+        for running in attempts:
+            if running.asked in ready:
+                with suppress(RayActorError):  # its result says the same and is dealt with there
+                    self._receive(running, ray.get(running.asked))
+            if running.asked is None or running.asked in ready:
+                running.asked = running.actor.report.remote()
 
     def _receive(self, running: _Running, report: Report | None) -> None:
         self._silence.end(running.run_id)
