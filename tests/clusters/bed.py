@@ -193,11 +193,16 @@ class Bed:
         (first,) = psutil.Process(self._process.pid).children()
         self._switch = first.pid
 
-    def on(self, *names: str) -> list[Node]:
-        """Powers nodes on; returns them."""
+    def on(self, *names: str, paths: Sequence[str] | None = None) -> list[Node]:
+        """Powers nodes on; returns them.
+
+        Args:
+            names: names of the nodes.
+            paths: folders of this machine that they see, instead of the bed's.
+        """
         nodes = [self.nodes[name] for name in names]
         for node in nodes:
-            node.start(self._switch, self._paths)
+            node.start(self._switch, self._paths if paths is None else paths)
         return nodes
 
     def add(self, name: str, address: str, public: str) -> Node:

@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+import re
 import subprocess
+from collections.abc import Sequence
 from pathlib import Path
 
-from bed import USER, VENV, Node
+from bed import REPOSITORY, USER, VENV, Node, wait_until
 from checkout import copy_checkout
+
+FILE = "cluster-local.yaml"
 
 ACTIVE = f"export PATH={VENV}/bin:$PATH RAY_AUTH_MODE=token RAY_USAGE_STATS_ENABLED=0; cd ~/checkout; "
 
@@ -30,6 +34,31 @@ class Laptop:
     def write(self, name: str, text: str) -> None:
         """Writes a file of the checkout."""
         (self._checkout / name).write_text(text)
+
+    def up(self, head: Node, workers: Sequence[Node]) -> None:
+        """Fills `FILE` in, calls `ray up`, and returns when all machines have joined."""
+        text = (REPOSITORY / FILE).read_text()
+        addresses = ", ".join(worker.address for worker in workers)
+        for line, filled in {
+            "head_ip: 192.168.1.10": f"head_ip: {head.address}",
+            "worker_ips: [192.168.1.11, 192.168.1.12]": f"worker_ips: [{addresses}]",
+            "ssh_user: you": f"ssh_user: {USER}",
+        }.items():
+            assert text.count(line) == 1
+            text = text.replace(line, filled)
+        self.write(FILE, text)
+        self.run(f"ray up --yes {FILE}")
+        self.wait_for_workers(len(workers))
+
+    def wait_for_workers(self, count: int) -> None:
+        """Returns when the head and so many more nodes are there."""
+
+        def nodes() -> int:
+            there, _, _ = self.run(f"ray exec {FILE} 'ray status'", shown=False).partition("Pending:")
+            found = re.findall(r"^ (\d+) local\.cluster\.node", there, re.MULTILINE)
+            return sum(int(number) for number in found)
+
+        wait_until(lambda: nodes() == 1 + count, 1200)
 
     def start(self, command: str) -> subprocess.Popen[str]:
         """Starts a command in the checkout; see `Node.start_process`."""

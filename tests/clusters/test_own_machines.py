@@ -2,22 +2,19 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
-from bed import REPOSITORY, Bed, Node, bed_of, wait_until
+from bed import Bed, Node, bed_of, wait_until
 from checkout import CAMPAIGN, SMALL, lend_environment
-from launcher import Laptop
+from launcher import FILE, Laptop
 from object_store import BUCKET, ObjectStore
 from small_runs import data_files, rows
 
 from tma_ray.results import Results, RunStatus, Table
 
 WORKERS = ("one", "two")
-
-FILE = "cluster-local.yaml"
 
 
 @pytest.fixture(scope="module")
@@ -39,22 +36,10 @@ def laptop(bed: Bed, wheel: Path, store: ObjectStore) -> Iterator[Laptop]:
         store.make_known(node)
     laptop = Laptop(bed.nodes["laptop"], wheel)
     store.start()
-    text = (REPOSITORY / FILE).read_text()
-    addresses = ", ".join(bed.nodes[name].address for name in WORKERS)
-    for line, filled in {
-        "head_ip: 192.168.1.10": f"head_ip: {bed.nodes['head'].address}",
-        "worker_ips: [192.168.1.11, 192.168.1.12]": f"worker_ips: [{addresses}]",
-        "ssh_user: you": "ssh_user: ubuntu",
-    }.items():
-        assert text.count(line) == 1
-        text = text.replace(line, filled)
-    laptop.write(FILE, text)
-    laptop.run(f"ray up --yes {FILE}")
-    wait_for_workers(laptop, len(WORKERS))
+    laptop.up(bed.nodes["head"], [bed.nodes[name] for name in WORKERS])
     yield laptop
     laptop.run(f"ray down --yes {FILE}")
-    for name in ("head", *WORKERS):
-        assert "raylet" not in bed.nodes[name].run("ps ax -o args", shown=False), f"Ray still runs on {name}"
+    wait_until(lambda: not any(has_ray(bed.nodes[name]) for name in ("head", *WORKERS)), 120)
 
 
 @pytest.fixture(scope="module")
@@ -69,19 +54,14 @@ def submitted(results: str, *flags: str) -> str:
     return f"ray submit {FILE} {' '.join(flags)} {CAMPAIGN} --address auto --results {results}"
 
 
-def wait_for_workers(laptop: Laptop, count: int) -> None:
-    """Returns when the head and so many more nodes are there."""
-
-    def nodes() -> int:
-        there, _, _ = laptop.run(f"ray exec {FILE} 'ray status'", shown=False).partition("Pending:")
-        return sum(int(number) for number in re.findall(r"^ (\d+) local\.cluster\.node", there, re.MULTILINE))
-
-    wait_until(lambda: nodes() == 1 + count, 1200)
-
-
 def trains(node: Node) -> bool:
     """Returns True if a run has a process on the node."""
     return "ray::SeedActor" in node.run("ps ax -o args", shown=False)
+
+
+def has_ray(node: Node) -> bool:
+    """Returns True if Ray runs on the node."""
+    return "raylet" in node.run("ps ax -o args", shown=False)
 
 
 def checkpoints(root: Path) -> int:
@@ -148,7 +128,7 @@ def test_runs_of_a_worker_that_is_powered_off_go_on_elsewhere_and_it_is_replaced
     assert data_files(root) == undisturbed
     assert "lost" in {row["outcome"] for row in rows(root, Table.ATTEMPTS)}
     bed.on("one")
-    wait_for_workers(laptop, len(WORKERS))
+    laptop.wait_for_workers(len(WORKERS))
 
 
 def test_a_head_that_is_powered_off_is_made_again_and_the_same_command_resumes(
@@ -160,10 +140,9 @@ def test_a_head_that_is_powered_off_is_made_again_and_the_same_command_resumes(
     head.power_off()
     campaign.communicate(timeout=300)
     assert campaign.returncode != 0
-    workers = [bed.nodes[name] for name in WORKERS]
-    wait_until(lambda: not any("raylet" in node.run("ps ax -o args", shown=False) for node in workers), 120)
+    wait_until(lambda: not any(has_ray(bed.nodes[name]) for name in WORKERS), 120)
     bed.on("head")
     laptop.run(f"ray up --yes {FILE}")
-    wait_for_workers(laptop, len(WORKERS))
+    laptop.wait_for_workers(len(WORKERS))
     wait_until(lambda: "4/4 runs done" in laptop.run(submitted("/shared/head"), code=None), 300)
     assert data_files(root) == undisturbed
