@@ -20,6 +20,7 @@ from pathlib import Path
 from typing import Any
 from unittest import mock
 
+import numpy as np
 import psutil
 import ray
 from ray.cluster_utils import Cluster
@@ -133,7 +134,7 @@ class Driver:
             "runs": done,
             "runs_per_minute": 60 * done / (seconds - first),
             "seconds_before_the_first_run": first,
-            "driver_processor_share": (used.user + used.system - cpu.user - cpu.system) / seconds,
+            "driver_processor_milliseconds_per_run": 1e3 * sum(np.subtract(used[:2], cpu[:2])) / done,
             "driver_megabytes": high / 1e6,
             "driver_kilobytes_per_run": (high - low) / 1e3 / max(late - early, 1),
         }
