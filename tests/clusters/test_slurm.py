@@ -47,6 +47,7 @@ def test_a_campaign_trains_on_all_nodes_of_its_job(
     assert slurm.ended(job) == "COMPLETED 0:0", slurm.log(job)
     root = slurm.shared / f"on-{nodes}"
     assert data_files(root) == undisturbed
+    assert "4/4 runs done" in slurm.run(f"{VENV}/bin/tma-ray status /shared/on-{nodes}")
     assert (len({row["host"] for row in rows(root, Table.ATTEMPTS)}) > 1) == (nodes > 1)
     for node in slurm.nodes:
         assert "raylet" not in node.run("ps ax -o args; ls /tmp/ray-* 2>/dev/null", code=None, shown=False)
