@@ -80,7 +80,7 @@ class Trainer:
         """Does nothing."""
 
 
-RemoteTrainer: Any = ray.remote(concurrency_groups={"reports": 1})(Trainer)
+RemoteTrainer: Any = ray.remote(concurrency_groups={"reports": 1})(Trainer)  # type: ignore[call-overload]
 
 
 class Student(Substitute):
