@@ -116,14 +116,23 @@ def test_the_page_on_architecture_names_every_room_and_only_files_that_exist() -
     assert not {room for room in unnamed if not room.startswith(told)}
 
 
-def test_the_page_on_architecture_lists_every_floor_and_room_once() -> None:
+def test_the_page_on_architecture_lists_every_room_once() -> None:
     page = (HOUSE / "docs" / "architecture.md").read_text(encoding="utf-8")
-    drawing = page.partition("```text\n")[2].partition("```")[0].splitlines()
-    floors = [line.strip() for line in drawing if not set(line) <= {" ", "─"}]
     rooms = [room for row in re.findall(r"^\| (`.*?) \|", page, re.M) for room in re.findall(r"`(.*?)`", row)]
-    assert floors
     assert rooms
-    assert not {each for each, count in Counter([*floors, *rooms]).items() if count > 1}
+    assert not {each for each, count in Counter(rooms).items() if count > 1}
+
+
+def test_the_files_of_each_walk_are_counted() -> None:
+    page = (HOUSE / "docs" / "architecture.md").read_text(encoding="utf-8")
+    table, *walks = page.partition("## Four walks")[2].partition("\n## ")[0].split("\n### ")
+    counted = {
+        walk.splitlines()[0].lower(): len(set(re.findall(r"`((?:tma_ray|analysis)/[\w/]+\.py)`", walk)))
+        for walk in walks
+    }
+    assert counted == {
+        name: int(count) for name, count in re.findall(r"^\| (\w.*) \| (\d+) \|$", table.lower(), re.M)
+    }
 
 
 def _lines_of(path: Path) -> list[str]:

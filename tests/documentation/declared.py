@@ -72,7 +72,6 @@ COMPILER = "tests/playground/test_building.py builds where the compiler is insta
 EXEMPTIONS = (
     Exemption("*", "source .venv/bin/activate", INSTALLED),
     Exemption("*", ". .venv/bin/activate", INSTALLED),
-    Exemption("docs/architecture.md", "tma_ray/cli ", "a drawing of the floors"),
     Exemption("docs/clusters.md", "umask 077", "of the shell alone"),
     Exemption("docs/clusters.md", "chmod 600", "the file is in the user's home"),
     Exemption("docs/clusters.md", "aws ec2 ", ACCOUNT),

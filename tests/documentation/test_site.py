@@ -6,6 +6,7 @@ import dataclasses
 import re
 from pathlib import Path
 
+import make_rooms
 import pytest
 import tables
 import yaml
@@ -96,6 +97,14 @@ def test_every_page_is_in_the_navigation() -> None:
     pages = {page.removeprefix("docs/") for page in PAGES if page.startswith("docs/")}
     assert pages <= listed
     assert not re.search(r"https?://", text), "the site asks nobody for anything"
+
+
+def test_the_picture_of_the_rooms_is_current_and_has_every_package_once() -> None:
+    assert make_rooms.PICTURE.read_text() == make_rooms.picture()
+    drawn = [name for floor in make_rooms.FLOORS for room in floor for name in room.packages]
+    assert sum(map(len, make_rooms.FLOORS)) == 12
+    packages = {f"tma_ray.{path.parent.name}" for path in (ROOT / "tma_ray").glob("*/__init__.py")}
+    assert sorted(drawn) == sorted({*packages, "analysis"})
 
 
 def test_every_public_package_is_in_the_reference() -> None:
