@@ -24,6 +24,7 @@ PAGES = {
     "CONTRIBUTING.md": "contributing.md",
     "CHANGELOG.md": "changelog.md",
     "benchmarks/README.md": "benchmarks.md",
+    "benchmarks/measured/2026-11.md": "benchmarks/measured/2026-11.md",
     "examples/README.md": "examples/index.md",
     "notebooks/README.md": "notebooks/index.md",
 }

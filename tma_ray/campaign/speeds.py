@@ -58,7 +58,8 @@ LEARNERS: Final = {
     ("ppo", "cuda", "highest"): 152_000.0,
 }
 """Environment steps per second that a full learner of 48 slots feeds, by student, device and precision, with
-updates that are not compiled: one core of the machine of the table, or an H100 (benchmarks/README.md)."""
+updates that are not compiled: one core of the machine of the table, or an H100
+(benchmarks/measured/2026-11.md)."""
 
 PLAYER: Final = 30_000.0, 20_000.0
 """Steps per second of a player of a cohort on one core of that machine, in training and in evaluations."""
