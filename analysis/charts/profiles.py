@@ -73,13 +73,7 @@ def scalars_of(curriculum: Curriculum) -> dict[str, pd.Series]:
 
 
 def scalar_chart(curricula: Mapping[str, Curriculum], name: str, caption: str) -> Chart | None:
-    """Returns a panel for each scalar that a teacher logs, at most `MOST_PER_TEACHER` of a teacher.
-
-    Args:
-        curricula: one run for each teacher.
-        name: identifier of the chart.
-        caption: runs that are shown.
-    """
+    """Returns a panel for each scalar that a teacher logs, at most `MOST_PER_TEACHER` of a teacher."""
     names = short_labels(curricula, LONGEST_NAME)
     panels = [
         Panel(

@@ -52,9 +52,6 @@ def agreements(frames: Frames) -> list[Agreement]:
     correction for all pairs that tau is of; the interval holds all values that the others leave possible.
     So with probability 0.95 or more it holds the tau of the true means, wherever these are: noise moves tau
     towards 0, and draws around noisy means, such as a bootstrap's, move it there once more.
-
-    Args:
-        frames: results of a root or release.
     """
     from scipy import stats  # it takes a second to import
 

@@ -249,9 +249,6 @@ TAU = (
 def findings(name: str) -> str:
     """Return the findings of a release as Markdown.
 
-    Args:
-        name: name, folder or address of the release.
-
     Raises:
         BaselineError: the release does not exist, or it has no runs.
     """

@@ -313,9 +313,6 @@ def joined(frames: Sequence[Frames]) -> Frames:
 
     A name that means different things in different roots is split, as within a root. A run that several
     roots have is read where it got furthest, in the first of them if it is finished in several.
-
-    Args:
-        frames: results of `load`, at least one.
     """
     first, *others = frames
     if not others:

@@ -64,11 +64,7 @@ def by_conditions(runs: pd.DataFrame) -> Iterator[tuple[str, pd.DataFrame]]:
     for rows in sorted(groups, key=lambda rows: -rows["run_id"].nunique()):
         first = rows.iloc[0]
         words = [str(int(first[c])) if c == "steps" else "".join(condition_words(first, [c])) for c in told]
-        yield "-".join(_plain(word) for word in words if word), rows
-
-
-def _plain(text: str) -> str:
-    return re.sub(r"[^0-9A-Za-z]+", "-", text.lower()).strip("-")
+        yield "-".join(re.sub(r"[^0-9A-Za-z]+", "-", word.lower()).strip("-") for word in words if word), rows
 
 
 PLUS = " + "

@@ -39,14 +39,6 @@ def write_trial(
 ) -> Path:
     """Writes the page of a trial, with a table, a figure, a LaTeX row and methods beside it.
 
-    Args:
-        folder: folder to write to.
-        design: what was fixed.
-        released: runs of the release.
-        looks: looks so far.
-        frames: frames of the release.
-        own: frames of the results root.
-
     Returns:
         The page, ``index.html``.
     """

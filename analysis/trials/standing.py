@@ -81,13 +81,7 @@ class Look:
 
 
 def looks_at(design: Design, released: Released, own: pd.DataFrame) -> list[Look]:
-    """Returns the looks of a trial of which all runs have ended, none after one at which it ends.
-
-    Args:
-        design: what was fixed.
-        released: runs of the release.
-        own: runs of the new teacher, of `design.ended_runs`.
-    """
+    """Returns the looks of a trial of which all runs have ended, none after one at which it ends."""
     places = [cell.place for cell in design.cells]
     references = [released.moments(name, places) for name in design.references]
     rules = [design.rule(n, r.runs) for n, r in zip(design.references, references, strict=True)]

@@ -145,13 +145,7 @@ def _escaped(text: str) -> str:
 
 
 def methods(design: Design, look: Look, versions: str) -> str:
-    """Returns the paragraph on methods of a paper, with the numbers of this trial.
-
-    Args:
-        design: what was fixed.
-        look: the last one.
-        versions: versions of software, in a sentence.
-    """
+    """Returns the paragraph on methods of a paper, with the numbers of this trial."""
     cells, runs = ", ".join(cell.name for cell in design.cells), look.seeds * len(design.cells)
     return (
         f"{label(design.teacher)} was tried against the release {design.release} on "

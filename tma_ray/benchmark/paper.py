@@ -47,22 +47,21 @@ class PaperResult:
 def paper_results() -> tuple[PaperResult, ...]:
     """Returns every entry of the paper's tables on Stump Tracks and Parkour, in its order."""
     with RESULTS.open(newline="") as file:
-        return tuple(_result(row) for row in csv.DictReader(file))
-
-
-def _result(row: dict[str, str]) -> PaperResult:
-    return PaperResult(
-        environment=row["environment"],
-        challenge=row["challenge"],
-        expert_knowledge=KnowledgeLevel(row["expert_knowledge"]),
-        embodiments=tuple(row["embodiments"].split("+")),
-        students=tuple(row["students"].split("+")),
-        teacher=row["teacher"],
-        seeds=int(row["seeds"]),
-        mean=float(row["mean"]),
-        std=float(row["std"]),
-        doubt=row["doubt"],
-    )
+        return tuple(
+            PaperResult(
+                environment=row["environment"],
+                challenge=row["challenge"],
+                expert_knowledge=KnowledgeLevel(row["expert_knowledge"]),
+                embodiments=tuple(row["embodiments"].split("+")),
+                students=tuple(row["students"].split("+")),
+                teacher=row["teacher"],
+                seeds=int(row["seeds"]),
+                mean=float(row["mean"]),
+                std=float(row["std"]),
+                doubt=row["doubt"],
+            )
+            for row in csv.DictReader(file)
+        )
 
 
 class Requirement(StrEnum):

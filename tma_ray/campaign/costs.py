@@ -209,7 +209,8 @@ def estimate(
     hours = learner_hours = disk = largest_buffer = 0.0
     for key, spec in examples.items():
         speed, steps = throughputs[kind_of(spec)], spec.schedule.steps
-        hours += counts[key] * _hours(speed, spec)
+        evaluating = _test_tasks(spec) * TEST_STEPS / speed.playing
+        hours += counts[key] * (START_SECONDS + steps / speed.training + evaluating) / 3600
         learner_hours += counts[key] * steps / speed.learner / 3600 if speed.learner else 0.0
         disk += counts[key] * _result_bytes(spec)
         rows = min(spec.student_hyperparameters.get("buffer_size", 0), steps)
@@ -301,11 +302,6 @@ def terminal_question(address: str | None = None) -> Callable[[str], str] | None
     nobody watches.
     """
     return input if address is None and sys.stdin.isatty() and sys.stdout.isatty() else None
-
-
-def _hours(speed: Throughput, spec: RunSpec) -> float:
-    evaluating = _test_tasks(spec) * TEST_STEPS / speed.playing
-    return (START_SECONDS + spec.schedule.steps / speed.training + evaluating) / 3600
 
 
 def _test_tasks(spec: RunSpec) -> int:

@@ -91,11 +91,7 @@ def overview(root: str | Path, now: float) -> Overview:
 
 
 class Observer:
-    """Reader of a root's state that reads again only what has changed.
-
-    Args:
-        root: folder or URI of a results root.
-    """
+    """Reader of a root's state that reads again only what has changed."""
 
     def __init__(self, root: str | Path) -> None:
         self._store = Store.open(root)

@@ -208,11 +208,12 @@ def matrix_campaigns(
         TEACHERS.get(teacher)  # refuses an unknown one, also where nobody would miss it
     campaigns = []
     for matrix in matrices:
-        points = matrix.points()
+        points, own = matrix.points(), schedule or Schedule()
+        own = own if matrix.steps is None else replace(own, steps=matrix.steps)
         for place, point in enumerate(points):
             if cells := matrix_cells(matrix, teachers, *point):
                 name = matrix.name if len(points) == 1 else f"{matrix.name}_{place:02}"
-                campaigns.append(CampaignSpec(name, cells, matrix.seeds, _schedule(matrix, schedule)))
+                campaigns.append(CampaignSpec(name, cells, matrix.seeds, own))
     return tuple(campaigns)
 
 
@@ -252,11 +253,6 @@ def _kept(matrix: Matrix, teachers: Sequence[str]) -> Sequence[str]:
         for given in teachers
         if base_name(given) == base_name(teacher)
     ]
-
-
-def _schedule(matrix: Matrix, schedule: Schedule | None) -> Schedule:
-    schedule = schedule or Schedule()
-    return schedule if matrix.steps is None else replace(schedule, steps=matrix.steps)
 
 
 QUICKSTART = CampaignSpec(

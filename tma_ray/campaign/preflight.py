@@ -34,23 +34,29 @@ def check_installation() -> None:
         ConnectionError: which node, and what it has.
     """
     here = version("tma_ray")
-    task: Any = ray.remote(num_cpus=0, max_retries=0)(_finder())
-    asked = {}
-    for node in working_nodes():
-        there = NodeAffinitySchedulingStrategy(node["NodeID"], soft=True)
-        asked[task.options(scheduling_strategy=there).remote()] = node["NodeManagerAddress"]
+    task = ray.remote(num_cpus=0, max_retries=0)(_finder())
+    asked = {_ask(node["NodeID"], task): node["NodeManagerAddress"] for node in working_nodes()}
     for answer, address in asked.items():
         try:
             found = ray.get(answer)
         except RayError as error:
-            cause = error.cause if isinstance(error, RayTaskError) else error
-            found = f"none that can be imported ({cause})"
+            found = f"none that can be imported ({_cause(error)})"
         if found != here:
             raise ConnectionError(
                 f"the Ray node {address} has another tma_ray than this process: {found}, not {here}. "
                 f"Install tma_ray {here} in the environment in which 'ray start' is called on that node, and "
                 f"start Ray there again"
             )
+
+
+def _ask(node: str, task: Any, *arguments: Any) -> Any:
+    """Return the answer to come of a task on a node, by Ray's id, or on another if that node is gone."""
+    there = NodeAffinitySchedulingStrategy(node, soft=True)
+    return task.options(scheduling_strategy=there).remote(*arguments)
+
+
+def _cause(error: RayError) -> Exception:
+    return error.cause if isinstance(error, RayTaskError) else error
 
 
 def _finder() -> Callable[[], str]:
@@ -90,9 +96,10 @@ def check_storage_access(store: Store) -> None:
         ResultsRootError: which node does not see the folder.
         ObjectStoreError: which node cannot use the bucket, and why: each has credentials of its own.
     """
+    here = ray.get_runtime_context().get_node_id()
     if store.is_object_store:
         _ask_nodes(store, working_nodes(), None)
-    elif others := _other_nodes():
+    elif others := [node for node in working_nodes() if node["NodeID"] != here]:
         probe = store.temporary()
         store.write_bytes(probe, b"seen")
         try:
@@ -101,30 +108,20 @@ def check_storage_access(store: Store) -> None:
             store.delete(probe)
 
 
-def _other_nodes() -> list[dict[str, Any]]:
-    here = ray.get_runtime_context().get_node_id()
-    return [node for node in working_nodes() if node["NodeID"] != here]
-
-
 def _ask_nodes(store: Store, nodes: Sequence[dict[str, Any]], probe: str | None) -> None:
-    task: Any = ray.remote(num_cpus=0)(can_access)
-    asked = {}
-    for node in nodes:
-        there = NodeAffinitySchedulingStrategy(node["NodeID"], soft=True)
-        answer = task.options(scheduling_strategy=there).remote(store, probe)
-        asked[answer] = f"the Ray node {node['NodeManagerAddress']}"
-    for answer, name in asked.items():
+    task = ray.remote(num_cpus=0)(can_access)
+    asked = {_ask(node["NodeID"], task, store, probe): node["NodeManagerAddress"] for node in nodes}
+    for answer, address in asked.items():
         try:
             if not ray.get(answer):
                 raise ResultsRootError(
-                    f"{name} does not see this machine's {store}: choose a folder that all nodes mount, or "
-                    f"s3:// or gs://"
+                    f"the Ray node {address} does not see this machine's {store}: choose a folder that all "
+                    f"nodes mount, or s3:// or gs://"
                 )
         except RayError as error:
-            cause = error.cause if isinstance(error, RayTaskError) else error
             raise ObjectStoreError(
-                f"{name} cannot use the root: {cause}; every node takes its credentials from its role or "
-                f"from the environment in which Ray was started there"
+                f"the Ray node {address} cannot use the root: {_cause(error)}; every node takes its "
+                f"credentials from its role or from the environment in which Ray was started there"
             ) from error
 
 
@@ -149,9 +146,6 @@ def runtime_environment(sources: Sequence[PluginSource]) -> Iterator[dict[str, A
 
     The files are copied first: what is edited while a campaign runs does not reach its workers.
     Installed packages are not shipped; every node needs them by itself.
-
-    Args:
-        sources: sources of the plug-ins.
 
     Returns:
         The `runtime_env` of `ray.init`, None if there is nothing to ship.
@@ -239,17 +233,11 @@ def _try_on(tasks: Mapping[str, Sequence[dict[str, Any]]], files: Mapping[str, b
     """Tries the specs of each node there, with the files that they read."""
     # One call a process: it would keep the plug-ins that it has imported. One process a node: starting
     # takes a process longer than trying.
-    task: Any = ray.remote(max_calls=1, num_cpus=0)(_try_all)
-    started = [
-        task.options(scheduling_strategy=NodeAffinitySchedulingStrategy(node, soft=True)).remote(
-            planned, files
-        )
-        for node, planned in tasks.items()
-    ]
+    task = ray.remote(max_calls=1, num_cpus=0)(_try_all)
     try:
-        ray.get(started)
+        ray.get([_ask(node, task, planned, files) for node, planned in tasks.items()])
     except RayError as error:
-        cause = error.cause if isinstance(error, RayTaskError) else error
+        cause = _cause(error)
         hint = (
             "" if shipped else "; Ray was connected before, so no plug-in was shipped: ray.shutdown() first"
         )

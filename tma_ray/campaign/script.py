@@ -8,7 +8,6 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from cyclopts import App
-from rich.console import Console
 
 from tma_ray import command_line
 from tma_ray.campaign.costs import confirm, long_cost, terminal_question
@@ -23,7 +22,6 @@ from tma_ray.campaign.options import (
     chosen_settings,
 )
 from tma_ray.campaign.plan import CampaignSpec, Plan
-from tma_ray.campaign.progress import Snapshot
 from tma_ray.campaign.settings import Settings
 from tma_ray.campaign.speeds import Kind, Throughput
 from tma_ray.commands.exits import FAILED, RAY_LOST
@@ -79,12 +77,6 @@ def run_plan(
 
     More than an hour on this machine has to be confirmed, on a cluster beforehand (``--yes``).
 
-    Args:
-        plan: what to run.
-        results: results root.
-        options: placement, times and limits of the execution.
-        known: speeds that were measured and printed before.
-
     Returns:
         The exit code, as of `main`.
 
@@ -108,40 +100,30 @@ def run_plan(
         return 0
     if cost is not None:
         confirm(plan.name, cost, yes=options.yes, ask=terminal_question(address))
-    ended = executed(plan, results, settings, address)
-    return ended if isinstance(ended, int) else _conclude(ended, results, console)
-
-
-def executed(plan: Plan, results: str, settings: Settings, address: str | None) -> Snapshot | int:
-    """Execute `plan`; return how its runs ended, or the exit code of an end that was told."""
-    from tma_ray.campaign.execution import execute_plan
-
-    try:
-        return execute_plan(plan, results, settings, address)
-    except KeyboardInterrupt:  # the second one: runs go on from the checkpoints they had
-        return INTERRUPTED
-    except OutageError as error:
-        sys.stderr.write(f"{plan.name}: {error}\n")
-        return FAILED
-    except HeadLostError as error:
-        sys.stderr.write(f"{plan.name}: {error}; the same command continues where it was\n")
-        return RAY_LOST
-
-
-def _conclude(ended: Snapshot, results: str, console: Console) -> int:
-    """Print the end of a campaign and the next command; return the exit code."""
-    code, sentence = ending(ended, results)
-    console.print(sentence, highlight=False, soft_wrap=True)
+    code, sentence = executed(plan, results, settings, address)
+    if sentence:
+        console.print(sentence, highlight=False, soft_wrap=True)
     return code
 
 
-def ending(ended: Snapshot, results: str) -> tuple[int, str]:
-    """Return the exit code of a campaign that ended, and a sentence on it."""
+def executed(plan: Plan, results: str, settings: Settings, address: str | None) -> tuple[int, str]:
+    """Execute `plan`; return the exit code, and a sentence on the end and the next command, empty if told."""
+    from tma_ray.campaign.execution import execute_plan
+
+    try:
+        ended = execute_plan(plan, results, settings, address)
+    except KeyboardInterrupt:  # the second one: runs go on from the checkpoints they had
+        return INTERRUPTED, ""
+    except OutageError as error:
+        sys.stderr.write(f"{plan.name}: {error}\n")
+        return FAILED, ""
+    except HeadLostError as error:
+        sys.stderr.write(f"{plan.name}: {error}; the same command continues where it was\n")
+        return RAY_LOST, ""
     if ended.done == ended.total:
         page = " -o report" if "://" in results else ""
-        return (
-            0,
-            f"Next: 'tma-ray report {results}{page}' writes a page, 'tma-ray ranking {results}' a table.",
+        return 0, (
+            f"Next: 'tma-ray report {results}{page}' writes a page, 'tma-ray ranking {results}' a table."
         )
     if ended.done + ended.failed < ended.total:
         return INTERRUPTED, (

@@ -12,7 +12,7 @@ from threading import Timer
 from tma_ray.campaign.costs import Cost, confirm, estimate, terminal_question, unfinished
 from tma_ray.campaign.options import TrialOptions, chosen_address, chosen_nodes, chosen_settings
 from tma_ray.campaign.plan import Plan
-from tma_ray.campaign.script import ending, executed
+from tma_ray.campaign.script import executed
 from tma_ray.campaign.simulated import SimulatedRoot
 from tma_ray.results import NotRunningError, Store, ask_to_stop
 from tma_ray.tasks import KnowledgeLevel
@@ -83,10 +83,10 @@ def run_looks(plans: Sequence[Plan], cost: Cost | None, options: TrialOptions, j
                 )
                 return 0
             with _stopped_at(deadline, results):
-                ended = executed(plan, results, settings, chosen_address(options))
-            code, sentence = (ended, "") if isinstance(ended, int) else ending(ended, results)
+                code, sentence = executed(plan, results, settings, chosen_address(options))
             if code:
-                console.print(sentence, highlight=False, soft_wrap=True)
+                if sentence:
+                    console.print(sentence, highlight=False, soft_wrap=True)
                 return code
         if judge():
             break

@@ -305,7 +305,3 @@ def _plain(value: object) -> object:
     if isinstance(value, Markup) or not isinstance(value, str):
         return value
     return "".join(f"&#{ord(each)};" if each in "|`<>[]*\\\n\r" else each for each in value)
-
-
-_FILTERS = {"yaml": _yaml, "python": _python, "number": _number, "code": _code, "base": base_name}
-"""Functions that the template calls."""

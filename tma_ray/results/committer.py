@@ -30,8 +30,8 @@ from tma_ray.results.records import (
     RunRecord,
     RunStatus,
     is_withdrawn,
+    lost_without_record,
     read_progress,
-    unheard,
     withdraw,
 )
 from tma_ray.results.schema import DATA_TABLES, SCHEMAS, Table, to_arrow
@@ -202,7 +202,8 @@ class Committer:
                     self.store.move(source.path, destination.path)
                 else:
                     destination.read(self.store)  # moved before a kill
-            self._move_policy(run.run_id, attempt)
+            for path in self.store.files(staged_policy(run.run_id, attempt)):
+                self.store.move(path, f"{policy_folder(run.run_id)}/{PurePosixPath(path).name}")
             self._replace(published, done)
         self._record_done(run.run_id, attempt)
         self.store.delete(staging_folder(run.run_id))
@@ -249,7 +250,7 @@ class Committer:
         """Write the row of an attempt that has none, since its driver died with it."""
         if not self._has_row(run_id, attempt) and not is_withdrawn(self.store, run_id, attempt):
             kept = read_progress(self.store, run_id, attempt)
-            self.record_attempt(kept or unheard(self.store, run_id, attempt))
+            self.record_attempt(kept or lost_without_record(self.store, run_id, attempt))
 
     def _record_done(self, run_id: str, attempt: int) -> None:
         """Write what an attempt kept that has finished its run: its driver may die before it writes more."""
@@ -260,10 +261,6 @@ class Committer:
     def _has_row(self, run_id: str, attempt: int) -> bool:
         path = table_path(Table.ATTEMPTS, run_id)
         return any(row["attempt"] == attempt for row in self._rows_before(Table.ATTEMPTS, path))
-
-    def _move_policy(self, run_id: str, attempt: int) -> None:
-        for path in self.store.files(staged_policy(run_id, attempt)):
-            self.store.move(path, f"{policy_folder(run_id)}/{PurePosixPath(path).name}")
 
     def _replace(self, published: Manifest | None, new: Manifest) -> None:
         """Write the run's row, then its manifest, so that a manifest never stands without its row."""

@@ -144,13 +144,7 @@ class Heartbeat:
 
 
 class HeartbeatWriter:
-    """Write a campaign's heartbeats, not more often than every `HEARTBEAT_SECONDS`.
-
-    Args:
-        store: the results root.
-        holder: campaign, host and process.
-        clock: current time, s since 1970.
-    """
+    """Write a campaign's heartbeats, not more often than every `HEARTBEAT_SECONDS`."""
 
     def __init__(self, store: Store, holder: str, clock: Callable[[], float] = time.time) -> None:
         self._store = store

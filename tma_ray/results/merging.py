@@ -272,11 +272,6 @@ def copy_merged(results: Results, target: Store, contents: Contents = WHOLE) -> 
 
     What is damaged is left out.
 
-    Args:
-        results: the root.
-        target: where another one is made.
-        contents: what is copied.
-
     Raises:
         DamagedFileError: a file was written by a newer version, with columns that would be lost.
         ResultsRootError: `target` is not empty.

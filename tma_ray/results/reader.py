@@ -84,7 +84,10 @@ class Results:
         now = time.time_ns()
         stamps = store.stamps(MANIFESTS)
         new = [path for path, stamp in stamps.items() if (path, stamp) not in known]
-        read = dict(zip(new, self._map(self._load, new, self._threads()), strict=True))
+        loaded = self._map(
+            lambda path: self._tried(path, lambda: load_manifest(store, path)), new, self._threads()
+        )
+        read = dict(zip(new, loaded, strict=True))
         found = {key: known[key] if key in known else read[key[0]] for key in stamps.items()}
         indexed = self._indexed({PurePosixPath(path).stem for path in stamps})
         own = (manifest for manifest in found.values() if manifest is not None)
@@ -177,7 +180,11 @@ class Results:
             rows = to_arrow(table, SCHEMAS[table], [manifest.row() for manifest in self.runs()])
         else:
             paths = self._paths_about(table, run_ids)
-            found = self._map(lambda path: self._file_rows(table, path, names), paths, self._threads())
+            found = self._map(
+                lambda path: self._tried(path, lambda: decode(table, self.store.read_bytes(path), names)),
+                paths,
+                self._threads(),
+            )
             rows = _joined(table, names, [part for part in found if part is not None])
             rows = _each_once(rows) if table is Table.ATTEMPTS else rows
         if run_ids is None:
@@ -194,9 +201,6 @@ class Results:
         others = {table_path(table, manifest.run.run_id) for manifest in self.runs()}
         others -= {table_path(table, run_id) for run_id in run_ids}
         return [path for path in paths if path not in others]
-
-    def _file_rows(self, table: Table, path: str, columns: Sequence[str]) -> pa.Table | None:
-        return self._tried(path, lambda: decode(table, self.store.read_bytes(path), columns))
 
     def _shared(self, chosen: Sequence[Manifest], table: Table, columns: Sequence[str]) -> _Shared:
         """Read the files that many of the chosen runs share, each once."""

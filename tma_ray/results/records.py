@@ -225,7 +225,7 @@ def is_withdrawn(store: Store, run_id: str, attempt: int) -> bool:
         return False
 
 
-def unheard(store: Store, run_id: str, attempt: int) -> AttemptRecord:
+def lost_without_record(store: Store, run_id: str, attempt: int) -> AttemptRecord:
     """Return the record of a published attempt that kept none.
 
     It has published nothing but its number, so that the run's manifest tells when it was started.

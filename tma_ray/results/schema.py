@@ -219,7 +219,8 @@ def completed(schema: pa.Schema, names: Sequence[str], rows: pa.Table) -> pa.Tab
     for name in names:
         field = schema.field(name)
         if name in rows.column_names:
-            columns.append(_typed(rows.column(name), field.type))
+            column = rows.column(name)
+            columns.append(column if column.type == field.type else column.cast(field.type))
         else:
             value = pa.array([default_of(field)], field.type)
             columns.append(value.take(pa.array(np.zeros(len(rows), np.int32))))
@@ -229,10 +230,6 @@ def completed(schema: pa.Schema, names: Sequence[str], rows: pa.Table) -> pa.Tab
 def selected(schema: pa.Schema, names: Sequence[str]) -> pa.Schema:
     """Return the columns `names` of `schema`, in their order."""
     return pa.schema([schema.field(name) for name in names], schema.metadata)
-
-
-def _typed(column: pa.ChunkedArray, kind: pa.DataType) -> pa.ChunkedArray:
-    return column if column.type == kind else column.cast(kind)
 
 
 def _defaults(schema: pa.Schema) -> dict[str, Any]:

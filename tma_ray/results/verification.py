@@ -133,16 +133,13 @@ class Inspector:
             if rows is not None and count != rows:
                 raise DamagedFileError(f"it has {count:,} rows, but the manifest says {rows:,}")
         except UNREADABLE as error:
-            self._raise_refusal(error)
+            if self._raise_refusals and isinstance(error, StorageError):
+                raise
             return Inspection(
                 (Damage(file.path, damage_reason(error, self._store.where(file.path)), run_id),)
             )
         unknown = set(parquet.schema_arrow.names) - set(SCHEMAS[file.table].names)
         return Inspection(newer=(file.path,) if unknown else ())
-
-    def _raise_refusal(self, error: Exception) -> None:
-        if self._raise_refusals and isinstance(error, StorageError):
-            raise error
 
 
 def lost_manifests(
@@ -238,8 +235,7 @@ def verify_root(store: Store) -> RootVerification:
     manifests, damage = _manifests(store)
     lost = lost_manifests(store, manifests, {PurePosixPath(each.path).stem for each in damage})
     damage += [Damage(path, str(error), PurePosixPath(path).stem) for path, error in lost.items()]
-    inspector = Inspector(store, raise_refusals=False)
-    for _, inspection in inspector.inspect_all(manifests):
+    for _, inspection in Inspector(store, raise_refusals=False).inspect_all(manifests):
         damage += inspection.damage
     damage += _listed_twice(manifests)
     damage += _foreign_rows(store, manifests)
@@ -253,13 +249,13 @@ def verify_root(store: Store) -> RootVerification:
 
 
 def _manifests(store: Store) -> tuple[list[Manifest], list[Damage]]:
-    found, damage = [], []
-    for path in store.files(MANIFESTS):
+    found, damage, paths = [], [], store.files(MANIFESTS)
+    for path in paths:
         try:
             found.append(load_manifest(store, path))
         except UNREADABLE as error:
             damage.append(Damage(path, damage_reason(error, store.where(path))))
-    own = {PurePosixPath(path).stem for path in store.files(MANIFESTS)}
+    own = {PurePosixPath(path).stem for path in paths}
     for name, each in read_index(store):
         if isinstance(each, Exception):
             damage.append(Damage(name, damage_reason(each, store.where(name))))

@@ -257,11 +257,6 @@ class RunLog(logging.Handler):
 
     The file is written whole each time, since object stores cannot append. An exception that leaves the
     context is its last message. If the process is killed, messages after the last publication are lost.
-
-    Args:
-        store: results root.
-        run_id: id of the run.
-        attempt: number of the attempt.
     """
 
     def __init__(self, store: Store, run_id: str, attempt: int) -> None:

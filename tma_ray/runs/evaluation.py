@@ -106,10 +106,6 @@ class Trials:
 
     An evaluation's worlds and the noise of its actions are new each time. What it gives depends on the state
     of the student and on what was drawn before; nothing else is kept between two evaluations.
-
-    Args:
-        spec: spec of the run.
-        seed: source of all randomness.
     """
 
     def __init__(

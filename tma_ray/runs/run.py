@@ -60,12 +60,6 @@ class Run:
     show what was learned. An evaluation that the teacher asks for counts its steps at once; what became due
     on the way is done when the teacher has chosen its next task, and shows the student of that evaluation.
 
-    Args:
-        spec: run to execute.
-        teacher: link to the teacher of `spec`.
-        writer: writer of the result tables.
-        placement: device, threads and cohort of the student.
-
     Raises:
         ValueError: environment or student is a plug-in with another source than planned.
     """

@@ -159,10 +159,6 @@ class Normaliser:
 def first_normaliser(hyper: PPOHyperparameters, size: int) -> Normaliser:
     """Returns what a student begins with: new statistics, or those of the file that it starts from.
 
-    Args:
-        hyper: hyper-parameters of the student.
-        size: length of an observation.
-
     Raises:
         ValueError: the file is not there, or is of a student with other observations, gamma or clips.
     """

@@ -59,10 +59,6 @@ class PlaySettings:
 def play(settings: PlaySettings, output: Path | None = None) -> Path:
     """Writes the playground and opens it in a browser, unless it was written to a given file.
 
-    Args:
-        settings: settings of what is played first.
-        output: file to write instead of opening one.
-
     Returns:
         The file.
 

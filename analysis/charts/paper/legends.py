@@ -52,15 +52,7 @@ def mark_handle(key: Key) -> Line2D:
 
 
 def legend(figure: Figure, handles: Sequence[Line2D], loc: Any, size: float = 7, **place: Any) -> Legend:
-    """Draws one legend for the whole figure, in as many columns as its width has room for.
-
-    Args:
-        figure: figure that is explained.
-        handles: pieces of lines and marks, with labels.
-        loc: place, as of `Figure.legend`.
-        size: size of the letters, points.
-        place: further arguments of `Figure.legend`.
-    """
+    """Draws one legend for the whole figure, in as many columns as its width has room for."""
     return figure.legend(
         handles=list(handles),
         loc=loc,

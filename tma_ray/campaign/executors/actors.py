@@ -202,11 +202,7 @@ class Opened(NamedTuple):
 
 
 class LearnerActor:
-    """Ray actor of a cohort's learner, created by `launch` and killed by the driver.
-
-    Args:
-        settings: settings of the cohort.
-    """
+    """Ray actor of a cohort's learner, created by `launch` and killed by the driver."""
 
     def __init__(self, settings: CohortSettings) -> None:
         self._settings = settings

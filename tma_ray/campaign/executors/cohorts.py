@@ -135,11 +135,6 @@ def _replay_bytes(spec: RunSpec, kind: Kind) -> float:
 def check_room(settings: Settings, specs: Sequence[RunSpec], kinds: Mapping[str, Kind]) -> None:
     """Refuses cohorts that no node can hold: Ray would let them wait forever.
 
-    Args:
-        settings: of the campaign.
-        specs: its runs.
-        kinds: of `kinds_of` these.
-
     Raises:
         ValueError: what a learner and a run need, and what the nodes have.
     """

@@ -182,9 +182,6 @@ class Store(ABC):
     def check_place(self, *folders: str) -> None:  # noqa: B027 - a bucket has nothing to check
         """Refuse a folder of this machine that cannot be a results root, and links that lead out of it.
 
-        Args:
-            folders: paths of folders that are written to.
-
         Raises:
             ResultsRootError: it is the root of the file system, the user's home, or a source checkout.
             DamagedFileError: a symbolic link in the path of one of `folders` leads out of the root.

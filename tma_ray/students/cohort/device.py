@@ -86,11 +86,6 @@ class Repeated:
     """A function that is executed many times, each time on the same memory.
 
     On a GPU it is captured as a graph: nothing of it may depend on numbers of the host.
-
-    Args:
-        function: function to execute.
-        chosen: precision of its products.
-        device: device of the execution.
     """
 
     def __init__(self, function: Callable[[], None], chosen: MatmulPrecision, device: torch.device) -> None:

@@ -55,10 +55,6 @@ class StackedLearner(ABC):
     and nothing of them changes. Where that does not pay, one run is updated after the other, and idle slots
     cost nothing.
 
-    Args:
-        width: number of slots k.
-        place: device and data types of learning.
-
     Attributes:
         owed: number of updates that are due, by slot (k,).
         together: runs are updated together, not one after the other.

@@ -30,11 +30,6 @@ class Seat(ABC, Generic[S, H]):
 
     That student makes the initial weights, writes and reads the files: a run may move out of a cohort and
     into one.
-
-    Args:
-        membership: membership of the player.
-        stack: with room for it.
-        slot: slot of the stack, idle before.
     """
 
     student_type: type[H]
@@ -217,9 +212,6 @@ KINDS: dict[str, tuple[type[Any], type[Seat[Any, Any]]]] = {
 
 class Stacks:
     """The stacks of a learner. Runs share one if student, sizes and hyper-parameters are equal.
-
-    Args:
-        settings: settings of the cohort.
 
     Attributes:
         settings: settings of the cohort.

@@ -135,10 +135,6 @@ class LearnerServer:
     A player gets its weights as soon as its updates are made; in between the learner goes on
     with others. A player that leaves or dies frees its slot.
 
-    Args:
-        learner: address to listen at.
-        settings: settings of the cohort.
-
     Attributes:
         account: seconds spent at each part of the work, and numbers of updates.
         turned_at: time of the last look at what players ask, on the monotonic clock, s.

@@ -23,9 +23,6 @@ class RowNetwork:
 
     Whoever changes the parameters calls `load` again. Columns of weights behind a ReLU that is zero are
     skipped, which is about half of them.
-
-    Args:
-        layout: layout of the network.
     """
 
     def __init__(self, layout: Layout) -> None:
@@ -118,9 +115,6 @@ def _add_products(matrix: FloatArray, source: FloatArray, active: IntArray, outp
 
 class ArrayNetwork:
     """A copy of a network's parameters that acts without torch: on one observation or on several.
-
-    Args:
-        layout: layout of the network.
 
     Attributes:
         row: for one observation.

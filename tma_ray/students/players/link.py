@@ -236,9 +236,6 @@ class SocketLink:
 
     Experience and weights are in memory that both sides share, where the system has such memory.
 
-    Args:
-        learner: address of the learner.
-
     Raises:
         LearnerLostError: nothing listens there.
     """
